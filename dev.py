@@ -1,0 +1,197 @@
+#!/usr/bin/env python3
+"""Set up napari-phase4d on this machine and run it: ``python3 dev.py demo``.
+
+Needs nothing but Python 3.11 or newer. The first run installs the missing system libraries
+(Debian and Ubuntu; elsewhere it prints what is missing), makes ``.venv`` next to this file and
+installs the program and its test tools there. Later runs start at once.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import hashlib
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent
+VENV = ROOT / ".venv"
+STAMP = VENV / "phase4d-setup"
+MINIMUM_PYTHON = (3, 11)
+XVFB_SCREEN = "-screen 0 1600x1000x24"
+
+# Debian package -> the library whose absence shows that the package is missing.
+QT_LIBRARIES = {
+    "libegl1": "libEGL.so.1",
+    "libglib2.0-0": "libglib-2.0.so.0",
+    "libdbus-1-3": "libdbus-1.so.3",
+    "libfontconfig1": "libfontconfig.so.1",
+    "libxkbcommon-x11-0": "libxkbcommon-x11.so.0",
+    "libxcb-cursor0": "libxcb-cursor.so.0",
+    "libxcb-icccm4": "libxcb-icccm.so.4",
+    "libxcb-keysyms1": "libxcb-keysyms.so.1",
+    "libxcb-shape0": "libxcb-shape.so.0",
+    "libgl1": "libGL.so.1",
+}
+
+
+def main() -> int:
+    """Run the command that the user typed and return its exit code."""
+    parser = argparse.ArgumentParser(prog="dev.py", description=__doc__.splitlines()[0])
+    parser.add_argument(
+        "command",
+        choices=COMMANDS,
+        help="; ".join(f"{k}: {v.__doc__}" for k, v in COMMANDS.items()),
+    )
+    args, rest = parser.parse_known_args()
+    if sys.version_info < MINIMUM_PYTHON:
+        print(f"dev.py needs Python 3.11 or newer; this is {sys.version.split()[0]}.")
+        return 2
+    return COMMANDS[args.command](rest)
+
+
+def demo(rest: list[str]) -> int:
+    """Show the whole chain on a simulated hologram video."""
+    setup([])
+    # Without a display there is nobody to look at a window: run to the end and write pictures.
+    mode = [] if has_display() else ["--headless"]
+    return run_graphical(["-m", "napari_phase4d.cli", "demo", *mode, *rest])
+
+
+def test(rest: list[str]) -> int:
+    """Run the tests."""
+    setup([])
+    return run_graphical(["-m", "pytest", *rest])
+
+
+def check(rest: list[str]) -> int:
+    """Check style and types."""
+    setup([])
+    commands = (
+        ["-m", "ruff", "check", "."],
+        ["-m", "ruff", "format", "--check", "."],
+        ["-m", "mypy", *rest],
+    )
+    return max(run([str(python_in_venv()), *command]) for command in commands)
+
+
+def bench(rest: list[str]) -> int:
+    """Measure speed as ratios to other programs in the same run."""
+    setup([])
+    return run_graphical(["benchmarks/run.py", *rest])
+
+
+def docs(rest: list[str]) -> int:
+    """Make the pictures of the documents from the real program."""
+    setup([])
+    return run_graphical(["docs/make_pictures.py", *rest])
+
+
+def napari(rest: list[str]) -> int:
+    """Open napari with the Phase 4D dock."""
+    setup([])
+    return run_graphical(["-m", "napari", "-w", "napari-phase4d", "Phase 4D", *rest])
+
+
+def setup(rest: list[str]) -> int:
+    """Install what is missing, nothing else."""
+    install_system_libraries()
+    wanted = hashlib.sha256(
+        (ROOT / "pyproject.toml").read_bytes() + sys.version.encode()
+    ).hexdigest()
+    if STAMP.exists() and STAMP.read_text() == wanted:
+        return 0
+    print("Setting up .venv (once, a minute or two) ...", flush=True)
+    subprocess.run([sys.executable, "-m", "venv", str(VENV)], check=True)
+    pip = [
+        str(python_in_venv()),
+        "-m",
+        "pip",
+        "install",
+        "-qq",
+    ]  # warnings speak of the machine, not of the program
+    subprocess.run([*pip, "--upgrade", "pip>=25.1"], check=True)
+    subprocess.run([*pip, "--editable", str(ROOT), "--group", "dev"], check=True, cwd=ROOT)
+    STAMP.write_text(wanted)
+    return 0
+
+
+def install_system_libraries() -> None:
+    """Install the system packages that are missing, or stop and print the line that does."""
+    missing = missing_packages()
+    if not missing:
+        return
+    line = ["apt-get", "install", "--yes", "--no-install-recommends", *missing]
+    may_install = shutil.which("apt-get") and hasattr(os, "geteuid") and os.geteuid() == 0
+    if not may_install:
+        command = shlex.join(["sudo", *line])
+        sys.exit(
+            f"Missing system libraries: {', '.join(missing)}.\nOn Debian or Ubuntu run:\n  {command}"
+        )
+    print(f"Installing system libraries: {' '.join(missing)}", flush=True)
+    quiet = {
+        "stdout": subprocess.DEVNULL,
+        "env": {**os.environ, "DEBIAN_FRONTEND": "noninteractive"},
+    }
+    subprocess.run(["apt-get", "update"], check=True, **quiet)
+    subprocess.run(line, check=True, **quiet)
+
+
+def missing_packages() -> list[str]:
+    """Return the Debian packages that this machine lacks (none on Windows and macOS)."""
+    if not sys.platform.startswith("linux"):
+        return []
+    missing = [package for package, library in QT_LIBRARIES.items() if not loads(library)]
+    if not any(Path("/usr").glob("lib*/**/dri/*.so")):
+        missing.append("libgl1-mesa-dri")
+    if not has_display():
+        missing += [tool.lower() for tool in ("Xvfb", "xauth") if shutil.which(tool) is None]
+    try:
+        import ensurepip  # noqa: F401
+    except ImportError:
+        missing.append("python3-venv")
+    return missing
+
+
+def loads(library: str) -> bool:
+    """Say whether a shared library can be loaded."""
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
+
+
+def has_display() -> bool:
+    """Say whether there is a screen to open a window on."""
+    if not sys.platform.startswith("linux"):
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
+
+
+def run_graphical(arguments: list[str]) -> int:
+    """Run Python with these arguments, on a virtual screen where there is no real one."""
+    command = [str(python_in_venv()), *arguments]
+    if not has_display():
+        command = ["xvfb-run", "-a", "-s", XVFB_SCREEN, *command]
+    return run(command)
+
+
+def run(command: list[str]) -> int:
+    """Run a command in the project's folder and return its exit code."""
+    return subprocess.run(command, cwd=ROOT, check=False).returncode
+
+
+def python_in_venv() -> Path:
+    """Return the interpreter of the project's environment."""
+    return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+
+
+COMMANDS = {f.__name__: f for f in (setup, demo, test, check, bench, docs, napari)}
+
+if __name__ == "__main__":
+    sys.exit(main())

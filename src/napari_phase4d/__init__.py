@@ -1,0 +1,83 @@
+"""From a multiplexed off-axis hologram video to unwrapped phase over time, angle, y and x.
+
+Importing this package imports neither Qt nor napari, and each part only when it is first used.
+
+The chain, in the order of use:
+
+- `Optics`, `open_recording`: the microscope and the hologram video;
+- `power_spectrum`, `find_lobes`, `Lobe`: where the views lie in the Fourier plane;
+- `reconstruct`: wrapped phase and amplitude;
+- `METHODS`, `unwrap`, `compare`: unwrapped phase, and methods side by side;
+- `Recipe`, `run`: all of it in one call;
+- `simulation`: objects with exact phase, and holograms of them.
+"""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from napari_phase4d import simulation
+    from napari_phase4d.evaluation import Comparison, compare
+    from napari_phase4d.holography import Lobe, find_lobes, power_spectrum, reconstruct
+    from napari_phase4d.io import open_recording, read_results, write_phase
+    from napari_phase4d.optics import Optics
+    from napari_phase4d.pipeline import Recipe, run
+    from napari_phase4d.progress import Cancelled
+    from napari_phase4d.recording import Recording
+    from napari_phase4d.unwrapping import METHODS, unwrap
+
+__all__ = [
+    "METHODS",
+    "Cancelled",
+    "Comparison",
+    "Lobe",
+    "Optics",
+    "Recipe",
+    "Recording",
+    "compare",
+    "find_lobes",
+    "open_recording",
+    "power_spectrum",
+    "read_results",
+    "reconstruct",
+    "run",
+    "simulation",
+    "unwrap",
+    "write_phase",
+]
+
+_HOME = {
+    "METHODS": "unwrapping",
+    "Cancelled": "progress",
+    "Comparison": "evaluation",
+    "Lobe": "holography",
+    "Optics": "optics",
+    "Recipe": "pipeline",
+    "Recording": "recording",
+    "compare": "evaluation",
+    "find_lobes": "holography",
+    "open_recording": "io",
+    "power_spectrum": "holography",
+    "read_results": "io",
+    "reconstruct": "holography",
+    "run": "pipeline",
+    "unwrap": "unwrapping",
+    "write_phase": "io",
+}
+
+
+def __getattr__(name: str) -> Any:
+    """Load a public name from its home when it is first asked for."""
+    if name == "simulation":
+        return importlib.import_module("napari_phase4d.simulation")
+    if name in _HOME:
+        return getattr(importlib.import_module(f"napari_phase4d.{_HOME[name]}"), name)
+    msg = f"module 'napari_phase4d' has no attribute {name!r}"
+    raise AttributeError(msg)
+
+
+def __dir__() -> list[str]:
+    """List the public names."""
+    return __all__

@@ -1,0 +1,267 @@
+"""The command line: napari-phase4d demo | info | run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+import pandas as pd
+import typer
+from rich.console import Console
+from rich.progress import Progress
+from rich.table import Table
+
+from napari_phase4d.evaluation import comparison_figure
+from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
+from napari_phase4d.io import open_recording
+from napari_phase4d.optics import Optics
+from napari_phase4d.pipeline import Outcome, Recipe, needed_bytes, run, write_outcome
+from napari_phase4d.progress import ProgressCall
+from napari_phase4d.recording import Recording
+from napari_phase4d.sample import euglena_sample
+from napari_phase4d.unwrapping import METHODS
+
+__all__ = ["app", "main"]
+
+app = typer.Typer(
+    help="From a multiplexed off-axis hologram video to unwrapped phase.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+console = Console(highlight=False, soft_wrap=True)
+
+
+def main() -> None:
+    """Run the command line; a wrong input ends it with one sentence instead of a traceback."""
+    try:
+        app()
+    except (OSError, TypeError, ValueError) as error:
+        console.print(f"[red]Error:[/red] {error}")
+        raise SystemExit(1) from None
+
+
+@app.command()
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for pictures and results.")] = Path(
+        "demo_output"
+    ),
+    headless: Annotated[
+        bool, typer.Option("--headless", help="Run to the end without waiting for a user.")
+    ] = False,
+) -> None:
+    """Show the whole chain on a simulated hologram video of a swimming euglena."""
+    if not headless:
+        from napari_phase4d._napari.demo import open_demo
+
+        open_demo()
+        return
+    console.print("Simulating a hologram video: a euglena, two views, 40 frames ...")
+    sample = euglena_sample()
+    recipe = Recipe(angles_deg=sample.angles_deg, boundary=(sample.boundary,))
+    with bar() as progress:
+        plain = run(recipe, sample.recording, progress=progress)
+        truth = sample.truth(plain.reconstruction["phase"])
+        recipe = recipe.model_copy(update={"lobes": tuple(plain.lobes)})
+        outcome = run(recipe, sample.recording, truth, progress)
+    print_lobes(outcome.lobes)
+    print_table(outcome.comparison.table)
+    written = write_outcome(outcome, recipe, out)
+    columns = {"exact": truth} | {
+        METHODS[m].label: r for m, r in outcome.comparison.results.items()
+    }
+    last = truth.sizes["time"] - 1
+    picture = out / "comparison.png"
+    comparison_figure(columns, [(0, 0), (last // 2, 0), (last, 0), (last, 1)], picture)
+    from napari_phase4d._napari.demo import picture_of_the_window
+
+    screenshot = picture_of_the_window(out / "window.png")
+    console.print(f"\nResults are in [bold]{out.resolve()}[/bold]:")
+    for path in [screenshot, picture, *written]:
+        console.print(f"  {path.name}")
+
+
+@app.command()
+def info(
+    file: Annotated[
+        Path, typer.Argument(help="Hologram video: TIFF, folder of images, NPY, NPZ.")
+    ],
+    views: Annotated[int, typer.Option(help="Number of views to look for, 1 to 6.")] = 2,
+    dataset: Annotated[str | None, typer.Option(help="Which array of an NPZ file.")] = None,
+) -> None:
+    """Say what a recording holds, where its lobes are, and what a run would need."""
+    recording = open_recording(file, dataset=dataset)
+    height, width = recording.frame_shape
+    first = recording.frame(0)
+    console.print(f"[bold]{recording.name}[/bold]")
+    console.print(
+        f"  {recording.n_frames} frames of {height} x {width} pixels, "
+        f"{recording.holograms.dtype}, {megabytes(recording.nbytes)}"
+    )
+    console.print(
+        f"  pixel in the sample {recording.optics.pixel_um:.4g} um, "
+        f"wavelength {recording.optics.wavelength_um:.4g} um, {rate_of(recording)}"
+    )
+    console.print(f"  first frame: {first.min():g} to {first.max():g}, mean {first.mean():.4g}")
+    for note in recording.notes:
+        console.print(f"  [yellow]{note}[/yellow]")
+    try:
+        lobes = find_lobes(recording, views)
+    except ValueError as error:
+        console.print(f"  [yellow]{error}[/yellow]")
+        return
+    print_lobes(lobes)
+    console.print(
+        f"A run with all {len(METHODS)} methods needs about "
+        f"{megabytes(needed_bytes(recording, lobes, len(METHODS)))} of memory."
+    )
+
+
+@app.command("run")
+def run_command(
+    inputs: Annotated[
+        list[Path], typer.Argument(help="Hologram videos; a .json among them is the recipe.")
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_output"),
+    views: Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")] = None,
+    angle: Annotated[
+        list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
+    ] = None,
+    boundary: Annotated[
+        str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
+    ] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Method id; may be given several times.")
+    ] = None,
+    wavelength: Annotated[float | None, typer.Option(help="Wavelength in um.")] = None,
+    camera_pixel: Annotated[float | None, typer.Option(help="Camera pixel in um.")] = None,
+    magnification: Annotated[float | None, typer.Option(help="From sample to camera.")] = None,
+    frame_rate: Annotated[float | None, typer.Option(help="Frames per second.")] = None,
+) -> None:
+    """Take recordings from file to unwrapped phase, table and recipe."""
+    recipes = [p for p in inputs if p.suffix == ".json"]
+    files = [p for p in inputs if p.suffix != ".json"]
+    if len(recipes) > 1:
+        msg = "give one recipe at most"
+        raise ValueError(msg)
+    recipe = Recipe.from_file(recipes[0]) if recipes else Recipe()
+    changes: dict[str, object] = {
+        "n_views": views,
+        "angles_deg": tuple(angle) if angle else None,
+        "methods": tuple(method) if method else None,
+        "frame_rate_hz": frame_rate,
+        "boundary": (frame_numbers(boundary),) if boundary else None,
+        "optics": optics_of(recipe.optics, wavelength, camera_pixel, magnification),
+    }
+    if angle and views is None:
+        changes["n_views"] = len(angle)
+    settings = recipe.model_dump() | {k: v for k, v in changes.items() if v is not None}
+    recipe = Recipe.model_validate(settings)
+    for file in files or [Path(recipe.recording)]:
+        folder = out / file.stem if len(files) > 1 else out
+        process(recipe.model_copy(update={"recording": str(file)}), folder)
+
+
+def process(recipe: Recipe, folder: Path) -> None:
+    """Run one recording and write what comes out."""
+    with bar() as progress:
+        outcome: Outcome = run(recipe, progress=progress)
+    for note in outcome.recording.notes if recipe.optics is None else ():
+        console.print(f"[yellow]{note}[/yellow]")
+    print_lobes(outcome.lobes)
+    print_table(outcome.comparison.table)
+    written = write_outcome(outcome, recipe, folder)
+    console.print(f"{len(written)} files written to [bold]{folder.resolve()}[/bold]")
+
+
+def frame_numbers(text: str) -> tuple[int, int]:
+    """Read TIME,ANGLE."""
+    try:
+        time, angle = (int(part) for part in text.split(","))
+    except ValueError as error:
+        msg = f"--boundary takes two frame numbers TIME,ANGLE such as 0,0, but got {text!r}"
+        raise ValueError(msg) from error
+    return time, angle
+
+
+def optics_of(
+    known: Optics | None,
+    wavelength: float | None,
+    camera_pixel: float | None,
+    magnification: float | None,
+) -> Optics | None:
+    """Return the microscope with what was typed in, or None if nothing was."""
+    if wavelength is None and camera_pixel is None and magnification is None:
+        return known
+    base = known or Optics()
+    return Optics(
+        base.wavelength_um if wavelength is None else wavelength,
+        base.camera_pixel_um if camera_pixel is None else camera_pixel,
+        base.magnification if magnification is None else magnification,
+        base.medium_index,
+    )
+
+
+@contextmanager
+def bar() -> Iterator[ProgressCall]:
+    """Show progress as one line that moves."""
+    with Progress(console=console, transient=True) as display:
+        task = display.add_task("", total=None)
+
+        def report(done: int, total: int, message: str) -> None:
+            display.update(task, completed=done, total=total, description=message)
+
+        yield report
+
+
+def print_lobes(lobes: list[Lobe]) -> None:
+    """Print the views as a table, with warnings."""
+    table = Table(title="Views", title_justify="left")
+    for heading in ("view", "ky (1/px)", "kx (1/px)", "radius (1/px)", "angle (deg)", "flipped"):
+        table.add_column(heading, justify="right")
+    for i, lobe in enumerate(lobes, start=1):
+        ky, kx = lobe.carrier
+        flip = "yes" if lobe.flip else "no"
+        table.add_row(
+            str(i), f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}", flip
+        )
+    console.print(table)
+    for warning in lobe_warnings(lobes):
+        console.print(f"[yellow]{warning}[/yellow]")
+
+
+def print_table(frame: pd.DataFrame) -> None:
+    """Print the comparison."""
+    headings = {
+        "method": "method",
+        "seconds": "seconds",
+        "mse_rad2": "MSE (rad²)",
+        "wrong_cycles_percent": "wrong by a cycle (%)",
+    }
+    table = Table(title="Unwrapping", title_justify="left")
+    for column in frame.columns:
+        table.add_column(
+            headings.get(column, column), justify="left" if column == "method" else "right"
+        )
+    for row in frame.itertuples(index=False):
+        table.add_row(*(v if isinstance(v, str) else f"{v:.3f}" for v in row))
+    console.print(table)
+
+
+def megabytes(size: int) -> str:
+    """Return a size in the unit that suits it."""
+    return f"{size / 2**20:.1f} MB" if size < 2**30 else f"{size / 2**30:.1f} GB"
+
+
+def rate_of(recording: Recording) -> str:
+    """Return the frame rate in words."""
+    times = recording.times_s
+    if len(times) < 2:
+        return "one frame"
+    return f"{(len(times) - 1) / (times[-1] - times[0]):.4g} frames a second"
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,129 @@
+"""Methods side by side."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+
+from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import METHODS, Problem, check_method, run_method
+
+__all__ = ["Comparison", "compare"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of several methods on one problem.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Unwrapped phase of each method.
+    table : pandas.DataFrame
+        One row a method: seconds, and against truth, where given, the mean squared error in
+        rad^2 and the share of pixels wrong by a turn in percent.
+    """
+
+    results: Mapping[str, xr.DataArray]
+    table: pd.DataFrame
+
+
+def compare(
+    phase: xr.DataArray | Any,
+    methods: Sequence[str] | None = None,
+    boundary: Any = (0, 0),
+    truth: xr.DataArray | Any = None,
+    *,
+    mask: Any = None,
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Comparison:
+    """Unwrap with several methods and put the figures next to each other.
+
+    Parameters
+    ----------
+    phase : DataArray or array_like
+        Wrapped phase in radians, see `unwrap`.
+    methods : sequence of str, optional
+        Ids among `METHODS`. Default: all.
+    boundary, mask, progress, cancelled
+        See `unwrap`.
+    truth : DataArray or array_like, optional
+        Exact phase of the same shape.
+    options : mapping, optional
+        Method id to the options of that method.
+
+    Returns
+    -------
+    Comparison
+        Methods that start from the two-dimensional unwrapping share it; its time is counted in
+        each of them.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not fit.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    chosen = list(METHODS) if methods is None else list(methods)
+    options = options or {}
+    for method in chosen:
+        check_method(method, options.get(method, {}))
+    problem = Problem(phase, boundary, mask)
+    exact = as_truth(truth, problem)
+    results: dict[str, xr.DataArray] = {}
+    rows = []
+    for method in chosen:
+        result, seconds = timed(problem, method, progress, cancelled, options.get(method, {}))
+        results[method] = result
+        rows.append({"method": METHODS[method].label, "seconds": seconds, **errors(result, exact)})
+    table = pd.DataFrame(rows, index=pd.Index(chosen, name="id"))
+    return Comparison(results, table)
+
+
+def timed(
+    problem: Problem,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> tuple[xr.DataArray, float]:
+    """Run a method and return its result and its seconds, a shared first step included."""
+    shared_before = problem.spatial_seconds
+    began = time.perf_counter()
+    result = run_method(problem, method, progress, cancelled, options)
+    return result, time.perf_counter() - began + shared_before
+
+
+def as_truth(truth: xr.DataArray | Any, problem: Problem) -> xr.DataArray | None:
+    """Return truth in the form of the phase, or None."""
+    if truth is None:
+        return None
+    values = (
+        truth.transpose(*problem.template.dims).values
+        if isinstance(truth, xr.DataArray)
+        else np.asarray(truth)
+    )
+    if values.shape != problem.template.shape:
+        msg = f"truth is {values.shape}, but the phase is {problem.template.shape}"
+        raise ValueError(msg)
+    return problem.template.copy(data=values)
+
+
+def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]:
+    """Return the columns that need truth."""
+    if truth is None:
+        return {}
+    return {
+        "mse_rad2": mean_squared_error(result, truth),
+        "wrong_cycles_percent": 100 * wrong_cycle_share(result, truth),
+    }

@@ -1,0 +1,19 @@
+"""From hologram frames to wrapped phase: spectrum, lobes, demodulation, background."""
+
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.finding import find_lobes
+from napari_phase4d.holography.lobes import Lobe, lobe_warnings
+from napari_phase4d.holography.reconstruction import BACKGROUND_ORDERS, reconstruct
+from napari_phase4d.holography.spectrum import power_spectrum
+from napari_phase4d.holography.windows import WINDOWS
+
+__all__ = [
+    "BACKGROUND_ORDERS",
+    "WINDOWS",
+    "Demodulator",
+    "Lobe",
+    "find_lobes",
+    "lobe_warnings",
+    "power_spectrum",
+    "reconstruct",
+]

@@ -1,0 +1,129 @@
+"""Lobes: the cross-correlation terms of a hologram in the Fourier plane."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["Lobe", "lobe_warnings"]
+
+
+#: (ky, kx) in cycles per pixel.
+Frequency = Sequence[float] | NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Lobe:
+    """One view of the object: a disk round one carrier in the Fourier plane.
+
+    Parameters
+    ----------
+    carrier : tuple of float
+        ``(ky, kx)`` in cycles per camera pixel, each within [-0.5, 0.5].
+    radius : float
+        Radius of the disk that is cut out, in cycles per camera pixel, above 0 and at most 0.5.
+    angle_deg : float
+        Viewing angle in degrees. A hologram can't tell it; until it is given, views are numbered.
+    flip : bool
+        Whether to take the conjugate term instead, which changes the sign of the phase.
+
+    Raises
+    ------
+    ValueError
+        If the carrier or the radius lies outside the spectrum.
+    """
+
+    carrier: tuple[float, float]
+    radius: float
+    angle_deg: float = 0.0
+    flip: bool = False
+
+    def __post_init__(self) -> None:
+        ky, kx = (float(k) for k in self.carrier)
+        if not all(math.isfinite(k) and abs(k) <= 0.5 for k in (ky, kx)):
+            msg = (
+                f"the carrier ({ky:g}, {kx:g}) lies outside the spectrum, "
+                "which ends at +-0.5 cycles/px"
+            )
+            raise ValueError(msg)
+        if not (math.isfinite(self.radius) and 0 < self.radius <= 0.5):
+            msg = f"the lobe radius must lie between 0 and 0.5 cycles/px, but is {self.radius:g}"
+            raise ValueError(msg)
+        if not math.isfinite(self.angle_deg):
+            msg = f"the viewing angle must be a number of degrees, but is {self.angle_deg!r}"
+            raise ValueError(msg)
+        object.__setattr__(self, "carrier", (ky, kx))
+
+    @property
+    def distance(self) -> float:
+        """Distance of the carrier from zero frequency, in cycles per pixel."""
+        return math.hypot(*self.carrier)
+
+
+def wrapped_distance(a: Frequency, b: Frequency) -> float:
+    """Return the distance of two frequencies; a sampled spectrum repeats with period 1."""
+    return math.hypot(*(d - round(d) for d in (a[0] - b[0], a[1] - b[1])))
+
+
+def pair_distance(a: Frequency, b: Frequency) -> float:
+    """Return the distance of a to b or to its conjugate -b, whichever is nearer."""
+    return min(wrapped_distance(a, b), wrapped_distance(a, [-v for v in b]))
+
+
+def canonical(carrier: Sequence[float], tolerance: float = 1e-9) -> tuple[float, float]:
+    """Return the carrier or its conjugate: the one with kx > 0, or kx = 0 and ky > 0.
+
+    A carrier on the ky axis, measured with some error, may come out on either side of it;
+    within ``tolerance`` of the axis the sign of ky decides.
+    """
+    ky, kx = (float(k) for k in carrier)
+    if kx < -tolerance or (abs(kx) <= tolerance and ky < 0):
+        return -ky, -kx
+    return ky, kx
+
+
+def lobe_warnings(lobes: Sequence[Lobe], zero_order_radius: float = 0.0) -> list[str]:
+    """Say in words where lobes overlap each other, a conjugate, a beat or the zero order.
+
+    Parameters
+    ----------
+    lobes : sequence of Lobe
+        The chosen lobes.
+    zero_order_radius : float, optional
+        Radius of the zero order in cycles per pixel.
+
+    Returns
+    -------
+    list of str
+        One sentence for each overlap; empty if all is well.
+    """
+    found = []
+    for i, lobe in enumerate(lobes, start=1):
+        if lobe.distance < lobe.radius + zero_order_radius:
+            found.append(f"View {i} overlaps the zero order; make its circle smaller.")
+        conjugate = wrapped_distance(lobe.carrier, [-k for k in lobe.carrier])
+        if conjugate < 2 * lobe.radius:
+            found.append(f"View {i} overlaps its own conjugate; make its circle smaller.")
+    for (i, a), (j, b) in itertools.combinations(enumerate(lobes, start=1), 2):
+        if pair_distance(a.carrier, b.carrier) < a.radius + b.radius:
+            found.append(f"Views {i} and {j} overlap; make their circles smaller.")
+    return found + beat_warnings(lobes)
+
+
+def beat_warnings(lobes: Sequence[Lobe]) -> list[str]:
+    """Say where the interference of two sample beams with each other falls on a third view."""
+    found = []
+    for (i, a), (j, b) in itertools.combinations(enumerate(lobes, start=1), 2):
+        beat = np.subtract(a.carrier, b.carrier)
+        for n, lobe in enumerate(lobes, start=1):
+            if n not in (i, j) and pair_distance(beat, lobe.carrier) < lobe.radius:
+                found.append(
+                    f"View {n} lies where views {i} and {j} interfere with each other; "
+                    "it may be no view of its own."
+                )
+    return found

@@ -1,0 +1,275 @@
+"""From a recording and its lobes to wrapped phase and amplitude."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.holography.background import (
+    ENOUGH_BACKGROUND,
+    background_offset,
+    fit_background,
+    flat_share,
+)
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.lobes import Lobe
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.recording import Recording
+
+__all__ = ["BACKGROUND_ORDERS", "reconstruct"]
+
+#: What to take off the background, and the order of the polynomial that does it.
+BACKGROUND_ORDERS = {"none": 0, "tilt": 1, "curvature": 2}
+#: Frames from which the static background and the median reference are measured.
+STATIC_FRAMES = 32
+#: Below this share of its median the reference's amplitude is not divided by.
+DARKEST_REFERENCE = 0.05
+
+Reference = Any
+
+
+def reconstruct(
+    rec: Recording,
+    lobes: Sequence[Lobe],
+    reference: Reference = None,
+    *,
+    window: str = "smooth-disk",
+    background: str = "tilt",
+    drift: bool = True,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.Dataset:
+    """Reconstruct the wrapped phase and the amplitude of every view and frame.
+
+    Parameters
+    ----------
+    rec : Recording
+        The hologram video; read one frame at a time.
+    lobes : sequence of Lobe
+        The views; the result holds them in the order of their angles. Where two have the same
+        angle, the views are numbered instead.
+    reference : optional
+        What to divide the field by, so that static errors of the optics drop out: ``None`` for
+        nothing, a frame number, ``"median"`` for the median over time, or a hologram without
+        the object as a file, array (y, x) or Recording.
+    window : str, optional
+        How a lobe is cut out: "disk", "smooth-disk" (default), "gaussian" or "tukey".
+    background : str, optional
+        What to fit to the empty field and take off, once for the whole recording: "tilt"
+        (default), "curvature" (tilt and curvature) or "none".
+    drift : bool, optional
+        Whether to set the phase of the empty field to zero in every frame. Default True.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)`` after each frame; ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``phase`` wrapped to (-pi, pi] and ``amplitude``, float32, dims (time, angle, y, x).
+        The pixel is larger than the camera's, since the lobe holds fewer frequencies than the
+        frame; ``attrs["pixel_ratio"]`` says by how much.
+
+    Raises
+    ------
+    ValueError
+        If an option has no such value or the reference does not fit the frames.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    if background not in BACKGROUND_ORDERS:
+        msg = f"background must be one of {', '.join(BACKGROUND_ORDERS)}, but is {background!r}"
+        raise ValueError(msg)
+    lobes, angles = in_order_of_angle(lobes)
+    demodulate = Demodulator(rec.frame_shape, lobes, window)
+    watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)
+    divide = divider(rec, demodulate, reference, watch)
+    surfaces = static_surfaces(rec, demodulate, divide, BACKGROUND_ORDERS[background], watch)
+    turn = np.exp(-1j * surfaces).astype(np.complex64)
+
+    def work(index: int) -> tuple[NDArray[np.float32], NDArray[np.float32], list[float]]:
+        fields = divide(demodulate(rec.frame(index))) * turn
+        shares = [remove_offset(field) for field in fields] if drift else []
+        return np.angle(fields), np.abs(fields), shares
+
+    stack_shape = (rec.n_frames, len(lobes), *demodulate.output_shape)
+    phase = np.empty(stack_shape, dtype=np.float32)
+    amplitude = np.empty(stack_shape, dtype=np.float32)
+    lowest_share = 1.0
+    for t, (p, a, shares) in enumerate(in_threads(work, range(rec.n_frames), watch)):
+        phase[t], amplitude[t] = p, a
+        lowest_share = min([lowest_share, *shares])
+    attrs = {
+        "wavelength_um": rec.optics.wavelength_um,
+        "recording": rec.name,
+        "lobes": [lobe_note(lobe) for lobe in lobes],
+        "window": window,
+        "background": background,
+        "drift_removed": drift,
+        "reference": reference_note(reference),
+        "pixel_ratio": list(demodulate.pixel_ratio),
+        "background_share": lowest_share,
+    }
+    return as_dataset(rec, angles, demodulate.pixel_ratio, phase, amplitude, attrs)
+
+
+def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:
+    """Return the lobes sorted by angle, and their angles (numbers if not all differ)."""
+    ordered = sorted(lobes, key=lambda lobe: lobe.angle_deg)
+    angles = [lobe.angle_deg for lobe in ordered]
+    if len(set(angles)) < len(angles):
+        return list(lobes), [float(i) for i in range(len(angles))]
+    return ordered, angles
+
+
+def remove_offset(field: NDArray[np.complex64]) -> float:
+    """Turn a field so that its background has phase zero, if it shows enough of one.
+
+    Returns
+    -------
+    float
+        Share of the pixels that look like background.
+    """
+    offset = background_offset(field)
+    share = flat_share(field, offset)
+    if share >= ENOUGH_BACKGROUND:
+        field *= np.complex64(np.exp(-1j * offset))
+    return share
+
+
+Divide = Callable[[NDArray[np.complex64]], NDArray[np.complex64]]
+
+
+def divider(rec: Recording, demodulate: Demodulator, reference: Reference, watch: Watch) -> Divide:
+    """Return the function that divides fields by those of the reference."""
+    if reference is None:
+        return lambda fields: fields
+    fields = reference_fields(rec, demodulate, reference, watch)
+    amplitude = np.abs(fields)
+    darkest = DARKEST_REFERENCE * np.median(amplitude, axis=(1, 2), keepdims=True)
+    if not (darkest > 0).all():
+        msg = "the reference shows no fringes in at least one lobe; choose another reference"
+        raise ValueError(msg)
+    inverse = (fields.conj() / np.maximum(amplitude, darkest) ** 2).astype(np.complex64)
+    return lambda fields: fields * inverse
+
+
+def reference_fields(
+    rec: Recording, demodulate: Demodulator, reference: Reference, watch: Watch
+) -> NDArray[np.complex64]:
+    """Return the fields of the reference, shape (view, y, x)."""
+    if isinstance(reference, str) and reference == "median":
+        return median_fields(rec, demodulate, watch)
+    if isinstance(reference, (int, np.integer)):
+        if not -rec.n_frames <= reference < rec.n_frames:
+            msg = (
+                f"reference frame {reference} does not exist; {rec.name} has {rec.n_frames} frames"
+            )
+            raise ValueError(msg)
+        return demodulate(rec.frame(int(reference) % rec.n_frames))
+    return demodulate(reference_frame(rec, reference))
+
+
+def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.float32]:
+    """Return the frame of a reference recording: its mean, if it has several."""
+    if isinstance(reference, Recording):
+        recording = reference
+    elif isinstance(reference, (str, Path)):
+        msg = f"open the reference {reference} with open_recording() first"
+        raise TypeError(msg)
+    else:
+        recording = Recording.from_frames(reference, optics=rec.optics, name="the reference")
+    if recording.frame_shape != rec.frame_shape:
+        msg = (
+            f"the reference is {recording.frame_shape} pixels, "
+            f"but the frames are {rec.frame_shape}"
+        )
+        raise ValueError(msg)
+    total = np.zeros(rec.frame_shape)
+    for frame in recording.frames():
+        total += frame
+    return (total / recording.n_frames).astype(np.float32)
+
+
+def median_fields(rec: Recording, demodulate: Demodulator, watch: Watch) -> NDArray[np.complex64]:
+    """Return the median over time of fields whose constant phases have been aligned."""
+    stack = np.stack(static_fields(rec, demodulate, lambda f: f, watch))
+    overlap = np.einsum("avyx,vyx->av", stack, stack[0].conj())
+    stack *= np.exp(-1j * np.angle(overlap)).astype(np.complex64)[..., None, None]
+    middle: NDArray[np.complex64] = (
+        np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0)
+    ).astype(np.complex64)
+    return middle
+
+
+def static_fields(
+    rec: Recording, demodulate: Demodulator, divide: Divide, watch: Watch
+) -> list[NDArray[np.complex64]]:
+    """Return the fields of some frames, spread over the recording."""
+    fields = []
+    for index in rec.sample_indices(STATIC_FRAMES):
+        watch.check()
+        fields.append(divide(demodulate(rec.frame(index))))
+    return fields
+
+
+def static_surfaces(
+    rec: Recording, demodulate: Demodulator, divide: Divide, order: int, watch: Watch
+) -> NDArray[np.float32]:
+    """Return the phase that the empty field of each view has in all frames, (view, y, x)."""
+    if order == 0:
+        return np.zeros((1, 1, 1), dtype=np.float32)
+    fields = np.stack(static_fields(rec, demodulate, divide, watch), axis=1)
+    return np.stack([fit_background(view, order) for view in fields])
+
+
+def lobe_note(lobe: Lobe) -> dict[str, object]:
+    """Return a lobe as JSON can hold it."""
+    return {
+        "carrier": list(lobe.carrier),
+        "radius": lobe.radius,
+        "angle_deg": lobe.angle_deg,
+        "flip": lobe.flip,
+    }
+
+
+def reference_note(reference: Reference) -> str:
+    """Say in a few words what was divided by."""
+    if reference is None:
+        return "none"
+    if isinstance(reference, Recording):
+        return reference.name
+    if isinstance(reference, (int, np.integer)):
+        return f"frame {reference}"
+    return reference if isinstance(reference, str) else "array"
+
+
+def as_dataset(
+    rec: Recording,
+    angles: list[float],
+    pixel_ratio: tuple[float, float],
+    phase: NDArray[np.float32],
+    amplitude: NDArray[np.float32],
+    attrs: dict[str, Any],
+) -> xr.Dataset:
+    """Give the arrays their names, axes and units."""
+    step_y, step_x = (rec.optics.pixel_um * ratio for ratio in pixel_ratio)
+    coords = {
+        "time": ("time", rec.times_s, {"units": "s"}),
+        "angle": ("angle", np.asarray(angles), {"units": "deg"}),
+        "y": ("y", np.arange(phase.shape[2]) * step_y, {"units": "um"}),
+        "x": ("x", np.arange(phase.shape[3]) * step_x, {"units": "um"}),
+    }
+    dims = ("time", "angle", "y", "x")
+    return xr.Dataset(
+        {
+            "phase": xr.DataArray(phase, dims=dims, attrs={"units": "rad", **attrs}),
+            "amplitude": xr.DataArray(amplitude, dims=dims, attrs={"units": "a.u.", **attrs}),
+        },
+        coords=coords,
+        attrs=attrs,
+    )

@@ -1,0 +1,169 @@
+"""One door for every kind of recording."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from napari_phase4d.io.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image, read_image_folder
+from napari_phase4d.io.numpy_files import read_npy, read_npz
+from napari_phase4d.io.tiff import read_tiff
+from napari_phase4d.io.video import Video
+from napari_phase4d.optics import Optics
+from napari_phase4d.recording import Recording
+
+__all__ = ["READABLE_SUFFIXES", "open_recording"]
+
+READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".npy", ".npz")
+
+
+def open_recording(
+    path_or_array: Any,
+    optics: Optics | None = None,
+    frame_rate_hz: float | None = None,
+    *,
+    dataset: str | None = None,
+) -> Recording:
+    """Open a hologram video, lazily where the format allows it.
+
+    Parameters
+    ----------
+    path_or_array : str, Path, array, DataArray, napari layer or Recording
+        A multi-page, ImageJ or OME TIFF; a folder of images; a .npy or .npz file; one image; an
+        array (time, y, x) or (y, x) of NumPy, dask or xarray; or a napari image layer.
+    optics : Optics, optional
+        The microscope. Default: that of the paper, its magnification set so that the pixel is as
+        wide as the file says (where it says so).
+    frame_rate_hz : float, optional
+        Frames per second. Default: what the file says, else 1.
+    dataset : str, optional
+        Which array of an .npz file.
+
+    Returns
+    -------
+    Recording
+        Its ``notes`` say what had to be assumed.
+
+    Raises
+    ------
+    OSError
+        If a file is missing, damaged, or of a kind that can't be read.
+    TypeError, ValueError
+        If the data are no hologram video.
+    """
+    if isinstance(path_or_array, Recording):
+        return path_or_array
+    if isinstance(path_or_array, (str, Path)):
+        return open_path(Path(path_or_array).expanduser(), optics, frame_rate_hz, dataset)
+    if isinstance(path_or_array, xr.DataArray):
+        return open_data_array(path_or_array, optics, frame_rate_hz)
+    if hasattr(path_or_array, "data") and hasattr(path_or_array, "axis_labels"):
+        return open_layer(path_or_array, optics, frame_rate_hz)
+    return recording_of(Video(path_or_array), "the array", "", optics, frame_rate_hz)
+
+
+def open_path(
+    path: Path, optics: Optics | None, frame_rate_hz: float | None, dataset: str | None
+) -> Recording:
+    """Open a file or folder."""
+    if not path.exists():
+        msg = f"there is no file or folder {path}"
+        raise OSError(msg)
+    video = read_video(path, dataset)
+    return recording_of(video, path.name, str(path), optics, frame_rate_hz)
+
+
+def read_video(path: Path, dataset: str | None) -> Video:
+    """Choose the reader by the file's ending."""
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        return read_image_folder(path)
+    if path.stat().st_size == 0:
+        msg = f"{path.name} is empty (0 bytes)"
+        raise OSError(msg)
+    if suffix in TIFF_SUFFIXES:
+        return read_tiff(path)
+    if suffix == ".npy":
+        return read_npy(path)
+    if suffix == ".npz":
+        return read_npz(path, dataset)
+    if suffix in IMAGE_SUFFIXES:
+        return read_image(path)
+    kinds = ", ".join(READABLE_SUFFIXES)
+    msg = f"{path.name} is of a kind that can't be read; readable are {kinds} and image folders"
+    raise OSError(msg)
+
+
+def recording_of(
+    video: Video,
+    name: str,
+    source: str,
+    optics: Optics | None,
+    frame_rate_hz: float | None,
+) -> Recording:
+    """Join a file's frames with the user's and the file's own facts."""
+    frames = video.frames
+    if video.colour and getattr(frames, "ndim", 0) >= 3:
+        msg = (
+            f"{name} is in colour; a hologram has one grey value a pixel, "
+            "so pick one channel first"
+        )
+        raise ValueError(msg)
+    notes = []
+    if frame_rate_hz is None and video.interval_s is not None:
+        frame_rate_hz = 1 / video.interval_s
+    elif frame_rate_hz is None:
+        notes.append("The frame rate is not in the data; 1 frame a second is assumed.")
+    if optics is None and video.pixel_um is not None:
+        base = Optics()
+        optics = replace(base, magnification=base.camera_pixel_um / video.pixel_um)
+        notes.append(
+            f"The pixel is {video.pixel_um:.4g} um wide according to the file; "
+            "check the wavelength and the magnification."
+        )
+    elif optics is None:
+        notes.append("The microscope is not in the data; that of the paper is assumed.")
+    return Recording.from_frames(
+        frames,
+        optics=optics,
+        frame_rate_hz=frame_rate_hz,
+        name=name,
+        source=source,
+        notes=tuple(notes),
+    )
+
+
+def open_data_array(
+    data: xr.DataArray, optics: Optics | None, frame_rate_hz: float | None
+) -> Recording:
+    """Take frames from an xarray array; its own times are kept."""
+    dims = tuple(d for d in ("time", "y", "x") if d in data.dims)
+    if data.ndim in (2, 3) and len(dims) == data.ndim:
+        data = data.transpose(*dims)
+    times = None
+    if frame_rate_hz is None and "time" in data.dims and "time" in data.coords:
+        times = np.asarray(data["time"].values, dtype=np.float64)
+    return Recording.from_frames(
+        data.data,
+        optics=optics,
+        frame_rate_hz=frame_rate_hz,
+        times_s=times,
+        name="the array" if data.name is None else str(data.name),
+        attrs={str(k): v for k, v in data.attrs.items()},
+    )
+
+
+def open_layer(layer: Any, optics: Optics | None, frame_rate_hz: float | None) -> Recording:
+    """Take frames from a napari image layer, with its time step where that is in seconds."""
+    units = tuple(str(u) for u in getattr(layer, "units", ()))
+    scale = tuple(float(s) for s in getattr(layer, "scale", ()))
+    interval = scale[0] if len(scale) == 3 and units[:1] == ("second",) else None
+    pixel = scale[-1] if units[-1:] == ("micrometer",) else None
+    video = Video(
+        layer.data, pixel_um=pixel, interval_s=interval, colour=bool(getattr(layer, "rgb", False))
+    )
+    return recording_of(video, str(layer.name), "", optics, frame_rate_hz)

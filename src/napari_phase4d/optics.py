@@ -1,0 +1,120 @@
+"""The microscope: what turns pixels into micrometres, and phase into thickness and mass."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Optics"]
+
+#: Refraction increment of cell material in mL/g, the usual value for protein
+#: (Barer, Nature 169, 366, 1952).
+REFRACTION_INCREMENT_ML_PER_G = 0.18
+
+
+@dataclass(frozen=True)
+class Optics:
+    """Wavelength, camera and magnification of a holographic microscope.
+
+    The defaults are those of Dardikman, Singh & Shaked (2018), section 3: a helium-neon laser,
+    a 5.2 um camera pixel and a 60x objective, in water.
+
+    Parameters
+    ----------
+    wavelength_um : float
+        Vacuum wavelength of the laser in micrometres, above 0.
+    camera_pixel_um : float
+        Pitch of the camera's square pixels in micrometres, above 0.
+    magnification : float
+        From the sample to the camera, above 0.
+    medium_index : float
+        Refractive index of the medium around the object, at least 1.
+
+    Raises
+    ------
+    ValueError
+        If a number is not finite or outside its range.
+
+    Examples
+    --------
+    >>> Optics(magnification=52).pixel_um
+    0.1
+    """
+
+    wavelength_um: float = 0.6328
+    camera_pixel_um: float = 5.2
+    magnification: float = 60.0
+    medium_index: float = 1.333
+
+    def __post_init__(self) -> None:
+        for name in ("wavelength_um", "camera_pixel_um", "magnification"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                msg = f"{name} must be a number above 0, but is {value!r}"
+                raise ValueError(msg)
+        if not (math.isfinite(self.medium_index) and self.medium_index >= 1):
+            msg = f"medium_index must be at least 1, but is {self.medium_index!r}"
+            raise ValueError(msg)
+
+    @property
+    def pixel_um(self) -> float:
+        """Width of one camera pixel in the sample, in micrometres."""
+        return self.camera_pixel_um / self.magnification
+
+    def optical_path_um(self, phase: ArrayLike) -> NDArray[Any]:
+        """Return the optical path difference in micrometres: phase times wavelength / 2 pi.
+
+        Parameters
+        ----------
+        phase : array_like
+            Unwrapped phase in radians, any shape.
+        """
+        return np.asarray(phase) * (self.wavelength_um / (2 * np.pi))
+
+    def height_um(self, phase: ArrayLike, object_index: float) -> NDArray[Any]:
+        """Return the thickness in micrometres of an object of one refractive index.
+
+        Parameters
+        ----------
+        phase : array_like
+            Unwrapped phase in radians, any shape.
+        object_index : float
+            Refractive index of the object; must differ from that of the medium.
+
+        Raises
+        ------
+        ValueError
+            If the object has the index of the medium, so that phase says nothing of its height.
+        """
+        contrast = object_index - self.medium_index
+        if contrast == 0:
+            msg = (
+                f"object_index must differ from the medium's {self.medium_index}, "
+                "or the height can't be told"
+            )
+            raise ValueError(msg)
+        return self.optical_path_um(phase) / contrast
+
+    def dry_mass_pg(
+        self,
+        phase: ArrayLike,
+        pixel_area_um2: float,
+        refraction_increment_ml_per_g: float = REFRACTION_INCREMENT_ML_PER_G,
+    ) -> float:
+        """Return the dry mass in picograms: optical path summed over area / refraction increment.
+
+        Parameters
+        ----------
+        phase : array_like
+            Unwrapped phase in radians over the object, background at 0; NaN counts as outside.
+        pixel_area_um2 : float
+            Area of one pixel in square micrometres.
+        refraction_increment_ml_per_g : float, optional
+            Default 0.18 mL/g (Barer 1952), which is 0.18 um^3/pg.
+        """
+        volume_um3 = float(np.nansum(self.optical_path_um(phase))) * pixel_area_um2
+        return volume_um3 / refraction_increment_ml_per_g

@@ -1,0 +1,293 @@
+"""The one path behind the window, scripts and the command line.
+
+A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+import xarray as xr
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from napari_phase4d.evaluation import Comparison, compare
+from napari_phase4d.holography import (
+    BACKGROUND_ORDERS,
+    WINDOWS,
+    Lobe,
+    find_lobes,
+    reconstruct,
+)
+from napari_phase4d.io import open_recording, write_phase, write_table
+from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.optics import Optics
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import check_method
+
+__all__ = ["Outcome", "Recipe", "reconstruct_by", "run", "write_outcome"]
+
+#: Methods that are run if none are chosen: the paper's own.
+PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
+
+
+class Recipe(BaseModel):
+    """Every setting of a run, from the file to the unwrapped phase.
+
+    Parameters
+    ----------
+    recording : str
+        File or folder of the hologram video; empty if it is given to `run` directly.
+    dataset : str, optional
+        Which array of a file that holds several.
+    optics : Optics, optional
+        The microscope. Default: what the file says, else that of the paper.
+    frame_rate_hz : float, optional
+        Frames per second. Default: what the file says, else 1.
+    n_views : int
+        Number of views to find if no lobes are given, 1 to 6.
+    angles_deg : tuple of float, optional
+        Viewing angles of the views that are found, in degrees.
+    lobes : tuple of Lobe
+        The views; empty to find them.
+    reference : int, str or None
+        Frame number, "median", a file with a hologram without the object, or None.
+    window : str
+        How a lobe is cut out: "disk", "smooth-disk", "gaussian" or "tukey".
+    background : str
+        What is fitted to the empty field and removed: "none", "tilt" or "curvature".
+    drift : bool
+        Whether the phase of the empty field is set to zero in every frame.
+    mask : str or None
+        "auto" to unwrap the object only, None for the whole field.
+    boundary : tuple of (int, int)
+        Optically thin frames as (time, angle) numbers.
+    methods : tuple of str
+        Ids of the unwrapping methods.
+    options : dict
+        Method id to that method's options.
+
+    Raises
+    ------
+    ValueError
+        If a setting has no such value.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=False)
+
+    recording: str = ""
+    dataset: str | None = None
+    optics: Optics | None = None
+    frame_rate_hz: float | None = Field(default=None, gt=0)
+    n_views: int = Field(default=2, ge=1, le=6)
+    angles_deg: tuple[float, ...] | None = None
+    lobes: tuple[Lobe, ...] = ()
+    reference: int | str | None = None
+    window: str = "smooth-disk"
+    background: str = "tilt"
+    drift: bool = True
+    mask: Literal["auto"] | None = None
+    boundary: tuple[tuple[int, int], ...] = ((0, 0),)
+    methods: tuple[str, ...] = PAPER_METHODS
+    options: dict[str, dict[str, bool | int | float | str]] = Field(default_factory=dict)
+
+    @field_validator("window")
+    @classmethod
+    def _window_exists(cls, value: str) -> str:
+        return one_of("window", value, WINDOWS)
+
+    @field_validator("background")
+    @classmethod
+    def _background_exists(cls, value: str) -> str:
+        return one_of("background", value, BACKGROUND_ORDERS)
+
+    @field_validator("methods")
+    @classmethod
+    def _methods_exist(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for method in value:
+            check_method(method, {})
+        return value
+
+    def to_file(self, path: str | Path) -> Path:
+        """Write the recipe as JSON.
+
+        Raises
+        ------
+        OSError
+            If it can't be written; an older file of that name is then left as it was.
+        """
+        path = Path(path)
+        with written_whole(path) as temporary:
+            temporary.write_text(self.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        return path
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Recipe:
+        """Read a recipe from JSON.
+
+        Raises
+        ------
+        OSError
+            If the file can't be read.
+        ValueError
+            If it is no recipe, or a setting has no such value.
+        """
+        path = Path(path)
+        try:
+            settings = json.loads(path.read_text(encoding="utf-8"))
+            return cls.model_validate(settings)
+        except UnicodeDecodeError as error:
+            msg = f"{path.name} is no recipe: it is not a text file"
+            raise ValueError(msg) from error
+        except json.JSONDecodeError as error:
+            msg = f"{path.name} is no recipe: line {error.lineno} is not JSON"
+            raise ValueError(msg) from error
+        except ValidationError as error:
+            first = error.errors()[0]
+            where = ".".join(str(part) for part in first["loc"]) or "the file"
+            msg = f"{path.name} is no valid recipe: {where}: {first['msg']}"
+            raise ValueError(msg) from error
+
+
+def one_of(name: str, value: str, known: Any) -> str:
+    """Return a value if it is known, else raise ValueError."""
+    if value not in known:
+        msg = f"{name} must be one of {', '.join(known)}, but is {value!r}"
+        raise ValueError(msg)
+    return value
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a run gives.
+
+    Parameters
+    ----------
+    recording : Recording
+        The hologram video.
+    lobes : list of Lobe
+        The views that were used.
+    reconstruction : xarray.Dataset
+        Wrapped ``phase`` and ``amplitude``, dims (time, angle, y, x).
+    comparison : Comparison
+        Unwrapped phase of every method, and the table.
+    """
+
+    recording: Recording
+    lobes: list[Lobe]
+    reconstruction: xr.Dataset
+    comparison: Comparison
+
+
+def run(
+    recipe: Recipe,
+    recording: Recording | None = None,
+    truth: xr.DataArray | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Outcome:
+    """Follow a recipe from the recording to the unwrapped phase.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        All settings.
+    recording : Recording, optional
+        The hologram video, instead of the file that the recipe names.
+    truth : xarray.DataArray, optional
+        Exact phase on the reconstruction's grid, for the table.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If the recording can't be read or a setting does not fit it.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    if recording is None:
+        if not recipe.recording:
+            msg = "the recipe names no recording; give run() one, or a recipe with a file"
+            raise ValueError(msg)
+        recording = open_recording(
+            recipe.recording, recipe.optics, recipe.frame_rate_hz, dataset=recipe.dataset
+        )
+    lobes = list(recipe.lobes) or find_lobes(
+        recording, recipe.n_views, angles_deg=recipe.angles_deg
+    )
+    data = reconstruct_by(recipe, recording, lobes, progress, cancelled)
+    comparison = compare(
+        data["phase"],
+        recipe.methods,
+        recipe.boundary,
+        truth,
+        mask=recipe.mask,
+        options=recipe.options,
+        progress=progress,
+        cancelled=cancelled,
+    )
+    return Outcome(recording, lobes, data, comparison)
+
+
+def reconstruct_by(
+    recipe: Recipe,
+    recording: Recording,
+    lobes: list[Lobe],
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.Dataset:
+    """Reconstruct a recording with a recipe's settings; a reference file is opened."""
+    reference: Any = recipe.reference
+    if isinstance(reference, str) and reference != "median":
+        reference = open_recording(reference, recording.optics)
+    return reconstruct(
+        recording,
+        lobes,
+        reference,
+        window=recipe.window,
+        background=recipe.background,
+        drift=recipe.drift,
+        progress=progress,
+        cancelled=cancelled,
+    )
+
+
+def write_outcome(outcome: Outcome, recipe: Recipe, folder: str | Path) -> list[Path]:
+    """Write phase, amplitude, every result, the table and the recipe into a folder.
+
+    Raises
+    ------
+    OSError
+        If a file can't be written; files of that name are then left as they were.
+    """
+    folder = Path(folder)
+    data = outcome.reconstruction
+    written = [
+        write_phase(folder / "wrapped.ome.tif", data["phase"]),
+        write_phase(folder / "amplitude.ome.tif", data["amplitude"]),
+    ]
+    written += [
+        write_phase(folder / f"{method}.ome.tif", result)
+        for method, result in outcome.comparison.results.items()
+    ]
+    written.append(write_table(folder / "table.csv", outcome.comparison.table))
+    used = recipe.model_copy(
+        update={"lobes": tuple(outcome.lobes), "optics": outcome.recording.optics}
+    )
+    written.append(used.to_file(folder / "recipe.json"))
+    return written
+
+
+def needed_bytes(recording: Recording, lobes: list[Lobe], n_methods: int) -> int:
+    """Return about how much memory a run will need, in bytes, beyond the recording itself."""
+    from napari_phase4d.holography import Demodulator
+
+    height, width = Demodulator(recording.frame_shape, lobes).output_shape
+    stack = 4 * recording.n_frames * len(lobes) * height * width
+    # phase, amplitude, the shared two-dimensional step, two working copies, and the results
+    return int(stack * (5 + n_methods) + 64 * np.prod(recording.frame_shape))

@@ -1,0 +1,175 @@
+"""A hologram video with what is known about it: frames, times, microscope."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.optics import Optics
+
+__all__ = ["Recording"]
+
+#: Frames per second assumed where neither the file nor the user says it.
+DEFAULT_FRAME_RATE_HZ = 1.0
+
+
+@dataclass(frozen=True)
+class Recording:
+    """A lazy hologram video.
+
+    Parameters
+    ----------
+    holograms : xarray.DataArray
+        Camera frames with dims ``("time", "y", "x")``, any integer or float dtype. Times are in
+        seconds, ``y`` and ``x`` in micrometres in the sample. The frames may be backed by dask
+        and larger than memory.
+    optics : Optics
+        The microscope.
+    name : str
+        What to call the recording in messages and layers.
+    source : str, optional
+        The file or folder that the frames come from; empty for arrays.
+    notes : tuple of str, optional
+        What the reader assumed, in sentences for the user ("no frame rate in the file ...").
+    """
+
+    holograms: xr.DataArray
+    optics: Optics
+    name: str = "recording"
+    source: str = ""
+    notes: tuple[str, ...] = field(default=())
+
+    @property
+    def times_s(self) -> NDArray[np.float64]:
+        """Time of each frame in seconds."""
+        return np.asarray(self.holograms["time"].values, dtype=np.float64)
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames."""
+        return int(self.holograms.sizes["time"])
+
+    @property
+    def frame_shape(self) -> tuple[int, int]:
+        """Height and width of a frame in camera pixels."""
+        return int(self.holograms.sizes["y"]), int(self.holograms.sizes["x"])
+
+    @property
+    def nbytes(self) -> int:
+        """Size of the frames in bytes, if all were in memory."""
+        return int(self.holograms.nbytes)
+
+    def frame(self, index: int) -> NDArray[np.float32]:
+        """Return one frame as float32, shape (y, x).
+
+        Raises
+        ------
+        ValueError
+            If the frame holds NaN or infinity, from which no phase can be computed.
+        """
+        frame = np.asarray(self.holograms[index].values, dtype=np.float32)
+        if not np.isfinite(frame).all():
+            count = int(np.size(frame) - np.isfinite(frame).sum())
+            msg = (
+                f"frame {index} of {self.name} holds {count} NaN or infinite pixels; "
+                "replace them before opening the recording"
+            )
+            raise ValueError(msg)
+        return frame
+
+    def frames(self) -> Iterator[NDArray[np.float32]]:
+        """Iterate over the frames as float32 arrays (y, x), one in memory at a time."""
+        for index in range(self.n_frames):
+            yield self.frame(index)
+
+    def sample_indices(self, at_most: int) -> list[int]:
+        """Return up to ``at_most`` frame numbers, spread evenly over the recording."""
+        count = min(at_most, self.n_frames)
+        return sorted({int(i) for i in np.linspace(0, self.n_frames - 1, count).round()})
+
+    @classmethod
+    def from_frames(
+        cls,
+        frames: Any,
+        *,
+        optics: Optics | None = None,
+        frame_rate_hz: float | None = None,
+        times_s: NDArray[np.float64] | None = None,
+        name: str = "recording",
+        source: str = "",
+        notes: tuple[str, ...] = (),
+        attrs: dict[str, object] | None = None,
+    ) -> Recording:
+        """Make a recording from an array of frames.
+
+        Parameters
+        ----------
+        frames : array_like
+            Shape (time, y, x), or (y, x) for a single frame; real numbers. Dask arrays and
+            memory maps stay lazy.
+        optics : Optics, optional
+            Default: the microscope of the paper.
+        frame_rate_hz : float, optional
+            Frames per second, default 1.
+        times_s : array_like, optional
+            Time of each frame in seconds, instead of ``frame_rate_hz``.
+        name, source, notes, attrs : optional
+            See the class; ``attrs`` go to ``holograms.attrs``.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If the array is not a video of one grey value a pixel.
+        """
+        video = checked_frames(frames, name)
+        optics = optics or Optics()
+        n_frames, height, width = video.shape
+        if times_s is None:
+            rate = DEFAULT_FRAME_RATE_HZ if frame_rate_hz is None else frame_rate_hz
+            if not (np.isfinite(rate) and rate > 0):
+                msg = f"frame_rate_hz must be a number above 0, but is {rate!r}"
+                raise ValueError(msg)
+            times_s = np.arange(n_frames) / rate
+        coords = {
+            "time": ("time", np.asarray(times_s, dtype=np.float64), {"units": "s"}),
+            "y": ("y", np.arange(height) * optics.pixel_um, {"units": "um"}),
+            "x": ("x", np.arange(width) * optics.pixel_um, {"units": "um"}),
+        }
+        holograms = xr.DataArray(video, dims=("time", "y", "x"), coords=coords, attrs=attrs or {})
+        return cls(holograms, optics, name, source, notes)
+
+
+def checked_frames(frames: Any, name: str) -> NDArray[np.generic]:
+    """Return frames as (time, y, x), or say in one sentence why they are no hologram video."""
+    video = frames if hasattr(frames, "dtype") and hasattr(frames, "ndim") else np.asarray(frames)
+    dtype = np.dtype(video.dtype)
+    if dtype.kind not in "buif":
+        msg = f"{name} holds {dtype} values; a hologram video needs real numbers"
+        raise TypeError(msg)
+    if 0 in video.shape:
+        msg = f"{name} is empty: its shape is {tuple(video.shape)}"
+        raise ValueError(msg)
+    if video.ndim == 2:
+        video = video[None]
+    if video.ndim != 3:
+        hint = ""
+        if video.shape[-1] in (3, 4):
+            hint = "; it looks like a colour image, so pick one channel first"
+        msg = (
+            f"{name} has {video.ndim} dimensions {tuple(video.shape)}; a hologram video has "
+            f"three: time, y, x{hint}"
+        )
+        raise ValueError(msg)
+    if min(video.shape[1:]) < 8:
+        msg = (
+            f"the frames of {name} are {video.shape[1]} x {video.shape[2]} pixels; "
+            "at least 8 x 8 are needed"
+        )
+        raise ValueError(msg)
+    result: NDArray[np.generic] = video
+    return result

@@ -1,0 +1,14 @@
+"""Objects with exact phase, and the holograms that a camera would record of them."""
+
+from napari_phase4d.simulation.ellipsoids import Ellipsoid, projected_phase
+from napari_phase4d.simulation.euglena import swimming_euglena
+from napari_phase4d.simulation.multiplexing import multiplexed_video
+from napari_phase4d.simulation.stacks import phase_stack
+
+__all__ = [
+    "Ellipsoid",
+    "multiplexed_video",
+    "phase_stack",
+    "projected_phase",
+    "swimming_euglena",
+]

@@ -1,0 +1,95 @@
+"""The paper's building block: unwrapping along one more dimension from a thin frame.
+
+Section 2, steps 1 to 4: the maps are arranged from the optically thin one, which is unwrapped by
+the initial method, to the thick ones; each next map is unwrapped pixel by pixel relative to the
+one before; the maximum of this and the initial method is taken; the mask is applied.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.unwrapping.pieces import (
+    Piece,
+    pieces_between,
+    thickness_profile,
+    with_thin_turning_points,
+)
+
+__all__ = ["unwrap_line"]
+
+TURN = np.float32(2 * np.pi)
+
+
+def unwrap_line(
+    wrapped: NDArray[np.float32],
+    initial: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    starts: Sequence[int],
+    *,
+    split: bool = True,
+) -> NDArray[np.float32]:
+    """Unwrap a sequence of maps outwards from its optically thin ones.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (n, y, x)
+        Wrapped phase over time or over angle, radians.
+    initial : ndarray, same shape
+        The same maps unwrapped by the initial method.
+    mask : ndarray of bool, same shape
+        Pixels of the object; the result is 0 elsewhere.
+    starts : sequence of int
+        Indices of the thin maps.
+    split : bool, optional
+        Whether a sequence that gets thick and thin again is broken into monotonic pieces (last
+        paragraph of section 2). Default True.
+
+    Returns
+    -------
+    ndarray of shape (n, y, x)
+        Unwrapped phase in radians, congruent with ``wrapped`` inside the mask.
+    """
+    result = np.empty_like(wrapped)
+    pieces = pieces_between(starts, len(wrapped), profile=None)
+    follow(pieces, wrapped, initial, mask, result)
+    if not split or len(wrapped) < 3:
+        return result
+    profile = thickness_profile(result, mask)
+    all_starts = with_thin_turning_points(profile, starts)
+    better = pieces_between(all_starts, len(wrapped), profile)
+    if better != pieces:
+        follow(better, wrapped, initial, mask, result)
+    return result
+
+
+def follow(
+    pieces: Sequence[Piece],
+    wrapped: NDArray[np.float32],
+    initial: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    result: NDArray[np.float32],
+) -> None:
+    """Unwrap each piece from its start outwards (steps 1 to 4), into ``result``."""
+    for piece in pieces:
+        start = piece.start
+        result[start] = np.where(mask[start], initial[start], np.float32(0))
+        for k in range(start + 1, piece.stop):
+            result[k] = next_map(result[k - 1], wrapped[k], initial[k], mask[k])
+        for k in range(start - 1, piece.first - 1, -1):
+            result[k] = next_map(result[k + 1], wrapped[k], initial[k], mask[k])
+
+
+def next_map(
+    before: NDArray[np.float32],
+    wrapped: NDArray[np.float32],
+    initial: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+) -> NDArray[np.float32]:
+    """Return the next map of a sequence (steps 2 to 4)."""
+    turns = np.round((before - wrapped) / TURN)
+    along = wrapped + TURN * turns
+    return np.where(mask, np.maximum(initial, along), np.float32(0))

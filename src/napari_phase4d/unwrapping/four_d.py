@@ -1,0 +1,143 @@
+"""The paper's methods: angular, temporal, and both one after the other (T/A and A/T)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.unwrapping.combined import unwrap_line
+from napari_phase4d.unwrapping.problem import Boundary, Problem
+from napari_phase4d.unwrapping.registration import moved
+
+__all__ = ["angular", "angular_temporal", "spatial_2d", "temporal", "temporal_angular"]
+
+Stack = NDArray[np.float32]
+
+
+def spatial_2d(
+    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> Stack:
+    """Unwrap each frame by itself (step 1 of T/A and A/T)."""
+    return problem.spatial(progress, cancelled).copy()
+
+
+def angular(
+    problem: Problem,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    registration: bool = True,
+    split: bool = True,
+) -> Stack:
+    """Unwrap along the angle at each time ([11] in the paper)."""
+    return chained(
+        problem, ("angle",), progress, cancelled, registration=registration, split=split
+    )
+
+
+def temporal(
+    problem: Problem,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    registration: bool = True,
+    split: bool = True,
+) -> Stack:
+    """Unwrap along time for each angle."""
+    return chained(problem, ("time",), progress, cancelled, registration=registration, split=split)
+
+
+def temporal_angular(
+    problem: Problem,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    registration: bool = True,
+    split: bool = True,
+) -> Stack:
+    """T/A: along time for each angle, then along the angle at each time (Fig. 1a)."""
+    order = ("time", "angle")
+    return chained(problem, order, progress, cancelled, registration=registration, split=split)
+
+
+def angular_temporal(
+    problem: Problem,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    registration: bool = True,
+    split: bool = True,
+) -> Stack:
+    """A/T: along the angle at each time, then along time for each angle (Fig. 1b)."""
+    order = ("angle", "time")
+    return chained(problem, order, progress, cancelled, registration=registration, split=split)
+
+
+def chained(
+    problem: Problem,
+    order: tuple[str, ...],
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    registration: bool,
+    split: bool,
+) -> Stack:
+    """Apply the building block along one dimension after the other.
+
+    The result of one pass is the initial method of the next (steps 3 and 4 of T/A and A/T).
+    """
+    initial = problem.spatial(progress, cancelled)
+    shifts = problem.shifts() if registration else np.zeros((*initial.shape[:2], 2), dtype=np.intp)
+    wrapped, mask = moved(problem.wrapped, shifts), moved(problem.mask, shifts)
+    result = moved(initial, shifts)
+    for dim in order:
+        result = one_pass(
+            dim, wrapped, result, mask, problem.boundaries, progress, cancelled, split=split
+        )
+    return moved(result, -shifts)
+
+
+def one_pass(
+    dim: str,
+    wrapped: Stack,
+    initial: Stack,
+    mask: NDArray[np.bool_],
+    boundaries: list[Boundary],
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    split: bool,
+) -> Stack:
+    """Apply the building block to every line of frames along time or angle."""
+    lines = list(lines_along(dim, wrapped.shape, boundaries))
+    watch = Watch(len(lines), f"unwrapping along {dim}", progress, cancelled)
+    result = np.empty_like(wrapped)
+
+    def work(line: tuple[tuple[slice | int, slice | int], list[int]]) -> Stack:
+        index, starts = line
+        return unwrap_line(wrapped[index], initial[index], mask[index], starts, split=split)
+
+    for (index, _), unwrapped in zip(lines, in_threads(work, lines, watch), strict=True):
+        result[index] = unwrapped
+    return result
+
+
+def lines_along(
+    dim: str, shape: tuple[int, ...], boundaries: list[Boundary]
+) -> Iterator[tuple[tuple[slice | int, slice | int], list[int]]]:
+    """Yield each line of frames and where on it the thin frames are.
+
+    A boundary frame counts for its own line; a line without one starts where the others do, as
+    Fig. 1 shows: the first pass leaves the row of the boundary time (or angle) from which the
+    second starts.
+    """
+    along, across = (0, 1) if dim == "time" else (1, 0)
+    everywhere = sorted({b[along] for b in boundaries})
+    for other in range(shape[across]):
+        own = sorted({b[along] for b in boundaries if b[across] == other})
+        index: tuple[slice | int, slice | int]
+        index = (slice(None), other) if dim == "time" else (other, slice(None))
+        yield index, own or everywhere

@@ -1,0 +1,50 @@
+"""Binary masks of the object (step 2 of the paper's algorithms)."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from napari_phase4d.unwrapping.spatial import border_of
+
+__all__ = ["object_mask", "object_masks"]
+
+#: A pixel belongs to the object where its phase exceeds this share of the largest ...
+SHARE_OF_PEAK = 0.1
+#: ... and so many standard deviations of the background.
+DEVIATIONS = 4.0
+#: Blobs smaller than this share of the frame are noise.
+SMALLEST_SHARE = 0.002
+#: Pixels to widen the mask by, so that the object's rim is inside.
+WIDEN = 2
+
+
+def object_masks(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return the object's mask in every frame of a stack (time, angle, y, x)."""
+    frames = unwrapped.reshape(-1, *unwrapped.shape[2:])
+    return np.stack([object_mask(f) for f in frames]).reshape(unwrapped.shape)
+
+
+def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return the mask of what rises out of the background of one frame.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of shape (y, x)
+        Unwrapped phase in radians.
+    """
+    edge = unwrapped[border_of(unwrapped.shape)]
+    level = float(np.median(edge))
+    noise = 1.4826 * float(np.median(np.abs(edge - level)))
+    height = np.abs(ndimage.gaussian_filter(unwrapped - level, 1.0))
+    threshold = max(SHARE_OF_PEAK * float(np.quantile(height, 0.995)), DEVIATIONS * noise, 1e-3)
+    mask = ndimage.binary_fill_holes(height > threshold)
+    labels, count = ndimage.label(mask)
+    if count:
+        sizes = np.bincount(labels.ravel())
+        large = sizes >= SMALLEST_SHARE * mask.size
+        large[0] = False
+        mask = large[labels]
+    widened: NDArray[np.bool_] = ndimage.binary_dilation(mask, iterations=WIDEN)
+    return widened

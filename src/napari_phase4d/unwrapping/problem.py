@@ -1,0 +1,197 @@
+"""What all unwrapping methods are given: wrapped phase, mask, boundary frames."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.unwrapping.masks import object_masks
+from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
+from napari_phase4d.unwrapping.spatial import unwrap_frames
+
+__all__ = ["DIMS", "Boundary", "Problem"]
+
+DIMS = ("time", "angle", "y", "x")
+#: Documented order of plain arrays by their number of dimensions.
+PLAIN_DIMS = {2: ("y", "x"), 3: ("time", "y", "x"), 4: DIMS}
+
+Boundary = tuple[int, int]
+
+
+class Problem:
+    """Wrapped phase with its mask and boundary frames, checked and brought into one form.
+
+    The two-dimensional unwrapping and the registration, from which the paper's methods start,
+    are computed once and shared by all methods that are run on the problem.
+
+    Parameters
+    ----------
+    phase : DataArray or array_like
+        Wrapped phase in radians; dims among (time, angle, y, x), plain arrays in this order:
+        (y, x), (time, y, x) or (time, angle, y, x).
+    boundary : tuple of int or sequence of such
+        (time, angle) index of the optically thin frame or frames; negative ones count from the
+        end.
+    mask : array_like of bool, "auto" or None
+        Pixels to unwrap; any shape that broadcasts to that of the phase. "auto" finds the object
+        in every frame. Default None: all pixels.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not fit; the sentence says which and how.
+    """
+
+    def __init__(
+        self,
+        phase: xr.DataArray | Any,
+        boundary: Boundary | Sequence[Boundary] = (0, 0),
+        mask: Any = None,
+    ) -> None:
+        self.template = as_phase(phase)
+        full = self.template.expand_dims([d for d in DIMS if d not in self.template.dims])
+        values = full.transpose(*DIMS).values
+        self.wrapped: NDArray[np.float32] = np.ascontiguousarray(values, dtype=np.float32)
+        self.boundaries = checked_boundaries(boundary, self.wrapped.shape[:2])
+        self._mask = mask
+        self.mask = self._first_mask()
+        bad = ~np.isfinite(self.wrapped)
+        if (bad & self.mask).any():
+            count = int((bad & self.mask).sum())
+            msg = (
+                f"the phase holds {count} NaN or infinite pixels; "
+                "leave them out with mask=numpy.isfinite(phase)"
+            )
+            raise ValueError(msg)
+        self.wrapped[bad] = 0
+        self._spatial: NDArray[np.float32] | None = None
+        self._shifts: NDArray[np.intp] | None = None
+        #: Seconds that the shared two-dimensional step took.
+        self.spatial_seconds = 0.0
+
+    @property
+    def first(self) -> Boundary:
+        """The first boundary frame."""
+        return self.boundaries[0]
+
+    @property
+    def n_frames(self) -> int:
+        """Number of frames over all times and angles."""
+        return int(self.wrapped.shape[0] * self.wrapped.shape[1])
+
+    def spatial(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> NDArray[np.float32]:
+        """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
+        if self._spatial is None:
+            began = time.perf_counter()
+            watch = Watch(self.n_frames, "2-D unwrapping", progress, cancelled)
+            found = unwrap_frames(self.wrapped, self.mask, self.first, watch)
+            if isinstance(self._mask, str):
+                self.mask = object_masks(found)
+                found = np.where(self.mask, found, np.float32(0))
+            self._spatial = found
+            self.spatial_seconds = time.perf_counter() - began
+        return self._spatial
+
+    def shifts(self) -> NDArray[np.intp]:
+        """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
+        if self._shifts is None:
+            unwrapped = self.spatial()
+            masks = self.mask if isinstance(self._mask, str) else object_masks(unwrapped)
+            self._shifts = centre_of_mass_shifts(self.wrapped, masks, self.first)
+        return self._shifts
+
+    def result(
+        self, values: NDArray[np.float32], name: str, attrs: dict[str, Any]
+    ) -> xr.DataArray:
+        """Return a stack (time, angle, y, x) in the form in which the phase was given."""
+        full = xr.DataArray(values, dims=DIMS)
+        missing = [d for d in DIMS if d not in self.template.dims]
+        squeezed = full.isel(dict.fromkeys(missing, 0)).transpose(*self.template.dims)
+        result = squeezed.assign_coords(self.template.coords)
+        result.attrs = {**self.template.attrs, "units": "rad", **attrs}
+        return result.rename(name)
+
+    def _first_mask(self) -> NDArray[np.bool_]:
+        """Return the mask as given, or all pixels where it is still to be found."""
+        mask = self._mask
+        if mask is None:
+            return np.ones(self.wrapped.shape, dtype=bool)
+        if isinstance(mask, str):
+            if mask != "auto":
+                msg = f'mask must be an array, "auto" or None, but is {mask!r}'
+                raise ValueError(msg)
+            return np.ones(self.wrapped.shape, dtype=bool)
+        if isinstance(mask, xr.DataArray):
+            missing = [d for d in DIMS if d not in mask.dims]
+            mask = mask.expand_dims(missing).transpose(*DIMS).values
+        mask = np.asarray(mask)
+        if mask.ndim == self.template.ndim and mask.ndim < len(DIMS):
+            missing_axes = [i for i, d in enumerate(DIMS) if d not in self.template.dims]
+            mask = np.expand_dims(mask, missing_axes)
+        try:
+            found = np.broadcast_to(mask.astype(bool), self.wrapped.shape)
+        except ValueError as error:
+            msg = f"the mask is {mask.shape}, which does not fit the phase {self.wrapped.shape}"
+            raise ValueError(msg) from error
+        if not found.any():
+            msg = "the mask is empty, so there is nothing to unwrap"
+            raise ValueError(msg)
+        return found
+
+
+def as_phase(phase: xr.DataArray | Any) -> xr.DataArray:
+    """Return phase as a DataArray with known dims, or say what is wrong with it."""
+    if not isinstance(phase, xr.DataArray):
+        values = np.asarray(phase)
+        if values.ndim not in PLAIN_DIMS:
+            msg = (
+                f"phase has {values.ndim} dimensions {values.shape}; it must have two (y, x), "
+                "three (time, y, x) or four (time, angle, y, x)"
+            )
+            raise ValueError(msg)
+        phase = xr.DataArray(values, dims=PLAIN_DIMS[values.ndim])
+    unknown = set(phase.dims) - set(DIMS)
+    if unknown or not {"y", "x"} <= set(phase.dims):
+        found = tuple(phase.dims)
+        msg = f"phase has dims {found}; they must be among time, angle, y, x, with y and x"
+        raise ValueError(msg)
+    if phase.dtype.kind == "c":
+        msg = "phase is complex; give its angle, numpy.angle(field)"
+        raise TypeError(msg)
+    if phase.dtype.kind not in "fiu":
+        msg = f"phase must be real numbers in radians, but is {phase.dtype}"
+        raise TypeError(msg)
+    if phase.size == 0:
+        msg = f"phase is empty: its shape is {phase.shape}"
+        raise ValueError(msg)
+    return phase
+
+
+def checked_boundaries(
+    boundary: Boundary | Sequence[Boundary], shape: tuple[int, ...]
+) -> list[Boundary]:
+    """Return the boundary frames as a list of index pairs that exist."""
+    pairs = np.atleast_2d(np.asarray(boundary))
+    if pairs.size == 0 or pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
+        msg = (
+            f"boundary must be (time, angle) frame numbers, one pair or several, not {boundary!r}"
+        )
+        raise ValueError(msg)
+    found: list[Boundary] = []
+    for t, a in pairs.tolist():
+        if not (-shape[0] <= t < shape[0] and -shape[1] <= a < shape[1]):
+            msg = (
+                f"the boundary frame (time {t}, angle {a}) does not exist; "
+                f"there are {shape[0]} times and {shape[1]} angles, counted from 0"
+            )
+            raise ValueError(msg)
+        found.append((t % shape[0], a % shape[1]))
+    return list(dict.fromkeys(found))

@@ -1,0 +1,110 @@
+"""Registration by the centre of mass (step 2 of the paper's algorithms), in whole pixels.
+
+Wrapped phase must not be interpolated, so frames are moved by whole pixels, round the edges of
+the field, which can be undone exactly.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["centre_of_mass_shifts", "moved"]
+
+#: A new shift must make neighbouring frames more alike than the last one by this much
+#: (mean cosine of their phase difference), so that noise does not shake the frames.
+CLEARLY_BETTER = 0.02
+
+Shifts = NDArray[np.intp]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+def centre_of_mass_shifts(
+    wrapped: NDArray[np.float32], masks: NDArray[np.bool_], first: tuple[int, int]
+) -> Shifts:
+    """Return how to move every frame so that the object stays where it is in the boundary frame.
+
+    The masks' centre of mass proposes the shift; it is taken where it makes the frame more like
+    its neighbour than that one's own shift does. Frames are visited outwards from the boundary
+    frame: along time for each view, after the views of the boundary time.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    masks : ndarray of bool, same shape
+        The object.
+    first : tuple of int
+        Boundary frame (time, angle).
+
+    Returns
+    -------
+    ndarray of int, shape (time, angle, 2)
+        Shift in y and x, in pixels.
+    """
+    n_times, n_angles = wrapped.shape[:2]
+    shifts = np.zeros((n_times, n_angles, 2), dtype=np.intp)
+    centres = np.array([[centre(masks[t, a]) for a in range(n_angles)] for t in range(n_times)])
+    t0, a0 = first
+
+    def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
+        kept = shifts[before]
+        proposed = centres[t0, a0] - centres[now]
+        if np.isnan(proposed).any():
+            shifts[now] = kept
+            return
+        candidate = np.round(proposed).astype(np.intp)
+        shifts[now] = kept
+        if (candidate != kept).any():
+            old, new = (likeness(wrapped, masks, now, s, before, kept) for s in (kept, candidate))
+            if new > old + CLEARLY_BETTER:
+                shifts[now] = candidate
+
+    for a in (*range(a0 + 1, n_angles), *range(a0 - 1, -1, -1)):
+        visit((t0, a), (t0, a - 1 if a > a0 else a + 1))
+    for a in range(n_angles):
+        for t in (*range(t0 + 1, n_times), *range(t0 - 1, -1, -1)):
+            visit((t, a), (t - 1 if t > t0 else t + 1, a))
+    return shifts
+
+
+def centre(mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the centre of mass of a mask, NaN if it is empty or all of the frame."""
+    if not mask.any() or mask.all():
+        return (np.nan, np.nan)
+    rows, columns = mask.sum(axis=1), mask.sum(axis=0)
+    return (
+        float(np.average(np.arange(len(rows)), weights=rows)),
+        float(np.average(np.arange(len(columns)), weights=columns)),
+    )
+
+
+def likeness(
+    wrapped: NDArray[np.float32],
+    masks: NDArray[np.bool_],
+    now: tuple[int, int],
+    shift: Shifts,
+    before: tuple[int, int],
+    shift_before: Shifts,
+) -> float:
+    """Return the mean cosine of the phase difference of two moved frames, on their objects."""
+    either = rolled(masks[now], shift) | rolled(masks[before], shift_before)
+    step = rolled(wrapped[now], shift) - rolled(wrapped[before], shift_before)
+    return float(np.cos(step[either]).mean()) if either.any() else 1.0
+
+
+def rolled(frame: NDArray[Scalar], shift: Shifts) -> NDArray[Scalar]:
+    """Return a frame moved by whole pixels, round the edges."""
+    return np.roll(frame, (int(shift[0]), int(shift[1])), axis=(0, 1))
+
+
+def moved(stack: NDArray[Scalar], shifts: Shifts) -> NDArray[Scalar]:
+    """Return a stack (time, angle, y, x) with every frame moved; undo with ``-shifts``."""
+    if not shifts.any():
+        return stack
+    result = np.empty_like(stack)
+    for index in np.ndindex(*stack.shape[:2]):
+        result[index] = rolled(stack[index], shifts[index])
+    return result

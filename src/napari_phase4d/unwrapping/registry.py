@@ -1,0 +1,192 @@
+"""All unwrapping methods, in the order in which they are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import four_d
+from napari_phase4d.unwrapping.problem import Problem
+
+__all__ = ["METHODS", "Method", "Option", "unwrap"]
+
+
+@dataclass(frozen=True)
+class Option:
+    """One setting of a method.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of `unwrap`.
+    default : bool, int, float or str
+        Value if it is not given; its type is the option's type.
+    summary : str
+        One sentence for tooltips and help.
+    """
+
+    name: str
+    default: bool | int | float | str
+    summary: str
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to unwrap.
+
+    Parameters
+    ----------
+    label : str
+        Short name on screen.
+    source : str
+        Where the method was published.
+    summary : str
+        What it does, in one sentence.
+    function : callable
+        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``.
+    options : tuple of Option
+        Its settings.
+    """
+
+    label: str
+    source: str
+    summary: str
+    function: Callable[..., NDArray[np.float32]]
+    options: tuple[Option, ...] = ()
+
+
+PAPER = "Dardikman, Singh & Shaked 2018, section 2"
+CHAIN_OPTIONS = (
+    Option(
+        "registration",
+        True,
+        "Move frames by whole pixels so that the object's centre of mass stays in place.",
+    ),
+    Option(
+        "split",
+        True,
+        "Start anew where the object has become as thin again as in the boundary frame.",
+    ),
+)
+
+#: Method id -> Method.
+METHODS: Mapping[str, Method] = MappingProxyType(
+    {
+        "spatial-2d": Method(
+            "2-D",
+            "Herraez et al. 2002, Appl. Opt. 41, 7437",
+            "Each frame by itself, most reliable pixels first.",
+            four_d.spatial_2d,
+        ),
+        "angular": Method(
+            "Angular",
+            "Dardikman et al. 2017, Opt. Express 25, 3347",
+            "From the thin angle to the others, at each time.",
+            four_d.angular,
+            CHAIN_OPTIONS,
+        ),
+        "temporal": Method(
+            "Temporal",
+            PAPER,
+            "From the thin time to the others, for each angle.",
+            four_d.temporal,
+            CHAIN_OPTIONS,
+        ),
+        "temporal-angular": Method(
+            "T/A",
+            PAPER + ", Fig. 1(a)",
+            "Along time first, then along the angle.",
+            four_d.temporal_angular,
+            CHAIN_OPTIONS,
+        ),
+        "angular-temporal": Method(
+            "A/T",
+            PAPER + ", Fig. 1(b)",
+            "Along the angle first, then along time.",
+            four_d.angular_temporal,
+            CHAIN_OPTIONS,
+        ),
+    }
+)
+
+
+def unwrap(
+    phase: xr.DataArray | Any,
+    method: str = "temporal-angular",
+    boundary: Any = (0, 0),
+    mask: Any = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+    **method_options: Any,
+) -> xr.DataArray:
+    """Unwrap phase over time, angle, y and x.
+
+    Parameters
+    ----------
+    phase : DataArray or array_like
+        Wrapped phase in radians, dims among (time, angle, y, x); plain arrays are (y, x),
+        (time, y, x) or (time, angle, y, x).
+    method : str, optional
+        One of `METHODS`, default "temporal-angular" (T/A).
+    boundary : tuple of int or sequence of such, optional
+        (time, angle) frame numbers of the optically thin frame, or several. Default (0, 0).
+    mask : array_like of bool, "auto" or None, optional
+        Pixels to unwrap; the others are 0 in the result. "auto" finds the object.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)`` after each step; ``cancelled()`` stops the work.
+    **method_options
+        The method's own settings, see ``METHODS[method].options``.
+
+    Returns
+    -------
+    xarray.DataArray
+        Unwrapped phase in radians, float32, with the dims, coordinates and attributes of
+        ``phase``; inside the mask it differs from it by whole turns.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not fit.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    check_method(method, method_options)
+    problem = Problem(phase, boundary, mask)
+    return run_method(problem, method, progress, cancelled, method_options)
+
+
+def run_method(
+    problem: Problem,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> xr.DataArray:
+    """Run one method on a problem and note how, in the result's attributes."""
+    chosen = {o.name: o.default for o in METHODS[method].options} | dict(options)
+    values = METHODS[method].function(problem, progress, cancelled, **chosen)
+    attrs = {
+        "method": method,
+        "options": chosen,
+        "boundary": [list(b) for b in problem.boundaries],
+    }
+    return problem.result(values, method, attrs)
+
+
+def check_method(method: str, options: Mapping[str, Any]) -> None:
+    """Raise ValueError for unknown methods and TypeError for options that a method lacks."""
+    if method not in METHODS:
+        msg = f"method must be one of {', '.join(METHODS)}, but is {method!r}"
+        raise ValueError(msg)
+    known = [o.name for o in METHODS[method].options]
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        msg = f"{method} has no option {unknown[0]!r}; it has {', '.join(known) or 'none'}"
+        raise TypeError(msg)

@@ -1,0 +1,106 @@
+"""Two-dimensional unwrapping of each frame by itself."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from skimage.restoration import unwrap_phase
+
+from napari_phase4d.progress import Watch, in_threads
+
+__all__ = ["border_medians", "unwrap_frames"]
+
+#: Width of the frame's border that is taken for background, in pixels.
+BORDER = 2
+TURN = 2 * np.pi
+
+
+def unwrap_frames(
+    wrapped: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    first: tuple[int, int],
+    watch: Watch,
+) -> NDArray[np.float32]:
+    """Unwrap every frame by reliability sorting (Herraez et al. 2002, [14] in the paper).
+
+    Reliability sorting leaves each frame's multiple of 2 pi open. It is chosen such that the
+    border of the boundary frame lies within half a turn of zero, and that the border moves by
+    less than half a turn from frame to frame and from view to view.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    mask : ndarray of bool, same shape
+        Pixels to unwrap; 0 elsewhere in the result.
+    first : tuple of int
+        The boundary frame (time, angle).
+    watch : Watch
+        Counts frames.
+    """
+    n_times, n_angles = wrapped.shape[:2]
+    indices = [(t, a) for t in range(n_times) for a in range(n_angles)]
+    unwrapped = np.empty_like(wrapped)
+    border = np.empty((n_times, n_angles))
+
+    def work(index: tuple[int, int]) -> tuple[NDArray[np.float32], float]:
+        return unwrap_frame(wrapped[index], mask[index])
+
+    for index, (frame, level) in zip(indices, in_threads(work, indices, watch), strict=True):
+        unwrapped[index], border[index] = frame, level
+    turns = np.round((border_medians(border, first) - border) / TURN).astype(np.float32)
+    unwrapped += np.float32(TURN) * turns[..., None, None]
+    return np.where(mask, unwrapped, np.float32(0))
+
+
+def unwrap_frame(
+    wrapped: NDArray[np.float32], mask: NDArray[np.bool_]
+) -> tuple[NDArray[np.float32], float]:
+    """Unwrap one frame and return it with the level of its border.
+
+    A mask that leaves out the border cuts the object off from the background. The level then
+    comes from the frame unwrapped whole.
+    """
+    edge = border_of(wrapped.shape)
+    if mask.all():
+        unwrapped = exact(unwrap_phase(wrapped, rng=0), wrapped)
+        return unwrapped, float(np.median(unwrapped[edge]))
+    if not mask.any():
+        return np.zeros_like(wrapped), 0.0
+    masked = np.ma.masked_array(wrapped, ~mask)
+    inside = exact(np.ma.getdata(unwrap_phase(masked, rng=0)), wrapped)
+    if (mask & edge).sum() > edge.sum() / 2:
+        return inside, float(np.median(inside[edge & mask]))
+    filled = np.nan_to_num(wrapped)
+    whole = unwrap_phase(filled, rng=0)
+    turns = np.round(np.median((whole - inside)[mask]) / TURN)
+    return inside + np.float32(TURN * turns), float(np.median(whole[edge]))
+
+
+def exact(unwrapped: NDArray[np.floating], wrapped: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the wrapped phase plus whole turns, free of rounding on the way."""
+    turns = np.round((unwrapped - wrapped) / TURN).astype(np.float32)
+    result: NDArray[np.float32] = wrapped + np.float32(TURN) * turns
+    return result
+
+
+def border_of(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mark the border of a frame."""
+    edge = np.ones(shape, dtype=bool)
+    if min(shape) > 2 * BORDER:
+        edge[BORDER:-BORDER, BORDER:-BORDER] = False
+    return edge
+
+
+def border_medians(border: NDArray[np.float64], first: tuple[int, int]) -> NDArray[np.float64]:
+    """Unwrap the border levels (time, angle) outwards from the boundary frame."""
+    t0, a0 = first
+    levels = border - TURN * np.round(border / TURN)
+    for line in (levels[t0], levels.T[a0]):
+        start = a0 if line is levels[t0] else t0
+        line[start:] = np.unwrap(line[start:])
+        line[: start + 1] = np.unwrap(line[: start + 1][::-1])[::-1]
+    for a in range(levels.shape[1]):
+        levels[t0:, a] = np.unwrap(levels[t0:, a])
+        levels[: t0 + 1, a] = np.unwrap(levels[: t0 + 1, a][::-1])[::-1]
+    return levels
