@@ -129,9 +129,8 @@ def install_system_libraries() -> None:
     may_install = shutil.which("apt-get") and hasattr(os, "geteuid") and os.geteuid() == 0
     if not may_install:
         command = shlex.join(["sudo", *line])
-        sys.exit(
-            f"Missing system libraries: {', '.join(missing)}.\nOn Debian or Ubuntu run:\n  {command}"
-        )
+        names = ", ".join(missing)
+        sys.exit(f"Missing system libraries: {names}.\nOn Debian or Ubuntu run:\n  {command}")
     print(f"Installing system libraries: {' '.join(missing)}", flush=True)
     quiet = {
         "stdout": subprocess.DEVNULL,

@@ -1,0 +1,179 @@
+"""The dock: five steps from a hologram video to 4-D phase."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from napari.viewer import Viewer
+from qtpy.QtCore import Qt
+from qtpy.QtGui import QCloseEvent
+from qtpy.QtWidgets import (
+    QFrame,
+    QHBoxLayout,
+    QLabel,
+    QProgressBar,
+    QPushButton,
+    QScrollArea,
+    QVBoxLayout,
+    QWidget,
+)
+from superqt import QCollapsible
+
+from napari_phase4d._napari.jobs import Jobs
+from napari_phase4d._napari.presenter import Presenter
+from napari_phase4d._napari.session import Session
+from napari_phase4d._napari.steps import (
+    CompareStep,
+    LobesStep,
+    PhaseStep,
+    RecordingStep,
+    UnwrapStep,
+)
+
+__all__ = ["Phase4DDock"]
+
+WIDTH = 380
+
+
+class Phase4DDock(QWidget):  # type: ignore[misc]
+    """Five steps, a progress bar and a line that says what is happening.
+
+    Parameters
+    ----------
+    napari_viewer : napari.viewer.Viewer
+        Where the layers go.
+    """
+
+    def __init__(self, napari_viewer: Viewer) -> None:
+        super().__init__()
+        self.session = Session()
+        self.jobs = Jobs(self)
+        self.presenter = Presenter(napari_viewer, self.session)
+        parts = (self.session, self.jobs, self.presenter)
+        self.recording = RecordingStep(*parts)
+        self.lobes = LobesStep(*parts)
+        self.phase = PhaseStep(*parts)
+        self.unwrap = UnwrapStep(*parts)
+        self.compare = CompareStep(*parts)
+        self.steps = (self.recording, self.lobes, self.phase, self.unwrap, self.compare)
+        self._build()
+        self._listen()
+        self.say("Open a recording, or try the sample.")
+
+    def reset_choices(self, event: Any = None) -> None:
+        """Let napari tell that layers were added or removed."""
+        self.recording.reset_choices()
+
+    def say(self, sentence: str, *, wrong: bool = False) -> None:
+        """Show one sentence at the foot of the dock."""
+        self.status.setText(f"⚠ {sentence}" if wrong else sentence)
+        self.status.setProperty("wrong", wrong)
+        self.status.setStyleSheet("color: #ff7a6b; font-weight: bold;" if wrong else "")
+
+    def show_step(self, number: int) -> None:
+        """Open one step (0 to 4), close the others and scroll to it."""
+        for i, section in enumerate(self.sections):
+            section.expand(animate=False) if i == number else section.collapse(animate=False)
+        self.scroll.ensureWidgetVisible(self.sections[number], 0, 0)
+
+    def closeEvent(self, event: QCloseEvent | None) -> None:  # noqa: N802 - Qt's name
+        """Stop what is running."""
+        self.jobs.cancel()
+        super().closeEvent(event)
+
+    def _build(self) -> None:
+        column = QVBoxLayout(self)
+        column.setContentsMargins(4, 4, 4, 4)
+        inner = QWidget()
+        sections = QVBoxLayout(inner)
+        sections.setContentsMargins(0, 0, 0, 0)
+        self.sections = []
+        for step in self.steps:
+            section = QCollapsible(step.title)
+            section.addWidget(step)
+            section.layout().setContentsMargins(0, 0, 0, 0)
+            sections.addWidget(section)
+            self.sections.append(section)
+        sections.addStretch()
+        self.scroll = QScrollArea()
+        self.scroll.setWidget(inner)
+        self.scroll.setWidgetResizable(True)
+        self.scroll.setFrameShape(QFrame.Shape.NoFrame)
+        self.scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
+        column.addWidget(self.scroll)
+        row = QHBoxLayout()
+        self.progress = QProgressBar()
+        self.progress.setObjectName("progress")
+        self.cancel = QPushButton("Cancel")
+        self.cancel.setObjectName("cancel")
+        self.cancel.setToolTip("Stop what is running; finished results stay.")
+        self.cancel.clicked.connect(self._cancel)
+        row.addWidget(self.progress)
+        row.addWidget(self.cancel)
+        column.addLayout(row)
+        self.status = QLabel()
+        self.status.setObjectName("status")
+        self.status.setWordWrap(True)
+        self.status.setMinimumHeight(2 * self.status.fontMetrics().lineSpacing())
+        column.addWidget(self.status)
+        self.setMinimumWidth(WIDTH)
+        self._idle()
+        self.show_step(0)
+
+    def _listen(self) -> None:
+        for step in self.steps:
+            step.failed.connect(lambda sentence: self.say(sentence, wrong=True))
+        self.jobs.started.connect(self._started)
+        self.jobs.progressed.connect(self._progressed)
+        self.jobs.finished.connect(self._finished)
+        self.jobs.cancelled.connect(self._cancelled)
+        self.jobs.failed.connect(self._failed)
+        self.session.recording_changed.connect(self._recording_opened)
+        self.session.reconstruction_changed.connect(self._reconstructed)
+        self.session.results_added.connect(self._unwrapped)
+
+    def _started(self, title: str) -> None:
+        self.progress.setRange(0, 0)
+        self.progress.setVisible(True)
+        self.cancel.setEnabled(True)
+        self.cancel.setVisible(True)
+        self.say(f"{title} …")
+
+    def _progressed(self, done: int, total: int, message: str) -> None:
+        self.progress.setRange(0, total)
+        self.progress.setValue(done)
+        self.say(f"{message}: {done} of {total}")
+
+    def _idle(self) -> None:
+        self.progress.setVisible(False)
+        self.cancel.setVisible(False)
+
+    def _cancel(self) -> None:
+        self.cancel.setEnabled(False)
+        self.say("Stopping …")
+        self.jobs.cancel()
+
+    def _cancelled(self, title: str) -> None:
+        self._idle()
+        self.say(f"{title}: cancelled. Nothing was changed.")
+
+    def _failed(self, sentence: str) -> None:
+        self._idle()
+        self.say(sentence, wrong=True)
+
+    def _finished(self, title: str) -> None:
+        self._idle()
+        if self.status.text().endswith("…") or " of " in self.status.text():
+            self.say(f"{title}: done.")
+
+    def _recording_opened(self) -> None:
+        self.say("Check the microscope, then find the lobes in step 2.")
+        self.show_step(1)
+
+    def _reconstructed(self) -> None:
+        self.say("Choose a frame in which the object is thin, then Run in step 4.")
+        self.show_step(3)
+
+    def _unwrapped(self, _: object) -> None:
+        self.say("Move the sliders; all results follow.")
+        self.show_step(4)

@@ -1,0 +1,160 @@
+"""Every layer that this plugin makes comes from `layer_tuple`.
+
+Scale, units and axis labels are always set, and all layers have the four axes time, angle, y and
+x: napari aligns axes from the right, so a layer with fewer would mix time with angle.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import dask.array as da
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.optics import Optics
+from napari_phase4d.recording import Recording
+
+__all__ = [
+    "AXES",
+    "METADATA_KEY",
+    "hologram_layer",
+    "is_hologram_layer",
+    "layer_tuple",
+    "recording_of_layer",
+    "stack_layer",
+]
+
+AXES = ("time", "angle", "y", "x")
+UNITS = ("s", "degree", "um", "um")
+#: Where a layer's metadata hold what this plugin knows of it.
+METADATA_KEY = "napari-phase4d"
+
+LayerTuple = tuple[Any, dict[str, Any], str]
+
+
+def layer_tuple(
+    stack: xr.DataArray,
+    name: str,
+    kind: str,
+    *,
+    limits: tuple[float, float],
+    colormap: str,
+    visible: bool = True,
+) -> LayerTuple:
+    """Return a calibrated napari image layer as (data, keywords, "image").
+
+    Parameters
+    ----------
+    stack : xarray.DataArray
+        Dims (time, angle, y, x) with coordinates in seconds, degrees and micrometres.
+    name : str
+        Name in the layer list.
+    kind : str
+        What it is, for the plugin to know it again: "holograms", "wrapped", "amplitude",
+        "unwrapped".
+    limits : tuple of float
+        Contrast limits.
+    colormap : str
+        Name of a napari colormap.
+    visible : bool, optional
+        Whether it is shown at once.
+    """
+    coordinates = [np.asarray(stack[axis].values, dtype=np.float64) for axis in AXES]
+    keywords = {
+        "name": name,
+        "scale": [step_of(c) for c in coordinates],
+        "translate": [float(c[0]) for c in coordinates],
+        "units": UNITS,
+        "axis_labels": AXES,
+        "contrast_limits": limits,
+        "colormap": colormap,
+        "visible": visible,
+        "metadata": {
+            METADATA_KEY: {
+                "kind": kind,
+                "times_s": coordinates[0].tolist(),
+                "angles_deg": coordinates[1].tolist(),
+                **stack.attrs,
+            }
+        },
+    }
+    return stack.data, keywords, "image"
+
+
+def hologram_layer(recording: Recording) -> LayerTuple:
+    """Return the layer of a recording's frames, lazily, with an angle axis of one step."""
+    first = recording.frame(0)
+    stack = recording.holograms.expand_dims({"angle": [0.0]}, axis=1)
+    optics = recording.optics
+    stack.attrs = {
+        "wavelength_um": optics.wavelength_um,
+        "camera_pixel_um": optics.camera_pixel_um,
+        "magnification": optics.magnification,
+        "medium_index": optics.medium_index,
+        "recording": recording.name,
+        "source": recording.source,
+        "notes": list(recording.notes),
+    }
+    limits = contrast(first, (0.001, 0.999))
+    return layer_tuple(stack, recording.name, "holograms", limits=limits, colormap="gray")
+
+
+def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = True) -> LayerTuple:
+    """Return the layer of a 4-D result; kind is "wrapped", "amplitude" or "unwrapped"."""
+    values = stack.values
+    if kind == "wrapped":
+        return layer_tuple(
+            stack, name, kind, limits=(-np.pi, np.pi), colormap="twilight_shifted", visible=visible
+        )
+    colormap = "gray" if kind == "amplitude" else "turbo"
+    limits = contrast(values[:: max(1, len(values) // 16)], (0.001, 0.9995))
+    return layer_tuple(stack, name, kind, limits=limits, colormap=colormap, visible=visible)
+
+
+def contrast(values: NDArray[Any], quantiles: tuple[float, float]) -> tuple[float, float]:
+    """Return contrast limits that leave out a few extreme pixels."""
+    low, high = (float(v) for v in np.quantile(values, quantiles))
+    return (low, high) if high > low else (low, low + 1.0)
+
+
+def step_of(coordinates: NDArray[np.float64]) -> float:
+    """Return the mean spacing of coordinates, 1 where there is only one or no spacing."""
+    if len(coordinates) < 2:
+        return 1.0
+    step = float(coordinates[-1] - coordinates[0]) / (len(coordinates) - 1)
+    return step if step > 0 else 1.0
+
+
+def is_hologram_layer(layer: Any) -> bool:
+    """Say whether a layer could be a hologram video: its own kind, or a grey image in 2 or 3 D."""
+    note = layer.metadata.get(METADATA_KEY)
+    if note is not None:
+        return bool(note.get("kind") == "holograms")
+    return not layer.rgb and not layer.multiscale and layer.ndim in (2, 3)
+
+
+def recording_of_layer(layer: Any, optics: Optics, frame_rate_hz: float) -> Recording:
+    """Return the recording that a layer shows, with the user's optics and frame rate.
+
+    Parameters
+    ----------
+    layer : napari.layers.Image
+        A layer made by `hologram_layer`, or any grey image (y, x) or video (time, y, x).
+    optics : Optics
+        The microscope.
+    frame_rate_hz : float
+        Frames per second.
+    """
+    note = layer.metadata.get(METADATA_KEY, {})
+    data = layer.data[:, 0] if layer.ndim == len(AXES) else layer.data
+    if not isinstance(data, (np.ndarray, da.Array)):
+        data = np.asarray(data)
+    return Recording.from_frames(
+        data,
+        optics=optics,
+        frame_rate_hz=frame_rate_hz,
+        name=str(layer.name),
+        source=str(note.get("source", "")),
+    )

@@ -1,0 +1,199 @@
+"""Step 1: open a recording and say with which microscope it was made."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from magicgui.widgets import ComboBox, FloatSpinBox
+from qtpy.QtWidgets import QFileDialog, QGridLayout
+
+from napari_phase4d._napari.layers import is_hologram_layer, recording_of_layer
+from napari_phase4d._napari.steps.step import Step
+from napari_phase4d.io import READABLE_SUFFIXES, open_recording
+from napari_phase4d.optics import Optics
+from napari_phase4d.recording import Recording
+from napari_phase4d.sample import Sample, euglena_sample
+
+__all__ = ["RecordingStep"]
+
+
+class RecordingStep(Step):
+    """Open a file, a folder, the sample, or take a layer."""
+
+    title = "1  Recording"
+    purpose = "Open a hologram video, or try the sample. Then check the microscope."
+
+    def build(self) -> None:
+        """Make the widgets."""
+        self._filling = False
+        buttons = QGridLayout()
+        self.open_file = self.button(
+            "Open file…", "open_file", "A TIFF, NPY or NPZ video, or one image.", self._ask_file
+        )
+        self.open_folder = self.button(
+            "Open folder…",
+            "open_folder",
+            "A folder of equally large, numbered images.",
+            self._ask_folder,
+        )
+        self.try_sample = self.button(
+            "Try the sample",
+            "try_sample",
+            "A simulated video: a euglena, two views, 40 frames.",
+            self.open_sample,
+        )
+        buttons.addWidget(self.open_file, 0, 0)
+        buttons.addWidget(self.open_folder, 0, 1)
+        buttons.addWidget(self.try_sample, 1, 0, 1, 2)
+        self.column.addLayout(buttons)
+        self.column.addLayout(self.form)
+        self.layer = self.field(
+            "or layer",
+            ComboBox(
+                name="layer",
+                choices=lambda _: self.layer_choices(),
+                nullable=True,
+                tooltip="An image layer that shows holograms: time, y, x.",
+            ),
+        )
+        self.layer.changed.connect(lambda chosen: self.guarded(lambda: self._take_layer(chosen)))
+        numbers = {
+            "wavelength_nm": ("Wavelength (nm)", 632.8, 1, 20_000, 0.1, "Vacuum wavelength."),
+            "camera_pixel_um": ("Camera pixel (µm)", 5.2, 0.01, 1000, 0.01, "Pixel pitch."),
+            "magnification": ("Magnification (×)", 60, 0.001, 10_000, 0.1, "Sample to camera."),
+            "medium_index": ("Medium index", 1.333, 1, 4, 0.001, "Refractive index around it."),
+            "frame_rate_hz": ("Frames per second", 1, 1e-6, 1e7, 0.1, "Of the recording."),
+        }
+        for name, (label, value, low, high, step, tooltip) in numbers.items():
+            box = FloatSpinBox(
+                name=name, value=value, min=low, max=high, step=step, tooltip=tooltip
+            )
+            box.native.setDecimals(4)
+            setattr(self, name, self.field(label, box))
+            box.changed.connect(lambda _: self.guarded(self._optics_changed))
+        self.facts = self.text("No recording yet.", "recording_facts")
+        self.column.addWidget(self.facts)
+        self.session.recording_changed.connect(self._show)
+
+    def layer_choices(self) -> list[Any]:
+        """Return the layers that could be holograms."""
+        layers = self.presenter.viewer.layers
+        return [la for la in layers if la._type_string == "image" and is_hologram_layer(la)]
+
+    def open_path(self, path: str | Path) -> None:
+        """Open a file or folder, in a thread."""
+        self.jobs.start(
+            f"Opening {Path(path).name}",
+            lambda progress, cancelled: open_recording(path),
+            self.session.set_recording,
+        )
+
+    def open_sample(self) -> None:
+        """Simulate the sample, in a thread."""
+        self.jobs.start(
+            "Simulating the sample",
+            lambda progress, cancelled: euglena_sample(),
+            self._take_sample,
+        )
+
+    def optics(self) -> Optics:
+        """Return the microscope as typed in."""
+        return Optics(
+            self.wavelength_nm.value / 1000,
+            self.camera_pixel_um.value,
+            self.magnification.value,
+            self.medium_index.value,
+        )
+
+    def reset_choices(self) -> None:
+        """Look for layers again."""
+        self._filling = True
+        self.layer.reset_choices()
+        self._filling = False
+
+    def _ask_file(self) -> None:
+        kinds = " ".join(f"*{suffix}" for suffix in READABLE_SUFFIXES)
+        path, _ = QFileDialog.getOpenFileName(
+            self, "Open a hologram video", "", f"Hologram videos ({kinds});;All files (*)"
+        )
+        if path:
+            self.open_path(path)
+
+    def _ask_folder(self) -> None:
+        path = QFileDialog.getExistingDirectory(self, "Open a folder of images")
+        if path:
+            self.open_path(path)
+
+    def _take_sample(self, sample: Sample) -> None:
+        self.session.set_recording(sample.recording)
+        self.session.update(angles_deg=sample.angles_deg, boundary=(sample.boundary,))
+
+    def _take_layer(self, layer: Any) -> None:
+        if layer is None or self._filling:
+            return
+        note = layer.metadata.get("napari-phase4d", {})
+        for name in ("camera_pixel_um", "magnification", "medium_index"):
+            if name in note:
+                self._fill(name, note[name])
+        if "wavelength_um" in note:
+            self._fill("wavelength_nm", 1000 * note["wavelength_um"])
+        times = note.get("times_s", [])
+        if len(times) > 1:
+            self._fill("frame_rate_hz", 1 / (times[1] - times[0]))
+        recording = recording_of_layer(layer, self.optics(), self.frame_rate_hz.value)
+        self.session.set_recording(recording)
+
+    def _fill(self, name: str, value: float) -> None:
+        """Show a value without taking it for the user's typing."""
+        self._filling = True
+        getattr(self, name).value = value
+        self._filling = False
+
+    def _optics_changed(self) -> None:
+        """Take what was typed; the frames stay, their scale changes."""
+        recording = self.session.recording
+        if self._filling or recording is None:
+            return
+        changed = Recording.from_frames(
+            recording.holograms.data,
+            optics=self.optics(),
+            frame_rate_hz=self.frame_rate_hz.value,
+            name=recording.name,
+            source=recording.source,
+            attrs=recording.holograms.attrs,
+        )
+        self.session.recalibrate(changed)
+
+    def _show(self) -> None:
+        """Show the recording's facts and optics."""
+        recording = self.session.needed_recording()
+        optics = recording.optics
+        self._fill("wavelength_nm", 1000 * optics.wavelength_um)
+        self._fill("camera_pixel_um", optics.camera_pixel_um)
+        self._fill("magnification", optics.magnification)
+        self._fill("medium_index", optics.medium_index)
+        rate = self.session.recipe.frame_rate_hz
+        if rate is not None:
+            self._fill("frame_rate_hz", rate)
+        self.facts.setText(facts_of(recording))
+
+
+def facts_of(recording: Recording) -> str:
+    """Return what a recording is, in a few lines."""
+    height, width = recording.frame_shape
+    dtype = recording.holograms.dtype
+    first = recording.frame(0)
+    lines = [
+        f"<b>{recording.name}</b>",
+        f"{recording.n_frames} frames of {width} × {height} pixels, {dtype}, "
+        f"{recording.nbytes / 2**20:.1f} MB",
+        f"pixel in the sample {recording.optics.pixel_um:.4g} µm",
+    ]
+    if dtype.kind in "iu":
+        share = float((first >= np.iinfo(dtype).max).mean())
+        if share > 0.001:
+            lines.append(f"⚠ {100 * share:.1f} % of the first frame is saturated.")
+    lines += [f"⚠ {note}" for note in recording.notes]
+    return "<br>".join(lines)

@@ -1,0 +1,84 @@
+"""Step 4: say which frame is thin, choose methods, run them."""
+
+from __future__ import annotations
+
+from magicgui.widgets import CheckBox, SpinBox
+from qtpy.QtWidgets import QCheckBox
+
+from napari_phase4d._napari.steps.step import Step
+from napari_phase4d.unwrapping import METHODS
+
+__all__ = ["UnwrapStep"]
+
+
+class UnwrapStep(Step):
+    """Boundary frame, methods, Run."""
+
+    title = "4  Unwrap"
+    purpose = (
+        "Choose a frame in which the object is thin: the methods start from it. "
+        "Move the sliders to it and press the button, or type its numbers."
+    )
+
+    def build(self) -> None:
+        """Make the widgets."""
+        self.column.addLayout(self.form)
+        self.time = self.field(
+            "Thin time",
+            SpinBox(name="boundary_time", min=0, max=1_000_000, tooltip="Frame number, from 0."),
+        )
+        self.angle = self.field(
+            "Thin angle",
+            SpinBox(name="boundary_angle", min=0, max=5, tooltip="Number of the view, from 0."),
+        )
+        self.use_view = self.button(
+            "Use current view",
+            "use_view",
+            "Take the frame that the sliders show.",
+            self.use_current,
+        )
+        self.column.addWidget(self.use_view)
+        self.mask = self.field(
+            "Mask",
+            CheckBox(
+                name="mask",
+                text="object only (0 outside)",
+                tooltip="Find the object in every frame and unwrap only that.",
+            ),
+        )
+        self.methods: dict[str, QCheckBox] = {}
+        for method, facts in METHODS.items():
+            box = QCheckBox(facts.label)
+            box.setObjectName(f"method_{method}")
+            box.setToolTip(f"{facts.summary}\n{facts.source}")
+            box.setChecked(method in self.session.recipe.methods)
+            self.methods[method] = box
+            self.column.addWidget(box)
+        self.go = self.button("Run", "run", "Unwrap with all ticked methods.", self.run)
+        self.column.addWidget(self.go)
+        self.session.reconstruction_changed.connect(self._show)
+
+    def use_current(self) -> None:
+        """Take the frame that the sliders show as the thin one."""
+        self.session.check_reconstruction()
+        self.time.value, self.angle.value = self.presenter.current_frame()
+
+    def run(self) -> None:
+        """Unwrap, in a thread."""
+        self.session.update(
+            boundary=((self.time.value, self.angle.value),),
+            mask="auto" if self.mask.value else None,
+            methods=tuple(m for m, box in self.methods.items() if box.isChecked()),
+        )
+        self.session.check_reconstruction()
+        self.jobs.start("Unwrapping", self.session.compute_results, self.session.add_results)
+
+    def _show(self) -> None:
+        """Limit the numbers to the frames that there are."""
+        data = self.session.reconstruction
+        if data is None:
+            return
+        n_times, n_angles = data["phase"].shape[:2]
+        time, angle = self.session.recipe.boundary[0]
+        self.time.max, self.angle.max = n_times - 1, n_angles - 1
+        self.time.value, self.angle.value = time, angle
