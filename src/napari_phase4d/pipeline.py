@@ -63,7 +63,7 @@ class Recipe(BaseModel):
     drift : bool
         Whether the phase of the empty field is set to zero in every frame.
     mask : str or None
-        "auto" to unwrap the object only, None for the whole field.
+        "auto" (default) to unwrap the object only, as the paper does; None for the whole field.
     boundary : tuple of (int, int)
         Optically thin frames as (time, angle) numbers.
     methods : tuple of str
@@ -90,7 +90,7 @@ class Recipe(BaseModel):
     window: str = "smooth-disk"
     background: str = "tilt"
     drift: bool = True
-    mask: Literal["auto"] | None = None
+    mask: Literal["auto"] | None = "auto"
     boundary: tuple[tuple[int, int], ...] = ((0, 0),)
     methods: tuple[str, ...] = PAPER_METHODS
     options: dict[str, dict[str, bool | int | float | str]] = Field(default_factory=dict)

@@ -18,6 +18,8 @@ __all__ = ["Presenter"]
 
 #: What results side by side share.
 LINKED = ("contrast_limits", "colormap", "gamma")
+#: Width and height in pixels, and size of its numbers in points.
+COLORBAR_SIZE, COLORBAR_FONT = (9.0, 70.0), 8.0
 
 
 class Presenter:
@@ -89,7 +91,7 @@ class Presenter:
         for layer in newest:
             layer.visible = True
             layer.name_overlay.visible = True
-            layer.colorbar.visible = True
+            show_small_colorbar(layer)
             layer.contrast_limits_range = (
                 min(low, layer.contrast_limits_range[0]),
                 max(high, layer.contrast_limits_range[1]),
@@ -134,6 +136,14 @@ class Presenter:
         for axis, step in (("time", time), ("angle", angle)):
             if axis in labels:
                 self.viewer.dims.set_current_step(labels.index(axis), step)
+
+
+def show_small_colorbar(layer: Any) -> None:
+    """Show a colour bar that leaves the picture free, also in a small cell of the grid."""
+    layer.colorbar.size = COLORBAR_SIZE
+    layer.colorbar.font_size = COLORBAR_FONT
+    layer.colorbar.box = False
+    layer.colorbar.visible = True
 
 
 def note_of(layer: Any) -> dict[str, Any]:

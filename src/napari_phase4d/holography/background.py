@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
 __all__ = ["background_offset", "fit_background", "flat_share", "mode_phase"]
 
 #: Background pixels deviate from the fit by less than this, in radians; first a generous limit.
 LIMITS_RAD = (1.5, 1.2, 1.0, 0.8, 0.8, 0.6, 0.6)
+#: The same for the constant phase of one frame.
+OFFSET_LIMITS_RAD = (1.0, 0.6, 0.5)
 #: Bins of the phase histogram whose peak is the background.
 BINS = 72
 #: Below this share of background pixels nothing is fitted or removed.
@@ -46,12 +49,24 @@ def fit_background(fields: NDArray[np.complex64], order: int) -> NDArray[np.floa
     for i, limit in enumerate(LIMITS_RAD):
         residual = np.angle(unit * np.exp(-1j * surface))
         residual = np.angle(np.exp(1j * (residual - mode_phase(residual))))
-        near = np.abs(residual) < limit
+        near = joined_to_the_border(np.abs(residual) < limit)
         if near.mean() < ENOUGH_BACKGROUND:
             break
         surface += fitted(residual, near, grid_y, grid_x, min(order, 1 + (i >= 2)))
     centred: NDArray[np.float32] = (surface - surface.mean()).astype(np.float32)
     return centred
+
+
+def joined_to_the_border(near: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Keep the pixels that the border can reach.
+
+    Inside a thick object the phase comes back to that of the background at every turn; the
+    object's steep rim keeps those places apart from it.
+    """
+    labels, _ = ndimage.label(near)
+    edges = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    reached = np.isin(labels, np.unique(edges[edges > 0]))
+    return reached if reached.any() else near
 
 
 def aligned_mean(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
@@ -117,7 +132,7 @@ def background_offset(field: NDArray[np.complex64]) -> float:
     """
     phase = np.angle(field)
     centre = mode_phase(phase)
-    for limit in (1.0, 0.8):
+    for limit in OFFSET_LIMITS_RAD:
         near = np.abs(np.angle(np.exp(1j * (phase - centre)))) < limit
         if not near.any():
             break

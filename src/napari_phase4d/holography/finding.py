@@ -37,12 +37,13 @@ MAX_FRAMES, MAX_FRAME_BYTES = 64, 512 * 2**20
 STANDS_OUT = 100.0
 #: The same where no peak reaches it: a faint carrier is better than none.
 STANDS_OUT_FAINT = 20.0
-#: Peaks weaker than the strongest by more than this (28 dB) are no views.
-DYNAMIC_RANGE = 1e-3 * 1.6
+#: Peaks weaker than the strongest by more than this (20 dB) are no views.
+DYNAMIC_RANGE = 1e-2
 #: Half the width of a Blackman window's main lobe, in pixels of the spectrum.
 MAIN_LOBE = 3
 #: Ghosts are at least this much weaker than what they copy: shifted copies 3 dB, harmonics 10 dB.
 SHIFTED_COPY, HARMONIC = 0.5, 0.1
+ZERO = (0.0, 0.0)
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
@@ -202,8 +203,9 @@ def without_ghosts(peaks: list[Peak], shape: tuple[int, int]) -> list[Peak]:
     """Drop what a camera, a video or JPEG makes of a stronger peak."""
     kept: list[Peak] = []
     tolerance = max(2.5 / min(shape), 0.004)
+    zero_order = Peak(ZERO, np.inf, np.inf)
     for peak in peaks:
-        if not any(is_ghost(peak, stronger, tolerance) for stronger in kept):
+        if not any(is_ghost(peak, stronger, tolerance) for stronger in (zero_order, *kept)):
             kept.append(peak)
     return kept
 
@@ -217,11 +219,15 @@ def is_ghost(peak: Peak, source: Peak, tolerance: float) -> bool:
         for dy, dx in ((0.5, 0), (0, 0.5), (0.5, 0.5))
     ):
         return True
-    if relative >= HARMONIC:
+    if relative >= HARMONIC or source.carrier == ZERO:
         return False
-    harmonics = ((n * ky, n * kx) for n in (2, 3, 0.5))
+    if any(
+        pair_distance(peak.carrier, (n * ky, n * kx)) < max(n, 1) * tolerance / 2
+        for n in (0.5, 2, 3, 4)
+    ):
+        return True
     blocks = ((ky + i / 8, kx + j / 8) for i in range(8) for j in range(8) if i or j)
-    return any(pair_distance(peak.carrier, k) < tolerance / 2 for k in (*harmonics, *blocks))
+    return any(pair_distance(peak.carrier, k) < tolerance / 2 for k in blocks)
 
 
 def refined(

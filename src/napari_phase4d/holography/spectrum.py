@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable, Iterator
 from functools import lru_cache
 
 import numpy as np
@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy.signal.windows import blackman
 
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 
 __all__ = ["power_spectrum"]
@@ -20,8 +21,8 @@ def power_spectrum(
     rec: Recording,
     *,
     max_frames: int | None = None,
-    progress: Callable[[int, int, str], None] | None = None,
-    cancelled: Callable[[], bool] | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
 ) -> xr.DataArray:
     """Return the mean power spectrum over the frames of a recording.
 
@@ -35,16 +36,20 @@ def power_spectrum(
     max_frames : int, optional
         Use at most so many frames, spread evenly. Default: all.
     progress, cancelled : callable, optional
-        ``progress(done, total, message)``; ``cancelled()`` ends the sum early, and the mean is
-        that of the frames so far.
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
 
     Returns
     -------
     xarray.DataArray
         float32, dims ``("ky", "kx")`` in cycles per camera pixel, zero frequency in the middle.
+
+    Raises
+    ------
+    Cancelled
+        If ``cancelled()`` returned True.
     """
     indices = rec.sample_indices(max_frames or rec.n_frames)
-    frames = watched(rec, indices, progress, cancelled)
+    frames = watched(rec, indices, Watch(len(indices), "spectrum", progress, cancelled))
     half = mean_half_spectrum(frames, rec.frame_shape)
     height, width = rec.frame_shape
     return xr.DataArray(
@@ -59,19 +64,12 @@ def power_spectrum(
     )
 
 
-def watched(
-    rec: Recording,
-    indices: list[int],
-    progress: Callable[[int, int, str], None] | None,
-    cancelled: Callable[[], bool] | None,
-) -> Iterable[NDArray[np.float32]]:
+def watched(rec: Recording, indices: list[int], watch: Watch) -> Iterator[NDArray[np.float32]]:
     """Yield the chosen frames, telling how far it is, until cancelled."""
-    for done, index in enumerate(indices):
-        if cancelled is not None and done and cancelled():
-            return
+    watch.check()
+    for index in indices:
         yield rec.frame(index)
-        if progress is not None:
-            progress(done + 1, len(indices), "spectrum")
+        watch.step()
 
 
 def mean_half_spectrum(

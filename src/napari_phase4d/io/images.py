@@ -28,7 +28,8 @@ def read_image(path: Path) -> Video:
     OSError
         If the image can't be decoded.
     """
-    return Video(grey(load_image(path)))
+    image = grey(load_image(path))
+    return Video(image, colour=image.ndim == 3)
 
 
 def read_image_folder(folder: Path) -> Video:

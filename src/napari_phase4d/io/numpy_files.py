@@ -50,9 +50,9 @@ def read_npz(path: Path, dataset: str | None = None) -> Video:
         If there is no such array.
     """
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             name = chosen_name(archive, path, dataset)
-            return Video(archive[name])
+            return Video(member(archive, name, path))
     except (zipfile.BadZipFile, EOFError, OSError) as error:
         raise OSError(unreadable(path, error)) from error
 
@@ -69,11 +69,19 @@ def chosen_name(archive: Any, path: Path, dataset: str | None) -> str:
         if name in names:
             return name
     for name in names:
-        if is_image_like(archive[name]):
+        if is_image_like(member(archive, name, path)):
             return str(name)
     found = ", ".join(names) or "none"
     msg = f"{path.name} has no array with two or three dimensions; it has {found}"
     raise ValueError(msg)
+
+
+def member(archive: Any, name: str, path: Path) -> NDArray[Any]:
+    """Return one array of an archive, unless it would have to be unpickled."""
+    try:
+        return np.asarray(archive[name])
+    except ValueError as error:
+        raise OSError(unreadable(path, error)) from error
 
 
 def is_image_like(array: NDArray[Any]) -> bool:

@@ -68,7 +68,11 @@ def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
 
 def mapped_frames(path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
     """Return the pixels of an uncompressed file with no gaps as a memory map."""
-    mapped: NDArray[Any] = tifffile.memmap(path, series=0, mode="r").reshape(shape)
+    try:
+        mapped: NDArray[Any] = tifffile.memmap(path, series=0, mode="r").reshape(shape)
+    except ValueError as error:
+        msg = f"{path.name} is cut short: it has fewer bytes than its {shape[0]} frames need"
+        raise OSError(msg) from error
     return mapped
 
 

@@ -16,6 +16,8 @@ SHARE_OF_PEAK = 0.1
 DEVIATIONS = 4.0
 #: Blobs smaller than this share of the frame are noise.
 SMALLEST_SHARE = 0.002
+#: What lies on more of the border than this is no single object; nothing is then left out.
+LARGEST_BORDER_SHARE = 0.5
 #: Pixels to widen the mask by, so that the object's rim is inside.
 WIDEN = 2
 
@@ -46,5 +48,7 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
         large = sizes >= SMALLEST_SHARE * mask.size
         large[0] = False
         mask = large[labels]
+    if mask[border_of(mask.shape)].mean() > LARGEST_BORDER_SHARE:
+        return np.ones(mask.shape, dtype=bool)
     widened: NDArray[np.bool_] = ndimage.binary_dilation(mask, iterations=WIDEN)
     return widened

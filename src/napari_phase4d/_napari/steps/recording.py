@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from magicgui.widgets import ComboBox, FloatSpinBox
+from napari.layers import Image
 from qtpy.QtWidgets import QFileDialog, QGridLayout
 
 from napari_phase4d._napari.layers import is_hologram_layer, recording_of_layer
@@ -80,7 +81,7 @@ class RecordingStep(Step):
     def layer_choices(self) -> list[Any]:
         """Return the layers that could be holograms."""
         layers = self.presenter.viewer.layers
-        return [la for la in layers if la._type_string == "image" and is_hologram_layer(la)]
+        return [la for la in layers if isinstance(la, Image) and is_hologram_layer(la)]
 
     def open_path(self, path: str | Path) -> None:
         """Open a file or folder, in a thread."""

@@ -42,6 +42,7 @@ class UnwrapStep(Step):
             "Mask",
             CheckBox(
                 name="mask",
+                value=self.session.recipe.mask == "auto",
                 text="object only (0 outside)",
                 tooltip="Find the object in every frame and unwrap only that.",
             ),

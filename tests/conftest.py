@@ -1,0 +1,55 @@
+"""Data that several tests share."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import napari_phase4d as p4d
+from napari_phase4d.holography import Lobe
+from napari_phase4d.recording import Recording
+from napari_phase4d.sample import Sample, euglena_sample
+
+MEASURED = Path(__file__).resolve().parents[2] / "shared" / "data"
+
+
+def measured(name: str) -> Path:
+    """Return a measured file, or skip the test."""
+    path = MEASURED / name
+    if not path.exists():
+        pytest.skip(f"measured data {name} is not part of the repository and not on this machine")
+    return path
+
+
+def wrap(phase: np.ndarray) -> np.ndarray:
+    return np.angle(np.exp(1j * np.asarray(phase)))
+
+
+@pytest.fixture(scope="session")
+def sample() -> Sample:
+    return euglena_sample()
+
+
+@pytest.fixture(scope="session")
+def lobes(sample: Sample) -> list[Lobe]:
+    return p4d.find_lobes(sample.recording, 2, angles_deg=sample.angles_deg)
+
+
+@pytest.fixture(scope="session")
+def reconstruction(sample: Sample, lobes: list[Lobe]) -> xr.Dataset:
+    return p4d.reconstruct(sample.recording, lobes)
+
+
+@pytest.fixture(scope="session")
+def truth(sample: Sample, reconstruction: xr.Dataset) -> xr.DataArray:
+    return sample.truth(reconstruction["phase"])
+
+
+@pytest.fixture(scope="session")
+def small_video() -> Recording:
+    """Six small frames with two views, quick to work on."""
+    exact = p4d.simulation.swimming_euglena((128, 128), 6, pixel_um=5.2 / 60 * 4, peak_rad=6)
+    return p4d.simulation.multiplexed_video(exact["phase"], name="small video")

@@ -1,0 +1,122 @@
+"""The rooms: who imports whom, and what importing the package loads."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = ROOT / "src" / "napari_phase4d"
+
+#: Room -> rooms that it may import. Lower rooms never know of higher ones.
+ALLOWED = {
+    "optics": set(),
+    "progress": set(),
+    "recording": {"optics"},
+    "io": {"optics", "recording"},
+    "holography": {"optics", "recording", "progress"},
+    "unwrapping": {"progress"},
+    "evaluation": {"progress", "unwrapping"},
+    "simulation": {"optics", "recording"},
+    "sample": {"optics", "recording", "simulation"},
+    "pipeline": {
+        "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
+    },
+    "cli": {
+        "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
+        "pipeline", "sample", "_napari",
+    },
+    "_napari": {
+        "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
+        "pipeline", "sample",
+    },
+}  # fmt: skip
+GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}
+
+
+def modules() -> list[Path]:
+    return sorted(p for p in PACKAGE.rglob("*.py") if p != PACKAGE / "__init__.py")
+
+
+def imports_of(path: Path) -> set[str]:
+    names: set[str] = set()
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.Import):
+            names |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            assert node.level == 0, f"{path.name} imports relatively"
+            names.add(node.module or "")
+    return names
+
+
+def room_of(path: Path) -> str:
+    return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_imports_go_one_way(path: Path) -> None:
+    room = room_of(path)
+    for name in imports_of(path):
+        if name.startswith("napari_phase4d."):
+            other = name.split(".")[1]
+            assert other == room or other in ALLOWED[room], f"{room} imports {other}"
+        if name.split(".")[0] in GUI:
+            assert room == "_napari", f"{room} imports {name}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_no_file_is_too_long(path: Path) -> None:
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= 700
+
+
+def test_importing_the_package_loads_neither_qt_nor_napari() -> None:
+    code = (
+        "import sys, napari_phase4d as p4d; "
+        "[getattr(p4d, name) for name in p4d.__all__]; "
+        f"print(sorted(set(m.split('.')[0] for m in sys.modules) & {GUI!r}))"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip() == "[]"
+
+
+def test_importing_the_package_is_light() -> None:
+    code = (
+        "import sys, napari_phase4d; "
+        "print(sorted(set(sys.modules) & {'numpy', 'scipy', 'skimage', 'xarray', 'pandas'}))"
+    )
+    found = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
+    assert found.stdout.strip() == "[]"
+
+
+def test_every_public_name_exists() -> None:
+    import napari_phase4d as p4d
+
+    for name in p4d.__all__:
+        assert getattr(p4d, name) is not None
+    with pytest.raises(AttributeError, match="no attribute 'nothing'"):
+        _ = p4d.nothing
+
+
+def test_no_qt_binding_is_a_dependency() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    for requirement in project["dependencies"]:
+        assert "[" not in requirement or requirement.startswith("dask["), requirement
+        assert not requirement.lower().startswith(("pyqt", "pyside"))
+
+
+def test_no_private_attribute_of_napari_is_used() -> None:
+    import re
+
+    private = re.compile(r"(viewer|window|layer|canvas|la)\._[a-z]")
+    for path in (PACKAGE / "_napari").rglob("*.py"):
+        for line in path.read_text(encoding="utf-8").splitlines():
+            assert not private.search(line), f"{path.name}: {line.strip()}"

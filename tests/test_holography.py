@@ -1,0 +1,228 @@
+"""Spectrum, demodulation, background, reconstruction, against exact truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from conftest import wrap
+
+import napari_phase4d as p4d
+from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings
+from napari_phase4d.holography.background import background_offset, fit_background
+from napari_phase4d.simulation import multiplexed_video, swimming_euglena
+
+
+def fringes(
+    shape: tuple[int, int], carrier: tuple[float, float], phase: float = 0.0
+) -> np.ndarray:
+    y, x = np.indices(shape)
+    turns = carrier[0] * y + carrier[1] * x
+    return (100 + 40 * np.cos(2 * np.pi * turns + phase)).astype(np.float32)
+
+
+@pytest.mark.parametrize("shape", [(64, 64), (63, 64), (64, 65), (51, 77)])
+def test_power_spectrum_is_that_of_fft2(shape: tuple[int, int]) -> None:
+    frames = np.random.default_rng(0).normal(size=(3, *shape)).astype(np.float32)
+    spectrum = p4d.power_spectrum(p4d.open_recording(frames))
+    window = np.outer(*(np.blackman(n + 2)[1:-1] for n in shape))
+    centred = (frames - frames.mean((1, 2), keepdims=True)) * window
+    expected = np.fft.fftshift((np.abs(np.fft.fft2(centred)) ** 2).mean(0))
+    np.testing.assert_allclose(spectrum.values, expected, rtol=2e-3, atol=1e-4)
+    assert spectrum.dims == ("ky", "kx")
+    assert float(spectrum["ky"][shape[0] // 2]) == 0
+
+
+def test_power_spectrum_tells_progress_and_can_be_cancelled() -> None:
+    rec = p4d.open_recording(np.random.default_rng(0).normal(size=(6, 32, 32)))
+    seen: list[int] = []
+    p4d.power_spectrum(rec, progress=lambda done, total, _: seen.append(done))
+    assert seen == [1, 2, 3, 4, 5, 6]
+    with pytest.raises(p4d.Cancelled):
+        p4d.power_spectrum(rec, cancelled=lambda: True)
+
+
+@pytest.mark.parametrize("window", WINDOWS)
+@pytest.mark.parametrize("shape", [(64, 64), (65, 64), (63, 77)])
+@pytest.mark.parametrize(
+    "carrier",
+    [(0.2, 0.21), (-0.23, 0.19), (0.2503, 0.0), (0.0, 0.26), (0.2, 0.02), (-0.31, 0.013),
+     (0.1, -0.25), (0.45, 0.1), (0.1, 0.46)],
+)  # fmt: skip
+def test_plane_wave_comes_back_with_its_phase(
+    window: str, shape: tuple[int, int], carrier: tuple[float, float]
+) -> None:
+    """On the axes, at the edges of the spectrum, and with lobes between its pixels.
+
+    The fringes fit into the frame, so that the result is exact: a constant phase, plus the ramp
+    between the fringes' carrier and that of the lobe.
+    """
+    periodic = tuple(round(k * n) / n for k, n in zip(carrier, shape, strict=True))
+    off = (0.3 / shape[0], -0.4 / shape[1])
+    lobe = Lobe((periodic[0] + off[0], periodic[1] + off[1]), 0.09)
+    demodulate = Demodulator(shape, [lobe], window)
+    (field,) = demodulate(fringes(shape, periodic, phase=0.7))
+    y, x = np.indices(field.shape)
+    ratio = demodulate.pixel_ratio
+    expected = 0.7 - 2 * np.pi * (off[0] * y * ratio[0] + off[1] * x * ratio[1])
+    assert np.abs(wrap(np.angle(field) - expected)).max() < 1e-4
+    gain = WINDOWS[window](np.hypot(*off) / np.array(0.09))
+    np.testing.assert_allclose(np.abs(field), 20 * gain, rtol=1e-4)
+
+
+def test_field_equals_a_full_size_demodulation() -> None:
+    """The small grid samples the same band-limited field as a transform at full size."""
+    phase = swimming_euglena((128, 128), 1, pixel_um=0.35, peak_rad=5)["phase"]
+    frame = multiplexed_video(phase, bits=12).frame(0)
+    lobe = Lobe((0.19, 0.21), 0.11)
+    (small,) = Demodulator(frame.shape, [lobe], "disk")(frame)
+    ky, kx = np.fft.fftfreq(128)[:, None], np.fft.fftfreq(128)[None, :]
+    inside = np.hypot(ky - lobe.carrier[0], kx - lobe.carrier[1]) <= lobe.radius
+    full = np.fft.ifft2(np.fft.fft2(frame - frame.mean()) * inside)
+    y, x = np.indices((128, 128))
+    full = full * np.exp(-2j * np.pi * (lobe.carrier[0] * y + lobe.carrier[1] * x))
+    ratio = 128 / small.shape[0]
+    assert ratio == 4  # 2 * 0.11 * 128 = 28.2 fits into 32
+    np.testing.assert_allclose(small, full[::4, ::4], atol=2e-5 * np.abs(full).max())
+
+
+def test_flip_gives_the_conjugate() -> None:
+    frame = fringes((64, 64), (0.2, 0.2), phase=0.4)
+    plain, flipped = Demodulator(
+        (64, 64), [Lobe((0.2, 0.2), 0.1), Lobe((0.2, 0.2), 0.1, flip=True)]
+    )(frame)
+    np.testing.assert_array_equal(flipped, plain.conj())
+
+
+def test_background_fit_finds_tilt_and_curvature_round_an_object() -> None:
+    y, x = np.meshgrid(np.linspace(-1, 1, 80), np.linspace(-1, 1, 90), indexing="ij")
+    aberration = 5 * x - 3 * y + 1.5 * x**2 + 0.8 * x * y - y**2
+    cell = 6 * np.sqrt(np.maximum(1 - (x / 0.5) ** 2 - (y / 0.6) ** 2, 0))
+    field = np.exp(1j * (aberration + cell + 0.4)).astype(np.complex64)
+    surface = fit_background(field[None], order=2)
+    np.testing.assert_allclose(surface, aberration - aberration.mean(), atol=0.02)
+    assert background_offset(field * np.exp(-1j * surface)) == pytest.approx(
+        wrap(0.4 + aberration.mean()), abs=0.02
+    )
+
+
+def test_reconstruction_is_within_a_tenth_of_a_radian_of_truth(
+    reconstruction, truth, sample, lobes
+) -> None:
+    """The whole way through optics, camera and finder: wrapped phase against exact truth."""
+    for lobe, carrier in zip(lobes, sample.recording.holograms.attrs["carriers"], strict=True):
+        np.testing.assert_allclose(lobe.carrier, carrier, atol=2e-4)
+    amplitude = reconstruction["amplitude"].values
+    bright = amplitude > 0.5 * np.median(amplitude)
+    error = wrap(reconstruction["phase"].values - truth.values)[bright]
+    assert bright.mean() > 0.97
+    assert np.sqrt(np.mean(error**2)) < 0.1
+
+
+def test_pixel_of_the_reconstruction_is_recorded(reconstruction, sample) -> None:
+    ratio = reconstruction.attrs["pixel_ratio"]
+    pixel = sample.recording.optics.pixel_um
+    assert ratio[0] == pytest.approx(512 / reconstruction.sizes["y"])
+    assert float(reconstruction["y"][1]) == pytest.approx(ratio[0] * pixel)
+    assert reconstruction["phase"].dtype == np.float32
+    assert reconstruction["phase"].dims == ("time", "angle", "y", "x")
+    np.testing.assert_allclose(reconstruction["angle"], [-7, 21])
+
+
+def test_drift_is_removed_or_kept() -> None:
+    exact = swimming_euglena((128, 128), 8, pixel_um=0.35, peak_rad=4)
+    video = multiplexed_video(exact["phase"], drift_rad=0.5, seed=3)
+    drift = np.array(video.holograms.attrs["drift_rad"])
+    lobes = p4d.find_lobes(video, 2)
+    still = p4d.reconstruct(video, lobes, drift=True)["phase"].values
+    moving = p4d.reconstruct(video, lobes, drift=False)["phase"].values
+    corner = (slice(None), 0, slice(4, 8), slice(4, 8))
+    assert np.abs(still[corner]).max() < 0.15
+    track = np.angle(np.exp(1j * moving[corner]).mean((1, 2)))
+    np.testing.assert_allclose(wrap(track - track[0]), wrap(drift - drift[0]), atol=0.05)
+
+
+@pytest.mark.parametrize("how", ["recording", "array", "frame", "median"])
+def test_reference_takes_off_static_errors(how: str) -> None:
+    exact = swimming_euglena((128, 128), 9, pixel_um=0.35, peak_rad=4)
+    empty = multiplexed_video(exact["phase"][:1] * 0, curvature_rad=6.0, seed=9)
+    phase = exact["phase"]
+    if how in ("frame", "median"):  # the object shows up in few frames
+        phase = phase.copy()
+        phase[:7] = 0
+    video = multiplexed_video(phase, curvature_rad=6.0)
+    lobes = [Lobe((0.19, 0.21), 0.1), Lobe((-0.21, 0.19), 0.1, 1.0)]
+    reference = {
+        "recording": empty, "array": empty.holograms.values[0], "frame": 0, "median": "median",
+    }[how]  # fmt: skip
+    found = p4d.reconstruct(video, lobes, reference, background="none")["phase"].values
+    shape = found.shape[2:]
+    pixel = (128 * 0.35 / shape[0], 128 * 0.35 / shape[1])
+    expected = swimming_euglena(shape, 9, pixel_um=pixel, peak_rad=4)["phase"].values
+    error = wrap(found[8] - expected[8])[:, 4:-4, 4:-4]
+    assert np.sqrt(np.mean(error**2)) < 0.15
+    plain = p4d.reconstruct(video, lobes, background="none")["phase"].values
+    assert np.sqrt(np.mean(wrap(plain[8] - expected[8]) ** 2)) > 0.5
+
+
+def test_views_come_in_the_order_of_their_angles(small_video) -> None:
+    first, second = p4d.find_lobes(small_video, 2, angles_deg=(21, -7))
+    data = p4d.reconstruct(small_video, [first, second])
+    swapped = p4d.reconstruct(small_video, [second, first])
+    np.testing.assert_allclose(data["angle"], [-7, 21])
+    np.testing.assert_array_equal(data["phase"].values, swapped["phase"].values)
+    alike = [Lobe(first.carrier, 0.1), Lobe(second.carrier, 0.1)]
+    np.testing.assert_allclose(p4d.reconstruct(small_video, alike)["angle"], [0, 1])
+
+
+def test_reconstruction_tells_progress_and_can_be_cancelled(small_video) -> None:
+    lobes = p4d.find_lobes(small_video, 2)
+    seen: list[tuple[int, int]] = []
+    p4d.reconstruct(small_video, lobes, progress=lambda d, t, _: seen.append((d, t)))
+    assert seen == [(i, 6) for i in range(1, 7)]
+    with pytest.raises(p4d.Cancelled, match="cancelled after 2 of 6"):
+        p4d.reconstruct(
+            small_video, lobes, background="none",
+            progress=lambda d, t, _: seen.append((d, t)), cancelled=lambda: len(seen) >= 8,
+        )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        ({"window": "square"}, "window must be one of disk"),
+        ({"background": "plane"}, "background must be one of none"),
+        ({"lobes": []}, "there is no lobe"),
+        ({"reference": 99}, "reference frame 99 does not exist"),
+        ({"reference": np.zeros((32, 32))}, "the reference is .* but the frames are"),
+        ({"reference": np.full((128, 128), 7.0)}, "the reference shows no fringes"),
+    ],
+)
+def test_bad_settings_give_one_sentence(small_video, arguments: dict, sentence: str) -> None:
+    settings = {"lobes": [Lobe((0.19, 0.21), 0.1)], **arguments}
+    with pytest.raises(ValueError, match=sentence):
+        p4d.reconstruct(small_video, **settings)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (((0.6, 0.1), 0.1), "lies outside the spectrum"),
+        (((0.2, 0.1), 0.0), "lobe radius must lie between"),
+        (((0.2, 0.1), 0.7), "lobe radius must lie between"),
+        (((np.nan, 0.1), 0.1), "lies outside the spectrum"),
+        (((0.2, 0.1), 0.1, np.inf), "viewing angle must be a number"),
+    ],
+)
+def test_lobes_outside_the_spectrum_are_refused(arguments: tuple, sentence: str) -> None:
+    with pytest.raises(ValueError, match=sentence):
+        Lobe(*arguments)
+
+
+def test_overlaps_are_said_in_words() -> None:
+    good = [Lobe((0.19, 0.21), 0.09), Lobe((-0.21, 0.19), 0.09)]
+    assert lobe_warnings(good) == []
+    assert any("zero order" in w for w in lobe_warnings(good, zero_order_radius=0.25))
+    assert any("Views 1 and 2 overlap" in w for w in lobe_warnings([good[0], good[0]]))
+    assert any("conjugate" in w for w in lobe_warnings([Lobe((0.05, 0.0), 0.1)]))
+    beat = Lobe((0.4, 0.02), 0.05)
+    assert any("interfere with each other" in w for w in lobe_warnings([*good, beat]))

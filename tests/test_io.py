@@ -1,0 +1,313 @@
+"""Readers and writers: right frames, right facts, one clear sentence for bad input."""
+
+from __future__ import annotations
+
+import errno
+import os
+from pathlib import Path
+from types import SimpleNamespace
+
+import dask.array as da
+import imageio.v3 as iio
+import numpy as np
+import pandas as pd
+import pytest
+import tifffile
+import xarray as xr
+from conftest import measured
+
+import napari_phase4d as p4d
+from napari_phase4d.io import read_results, write_phase, write_table
+from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.recording import Recording
+
+FRAMES = np.random.default_rng(0).integers(0, 4096, (5, 24, 32)).astype(np.uint16)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"compression": "zlib"}, {"bigtiff": True}, {"byteorder": ">"}]
+)
+def test_plain_tiff(tmp_path: Path, options: dict) -> None:
+    tifffile.imwrite(tmp_path / "video.tif", FRAMES, photometric="minisblack", **options)
+    rec = p4d.open_recording(tmp_path / "video.tif")
+    np.testing.assert_array_equal(rec.holograms.values, FRAMES)
+    assert rec.name == "video.tif"
+    assert any("frame rate" in note for note in rec.notes)
+
+
+def test_compressed_tiff_is_read_one_frame_at_a_time(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "video.tif", FRAMES, compression="zlib", photometric="minisblack")
+    rec = p4d.open_recording(tmp_path / "video.tif")
+    assert isinstance(rec.holograms.data, da.Array)
+    assert rec.holograms.data.chunksize == (1, 24, 32)
+    np.testing.assert_array_equal(rec.frame(3), FRAMES[3].astype(np.float32))
+
+
+def test_imagej_tiff_tells_pixel_and_frame_rate(tmp_path: Path) -> None:
+    tifffile.imwrite(
+        tmp_path / "ij.tif", FRAMES, imagej=True, resolution=(4, 4),
+        metadata={"axes": "TYX", "unit": "um", "finterval": 0.125},
+    )  # fmt: skip
+    rec = p4d.open_recording(tmp_path / "ij.tif")
+    assert rec.optics.pixel_um == pytest.approx(0.25)
+    np.testing.assert_allclose(rec.times_s, np.arange(5) * 0.125)
+    np.testing.assert_array_equal(rec.holograms.values, FRAMES)
+
+
+def test_ome_tiff_tells_pixel_and_frame_rate(tmp_path: Path) -> None:
+    tifffile.imwrite(
+        tmp_path / "a.ome.tif", FRAMES, ome=True, photometric="minisblack",
+        metadata={
+            "axes": "TYX", "PhysicalSizeX": 250.0, "PhysicalSizeXUnit": "nm",
+            "TimeIncrement": 40.0, "TimeIncrementUnit": "ms",
+        },
+    )  # fmt: skip
+    rec = p4d.open_recording(tmp_path / "a.ome.tif")
+    assert rec.optics.pixel_um == pytest.approx(0.25)
+    np.testing.assert_allclose(np.diff(rec.times_s), 0.04)
+    np.testing.assert_array_equal(rec.holograms.values, FRAMES)
+
+
+def test_what_the_user_says_beats_the_file(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "ij.tif", FRAMES, imagej=True, metadata={"finterval": 0.125})
+    optics = p4d.Optics(magnification=20)
+    rec = p4d.open_recording(tmp_path / "ij.tif", optics, frame_rate_hz=10)
+    assert rec.optics == optics
+    assert rec.times_s[1] == pytest.approx(0.1)
+    assert rec.notes == ()
+
+
+def test_folder_is_read_in_the_order_of_its_numbers(tmp_path: Path) -> None:
+    for i, n in enumerate((1, 2, 10, 11, 100)):
+        iio.imwrite(tmp_path / f"frame{n}.png", FRAMES[i])
+    (tmp_path / "notes.txt").write_text("not an image")
+    rec = p4d.open_recording(tmp_path)
+    np.testing.assert_array_equal(rec.holograms.values, FRAMES)
+
+
+def test_folder_with_images_of_two_sizes(tmp_path: Path) -> None:
+    iio.imwrite(tmp_path / "a1.png", FRAMES[0])
+    iio.imwrite(tmp_path / "a2.png", FRAMES[1][:-2])
+    rec = p4d.open_recording(tmp_path)
+    with pytest.raises(ValueError, match=r"a2\.png is .* all images of a folder must be"):
+        rec.frame(1)
+
+
+@pytest.mark.parametrize("kind", ["npy", "npz"])
+def test_numpy_files(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / f"video.{kind}"
+    if kind == "npy":
+        np.save(path, FRAMES)
+    else:
+        np.savez(path, times=np.arange(5), mux=FRAMES)
+    np.testing.assert_array_equal(p4d.open_recording(path).holograms.values, FRAMES)
+
+
+def test_npz_dataset_is_chosen_by_name(tmp_path: Path) -> None:
+    np.savez(tmp_path / "two.npz", a=FRAMES, b=FRAMES + 1)
+    rec = p4d.open_recording(tmp_path / "two.npz", dataset="b")
+    np.testing.assert_array_equal(rec.holograms.values, FRAMES + 1)
+    with pytest.raises(ValueError, match="no array 'c'; it has a, b"):
+        p4d.open_recording(tmp_path / "two.npz", dataset="c")
+
+
+@pytest.mark.parametrize("kind", ["npy", "npz"])
+def test_pickles_are_never_loaded(tmp_path: Path, kind: str) -> None:
+    class Bomb:
+        def __reduce__(self) -> tuple:
+            return (os.mkdir, (str(tmp_path / "exploded"),))
+
+    path = tmp_path / f"bomb.{kind}"
+    hostile = np.array([Bomb()], dtype=object)
+    if kind == "npy":
+        np.save(path, hostile, allow_pickle=True)
+    else:
+        np.savez(path, data=hostile)
+    with pytest.raises((OSError, ValueError), match="never loaded|no array"):
+        p4d.open_recording(path)
+    assert not (tmp_path / "exploded").exists()
+
+
+def test_arrays_of_all_kinds() -> None:
+    named = xr.DataArray(
+        FRAMES.transpose(1, 2, 0), dims=("y", "x", "time"), coords={"time": np.arange(5) * 0.5}
+    )
+    for source in (FRAMES, da.from_array(FRAMES), named):
+        np.testing.assert_array_equal(p4d.open_recording(source).holograms.values, FRAMES)
+    assert p4d.open_recording(named).times_s[1] == 0.5
+    assert p4d.open_recording(FRAMES[0]).n_frames == 1
+    assert p4d.open_recording(FRAMES.tolist()).frame_shape == (24, 32)
+
+
+def test_napari_layer_gives_its_scale() -> None:
+    layer = SimpleNamespace(
+        data=FRAMES, name="film", axis_labels=("time", "y", "x"), rgb=False,
+        scale=(0.25, 0.1, 0.1), units=("second", "micrometer", "micrometer"),
+    )  # fmt: skip
+    rec = p4d.open_recording(layer)
+    assert rec.times_s[1] == 0.25
+    assert rec.optics.pixel_um == pytest.approx(0.1)
+
+
+def test_dask_recording_is_not_computed_on_opening() -> None:
+    def explode(block: np.ndarray) -> np.ndarray:
+        raise AssertionError(block.shape)
+
+    lazy = da.zeros((10**6, 1024, 1024), chunks=(1, 1024, 1024)).map_blocks(explode, dtype=float)
+    rec = p4d.open_recording(lazy)
+    assert rec.nbytes > 8e12
+    assert rec.n_frames == 10**6
+
+
+BAD_ARRAYS = {
+    "colour": (np.zeros((4, 16, 16, 3)), "it looks like a colour image"),
+    "four dimensions": (np.zeros((2, 2, 16, 16)), "a hologram video has three: time, y, x"),
+    "one dimension": (np.zeros(16), "has 1 dimensions"),
+    "empty": (np.zeros((0, 16, 16)), "is empty"),
+    "complex": (np.zeros((2, 16, 16), complex), "needs real numbers"),
+    "text": (np.full((2, 16, 16), "a"), "needs real numbers"),
+    "tiny": (np.zeros((2, 4, 4)), "at least 8 x 8"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_ARRAYS)
+def test_bad_arrays_give_one_sentence(case: str) -> None:
+    array, sentence = BAD_ARRAYS[case]
+    with pytest.raises((TypeError, ValueError), match=sentence) as caught:
+        p4d.open_recording(array)
+    assert "\n" not in str(caught.value)
+
+
+def test_nan_frame_is_named() -> None:
+    frames = np.ones((3, 16, 16))
+    frames[2, 0, 0] = np.nan
+    with pytest.raises(ValueError, match="frame 2 of the array holds 1 NaN or infinite pixels"):
+        p4d.open_recording(frames).frame(2)
+
+
+def test_bad_frame_rate() -> None:
+    with pytest.raises(ValueError, match="frame_rate_hz must be a number above 0"):
+        p4d.open_recording(FRAMES, frame_rate_hz=0)
+
+
+def damaged(tmp_path: Path, case: str) -> tuple[Path, str]:
+    """Make a damaged file and return it with the sentence that it should give."""
+    tif, npy, npz, png = (tmp_path / f"bad.{kind}" for kind in ("tif", "npy", "npz", "png"))
+    if case == "truncated tiff":
+        tifffile.imwrite(tif, FRAMES, photometric="minisblack")
+        tif.write_bytes(tif.read_bytes()[:-1000])
+        return tif, "bad.tif is cut short"
+    if case == "no tiff":
+        tif.write_bytes(b"hello world, this is no TIFF file")
+        return tif, "can't be read as a TIFF"
+    if case == "colour tiff":
+        tifffile.imwrite(tif, np.zeros((3, 16, 16, 3), np.uint8), photometric="rgb")
+        return tif, "is in colour"
+    if case == "truncated npy":
+        np.save(npy, FRAMES)
+        npy.write_bytes(npy.read_bytes()[:-1000])
+        return npy, "can't be read as a NumPy file"
+    if case == "truncated npz":
+        np.savez(npz, FRAMES)
+        npz.write_bytes(npz.read_bytes()[:500])
+        return npz, "can't be read as a NumPy file"
+    if case == "truncated png":
+        iio.imwrite(png, FRAMES[0])
+        png.write_bytes(png.read_bytes()[:100])
+        return png, "can't be read as an image"
+    if case == "colour png":
+        iio.imwrite(png, np.random.default_rng(0).integers(0, 255, (16, 16, 3)).astype(np.uint8))
+        return png, "is in colour"
+    if case == "empty file":
+        tif.write_bytes(b"")
+        return tif, "is empty"
+    if case == "unknown kind":
+        (tmp_path / "bad.xyz").write_bytes(b"1234")
+        return tmp_path / "bad.xyz", "of a kind that can't be read"
+    if case == "empty folder":
+        (tmp_path / "nothing").mkdir()
+        return tmp_path / "nothing", "holds no images"
+    return tmp_path / "missing.tif", "there is no file or folder"
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        "truncated tiff", "no tiff", "colour tiff", "truncated npy", "truncated npz",
+        "truncated png", "colour png", "empty file", "unknown kind", "empty folder", "missing",
+    ],
+)  # fmt: skip
+def test_bad_files_give_one_sentence(tmp_path: Path, case: str) -> None:
+    path, sentence = damaged(tmp_path, case)
+    with pytest.raises((OSError, ValueError), match=sentence) as caught:
+        p4d.open_recording(path)
+    assert "\n" not in str(caught.value)
+    assert path.name in str(caught.value)
+
+
+def stack() -> xr.DataArray:
+    values = np.random.default_rng(1).normal(size=(3, 2, 8, 10)).astype(np.float32)
+    return xr.DataArray(
+        values, dims=("time", "angle", "y", "x"), name="temporal-angular",
+        coords={"time": [0.0, 0.5, 1.5], "angle": [-7.0, 21.0], "y": np.arange(8) * 0.3,
+                "x": np.arange(10) * 0.4},
+        attrs={"units": "rad", "method": "temporal-angular", "boundary": [[0, 0]]},
+    )  # fmt: skip
+
+
+def test_results_come_back_equal(tmp_path: Path) -> None:
+    original = stack()
+    again = read_results(write_phase(tmp_path / "deep" / "phase.ome.tif", original))
+    xr.testing.assert_identical(original, again)
+
+
+def test_other_programs_find_pixel_size_and_axes(tmp_path: Path) -> None:
+    path = write_phase(tmp_path / "phase.ome.tif", stack())
+    with tifffile.TiffFile(path) as tif:
+        assert tif.series[0].axes == "TCYX"
+        assert 'PhysicalSizeX="0.4"' in tif.ome_metadata
+        assert 'PhysicalSizeY="0.3"' in tif.ome_metadata
+        np.testing.assert_array_equal(tif.asarray(), stack().values)
+
+
+def test_other_tiffs_are_no_results(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "video.tif", FRAMES, photometric="minisblack")
+    with pytest.raises(OSError, match="holds no phase written by napari-phase4d"):
+        read_results(tmp_path / "video.tif")
+
+
+def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
+    path = tmp_path / "table.csv"
+    path.write_text("old")
+    with (
+        pytest.raises(OSError, match=r"table\.csv could not be written"),
+        written_whole(path) as temporary,
+    ):
+        temporary.write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+    assert path.read_text() == "old"
+    assert [p.name for p in tmp_path.iterdir()] == ["table.csv"]
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full")
+def test_full_disk_is_reported() -> None:
+    """A real full device: every write to it fails with ENOSPC."""
+    with pytest.raises(OSError, match=r"No space left|could not be written"):
+        write_table("/dev/full/table.csv", pd.DataFrame({"a": [1]}))
+
+
+def test_table_has_its_columns(tmp_path: Path) -> None:
+    table = pd.DataFrame({"method": ["T/A"], "seconds": [1.5]}, index=["temporal-angular"])
+    again = pd.read_csv(write_table(tmp_path / "t.csv", table), index_col=0)
+    assert again.loc["temporal-angular", "seconds"] == 1.5
+
+
+@pytest.mark.measured
+def test_measured_files_open() -> None:
+    rec = p4d.open_recording(measured("multiplexed/mux2_timelapse_t00-29.npz"))
+    assert rec.holograms.shape == (30, 66, 66)
+    red_cells = p4d.open_recording(measured("offaxis/pydhm_RBC.jpg"))
+    assert red_cells.frame_shape == (1023, 1023)  # three equal channels are grey
+    assert isinstance(red_cells, Recording)
+    with pytest.raises(ValueError, match="has 4 dimensions"):
+        p4d.open_recording(measured("multiplexed/profilometry_t00-29.tif"))

@@ -1,0 +1,220 @@
+"""From file to results: the recipe, the table, the command line."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+import tifffile
+import xarray as xr
+
+import napari_phase4d as p4d
+from napari_phase4d.evaluation import comparison_figure, mean_squared_error, wrong_cycle_share
+from napari_phase4d.io import read_results
+from napari_phase4d.pipeline import PAPER_METHODS, write_outcome
+
+TURN = 2 * np.pi
+
+
+def test_errors_are_counted_as_in_the_paper() -> None:
+    truth = xr.DataArray(np.zeros((2, 2, 5, 5)), dims=("time", "angle", "y", "x"))
+    off = truth.copy(deep=True)
+    off[0, 0, 0, :2] = TURN
+    off[1, 1, 0, 0] = 0.3
+    assert mean_squared_error(off, truth) == pytest.approx((2 * TURN**2 + 0.09) / 100)
+    assert wrong_cycle_share(off, truth) == pytest.approx(0.02)
+    assert wrong_cycle_share(off, truth, where=off > 0.1) == pytest.approx(2 / 3)
+
+
+def test_table_of_methods_against_truth(reconstruction, truth) -> None:
+    """The whole chain on the hologram video, against exact truth."""
+    comparison = p4d.compare(reconstruction["phase"], truth=truth, mask="auto")
+    table = comparison.table
+    assert list(table.index) == list(p4d.METHODS)
+    assert (table["seconds"] > 0).all()
+    for method, result in comparison.results.items():
+        assert table.loc[method, "mse_rad2"] == pytest.approx(mean_squared_error(result, truth))
+    # What Fig. 4 of the paper shows: 2-D fails on the thick cell, T/A and A/T are better.
+    mse = table["mse_rad2"]
+    assert mse["spatial-2d"] > 0.2
+    assert mse["temporal-angular"] < 0.5 * mse["spatial-2d"]
+    assert mse["angular-temporal"] < 0.5 * mse["spatial-2d"]
+    assert mse["temporal"] < mse["angular"] < mse["spatial-2d"]
+
+
+def test_compare_checks_before_it_works(reconstruction) -> None:
+    phase = reconstruction["phase"]
+    with pytest.raises(ValueError, match="method must be one of"):
+        p4d.compare(phase, ["spatial-2d", "magic"])
+    with pytest.raises(TypeError, match="has no option"):
+        p4d.compare(phase, ["spatial-2d"], options={"spatial-2d": {"fast": True}})
+    with pytest.raises(ValueError, match="truth is .* but the phase is"):
+        p4d.compare(phase, truth=np.zeros((2, 2)))
+
+
+def test_compare_gives_what_unwrap_gives(small_video) -> None:
+    phase = p4d.reconstruct(small_video, p4d.find_lobes(small_video, 2))["phase"]
+    for method, result in p4d.compare(phase, boundary=(2, 1)).results.items():
+        xr.testing.assert_identical(result, p4d.unwrap(phase, method, (2, 1)))
+
+
+def test_figure_has_a_picture_for_every_method_and_frame(tmp_path: Path, reconstruction) -> None:
+    phase = reconstruction["phase"]
+    path = tmp_path / "figure.png"
+    figure = comparison_figure({"a": phase, "b": phase}, [(0, 0), (3, 1), (5, 0)], path)
+    assert len([a for a in figure.axes if a.images]) == 6
+    assert path.stat().st_size > 10_000
+
+
+def test_recipe_comes_back_equal(tmp_path: Path) -> None:
+    recipe = p4d.Recipe(
+        recording="a.tif", optics=p4d.Optics(magnification=20), lobes=(p4d.Lobe((0.2, 0.1), 0.05),),
+        angles_deg=(3.0,), boundary=((1, 0), (5, 0)), reference="median", mask=None,
+        methods=("temporal",), options={"temporal": {"registration": False}},
+    )  # fmt: skip
+    assert p4d.Recipe.from_file(recipe.to_file(tmp_path / "r.json")) == recipe
+
+
+BAD_RECIPES = {
+    "not json": ("{", "line 1 is not JSON"),
+    "unknown setting": ('{"colour": 3}', "colour: Extra inputs are not permitted"),
+    "window": ('{"window": "square"}', "window must be one of"),
+    "background": ('{"background": "plane"}', "background must be one of"),
+    "method": ('{"methods": ["magic"]}', "method must be one of"),
+    "views": ('{"n_views": 9}', "n_views: Input should be less than or equal to 6"),
+    "lobe": ('{"lobes": [{"carrier": [0.9, 0], "radius": 0.1}]}', "lies outside the spectrum"),
+    "list": ("[1]", "the file: Input should be a valid dictionary"),
+}
+
+
+@pytest.mark.parametrize("case", BAD_RECIPES)
+def test_bad_recipe_gives_one_sentence(tmp_path: Path, case: str) -> None:
+    text, sentence = BAD_RECIPES[case]
+    path = tmp_path / "bad.json"
+    path.write_text(text)
+    with pytest.raises(ValueError, match=sentence) as caught:
+        p4d.Recipe.from_file(path)
+    assert "\n" not in str(caught.value)
+    assert "bad.json" in str(caught.value)
+
+
+def test_run_follows_the_recipe(small_video, tmp_path: Path) -> None:
+    recipe = p4d.Recipe(methods=("spatial-2d", "temporal"), boundary=((1, 0),), mask=None)
+    outcome = p4d.run(recipe, small_video)
+    lobes = p4d.find_lobes(small_video, 2)
+    data = p4d.reconstruct(small_video, lobes)
+    xr.testing.assert_identical(outcome.reconstruction, data)
+    expected = p4d.unwrap(data["phase"], "temporal", (1, 0))
+    xr.testing.assert_identical(outcome.comparison.results["temporal"], expected)
+    written = write_outcome(outcome, recipe, tmp_path)
+    assert {p.name for p in written} == {
+        "wrapped.ome.tif", "amplitude.ome.tif", "spatial-2d.ome.tif", "temporal.ome.tif",
+        "table.csv", "recipe.json",
+    }  # fmt: skip
+    again = read_results(tmp_path / "temporal.ome.tif")
+    np.testing.assert_array_equal(again.values, expected.values)
+    np.testing.assert_array_equal(again["x"], expected["x"])
+    # The written recipe holds the lobes that were found, so it gives the same arrays.
+    repeated = p4d.run(p4d.Recipe.from_file(tmp_path / "recipe.json"), small_video)
+    xr.testing.assert_identical(repeated.comparison.results["temporal"], expected)
+
+
+def test_run_can_be_cancelled_half_way(small_video) -> None:
+    count: list[int] = []
+    with pytest.raises(p4d.Cancelled):
+        p4d.run(
+            p4d.Recipe(), small_video, progress=lambda *_: count.append(1),
+            cancelled=lambda: len(count) >= 8,
+        )  # fmt: skip
+
+
+def test_run_needs_a_recording() -> None:
+    with pytest.raises(ValueError, match="the recipe names no recording"):
+        p4d.run(p4d.Recipe())
+
+
+def command(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
+    line = [sys.executable, "-m", "napari_phase4d.cli", *map(str, arguments)]
+    return subprocess.run(line, capture_output=True, text=True, cwd=cwd, check=False)
+
+
+@pytest.fixture(scope="module")
+def video_file(tmp_path_factory, small_video) -> Path:
+    path = tmp_path_factory.mktemp("cli") / "video.tif"
+    tifffile.imwrite(
+        path, small_video.holograms.values, imagej=True, resolution=(4, 4),
+        metadata={"axes": "TYX", "unit": "um", "finterval": 0.25},
+    )  # fmt: skip
+    return path
+
+
+def test_info_says_what_a_file_holds(video_file: Path) -> None:
+    found = command("info", video_file, cwd=video_file.parent)
+    assert found.returncode == 0
+    assert "6 frames of 128 x 128 pixels, uint8" in found.stdout
+    assert "pixel in the sample 0.25 um" in found.stdout
+    assert "4 frames a second" in found.stdout
+    assert "0.2100" in found.stdout
+    assert "needs about" in found.stdout
+
+
+def test_run_goes_from_file_to_results_and_again_from_its_recipe(video_file: Path) -> None:
+    folder = video_file.parent
+    first = command(
+        "run", video_file, "--out", "one", "--angle", "-7", "--angle", "21", "--boundary", "1,0",
+        "--method", "temporal-angular", cwd=folder,
+    )  # fmt: skip
+    assert first.returncode == 0, first.stderr
+    assert "T/A" in first.stdout
+    result = read_results(folder / "one" / "temporal-angular.ome.tif")
+    np.testing.assert_allclose(result["angle"], [-7, 21])
+    assert result.attrs["boundary"] == [[1, 0]]
+    assert float(result["time"][1]) == pytest.approx(0.25)
+    assert len(pd.read_csv(folder / "one" / "table.csv")) == 1
+    second = command("run", folder / "one" / "recipe.json", "--out", "two", cwd=folder)
+    assert second.returncode == 0, second.stderr
+    again = read_results(folder / "two" / "temporal-angular.ome.tif")
+    xr.testing.assert_identical(result, again)
+
+
+def test_batch_gives_every_file_a_folder(video_file: Path) -> None:
+    folder = video_file.parent
+    copy = folder / "second.tif"
+    copy.write_bytes(video_file.read_bytes())
+    done = command("run", video_file, copy, "--method", "spatial-2d", "--out", "batch", cwd=folder)
+    assert done.returncode == 0, done.stderr
+    assert (folder / "batch" / "video" / "table.csv").exists()
+    assert (folder / "batch" / "second" / "table.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "sentence"),
+    [
+        (("info", "missing.tif"), "there is no file or folder"),
+        (("run", "video.tif", "--boundary", "x"), "takes two frame numbers TIME,ANGLE"),
+        (("run", "video.tif", "--method", "magic"), "method must be one of"),
+        (("run", "video.tif", "--views", "9"), "n_views"),
+        (("run", "video.tif", "--boundary", "99,0"), "does not exist"),
+        (("run", "video.tif", "--magnification", "-1"), "magnification must be a number above 0"),
+    ],
+)
+def test_wrong_commands_end_with_one_sentence(
+    video_file: Path, arguments: tuple, sentence: str
+) -> None:
+    found = command(*arguments, "--out", "none", cwd=video_file.parent) if (
+        arguments[0] == "run"
+    ) else command(*arguments, cwd=video_file.parent)  # fmt: skip
+    assert found.returncode == 1
+    assert "Traceback" not in found.stderr
+    assert sentence in " ".join(found.stdout.split())
+    assert not (video_file.parent / "none").exists()
+
+
+def test_paper_methods_are_the_papers_five() -> None:
+    assert PAPER_METHODS == tuple(p4d.METHODS)[:5]
+    assert json.loads(p4d.Recipe().model_dump_json())["methods"] == list(PAPER_METHODS)

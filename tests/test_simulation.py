@@ -1,0 +1,104 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from napari_phase4d import Optics
+from napari_phase4d.simulation import (
+    Ellipsoid,
+    multiplexed_video,
+    projected_phase,
+    swimming_euglena,
+)
+from napari_phase4d.simulation.ellipsoids import path_length_um, rotation
+
+
+def test_chord_through_a_sphere() -> None:
+    sphere = Ellipsoid((0, 0, 0), (2, 2, 2), 0.1)
+    grid = np.array([-1.5, 0.0, 1.0])
+    path = path_length_um(sphere, 33.0, grid, grid)
+    expected = 2 * np.sqrt(np.maximum(4 - grid[:, None] ** 2 - grid[None, :] ** 2, 0))
+    np.testing.assert_allclose(path, expected, atol=1e-12)
+
+
+def test_turned_ellipsoid_against_numerical_integration() -> None:
+    body = Ellipsoid((0.3, -0.2, 0.5), (3, 2, 1), 0.02, rotation("z", 20) @ rotation("x", 35))
+    angle = 25.0
+    y, x = np.array([-0.7, 0.1, 0.9]), np.array([-1.1, 0.2, 1.3])
+    z = np.linspace(-6, 6, 120_001)
+    view = rotation("y", angle)
+    quadric = view @ body.axes @ np.diag(1 / np.square(body.semi_axes_um)) @ body.axes.T @ view.T
+    centre = view @ np.array(body.centre_um)
+    expected = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            point = np.stack([np.full_like(z, x[j]), np.full_like(z, y[i]), z]) - centre[:, None]
+            inside = np.einsum("iz,ij,jz->z", point, quadric, point) <= 1
+            expected[i, j] = inside.sum() * (z[1] - z[0])
+    phase = projected_phase([body], angle, y, x, wavelength_um=0.5)
+    np.testing.assert_allclose(phase, 2 * np.pi / 0.5 * 0.02 * expected, atol=1e-3)
+
+
+def test_euglena_is_the_same_object_on_every_grid() -> None:
+    fine = swimming_euglena((128, 128), 3, pixel_um=0.4)["phase"]
+    coarse = swimming_euglena((64, 32), 3, pixel_um=(0.8, 1.6))["phase"]
+    np.testing.assert_allclose(fine.values[:, :, ::2, ::4], coarse.values, atol=1e-5)
+
+
+def test_euglena_is_thin_at_its_boundary_frame_and_wraps_exactly() -> None:
+    data = swimming_euglena((64, 64), 40, pixel_um=0.7, peak_rad=17)
+    peaks = data["phase"].max(("y", "x")).values
+    assert data.attrs["boundary"] == (0, 0)
+    assert peaks.argmin() == 0
+    assert peaks.max() == pytest.approx(17, rel=0.03)
+    turns = (data["phase"] - data["wrapped"]).values / (2 * np.pi)
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
+    assert np.abs(data["wrapped"].values).max() <= np.float32(np.pi)
+
+
+def test_video_has_all_three_cross_correlation_pairs() -> None:
+    phase = swimming_euglena((128, 128), 2, pixel_um=0.35, peak_rad=1)["phase"]
+    video = multiplexed_video(phase, carriers=((0.25, 0.125), (-0.125, 0.25)), bits=16)
+    spectrum = np.abs(np.fft.fft2(video.holograms.values[0].astype(float)))
+    peaks = {(32, 16), (-16, 32), (48, -16)}  # views, and their beat at the difference
+    strongest = np.argsort(spectrum.ravel())[::-1][:7]
+    found = {tuple(int(v) for v in np.unravel_index(i, spectrum.shape)) for i in strongest}
+    for ky, kx in peaks:
+        assert (ky % 128, kx % 128) in found
+        assert (-ky % 128, -kx % 128) in found
+
+
+def test_video_is_seeded() -> None:
+    phase = swimming_euglena((64, 64), 2, pixel_um=0.7)["phase"]
+    first, again, other = (
+        multiplexed_video(phase, drift_rad=0.1, seed=s).holograms.values for s in (1, 1, 2)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert (first != other).any()
+
+
+def test_shot_noise_has_the_variance_of_its_electrons() -> None:
+    phase = swimming_euglena((256, 256), 1, pixel_um=10.0)["phase"] * 0
+    video = multiplexed_video(
+        phase[:, :1], carriers=[(0.25, 0.0)], bits=16, unevenness=0, read_noise_electrons=0,
+        full_well_electrons=1000,
+    )  # fmt: skip
+    electrons = video.holograms.values[0].astype(float) / (2**16 - 1) * 1000
+    rows = electrons.reshape(64, 4, 256)  # the fringe repeats every four rows
+    mean, variance = rows.mean((0, 2)), rows.var((0, 2))
+    np.testing.assert_allclose(variance[mean > 50], mean[mean > 50], rtol=0.05)
+
+
+@pytest.mark.parametrize(
+    ("changes", "sentence"),
+    [
+        ({"carriers": [(0.2, 0.2)]}, "1 carriers were given for 2 angles"),
+        ({"bits": 17}, "bits must lie between 1 and 16"),
+        ({"beam_amplitudes": [1, 1, 1]}, "3 beam_amplitudes were given for 2 angles"),
+        ({"unevenness": 1.0}, "unevenness must be"),
+    ],
+)
+def test_impossible_video_is_refused(changes: dict, sentence: str) -> None:
+    phase = swimming_euglena((32, 32), 1, pixel_um=1.0)["phase"]
+    with pytest.raises(ValueError, match=sentence):
+        multiplexed_video(phase, Optics(), **changes)

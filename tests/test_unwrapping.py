@@ -1,0 +1,360 @@
+"""The paper's five methods: against scikit-image, a literal transcription, and exact truth."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from skimage.restoration import unwrap_phase
+
+import napari_phase4d as p4d
+from napari_phase4d.simulation import Ellipsoid, phase_stack
+from napari_phase4d.unwrapping import Problem
+from napari_phase4d.unwrapping.combined import unwrap_line
+from napari_phase4d.unwrapping.masks import object_mask
+from napari_phase4d.unwrapping.pieces import Piece, pieces_between, with_thin_turning_points
+from napari_phase4d.unwrapping.registration import centre_of_mass_shifts, moved
+from napari_phase4d.unwrapping.spatial import border_medians
+
+FIVE = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
+TURN = 2 * np.pi
+
+
+def growing_cell(n_times: int = 8, n_angles: int = 3, speed_um: float = 0.0) -> xr.Dataset:
+    """A cell that thickens from a phase that 2-D unwrapping follows to one that it can't."""
+
+    def bodies(time: float) -> list[Ellipsoid]:
+        thick = 0.5 + 0.35 * time
+        return [Ellipsoid((speed_um * time - 1, 0.3, 0), (4.0, 3.2, thick), 0.55)]
+
+    return phase_stack(
+        bodies, times_s=range(n_times), angles_deg=[5.0 * a for a in range(n_angles)],
+        shape=(40, 48), pixel_um=0.3, optics=p4d.Optics(), attrs={},
+    )  # fmt: skip
+
+
+def literal_combined(
+    wrapped: np.ndarray, initial: np.ndarray, masks: np.ndarray, start: int
+) -> np.ndarray:
+    """Do section 2's steps 1 to 4 of the paper pixel by pixel, as they are written there."""
+    n, height, width = wrapped.shape
+    maps = np.zeros_like(initial)
+
+    def arranged(order: list[int]) -> None:
+        # Step 1: the thin map is unwrapped by the initial method, the others are wrapped.
+        maps[order[0]] = initial[order[0]] * masks[order[0]]
+        for previous, k in zip(order[:-1], order[1:], strict=True):
+            for i in range(height):
+                for j in range(width):
+                    # Step 2: 1-D unwrapping relative to the (k-1)'th map.
+                    difference = wrapped[k, i, j] - maps[previous, i, j]
+                    while difference > np.pi:
+                        difference -= TURN
+                    while difference < -np.pi:
+                        difference += TURN
+                    along = maps[previous, i, j] + difference
+                    # Step 3: the maximum of the initial and the 1-D unwrapping.
+                    largest = max(initial[k, i, j], along)
+                    # Step 4: the mask.
+                    maps[k, i, j] = largest * masks[k, i, j]
+
+    arranged(list(range(start, n)))
+    arranged(list(range(start, -1, -1)))
+    return maps
+
+
+def literal(
+    method: str, wrapped: np.ndarray, initial: np.ndarray, masks: np.ndarray, bc: tuple[int, int]
+) -> np.ndarray:
+    """Do the paper's T/A (or one of its parts) with loops over angles and times."""
+    wrapped, initial = wrapped.astype(np.float64), initial.astype(np.float64)
+
+    def along_time(first: np.ndarray) -> np.ndarray:
+        result = np.zeros_like(first)
+        for a in range(wrapped.shape[1]):
+            result[:, a] = literal_combined(wrapped[:, a], first[:, a], masks[:, a], bc[0])
+        return result
+
+    def along_angle(first: np.ndarray) -> np.ndarray:
+        result = np.zeros_like(first)
+        for t in range(wrapped.shape[0]):
+            result[t] = literal_combined(wrapped[t], first[t], masks[t], bc[1])
+        return result
+
+    return {
+        "angular": lambda: along_angle(initial),
+        "temporal": lambda: along_time(initial),
+        "temporal-angular": lambda: along_angle(along_time(initial)),
+        "angular-temporal": lambda: along_time(along_angle(initial)),
+    }[method]()
+
+
+@pytest.mark.parametrize("bc", [(0, 0), (3, 1)])
+@pytest.mark.parametrize("method", FIVE[1:])
+@pytest.mark.parametrize("masked", [False, True])
+def test_methods_equal_a_literal_transcription(
+    method: str, masked: bool, bc: tuple[int, int]
+) -> None:
+    data = growing_cell(6, 3)
+    rng = np.random.default_rng(5)
+    noisy = data["phase"] + rng.normal(0, 0.3, data["phase"].shape)
+    wrapped = np.angle(np.exp(1j * noisy.values)).astype(np.float32)
+    mask = (data["phase"].values > 0.5) if masked else None
+    result = p4d.unwrap(wrapped, method, bc, mask, registration=False, split=False).values
+    problem = Problem(wrapped, bc, mask)
+    expected = literal(method, problem.wrapped, problem.spatial(), problem.mask, bc)
+    np.testing.assert_allclose(result, expected, atol=1e-4)
+
+
+def test_spatial_2d_is_scikit_images_frame_by_frame() -> None:
+    wrapped = growing_cell()["wrapped"].values
+    result = p4d.unwrap(wrapped, "spatial-2d").values
+    for index in np.ndindex(*wrapped.shape[:2]):
+        offset = result[index] - unwrap_phase(wrapped[index])
+        turns = offset / TURN
+        np.testing.assert_allclose(turns, np.round(turns.flat[0]), atol=1e-5)
+        assert abs(np.median(result[index][:2])) < np.pi
+
+
+def test_spatial_2d_inside_a_mask_is_scikit_images() -> None:
+    data = growing_cell(3, 2)
+    wrapped, mask = data["wrapped"].values, data["phase"].values > 0.3
+    result = p4d.unwrap(wrapped, "spatial-2d", mask=mask).values
+    assert (result[~mask] == 0).all()
+    for index in np.ndindex(*wrapped.shape[:2]):
+        theirs = unwrap_phase(np.ma.masked_array(wrapped[index], ~mask[index]), rng=0)
+        turns = ((result[index] - theirs) / TURN)[mask[index]]
+        np.testing.assert_allclose(turns, np.round(turns[0]), atol=1e-5)
+    # The mask cuts the cell off from the background; its level must be right all the same.
+    np.testing.assert_allclose(result[0, 0][mask[0, 0]], data["phase"].values[0, 0][mask[0, 0]],
+                               atol=1e-4)  # fmt: skip
+
+
+@pytest.mark.parametrize("method", FIVE)
+@pytest.mark.parametrize("mask", [None, "auto", "array"])
+def test_results_are_congruent_inside_the_mask(method: str, mask: object) -> None:
+    data = growing_cell(6, 3, speed_um=0.5)
+    rng = np.random.default_rng(7)
+    noisy = data["phase"] + rng.normal(0, 0.4, data["phase"].shape)
+    wrapped = data["wrapped"].copy(data=np.angle(np.exp(1j * noisy.values)).astype(np.float32))
+    inside = data["phase"].values > 0.5 if mask == "array" else None
+    result = p4d.unwrap(wrapped, method, mask=inside if mask == "array" else mask)
+    where = inside if mask == "array" else result.values != 0
+    error = (result.values - wrapped.values)[where]
+    assert np.abs(error - TURN * np.round(error / TURN)).max() < 1e-4
+    assert result.dtype == np.float32
+    assert result.dims == wrapped.dims
+    xr.testing.assert_equal(result["angle"], wrapped["angle"])
+    assert result.attrs["method"] == method
+    assert result.attrs["boundary"] == [[0, 0]]
+
+
+def test_temporal_is_right_where_2d_is_wrong() -> None:
+    """The paper's point: a cell too thick for 2-D is right from its thin moment on."""
+    data = growing_cell(9, 1)
+    truth = data["phase"].values
+    wrong = {
+        m: np.mean(np.abs(p4d.unwrap(data["wrapped"], m).values - truth) > np.pi)
+        for m in ("spatial-2d", "temporal", "temporal-angular")
+    }
+    assert wrong["spatial-2d"] > 0.02
+    assert wrong["temporal"] < 0.3 * wrong["spatial-2d"]
+    assert wrong["temporal-angular"] == wrong["temporal"]  # one angle adds nothing
+
+
+def test_boundary_frame_is_kept() -> None:
+    data = growing_cell(5, 3)
+    for method in FIVE:
+        result = p4d.unwrap(data["wrapped"], method).values[0, 0]
+        np.testing.assert_allclose(result, data["phase"].values[0, 0], atol=1e-4)
+
+
+def test_boundary_may_be_anywhere_and_negative() -> None:
+    data = growing_cell(6, 2)
+    backwards = data["wrapped"].isel(time=slice(None, None, -1))
+    for method in FIVE:
+        forward = p4d.unwrap(data["wrapped"].values, method, (0, 1)).values
+        backward = p4d.unwrap(backwards.values, method, (-1, 1)).values
+        np.testing.assert_array_equal(forward, backward[::-1])
+
+
+def test_thin_frames_on_both_sides() -> None:
+    """Thin, thick, thin: from one thin frame the far end comes out wrong, from two it doesn't."""
+    data = growing_cell(8, 1)
+    both = np.concatenate([data["wrapped"].values, data["wrapped"].values[::-1]])
+    truth = np.concatenate([data["phase"].values, data["phase"].values[::-1]])
+    two = p4d.unwrap(both, "temporal", [(0, 0), (15, 0)], split=False).values
+    assert_half = p4d.unwrap(data["wrapped"].values, "temporal", split=False).values
+    np.testing.assert_array_equal(two[:8], assert_half)
+    np.testing.assert_array_equal(two[8:], assert_half[::-1])
+    one = p4d.unwrap(both, "temporal", (0, 0), split=False).values
+    split = p4d.unwrap(both, "temporal", (0, 0), split=True).values
+    assert np.mean((split - truth) ** 2) <= np.mean((one - truth) ** 2)
+    np.testing.assert_array_equal(split[-1], two[-1])
+
+
+def test_sequence_is_cut_where_it_is_thickest() -> None:
+    profile = np.array([3.0, 5, 9, 12, 8, 4, 3.1, 6, 10, 7, 9])
+    assert with_thin_turning_points(profile, [0]) == [0, 6]
+    assert pieces_between([0, 6], 11, profile) == [Piece(0, 0, 3), Piece(3, 6, 11)]
+    assert pieces_between([2], 5, None) == [Piece(0, 2, 5)]
+    assert pieces_between([0, 4], 5, None) == [Piece(0, 0, 3), Piece(3, 4, 5)]
+    rising = np.array([3.0, 4, 5, 6])
+    assert with_thin_turning_points(rising, [0]) == [0]
+    noisy = np.array([3.0, 3.2, 3.0, 3.3, 3.1])  # thin all along: no reason to start anew
+    assert with_thin_turning_points(noisy, [0]) == [0]
+
+
+def test_line_is_unwrapped_outwards_from_every_start() -> None:
+    steps = np.array([0.0, 2.5, 5.0, 7.5, 5.0, 2.5])[:, None, None] * np.ones((6, 3, 3))
+    wrapped = np.angle(np.exp(1j * steps)).astype(np.float32)
+    mask = np.ones(wrapped.shape, dtype=bool)
+    result = unwrap_line(wrapped, np.minimum(wrapped, 0), mask, [0], split=False)
+    np.testing.assert_allclose(result, steps, atol=1e-5)
+
+
+def test_moving_cell_is_registered_and_moved_back() -> None:
+    data = growing_cell(8, 2, speed_um=0.6)  # two pixels a frame
+    truth = data["phase"].values
+    problem = Problem(data["wrapped"])
+    shifts = problem.shifts()
+    assert (shifts[:, :, 0] == 0).all()
+    np.testing.assert_allclose(shifts[:, 0, 1], -2 * np.arange(8), atol=1)
+    registered = p4d.unwrap(data["wrapped"], "temporal-angular").values
+    fixed = p4d.unwrap(data["wrapped"], "temporal-angular", registration=False).values
+    errors = [np.mean((r - truth) ** 2) for r in (registered, fixed)]
+    assert errors[0] < 0.5 * errors[1]
+
+
+def test_noise_does_not_shake_the_frames() -> None:
+    rng = np.random.default_rng(3)
+    wrapped = np.angle(np.exp(1j * rng.normal(0, 1, (6, 2, 32, 32)))).astype(np.float32)
+    masks = rng.random(wrapped.shape) < 0.3
+    assert (centre_of_mass_shifts(wrapped, masks, (0, 0)) == 0).mean() > 0.9
+
+
+def test_moving_there_and_back_changes_nothing() -> None:
+    rng = np.random.default_rng(4)
+    stack = rng.normal(size=(3, 2, 5, 7))
+    shifts = rng.integers(-9, 9, (3, 2, 2))
+    np.testing.assert_array_equal(moved(moved(stack, shifts), -shifts), stack)
+
+
+def test_object_mask_is_the_objects_shadow() -> None:
+    data = growing_cell(8, 1)
+    rng = np.random.default_rng(2)
+    phase = data["phase"].values[7, 0]
+    noisy = (phase + rng.normal(0, 0.1, phase.shape)).astype(np.float32)
+    mask = object_mask(noisy)
+    assert mask[phase > 1].all()
+    assert mask[phase == 0].mean() < 0.25
+    everywhere = np.linspace(0, 20, 48 * 40).reshape(40, 48).astype(np.float32)
+    assert object_mask(everywhere).all()  # no single object: nothing is left out
+
+
+def test_level_of_the_border_is_followed_from_frame_to_frame() -> None:
+    drift = 0.9 * np.arange(10)[:, None] + np.array([0.0, 0.5])
+    wrapped = np.angle(np.exp(1j * drift))
+    np.testing.assert_allclose(border_medians(wrapped, (0, 0)), drift)
+    from_end = border_medians(wrapped, (9, 1))
+    np.testing.assert_allclose(from_end - from_end[9, 1], drift - drift[9, 1])
+    assert abs(from_end[9, 1]) <= np.pi
+
+
+@pytest.mark.parametrize("method", FIVE)
+def test_one_frame_one_angle_and_fewer_axes(method: str) -> None:
+    frame = growing_cell(1, 1)
+    two_d = p4d.unwrap(frame["wrapped"].values[0, 0], method)
+    assert two_d.dims == ("y", "x")
+    np.testing.assert_allclose(two_d.values, frame["phase"].values[0, 0], atol=1e-4)
+    three_d = p4d.unwrap(growing_cell(3, 1)["wrapped"].values[:, 0], method)
+    assert three_d.dims == ("time", "y", "x")
+    named = p4d.unwrap(growing_cell(2, 2)["wrapped"].transpose("y", "x", "angle", "time"), method)
+    assert named.dims == ("y", "x", "angle", "time")
+
+
+@pytest.mark.parametrize("method", FIVE)
+def test_progress_and_cancel(method: str) -> None:
+    wrapped = growing_cell(4, 2)["wrapped"]
+    seen: list[tuple[int, int, str]] = []
+    p4d.unwrap(wrapped, method, progress=lambda *step: seen.append(step))
+    assert seen[0][:2] == (1, 8)
+    assert all(0 < done <= total for done, total, _ in seen)
+    assert seen[-1][0] == seen[-1][1]
+    for after in (0, 3, len(seen) - 1):
+        count: list[int] = []
+        with pytest.raises(p4d.Cancelled):
+            p4d.unwrap(
+                wrapped, method, progress=lambda *_, c=count: c.append(1),
+                cancelled=lambda c=count, n=after: len(c) >= n,
+            )  # fmt: skip
+        assert len(count) <= after + 1
+
+
+BAD = {
+    "nan": (lambda w: w.where(w["x"] != 3), {}, "NaN or infinite pixels; leave them out"),
+    "method": (lambda w: w, {"method": "magic"}, "method must be one of spatial-2d"),
+    "option": (lambda w: w, {"method": "temporal", "speed": 3}, "temporal has no option 'speed'"),
+    "boundary": (
+        lambda w: w,
+        {"boundary": (9, 0)},
+        r"boundary frame \(time 9, angle 0\) does not",
+    ),
+    "boundary kind": (lambda w: w, {"boundary": (0.5, 0)}, "boundary must be"),
+    "boundary shape": (lambda w: w, {"boundary": (1, 2, 3)}, "boundary must be"),
+    "mask shape": (lambda w: w, {"mask": np.ones((3, 3))}, "the mask is .* does not fit"),
+    "mask word": (lambda w: w, {"mask": "manual"}, 'mask must be an array, "auto" or None'),
+    "mask empty": (lambda w: w, {"mask": np.zeros((40, 48))}, "the mask is empty"),
+    "dimensions": (lambda w: w.values[0, 0, 0], {}, "phase has 1 dimensions"),
+    "names": (lambda w: w.rename(time="frame"), {}, "they must be among time, angle, y, x"),
+    "complex": (lambda w: np.exp(1j * w), {}, "phase is complex"),
+    "text": (lambda w: np.full((3, 3), "a"), {}, "phase must be real numbers"),
+    "empty": (lambda w: w.values[:0], {}, "phase is empty"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_bad_input_gives_one_sentence(case: str) -> None:
+    change, arguments, sentence = BAD[case]
+    wrapped = change(growing_cell(2, 2)["wrapped"])
+    with pytest.raises((TypeError, ValueError), match=sentence) as caught:
+        p4d.unwrap(wrapped, **arguments)
+    assert "\n" not in str(caught.value)
+
+
+def test_constant_phase_stays_as_it_is() -> None:
+    for method in FIVE:
+        result = p4d.unwrap(np.full((3, 2, 16, 16), 0.4, np.float32), method).values
+        np.testing.assert_allclose(result, 0.4, atol=1e-6)
+
+
+def test_nan_outside_the_mask_is_fine() -> None:
+    data = growing_cell(3, 2)
+    holes = data["wrapped"].copy(deep=True)
+    holes[:, :, :4, :4] = np.nan
+    for method in FIVE:
+        result = p4d.unwrap(holes, method, mask=np.isfinite(holes.values)).values
+        assert np.isfinite(result).all()
+        np.testing.assert_allclose(result[0, 0, 6:], data["phase"].values[0, 0, 6:], atol=1e-4)
+
+
+def test_input_is_left_as_it_was() -> None:
+    wrapped = growing_cell(3, 2)["wrapped"]
+    before = wrapped.copy(deep=True)
+    holes = wrapped.values.copy()
+    holes[0, 0, 0, 0] = np.nan
+    for method in FIVE:
+        p4d.unwrap(wrapped, method, mask="auto")
+        p4d.unwrap(holes, method, mask=np.isfinite(holes))
+    xr.testing.assert_identical(wrapped, before)
+    assert np.isnan(holes[0, 0, 0, 0])
+
+
+def test_methods_are_described() -> None:
+    assert tuple(p4d.METHODS) == FIVE
+    for method in p4d.METHODS.values():
+        assert method.label
+        assert method.source
+        assert method.summary.endswith(".")
+        for option in method.options:
+            assert option.summary.endswith(".")
