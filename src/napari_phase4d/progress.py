@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
 __all__ = ["Cancelled", "CancelledCall", "ProgressCall", "Watch", "in_threads"]
@@ -14,6 +14,9 @@ __all__ = ["Cancelled", "CancelledCall", "ProgressCall", "Watch", "in_threads"]
 ProgressCall = Callable[[int, int, str], None]
 #: ``cancelled() -> bool``
 CancelledCall = Callable[[], bool]
+
+#: Seconds between two looks at ``cancelled()`` while an item is computed.
+LOOK_UP_S = 0.1
 
 T = TypeVar("T")
 R = TypeVar("R")
@@ -66,26 +69,30 @@ class Watch:
 def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iterator[R]:
     """Yield ``work(item)`` in order, computed on as many threads as there are cores.
 
-    Only a few results wait in memory at a time. Stops within one item when cancelled.
+    Only a few results wait in memory at a time. When cancelled, it stops at once; items already
+    under way end by themselves and their results are dropped.
     """
     workers = os.cpu_count() or 1
     waiting: deque[Future[R]] = deque()
     watch.check()
-    with ThreadPoolExecutor(workers) as pool:
-        try:
-            for item in items:
-                waiting.append(pool.submit(work, item))
-                if len(waiting) >= 2 * workers:
-                    yield finished(waiting, watch)
-            while waiting:
+    pool = ThreadPoolExecutor(workers)
+    try:
+        for item in items:
+            waiting.append(pool.submit(work, item))
+            if len(waiting) >= 2 * workers:
                 yield finished(waiting, watch)
-        finally:
-            for future in waiting:
-                future.cancel()
+        while waiting:
+            yield finished(waiting, watch)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
 
 
 def finished(waiting: deque[Future[R]], watch: Watch) -> R:
     """Return the oldest result and note the step."""
-    result = waiting.popleft().result()
+    future = waiting.popleft()
+    while not future.done():
+        wait([future], timeout=LOOK_UP_S)
+        watch.check()
+    result = future.result()
     watch.step()
     return result

@@ -81,7 +81,7 @@ def canonical(carrier: Sequence[float], tolerance: float = 1e-9) -> tuple[float,
     A carrier on the ky axis, measured with some error, may come out on either side of it;
     within ``tolerance`` of the axis the sign of ky decides.
     """
-    ky, kx = (float(k) for k in carrier)
+    ky, kx = (float(k) - round(float(k)) for k in carrier)
     if kx < -tolerance or (abs(kx) <= tolerance and ky < 0):
         return -ky, -kx
     return ky, kx

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from napari_phase4d.io.atomic import written_whole
 
 __all__ = ["read_results", "write_phase", "write_table"]
 
+AXES = ("time", "angle", "y", "x")
 #: Marks the description of a file that this program wrote.
 SIGNATURE = "napari-phase4d"
 
@@ -37,12 +39,19 @@ def write_phase(path: str | Path, stack: xr.DataArray) -> Path:
     ------
     OSError
         If it can't be written; an older file of that name is then left as it was.
+    TypeError
+        If the stack has other dims.
     """
     path = Path(path)
+    if not isinstance(stack, xr.DataArray) or set(stack.dims) != set(AXES):
+        msg = "only a DataArray with dims time, angle, y and x can be written as OME-TIFF"
+        raise TypeError(msg)
+    stack = stack.transpose(*AXES)
     description = {
         "program": SIGNATURE,
         "name": "phase" if stack.name is None else str(stack.name),
-        "coords": {d: [float(v) for v in stack[d].values] for d in stack.dims},
+        "coords": {d: [float(v) for v in stack[d].values] for d in AXES},
+        "units": {d: str(stack[d].attrs["units"]) for d in AXES if "units" in stack[d].attrs},
         "attrs": json_able(stack.attrs),
     }
     angles = stack["angle"].values
@@ -58,7 +67,7 @@ def write_phase(path: str | Path, stack: xr.DataArray) -> Path:
         "TimeIncrementUnit": "s",
         "Description": json.dumps(description),
     }
-    data = np.ascontiguousarray(stack.transpose("time", "angle", "y", "x").values)
+    data = np.ascontiguousarray(stack.values)
     with written_whole(path) as temporary:
         tifffile.imwrite(temporary, data, ome=True, photometric="minisblack", metadata=metadata)
     return path
@@ -80,11 +89,15 @@ def read_results(path: str | Path) -> xr.DataArray:
                 msg = f"{path.name} holds no phase written by napari-phase4d"
                 raise OSError(msg)
             data = tif.asarray()
-    except (tifffile.TiffFileError, ValueError, KeyError) as error:
+    except (tifffile.TiffFileError, struct.error, ValueError, KeyError) as error:
         msg = f"{path.name} can't be read; it may be cut short or damaged ({error})"
         raise OSError(msg) from error
-    coords = {name: np.asarray(values) for name, values in description["coords"].items()}
-    shape = tuple(len(values) for values in coords.values())
+    units = description.get("units", {})
+    coords = {
+        name: (name, np.asarray(values), {"units": units[name]} if name in units else {})
+        for name, values in description["coords"].items()
+    }
+    shape = tuple(len(values) for values in description["coords"].values())
     return xr.DataArray(
         data.reshape(shape),
         dims=tuple(coords),
@@ -99,7 +112,7 @@ def is_result(path: str | Path) -> bool:
     try:
         with tifffile.TiffFile(path) as tif:
             return result_description(tif) is not None
-    except (OSError, tifffile.TiffFileError):
+    except (OSError, struct.error, tifffile.TiffFileError):
         return False
 
 
@@ -140,6 +153,6 @@ def json_able(value: Any) -> Any:
         return {str(k): json_able(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):
         return [json_able(v) for v in value]
-    if isinstance(value, np.generic):
-        return value.item()
+    if isinstance(value, (np.generic, np.ndarray)):
+        return value.tolist()
     return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)

@@ -7,7 +7,7 @@ one before; the maximum of this and the initial method is taken; the mask is app
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +22,11 @@ from napari_phase4d.unwrapping.pieces import (
 __all__ = ["unwrap_line"]
 
 TURN = np.float32(2 * np.pi)
+Check = Callable[[], None]
+
+
+def nothing() -> None:
+    """Let the work go on."""
 
 
 def unwrap_line(
@@ -31,6 +36,7 @@ def unwrap_line(
     starts: Sequence[int],
     *,
     split: bool = True,
+    check: Check = nothing,
 ) -> NDArray[np.float32]:
     """Unwrap a sequence of maps outwards from its optically thin ones.
 
@@ -47,6 +53,8 @@ def unwrap_line(
     split : bool, optional
         Whether a sequence that gets thick and thin again is broken into monotonic pieces (last
         paragraph of section 2). Default True.
+    check : callable, optional
+        Called before every map; may raise to stop the work.
 
     Returns
     -------
@@ -55,14 +63,14 @@ def unwrap_line(
     """
     result = np.empty_like(wrapped)
     pieces = pieces_between(starts, len(wrapped), profile=None)
-    follow(pieces, wrapped, initial, mask, result)
+    follow(pieces, wrapped, initial, mask, result, check)
     if not split or len(wrapped) < 3:
         return result
     profile = thickness_profile(result, mask)
     all_starts = with_thin_turning_points(profile, starts)
     better = pieces_between(all_starts, len(wrapped), profile)
     if better != pieces:
-        follow(better, wrapped, initial, mask, result)
+        follow(better, wrapped, initial, mask, result, check)
     return result
 
 
@@ -72,14 +80,17 @@ def follow(
     initial: NDArray[np.float32],
     mask: NDArray[np.bool_],
     result: NDArray[np.float32],
+    check: Check,
 ) -> None:
     """Unwrap each piece from its start outwards (steps 1 to 4), into ``result``."""
     for piece in pieces:
         start = piece.start
         result[start] = np.where(mask[start], initial[start], np.float32(0))
         for k in range(start + 1, piece.stop):
+            check()
             result[k] = next_map(result[k - 1], wrapped[k], initial[k], mask[k])
         for k in range(start - 1, piece.first - 1, -1):
+            check()
             result[k] = next_map(result[k + 1], wrapped[k], initial[k], mask[k])
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,73 +25,23 @@ def spatial_2d(
     return problem.spatial(progress, cancelled).copy()
 
 
-def angular(
-    problem: Problem,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
-    *,
-    registration: bool = True,
-    split: bool = True,
-) -> Stack:
-    """Unwrap along the angle at each time ([11] in the paper)."""
-    return chained(
-        problem, ("angle",), progress, cancelled, registration=registration, split=split
-    )
-
-
-def temporal(
-    problem: Problem,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
-    *,
-    registration: bool = True,
-    split: bool = True,
-) -> Stack:
-    """Unwrap along time for each angle."""
-    return chained(problem, ("time",), progress, cancelled, registration=registration, split=split)
-
-
-def temporal_angular(
-    problem: Problem,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
-    *,
-    registration: bool = True,
-    split: bool = True,
-) -> Stack:
-    """T/A: along time for each angle, then along the angle at each time (Fig. 1a)."""
-    order = ("time", "angle")
-    return chained(problem, order, progress, cancelled, registration=registration, split=split)
-
-
-def angular_temporal(
-    problem: Problem,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
-    *,
-    registration: bool = True,
-    split: bool = True,
-) -> Stack:
-    """A/T: along the angle at each time, then along time for each angle (Fig. 1b)."""
-    order = ("angle", "time")
-    return chained(problem, order, progress, cancelled, registration=registration, split=split)
-
-
 def chained(
     problem: Problem,
-    order: tuple[str, ...],
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
     *,
-    registration: bool,
-    split: bool,
+    order: tuple[str, ...],
+    registration: bool = True,
+    split: bool = True,
 ) -> Stack:
     """Apply the building block along one dimension after the other.
 
     The result of one pass is the initial method of the next (steps 3 and 4 of T/A and A/T).
     """
     initial = problem.spatial(progress, cancelled)
-    shifts = problem.shifts() if registration else np.zeros((*initial.shape[:2], 2), dtype=np.intp)
+    shifts = np.zeros((*initial.shape[:2], 2), dtype=np.intp)
+    if registration:
+        shifts = problem.shifts(progress, cancelled)
     wrapped, mask = moved(problem.wrapped, shifts), moved(problem.mask, shifts)
     result = moved(initial, shifts)
     for dim in order:
@@ -118,7 +69,9 @@ def one_pass(
 
     def work(line: tuple[tuple[slice | int, slice | int], list[int]]) -> Stack:
         index, starts = line
-        return unwrap_line(wrapped[index], initial[index], mask[index], starts, split=split)
+        return unwrap_line(
+            wrapped[index], initial[index], mask[index], starts, split=split, check=watch.check
+        )
 
     for (index, _), unwrapped in zip(lines, in_threads(work, lines, watch), strict=True):
         result[index] = unwrapped
@@ -141,3 +94,13 @@ def lines_along(
         index: tuple[slice | int, slice | int]
         index = (slice(None), other) if dim == "time" else (other, slice(None))
         yield index, own or everywhere
+
+
+#: Along the angle at each time ([11] in the paper).
+angular = partial(chained, order=("angle",))
+#: Along time for each angle.
+temporal = partial(chained, order=("time",))
+#: T/A: along time for each angle, then along the angle at each time (Fig. 1a).
+temporal_angular = partial(chained, order=("time", "angle"))
+#: A/T: along the angle at each time, then along time for each angle (Fig. 1b).
+angular_temporal = partial(chained, order=("angle", "time"))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.unwrapping.spatial import border_of
 
 __all__ = ["object_mask", "object_masks"]
@@ -22,14 +23,19 @@ LARGEST_BORDER_SHARE = 0.5
 WIDEN = 2
 
 
-def object_masks(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
+def object_masks(unwrapped: NDArray[np.float32], watch: Watch) -> NDArray[np.bool_]:
     """Return the object's mask in every frame of a stack (time, angle, y, x)."""
     frames = unwrapped.reshape(-1, *unwrapped.shape[2:])
-    return np.stack([object_mask(f) for f in frames]).reshape(unwrapped.shape)
+    masks = np.empty(frames.shape, dtype=bool)
+    for mask, found in zip(masks, in_threads(object_mask, frames, watch), strict=True):
+        mask[:] = found
+    return masks.reshape(unwrapped.shape)
 
 
 def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
     """Return the mask of what rises out of the background of one frame.
+
+    Where no single object can be told from a background, nothing is left out.
 
     Parameters
     ----------
@@ -48,7 +54,7 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
         large = sizes >= SMALLEST_SHARE * mask.size
         large[0] = False
         mask = large[labels]
-    if mask[border_of(mask.shape)].mean() > LARGEST_BORDER_SHARE:
+    if not mask.any() or mask[border_of(mask.shape)].mean() > LARGEST_BORDER_SHARE:
         return np.ones(mask.shape, dtype=bool)
     widened: NDArray[np.bool_] = ndimage.binary_dilation(mask, iterations=WIDEN)
     return widened

@@ -55,13 +55,11 @@ class Problem:
         mask: Any = None,
     ) -> None:
         self.template = as_phase(phase)
-        full = self.template.expand_dims([d for d in DIMS if d not in self.template.dims])
-        values = full.transpose(*DIMS).values
-        self.wrapped: NDArray[np.float32] = np.ascontiguousarray(values, dtype=np.float32)
-        self.boundaries = checked_boundaries(boundary, self.wrapped.shape[:2])
-        self._mask = mask
-        self.mask = self._first_mask()
-        bad = ~np.isfinite(self.wrapped)
+        values = in_full(self.template)
+        self.boundaries = checked_boundaries(boundary, values.shape[:2])
+        self.finds_mask = isinstance(mask, str)
+        self.mask = self._given_mask(mask, values.shape)
+        bad = ~np.isfinite(values)
         if (bad & self.mask).any():
             count = int((bad & self.mask).sum())
             msg = (
@@ -69,7 +67,8 @@ class Problem:
                 "leave them out with mask=numpy.isfinite(phase)"
             )
             raise ValueError(msg)
-        self.wrapped[bad] = 0
+        # A copy: the caller's array stays as it was.
+        self.wrapped: NDArray[np.float32] = np.where(bad, 0, values).astype(np.float32)
         self._spatial: NDArray[np.float32] | None = None
         self._shifts: NDArray[np.intp] | None = None
         #: Seconds that the shared two-dimensional step took.
@@ -93,19 +92,26 @@ class Problem:
             began = time.perf_counter()
             watch = Watch(self.n_frames, "2-D unwrapping", progress, cancelled)
             found = unwrap_frames(self.wrapped, self.mask, self.first, watch)
-            if isinstance(self._mask, str):
-                self.mask = object_masks(found)
+            if self.finds_mask:
+                watch = Watch(self.n_frames, "finding the object", progress, cancelled)
+                self.mask = object_masks(found, watch)
                 found = np.where(self.mask, found, np.float32(0))
             self._spatial = found
             self.spatial_seconds = time.perf_counter() - began
         return self._spatial
 
-    def shifts(self) -> NDArray[np.intp]:
+    def shifts(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> NDArray[np.intp]:
         """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
         if self._shifts is None:
-            unwrapped = self.spatial()
-            masks = self.mask if isinstance(self._mask, str) else object_masks(unwrapped)
-            self._shifts = centre_of_mass_shifts(self.wrapped, masks, self.first)
+            masks = self.mask
+            unwrapped = self.spatial(progress, cancelled)
+            if not self.finds_mask:
+                watch = Watch(self.n_frames, "finding the object", progress, cancelled)
+                masks = object_masks(unwrapped, watch)
+            watch = Watch(self.n_frames, "registration", progress, cancelled)
+            self._shifts = centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
         return self._shifts
 
     def result(
@@ -119,32 +125,38 @@ class Problem:
         result.attrs = {**self.template.attrs, "units": "rad", **attrs}
         return result.rename(name)
 
-    def _first_mask(self) -> NDArray[np.bool_]:
+    def _given_mask(self, mask: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Return the mask as given, or all pixels where it is still to be found."""
-        mask = self._mask
-        if mask is None:
-            return np.ones(self.wrapped.shape, dtype=bool)
+        if mask is None or (isinstance(mask, str) and mask == "auto"):
+            return np.ones(shape, dtype=bool)
         if isinstance(mask, str):
-            if mask != "auto":
-                msg = f'mask must be an array, "auto" or None, but is {mask!r}'
-                raise ValueError(msg)
-            return np.ones(self.wrapped.shape, dtype=bool)
+            msg = f'mask must be an array, "auto" or None, but is {mask!r}'
+            raise ValueError(msg)
+        if not isinstance(mask, xr.DataArray):
+            mask = np.asarray(mask)
+            if mask.ndim == self.template.ndim:
+                mask = xr.DataArray(mask, dims=self.template.dims)
         if isinstance(mask, xr.DataArray):
-            missing = [d for d in DIMS if d not in mask.dims]
-            mask = mask.expand_dims(missing).transpose(*DIMS).values
-        mask = np.asarray(mask)
-        if mask.ndim == self.template.ndim and mask.ndim < len(DIMS):
-            missing_axes = [i for i, d in enumerate(DIMS) if d not in self.template.dims]
-            mask = np.expand_dims(mask, missing_axes)
+            if set(mask.dims) - set(DIMS):
+                msg = f"the mask has dims {tuple(mask.dims)}; they must be among {', '.join(DIMS)}"
+                raise ValueError(msg)
+            mask = in_full(mask)
         try:
-            found = np.broadcast_to(mask.astype(bool), self.wrapped.shape)
+            found = np.broadcast_to(mask.astype(bool), shape)
         except ValueError as error:
-            msg = f"the mask is {mask.shape}, which does not fit the phase {self.wrapped.shape}"
+            msg = f"the mask is {mask.shape}, which does not fit the phase {shape}"
             raise ValueError(msg) from error
         if not found.any():
             msg = "the mask is empty, so there is nothing to unwrap"
             raise ValueError(msg)
         return found
+
+
+def in_full(stack: xr.DataArray) -> NDArray[Any]:
+    """Return the values with all four axes (time, angle, y, x)."""
+    full = stack.expand_dims([d for d in DIMS if d not in stack.dims])
+    values: NDArray[Any] = full.transpose(*DIMS).values
+    return values
 
 
 def as_phase(phase: xr.DataArray | Any) -> xr.DataArray:
@@ -179,7 +191,10 @@ def checked_boundaries(
     boundary: Boundary | Sequence[Boundary], shape: tuple[int, ...]
 ) -> list[Boundary]:
     """Return the boundary frames as a list of index pairs that exist."""
-    pairs = np.atleast_2d(np.asarray(boundary))
+    try:
+        pairs = np.atleast_2d(np.asarray(boundary))
+    except ValueError:  # pairs of different lengths
+        pairs = np.empty(0)
     if pairs.size == 0 or pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         msg = (
             f"boundary must be (time, angle) frame numbers, one pair or several, not {boundary!r}"

@@ -11,23 +11,25 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["centre_of_mass_shifts", "moved"]
+from napari_phase4d.progress import Watch
 
-#: A new shift must make neighbouring frames more alike than the last one by this much
-#: (mean cosine of their phase difference), so that noise does not shake the frames.
-CLEARLY_BETTER = 0.02
+__all__ = ["centre_of_mass_shifts", "moved"]
 
 Shifts = NDArray[np.intp]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
 def centre_of_mass_shifts(
-    wrapped: NDArray[np.float32], masks: NDArray[np.bool_], first: tuple[int, int]
+    wrapped: NDArray[np.float32],
+    masks: NDArray[np.bool_],
+    first: tuple[int, int],
+    watch: Watch,
 ) -> Shifts:
     """Return how to move every frame so that the object stays where it is in the boundary frame.
 
-    The masks' centre of mass proposes the shift; it is taken where it makes the frame more like
-    its neighbour than that one's own shift does. Frames are visited outwards from the boundary
+    The masks' centre of mass proposes the shift. It is taken where it makes the frame more like
+    its neighbour (mean cosine of the phase difference) than that one's own shift does, so that a
+    mask that fails in one frame does not tear that frame away. Frames are visited outwards from the boundary
     frame: along time for each view, after the views of the boundary time.
 
     Parameters
@@ -38,6 +40,8 @@ def centre_of_mass_shifts(
         The object.
     first : tuple of int
         Boundary frame (time, angle).
+    watch : Watch
+        Counts frames.
 
     Returns
     -------
@@ -54,14 +58,17 @@ def centre_of_mass_shifts(
         proposed = centres[t0, a0] - centres[now]
         if np.isnan(proposed).any():
             shifts[now] = kept
+            watch.step()
             return
         candidate = np.round(proposed).astype(np.intp)
         shifts[now] = kept
         if (candidate != kept).any():
             old, new = (likeness(wrapped, masks, now, s, before, kept) for s in (kept, candidate))
-            if new > old + CLEARLY_BETTER:
+            if new > old:
                 shifts[now] = candidate
+        watch.step()
 
+    watch.step()  # the boundary frame stays where it is
     for a in (*range(a0 + 1, n_angles), *range(a0 - 1, -1, -1)):
         visit((t0, a), (t0, a - 1 if a > a0 else a + 1))
     for a in range(n_angles):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 from skimage.restoration import unwrap_phase
 
 from napari_phase4d.progress import Watch, in_threads
@@ -58,8 +59,8 @@ def unwrap_frame(
 ) -> tuple[NDArray[np.float32], float]:
     """Unwrap one frame and return it with the level of its border.
 
-    A mask that leaves out the border cuts the object off from the background. The level then
-    comes from the frame unwrapped whole.
+    A mask may cut the frame into parts that do not touch each other or the border. Their levels
+    come from the frame unwrapped whole.
     """
     edge = border_of(wrapped.shape)
     if mask.all():
@@ -69,12 +70,11 @@ def unwrap_frame(
         return np.zeros_like(wrapped), 0.0
     masked = np.ma.masked_array(wrapped, ~mask)
     inside = exact(np.ma.getdata(unwrap_phase(masked, rng=0)), wrapped)
-    if (mask & edge).sum() > edge.sum() / 2:
-        return inside, float(np.median(inside[edge & mask]))
-    filled = np.nan_to_num(wrapped)
-    whole = unwrap_phase(filled, rng=0)
-    turns = np.round(np.median((whole - inside)[mask]) / TURN)
-    return inside + np.float32(TURN * turns), float(np.median(whole[edge]))
+    whole = unwrap_phase(wrapped, rng=0)
+    parts, count = ndimage.label(mask)
+    offsets = ndimage.median(whole - inside, parts, np.arange(1, count + 1))
+    turns = np.concatenate([[0.0], np.round(np.asarray(offsets) / TURN)]).astype(np.float32)
+    return inside + np.float32(TURN) * turns[parts], float(np.median(whole[edge]))
 
 
 def exact(unwrapped: NDArray[np.floating], wrapped: NDArray[np.float32]) -> NDArray[np.float32]:
@@ -96,11 +96,13 @@ def border_medians(border: NDArray[np.float64], first: tuple[int, int]) -> NDArr
     """Unwrap the border levels (time, angle) outwards from the boundary frame."""
     t0, a0 = first
     levels = border - TURN * np.round(border / TURN)
-    for line in (levels[t0], levels.T[a0]):
-        start = a0 if line is levels[t0] else t0
-        line[start:] = np.unwrap(line[start:])
-        line[: start + 1] = np.unwrap(line[: start + 1][::-1])[::-1]
+    unwrap_outwards(levels[t0], a0)
     for a in range(levels.shape[1]):
-        levels[t0:, a] = np.unwrap(levels[t0:, a])
-        levels[: t0 + 1, a] = np.unwrap(levels[: t0 + 1, a][::-1])[::-1]
+        unwrap_outwards(levels[:, a], t0)
     return levels
+
+
+def unwrap_outwards(line: NDArray[np.float64], start: int) -> None:
+    """Unwrap a line of phases in place, from one of them to both ends."""
+    line[start:] = np.unwrap(line[start:])
+    line[: start + 1] = np.unwrap(line[: start + 1][::-1])[::-1]
