@@ -6,9 +6,9 @@ import imageio.v3 as iio
 import numpy as np
 import pytest
 import tifffile
-from conftest import measured
 
 import napari_phase4d as p4d
+from conftest import measured
 from napari_phase4d.holography.lobes import pair_distance
 from napari_phase4d.recording import Recording
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena

@@ -14,9 +14,9 @@ import pandas as pd
 import pytest
 import tifffile
 import xarray as xr
-from conftest import measured
 
 import napari_phase4d as p4d
+from conftest import measured
 from napari_phase4d.io import read_results, write_phase, write_table
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.recording import Recording

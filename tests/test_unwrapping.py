@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -44,7 +46,7 @@ def literal_combined(
     def arranged(order: list[int]) -> None:
         # Step 1: the thin map is unwrapped by the initial method, the others are wrapped.
         maps[order[0]] = initial[order[0]] * masks[order[0]]
-        for previous, k in zip(order[:-1], order[1:], strict=True):
+        for previous, k in itertools.pairwise(order):
             for i in range(height):
                 for j in range(width):
                     # Step 2: 1-D unwrapping relative to the (k-1)'th map.

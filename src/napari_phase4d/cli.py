@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
@@ -10,6 +10,7 @@ from typing import Annotated
 import pandas as pd
 import typer
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
@@ -32,6 +33,7 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 console = Console(highlight=False, soft_wrap=True)
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
 
 def main() -> None:
@@ -39,7 +41,7 @@ def main() -> None:
     try:
         app()
     except (OSError, TypeError, ValueError) as error:
-        console.print(f"[red]Error:[/red] {error}")
+        errors.print(f"[red]Error:[/red] {escape(str(error))}")
         raise SystemExit(1) from None
 
 
@@ -64,11 +66,10 @@ def demo(
     with bar() as progress:
         plain = run(recipe, sample.recording, progress=progress)
         truth = sample.truth(plain.reconstruction["phase"])
-        recipe = recipe.model_copy(update={"lobes": tuple(plain.lobes)})
-        outcome = run(recipe, sample.recording, truth, progress)
-    print_lobes(outcome.lobes)
+        outcome = run(plain.recipe, sample.recording, truth, progress)
+    print_lobes(outcome.recipe.lobes)
     print_table(outcome.comparison.table)
-    written = write_outcome(outcome, recipe, out)
+    written = write_outcome(outcome, out)
     columns = {"exact": truth} | {
         METHODS[m].label: r for m, r in outcome.comparison.results.items()
     }
@@ -95,7 +96,7 @@ def info(
     recording = open_recording(file, dataset=dataset)
     height, width = recording.frame_shape
     first = recording.frame(0)
-    console.print(f"[bold]{recording.name}[/bold]")
+    console.print(f"[bold]{escape(recording.name)}[/bold]")
     console.print(
         f"  {recording.n_frames} frames of {height} x {width} pixels, "
         f"{recording.holograms.dtype}, {megabytes(recording.nbytes)}"
@@ -106,11 +107,11 @@ def info(
     )
     console.print(f"  first frame: {first.min():g} to {first.max():g}, mean {first.mean():.4g}")
     for note in recording.notes:
-        console.print(f"  [yellow]{note}[/yellow]")
+        console.print(f"  [yellow]{escape(note)}[/yellow]")
     try:
         lobes = find_lobes(recording, views)
     except ValueError as error:
-        console.print(f"  [yellow]{error}[/yellow]")
+        console.print(f"  [yellow]{escape(str(error))}[/yellow]")
         return
     print_lobes(lobes)
     console.print(
@@ -157,11 +158,24 @@ def run_command(
     }
     if angle and views is None:
         changes["n_views"] = len(angle)
-    settings = recipe.model_dump() | {k: v for k, v in changes.items() if v is not None}
-    recipe = Recipe.model_validate(settings)
-    for file in files or [Path(recipe.recording)]:
-        folder = out / file.stem if len(files) > 1 else out
-        process(recipe.model_copy(update={"recording": str(file)}), folder)
+    recipe = recipe.changed(**{k: v for k, v in changes.items() if v is not None})
+    if not files:
+        process(recipe, out)
+    for file, folder in zip(files, result_folders(files, out), strict=True):
+        process(recipe.changed(recording=str(file)), folder)
+
+
+def result_folders(files: Sequence[Path], out: Path) -> list[Path]:
+    """Return a folder for every file: its name, numbered where two files share it."""
+    if len(files) == 1:
+        return [out]
+    folders: list[Path] = []
+    for file in files:
+        candidates = (
+            out / f"{file.stem}{end}" for end in ("", *(f"_{i}" for i in range(2, 10**6)))
+        )
+        folders.append(next(c for c in candidates if c not in folders))
+    return folders
 
 
 def process(recipe: Recipe, folder: Path) -> None:
@@ -170,9 +184,9 @@ def process(recipe: Recipe, folder: Path) -> None:
         outcome: Outcome = run(recipe, progress=progress)
     for note in outcome.recording.notes if recipe.optics is None else ():
         console.print(f"[yellow]{note}[/yellow]")
-    print_lobes(outcome.lobes)
+    print_lobes(outcome.recipe.lobes)
     print_table(outcome.comparison.table)
-    written = write_outcome(outcome, recipe, folder)
+    written = write_outcome(outcome, folder)
     console.print(f"{len(written)} files written to [bold]{folder.resolve()}[/bold]")
 
 
@@ -216,7 +230,7 @@ def bar() -> Iterator[ProgressCall]:
         yield report
 
 
-def print_lobes(lobes: list[Lobe]) -> None:
+def print_lobes(lobes: Sequence[Lobe]) -> None:
     """Print the views as a table, with warnings."""
     table = Table(title="Views", title_justify="left")
     for heading in ("view", "ky (1/px)", "kx (1/px)", "radius (1/px)", "angle (deg)", "flipped"):
@@ -257,10 +271,8 @@ def megabytes(size: int) -> str:
 
 def rate_of(recording: Recording) -> str:
     """Return the frame rate in words."""
-    times = recording.times_s
-    if len(times) < 2:
-        return "one frame"
-    return f"{(len(times) - 1) / (times[-1] - times[0]):.4g} frames a second"
+    rate = recording.frame_rate_hz
+    return "one frame" if rate is None else f"{rate:.4g} frames a second"
 
 
 if __name__ == "__main__":

@@ -25,7 +25,7 @@ from napari_phase4d.holography import (
 from napari_phase4d.io import open_recording, write_phase, write_table
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import check_method
 
@@ -33,6 +33,9 @@ __all__ = ["Outcome", "Recipe", "reconstruct_by", "run", "write_outcome"]
 
 #: Methods that are run if none are chosen: the paper's own.
 PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
+
+
+Options = dict[str, dict[str, bool | int | float | str]]
 
 
 class Recipe(BaseModel):
@@ -93,7 +96,7 @@ class Recipe(BaseModel):
     mask: Literal["auto"] | None = "auto"
     boundary: tuple[tuple[int, int], ...] = ((0, 0),)
     methods: tuple[str, ...] = PAPER_METHODS
-    options: dict[str, dict[str, bool | int | float | str]] = Field(default_factory=dict)
+    options: Options = Field(default_factory=dict)
 
     @field_validator("window")
     @classmethod
@@ -105,12 +108,32 @@ class Recipe(BaseModel):
     def _background_exists(cls, value: str) -> str:
         return one_of("background", value, BACKGROUND_ORDERS)
 
+    @field_validator("options")
+    @classmethod
+    def _options_exist(cls, value: Options) -> Options:
+        for method, options in value.items():
+            check_method(method, options)
+        return value
+
     @field_validator("methods")
     @classmethod
     def _methods_exist(cls, value: tuple[str, ...]) -> tuple[str, ...]:
         for method in value:
             check_method(method, {})
         return value
+
+    def changed(self, **settings: Any) -> Recipe:
+        """Return a copy with other settings.
+
+        Raises
+        ------
+        ValueError
+            If a setting has no such value; one sentence names it.
+        """
+        try:
+            return Recipe.model_validate(self.model_dump() | settings)
+        except ValidationError as error:
+            raise ValueError(sentence_of(error)) from error
 
     def to_file(self, path: str | Path) -> Path:
         """Write the recipe as JSON.
@@ -147,10 +170,15 @@ class Recipe(BaseModel):
             msg = f"{path.name} is no recipe: line {error.lineno} is not JSON"
             raise ValueError(msg) from error
         except ValidationError as error:
-            first = error.errors()[0]
-            where = ".".join(str(part) for part in first["loc"]) or "the file"
-            msg = f"{path.name} is no valid recipe: {where}: {first['msg']}"
+            msg = f"{path.name} is no valid recipe: {sentence_of(error)}"
             raise ValueError(msg) from error
+
+
+def sentence_of(error: ValidationError) -> str:
+    """Return the first thing that is wrong, in one sentence."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"]) or "the file"
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
 
 
 def one_of(name: str, value: str, known: Any) -> str:
@@ -169,8 +197,8 @@ class Outcome:
     ----------
     recording : Recording
         The hologram video.
-    lobes : list of Lobe
-        The views that were used.
+    recipe : Recipe
+        All settings that were used, with the lobes and the optics.
     reconstruction : xarray.Dataset
         Wrapped ``phase`` and ``amplitude``, dims (time, angle, y, x).
     comparison : Comparison
@@ -178,7 +206,7 @@ class Outcome:
     """
 
     recording: Recording
-    lobes: list[Lobe]
+    recipe: Recipe
     reconstruction: xr.Dataset
     comparison: Comparison
 
@@ -231,7 +259,8 @@ def run(
         progress=progress,
         cancelled=cancelled,
     )
-    return Outcome(recording, lobes, data, comparison)
+    used = recipe.changed(lobes=tuple(lobes), optics=recording.optics)
+    return Outcome(recording, used, data, comparison)
 
 
 def reconstruct_by(
@@ -257,29 +286,34 @@ def reconstruct_by(
     )
 
 
-def write_outcome(outcome: Outcome, recipe: Recipe, folder: str | Path) -> list[Path]:
+def write_outcome(
+    outcome: Outcome,
+    folder: str | Path,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> list[Path]:
     """Write phase, amplitude, every result, the table and the recipe into a folder.
 
     Raises
     ------
     OSError
         If a file can't be written; files of that name are then left as they were.
+    Cancelled
+        If ``cancelled()`` returned True; the files written by then are whole.
     """
     folder = Path(folder)
-    data = outcome.reconstruction
-    written = [
-        write_phase(folder / "wrapped.ome.tif", data["phase"]),
-        write_phase(folder / "amplitude.ome.tif", data["amplitude"]),
-    ]
-    written += [
-        write_phase(folder / f"{method}.ome.tif", result)
-        for method, result in outcome.comparison.results.items()
-    ]
+    stacks = {
+        "wrapped": outcome.reconstruction["phase"],
+        "amplitude": outcome.reconstruction["amplitude"],
+        **outcome.comparison.results,
+    }
+    watch = Watch(len(stacks), "saving", progress, cancelled)
+    written = []
+    for name, stack in stacks.items():
+        written.append(write_phase(folder / f"{name}.ome.tif", stack))
+        watch.step()
     written.append(write_table(folder / "table.csv", outcome.comparison.table))
-    used = recipe.model_copy(
-        update={"lobes": tuple(outcome.lobes), "optics": outcome.recording.optics}
-    )
-    written.append(used.to_file(folder / "recipe.json"))
+    written.append(outcome.recipe.to_file(folder / "recipe.json"))
     return written
 
 

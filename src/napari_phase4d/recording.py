@@ -50,6 +50,28 @@ class Recording:
         return np.asarray(self.holograms["time"].values, dtype=np.float64)
 
     @property
+    def frame_rate_hz(self) -> float | None:
+        """Mean frames per second, None for a single frame or for frames of one time."""
+        times = self.times_s
+        span = float(times[-1] - times[0])
+        return (len(times) - 1) / span if span > 0 else None
+
+    def calibrated(
+        self, optics: Optics | None = None, frame_rate_hz: float | None = None
+    ) -> Recording:
+        """Return the same frames with another microscope or other, evenly spaced times."""
+        return Recording.from_frames(
+            self.holograms.data,
+            optics=optics or self.optics,
+            frame_rate_hz=frame_rate_hz,
+            times_s=self.times_s if frame_rate_hz is None else None,
+            name=self.name,
+            source=self.source,
+            notes=self.notes,
+            attrs={str(k): v for k, v in self.holograms.attrs.items()},
+        )
+
+    @property
     def n_frames(self) -> int:
         """Number of frames."""
         return int(self.holograms.sizes["time"])
@@ -131,7 +153,7 @@ class Recording:
         n_frames, height, width = video.shape
         if times_s is None:
             rate = DEFAULT_FRAME_RATE_HZ if frame_rate_hz is None else frame_rate_hz
-            if not (np.isfinite(rate) and rate > 0):
+            if not (isinstance(rate, (int, float)) and np.isfinite(rate) and rate > 0):
                 msg = f"frame_rate_hz must be a number above 0, but is {rate!r}"
                 raise ValueError(msg)
             times_s = np.arange(n_frames) / rate
@@ -146,11 +168,19 @@ class Recording:
 
 def checked_frames(frames: Any, name: str) -> NDArray[np.generic]:
     """Return frames as (time, y, x), or say in one sentence why they are no hologram video."""
-    video = frames if hasattr(frames, "dtype") and hasattr(frames, "ndim") else np.asarray(frames)
+    try:
+        has_shape = hasattr(frames, "dtype") and hasattr(frames, "ndim")
+        video = frames if has_shape else np.asarray(frames)
+    except ValueError as error:
+        msg = f"{name} is no array: its rows differ in length"
+        raise ValueError(msg) from error
     dtype = np.dtype(video.dtype)
     if dtype.kind not in "buif":
         msg = f"{name} holds {dtype} values; a hologram video needs real numbers"
         raise TypeError(msg)
+    if video.ndim < 2:
+        msg = f"{name} has {video.ndim} dimensions; a hologram video has three: time, y, x"
+        raise ValueError(msg)
     if 0 in video.shape:
         msg = f"{name} is empty: its shape is {tuple(video.shape)}"
         raise ValueError(msg)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from napari.viewer import Viewer
-from qtpy.QtCore import Qt
-from qtpy.QtGui import QCloseEvent
+from qtpy.QtCore import QEvent, QObject, Qt
+from qtpy.QtGui import QShowEvent
 from qtpy.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -47,6 +47,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
         self.session = Session()
+        self._next_words = ""
         self.jobs = Jobs(self)
         self.presenter = Presenter(napari_viewer, self.session)
         parts = (self.session, self.jobs, self.presenter)
@@ -76,10 +77,22 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             section.expand(animate=False) if i == number else section.collapse(animate=False)
         self.scroll.ensureWidgetVisible(self.sections[number], 0, 0)
 
-    def closeEvent(self, event: QCloseEvent | None) -> None:  # noqa: N802 - Qt's name
-        """Stop what is running."""
-        self.jobs.cancel()
-        super().closeEvent(event)
+    def showEvent(self, event: QShowEvent | None) -> None:  # noqa: N802 - Qt's name
+        """Watch the window that the dock is in, to stop work when it closes."""
+        super().showEvent(event)
+        self.window().installEventFilter(self)
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
+        """Stop what is running when the window closes."""
+        if event is not None and event.type() == QEvent.Type.Close:
+            self.jobs.cancel()
+        return False
+
+    def changeEvent(self, event: QEvent | None) -> None:  # noqa: N802
+        """Stop what is running when the dock is taken out of its window."""
+        super().changeEvent(event)
+        if event is not None and event.type() == QEvent.Type.ParentChange and not self.parent():
+            self.jobs.cancel()
 
     def _build(self) -> None:
         column = QVBoxLayout(self)
@@ -130,7 +143,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.jobs.failed.connect(self._failed)
         self.session.recording_changed.connect(self._recording_opened)
         self.session.reconstruction_changed.connect(self._reconstructed)
-        self.session.results_added.connect(self._unwrapped)
+        self.session.lobes_changed.connect(self._lobes_changed)
+        self.session.outcome_changed.connect(self._unwrapped)
 
     def _started(self, title: str) -> None:
         self.progress.setRange(0, 0)
@@ -140,6 +154,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.say(f"{title} …")
 
     def _progressed(self, done: int, total: int, message: str) -> None:
+        if not self.jobs.running:  # a late word of a job that has ended
+            return
         self.progress.setRange(0, total)
         self.progress.setValue(done)
         self.say(f"{message}: {done} of {total}")
@@ -163,17 +179,25 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _finished(self, title: str) -> None:
         self._idle()
-        if self.status.text().endswith("…") or " of " in self.status.text():
-            self.say(f"{title}: done.")
+        self.say(self._next_words or f"{title}: done.")
+        self._next_words = ""
 
     def _recording_opened(self) -> None:
-        self.say("Check the microscope, then find the lobes in step 2.")
-        self.show_step(1)
+        self._go_on(1, "Check the microscope in step 1, then press Find lobes.")
+
+    def _lobes_changed(self) -> None:
+        words = "Drag the circles to correct them, then press Reconstruct in step 3."
+        self._next_words = words if self.jobs.running else ""
+        self.say(words)
 
     def _reconstructed(self) -> None:
-        self.say("Choose a frame in which the object is thin, then Run in step 4.")
-        self.show_step(3)
+        self._go_on(3, "Choose a frame in which the object is thin, then press Run.")
 
-    def _unwrapped(self, _: object) -> None:
-        self.say("Move the sliders; all results follow.")
-        self.show_step(4)
+    def _unwrapped(self) -> None:
+        self._go_on(4, "Move the sliders: all results follow.")
+
+    def _go_on(self, step: int, words: str) -> None:
+        """Open the next step and say what to do there, also once a job has ended."""
+        self.show_step(step)
+        self.say(words)
+        self._next_words = words if self.jobs.running else ""

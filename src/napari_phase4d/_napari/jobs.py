@@ -2,24 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
-from collections.abc import Callable
 from typing import Any
 
 from napari.qt.threading import FunctionWorker, create_worker
 from qtpy.QtCore import QObject, Signal
 
+from napari_phase4d._napari.session import Plan
 from napari_phase4d.progress import Cancelled
 
 __all__ = ["Jobs"]
-
-Work = Callable[..., Any]
-
-
-class Bridge(QObject):  # type: ignore[misc]
-    """Carries progress from the worker's thread to the window's."""
-
-    progressed = Signal(int, int, str)
 
 
 class Jobs(QObject):  # type: ignore[misc]
@@ -28,8 +21,8 @@ class Jobs(QObject):  # type: ignore[misc]
     Signals
     -------
     started(str), progressed(int, int, str), finished(str), cancelled(str), failed(str)
-        What the job is called, how far it is, how it ended. After `finished`, the result has
-        already been given to its receiver.
+        What the job is called, how far it is, how it ended. At `finished` the result has already
+        been received.
     """
 
     started = Signal(str)
@@ -42,24 +35,14 @@ class Jobs(QObject):  # type: ignore[misc]
         super().__init__(parent)
         self._worker: FunctionWorker | None = None
         self._stop = threading.Event()
-        self._bridge: Bridge | None = None
 
     @property
     def running(self) -> bool:
         """Whether a job is under way."""
         return self._worker is not None
 
-    def start(self, title: str, work: Work, receive: Callable[[Any], None]) -> None:
-        """Start work in a thread.
-
-        Parameters
-        ----------
-        title : str
-            What the user sees.
-        work : callable
-            ``work(progress=..., cancelled=...)``; it must touch no widget and no layer.
-        receive : callable
-            Gets the result in the window's thread.
+    def start(self, plan: Plan) -> None:
+        """Start a plan in a thread.
 
         Raises
         ------
@@ -70,47 +53,47 @@ class Jobs(QObject):  # type: ignore[misc]
             msg = "another job is still running; wait for it or press Cancel"
             raise ValueError(msg)
         stop = self._stop = threading.Event()
-        bridge = self._bridge = Bridge()
-        bridge.progressed.connect(self.progressed)
 
         def report(done: int, total: int, message: str) -> None:
-            bridge.progressed.emit(done, total, message)
+            # A signal is the one thing of Qt that may be used from another thread. The window
+            # may be gone by now.
+            with contextlib.suppress(RuntimeError):
+                self.progressed.emit(done, total, message)
 
         def guarded() -> Any:
             try:
-                return work(progress=report, cancelled=stop.is_set)
+                return plan.work(progress=report, cancelled=stop.is_set)
             except Cancelled:
                 return Cancelled
 
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
-        worker.returned.connect(lambda result: self._returned(worker, title, result, receive))
-        worker.errored.connect(lambda error: self._errored(worker, error))
+        worker.returned.connect(lambda result: self._returned(worker, plan, result))
+        worker.errored.connect(lambda error: self._failed(worker, error))
         self._worker = worker
-        self.started.emit(title)
+        self.started.emit(plan.title)
         worker.start()
 
     def cancel(self) -> None:
         """Ask the job to stop; it does so at its next step."""
         self._stop.set()
 
-    def _returned(
-        self, worker: FunctionWorker, title: str, result: Any, receive: Callable[[Any], None]
-    ) -> None:
+    def _returned(self, worker: FunctionWorker, plan: Plan, result: Any) -> None:
         if worker is not self._worker:
             return
-        self._worker = None
         # A result that arrives after Cancel is not wanted any more.
         if result is Cancelled or self._stop.is_set():
-            self.cancelled.emit(title)
+            self._worker = None
+            self.cancelled.emit(plan.title)
             return
         try:
-            receive(result)
-        except (OSError, TypeError, ValueError) as error:
-            self.failed.emit(str(error))
+            plan.receive(result)
+        except Exception as error:
+            self._failed(worker, error)
             return
-        self.finished.emit(title)
+        self._worker = None
+        self.finished.emit(plan.title)
 
-    def _errored(self, worker: FunctionWorker, error: Exception) -> None:
+    def _failed(self, worker: FunctionWorker, error: Exception) -> None:
         if worker is self._worker:
             self._worker = None
             self.failed.emit(str(error) or type(error).__name__)

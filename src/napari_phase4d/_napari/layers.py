@@ -11,8 +11,9 @@ from typing import Any
 import dask.array as da
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.io import open_recording
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 
@@ -23,6 +24,7 @@ __all__ = [
     "is_hologram_layer",
     "layer_tuple",
     "recording_of_layer",
+    "spread_over_angles",
     "stack_layer",
 ]
 
@@ -135,26 +137,46 @@ def is_hologram_layer(layer: Any) -> bool:
     return not layer.rgb and not layer.multiscale and layer.ndim in (2, 3)
 
 
-def recording_of_layer(layer: Any, optics: Optics, frame_rate_hz: float) -> Recording:
-    """Return the recording that a layer shows, with the user's optics and frame rate.
+def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
+    """Let one of our hologram layers show its frames at every viewing angle.
+
+    A camera frame holds all views at once. The frames are repeated without being copied.
+    """
+    coordinates = np.asarray(angles_deg, dtype=np.float64)
+    data = layer.data[:, :1]
+    shape = (data.shape[0], len(coordinates), *data.shape[2:])
+    layer.data = (
+        np.broadcast_to(data, shape)
+        if isinstance(data, np.ndarray)
+        else da.broadcast_to(data, shape)
+    )
+    layer.scale = [layer.scale[0], step_of(coordinates), *layer.scale[2:]]
+    layer.translate = [layer.translate[0], float(coordinates[0]), *layer.translate[2:]]
+
+
+def recording_of_layer(layer: Any) -> Recording:
+    """Return the recording that a layer shows.
 
     Parameters
     ----------
     layer : napari.layers.Image
-        A layer made by `hologram_layer`, or any grey image (y, x) or video (time, y, x).
-    optics : Optics
-        The microscope.
-    frame_rate_hz : float
-        Frames per second.
+        A layer made by `hologram_layer`, whose optics and times are noted in it, or any grey
+        image (y, x) or video (time, y, x), whose scale and units are used where it has them.
     """
-    note = layer.metadata.get(METADATA_KEY, {})
-    data = layer.data[:, 0] if layer.ndim == len(AXES) else layer.data
-    if not isinstance(data, (np.ndarray, da.Array)):
-        data = np.asarray(data)
+    note = layer.metadata.get(METADATA_KEY)
+    if note is None:
+        return open_recording(layer)
+    optics = Optics(
+        note["wavelength_um"],
+        note["camera_pixel_um"],
+        note["magnification"],
+        note["medium_index"],
+    )
     return Recording.from_frames(
-        data,
+        layer.data[:, 0],
         optics=optics,
-        frame_rate_hz=frame_rate_hz,
+        times_s=np.asarray(note["times_s"]),
         name=str(layer.name),
-        source=str(note.get("source", "")),
+        source=str(note["source"]),
+        notes=tuple(note["notes"]),
     )

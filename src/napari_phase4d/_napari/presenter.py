@@ -4,14 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+import xarray as xr
+
 from napari_phase4d._napari.layers import (
-    METADATA_KEY,
     LayerTuple,
     hologram_layer,
+    spread_over_angles,
     stack_layer,
+    step_of,
 )
 from napari_phase4d._napari.session import Session
-from napari_phase4d.evaluation import Comparison
+from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["Presenter"]
@@ -36,9 +40,17 @@ class Presenter:
     def __init__(self, viewer: Any, session: Session) -> None:
         self.viewer = viewer
         self.session = session
+        self._holograms: Any = None
+        self._adopted: tuple[Recording, Any] | None = None
+        #: Layers of unwrapped phase of the present recording: method id -> newest layer.
+        self._results: dict[str, Any] = {}
         session.recording_changed.connect(self.show_recording)
         session.reconstruction_changed.connect(self.show_phase)
-        session.results_added.connect(self.show_results)
+        session.outcome_changed.connect(self.show_outcome)
+
+    def adopt(self, recording: Recording, layer: Any) -> None:
+        """Note that a layer already shows a recording, so that none is added for it."""
+        self._adopted = (recording, layer)
 
     def add(self, layer: LayerTuple) -> Any:
         """Add a layer on top."""
@@ -46,45 +58,51 @@ class Presenter:
         return self.viewer.add_image(data, **keywords)
 
     def show_recording(self) -> None:
-        """Show the frames of the recording, unless a layer shows them already."""
+        """Show the frames of the recording, in the layer it came from or in a new one."""
         recording = self.session.needed_recording()
-        frames = recording.holograms.data
-        for layer in self.viewer.layers:
-            if layer.data is frames or same_frames(layer, recording.name):
-                layer.visible = True
-                return
+        self._results = {}
         self.hide_all()
-        self.add(hologram_layer(recording))
+        if self._adopted is not None and self._adopted[0] is recording:
+            self._holograms = self._adopted[1]
+            self._holograms.visible = True
+        else:
+            self._holograms = self.add(hologram_layer(recording))
+        self._adopted = None
         self.viewer.canvas.overlays.scale_bar.visible = True
-        self.go_to(0, 0)
+        self.viewer.reset_view()
+        self._go_to_start()
 
     def show_phase(self) -> None:
         """Show the wrapped phase; the amplitude is added, hidden."""
-        data = self.session.reconstruction
-        if data is None:
-            return
+        data = self.session.needed_reconstruction()
+        self._results = {}
         self.hide_all()
         name = self.session.needed_recording().name
+        if self._holograms in self.viewer.layers:
+            spread_over_angles(self._holograms, data["angle"].values)
         self.add(stack_layer(data["amplitude"], f"amplitude, {name}", "amplitude", visible=False))
         self.add(stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped"))
         self.viewer.reset_view()
         self.go_to(*self.session.recipe.boundary[0])
 
-    def show_results(self, comparison: Comparison) -> None:
+    def show_outcome(self) -> None:
         """Show the results side by side, as new layers."""
-        for method, result in comparison.results.items():
-            self.add(stack_layer(result, METHODS[method].label, "unwrapped"))
+        for method, result in self.session.needed_outcome().comparison.results.items():
+            layer = self.add(stack_layer(result, METHODS[method].label, "unwrapped"))
+            self._results[method] = layer
         self.side_by_side()
 
     def results(self) -> list[Any]:
-        """Return the layers of unwrapped phase, oldest first."""
-        return [la for la in self.viewer.layers if kind_of(la) == "unwrapped"]
+        """Return the newest layer of every method, in the order of the methods."""
+        layers = (self._results.get(method) for method in METHODS)
+        return [la for la in layers if la is not None and la in self.viewer.layers]
 
     def side_by_side(self) -> None:
         """Show the newest results of every method in a grid, with one contrast for all."""
-        newest = list({note_of(la).get("method"): la for la in self.results()}.values())
+        newest = self.results()
         if not newest:
-            return
+            msg = "there are no results to show yet; press Run in step 4"
+            raise ValueError(msg)
         self.hide_all()
         low = min(la.contrast_limits[0] for la in newest)
         high = max(la.contrast_limits[1] for la in newest)
@@ -105,11 +123,12 @@ class Presenter:
 
     def one_at_a_time(self) -> None:
         """Leave the grid; the newest result is shown alone."""
-        self.viewer.canvas.grid.enabled = False
         results = self.results()
-        if results:
-            self.hide_all()
-            results[-1].visible = True
+        if not results:
+            msg = "there are no results to show yet; press Run in step 4"
+            raise ValueError(msg)
+        self.hide_all()
+        results[-1].visible = True
         self.viewer.reset_view()
 
     def hide_all(self) -> None:
@@ -119,23 +138,35 @@ class Presenter:
             layer.visible = False
 
     def current_frame(self) -> tuple[int, int]:
-        """Return the (time, angle) numbers that the sliders show, within the reconstruction."""
-        data = self.session.reconstruction
-        if data is None:
-            return (0, 0)
+        """Return the (time, angle) numbers of the frame that is on screen."""
+        phase = self.session.needed_reconstruction()["phase"]
+        labels = list(self.viewer.dims.axis_labels)
         found = []
-        for axis, n in zip(("time", "angle"), data["phase"].shape[:2], strict=True):
-            labels = list(self.viewer.dims.axis_labels)
-            step = self.viewer.dims.current_step[labels.index(axis)] if axis in labels else 0
-            found.append(min(int(step), n - 1))
+        for axis in ("time", "angle"):
+            origin, step, n = axis_steps(phase, axis)
+            world = self.viewer.dims.point[labels.index(axis)] if axis in labels else origin
+            found.append(int(np.clip(round((world - origin) / step), 0, n - 1)))
         return found[0], found[1]
 
     def go_to(self, time: int, angle: int) -> None:
-        """Move the sliders to a frame."""
+        """Move the sliders to a frame of the reconstruction."""
+        phase = self.session.needed_reconstruction()["phase"]
         labels = list(self.viewer.dims.axis_labels)
-        for axis, step in (("time", time), ("angle", angle)):
+        for axis, number in (("time", time), ("angle", angle)):
             if axis in labels:
-                self.viewer.dims.set_current_step(labels.index(axis), step)
+                origin, step, _ = axis_steps(phase, axis)
+                self.viewer.dims.set_point(labels.index(axis), origin + number * step)
+
+    def _go_to_start(self) -> None:
+        """Move the sliders to the first frame."""
+        for axis in range(self.viewer.dims.ndim - 2):
+            self.viewer.dims.set_current_step(axis, 0)
+
+
+def axis_steps(stack: xr.DataArray, axis: str) -> tuple[float, float, int]:
+    """Return where an axis starts, its step as the layers have it, and its length."""
+    coordinates = np.asarray(stack[axis].values, dtype=np.float64)
+    return float(coordinates[0]), step_of(coordinates), len(coordinates)
 
 
 def show_small_colorbar(layer: Any) -> None:
@@ -144,20 +175,3 @@ def show_small_colorbar(layer: Any) -> None:
     layer.colorbar.font_size = COLORBAR_FONT
     layer.colorbar.box = False
     layer.colorbar.visible = True
-
-
-def note_of(layer: Any) -> dict[str, Any]:
-    """Return what the plugin noted in a layer."""
-    note = layer.metadata.get(METADATA_KEY, {})
-    return note if isinstance(note, dict) else {}
-
-
-def kind_of(layer: Any) -> str | None:
-    """Return what a layer of this plugin is."""
-    kind = note_of(layer).get("kind")
-    return None if kind is None else str(kind)
-
-
-def same_frames(layer: Any, name: str) -> bool:
-    """Say whether a layer shows the holograms of a recording."""
-    return kind_of(layer) == "holograms" and layer.name == name

@@ -1,45 +1,71 @@
 """What the dock knows and can do, without Qt.
 
-The dock's buttons and a script that drives an open window use the same session: settings live in
-its recipe, `compute_...` methods do the work (in a worker thread or right here), `set_...`
-methods take the result and tell whoever listens.
+The dock's buttons and a script that drives an open window use the same session. Settings live in
+its recipe. Long work is a `Plan`: a snapshot of what it works on, so that it can run in a thread
+while the user goes on, and a receiver that drops the result if the recording has changed since.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import xarray as xr
 from psygnal import Signal
 
-from napari_phase4d.evaluation import Comparison, compare
+from napari_phase4d.evaluation import compare
 from napari_phase4d.holography import Lobe, find_lobes, power_spectrum
 from napari_phase4d.io import open_recording
-from napari_phase4d.pipeline import Recipe, reconstruct_by
+from napari_phase4d.pipeline import Outcome, Recipe, reconstruct_by
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 
-__all__ = ["Session"]
+__all__ = ["Plan", "Session"]
 
 #: Frames averaged for the spectrum on screen.
 SPECTRUM_FRAMES = 32
 
 
+@dataclass(frozen=True)
+class Plan:
+    """Work that is ready to run anywhere.
+
+    Parameters
+    ----------
+    title : str
+        What the user sees.
+    work : callable
+        ``work(progress=None, cancelled=None)``; touches nothing but its own snapshot.
+    receive : callable
+        Takes the result into the session; to be called in the window's thread.
+    """
+
+    title: str
+    work: Callable[..., Any]
+    receive: Callable[[Any], None]
+
+    def run(self) -> None:
+        """Do the work here and now."""
+        self.receive(self.work())
+
+
 class Session:
-    """State of one dock: recording, lobes, reconstruction, results and the recipe."""
+    """State of one dock: recording, lobes, reconstruction, outcome and the recipe."""
 
     recording_changed = Signal()
     lobes_changed = Signal()
     reconstruction_changed = Signal()
-    results_added = Signal(object)
+    outcome_changed = Signal()
 
     def __init__(self) -> None:
         self.recipe = Recipe()
         self.recording: Recording | None = None
         self.spectrum: xr.DataArray | None = None
         self.reconstruction: xr.Dataset | None = None
-        self.comparison: Comparison | None = None
+        #: The last results, with the recipe that made them.
+        self.outcome: Outcome | None = None
+        self._reconstruction_recipe = self.recipe
 
     @property
     def lobes(self) -> list[Lobe]:
@@ -54,133 +80,197 @@ class Session:
         ValueError
             If a setting has no such value.
         """
-        self.recipe = Recipe.model_validate(self.recipe.model_dump() | settings)
+        self.recipe = self.recipe.changed(**settings)
 
-    def open(self, path_or_array: Any) -> Recording:
+    def open(self, path_or_array: Any) -> None:
         """Open a recording and take it."""
-        recording = open_recording(path_or_array)
-        self.set_recording(recording)
-        return recording
+        self.set_recording(open_recording(path_or_array))
 
-    def set_recording(self, recording: Recording) -> None:
-        """Take a recording; lobes and results of an earlier one are forgotten."""
+    def set_recording(
+        self,
+        recording: Recording,
+        angles_deg: Sequence[float] | None = None,
+        boundary: tuple[int, int] = (0, 0),
+    ) -> None:
+        """Take a recording; what belonged to an earlier one is forgotten.
+
+        Parameters
+        ----------
+        recording : Recording
+            The hologram video.
+        angles_deg : sequence of float, optional
+            Viewing angles, where they are known.
+        boundary : tuple of int, optional
+            The optically thin frame (time, angle), where it is known.
+        """
         recording.frame(0)  # a frame that can't be read is better found now
+        self.update(
+            recording=recording.source,
+            dataset=None,
+            optics=recording.optics,
+            frame_rate_hz=recording.frame_rate_hz,
+            lobes=(),
+            angles_deg=None if angles_deg is None else tuple(angles_deg),
+            reference=None,
+            boundary=(boundary,),
+        )
         self.recording = recording
         self.spectrum = None
         self.reconstruction = None
-        self.comparison = None
-        times = recording.times_s
-        interval = float(times[1] - times[0]) if len(times) > 1 else 1.0
-        self.update(
-            recording=recording.source,
-            optics=recording.optics,
-            frame_rate_hz=1 / interval if interval > 0 else None,
-            lobes=(),
-            boundary=((0, 0),),
-        )
+        self.outcome = None
         self.recording_changed.emit()
 
-    def compute_lobes(
-        self,
-        progress: ProgressCall | None = None,
-        cancelled: CancelledCall | None = None,
-    ) -> tuple[xr.DataArray, list[Lobe]]:
-        """Return the spectrum and the lobes found in it."""
-        recording = self.needed_recording()
-        spectrum = power_spectrum(
-            recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
-        )
-        angles = self.recipe.angles_deg
-        if angles is not None and len(angles) != self.recipe.n_views:
-            angles = None
-        return spectrum, find_lobes(recording, self.recipe.n_views, angles_deg=angles)
+    def recalibrate(self, recording: Recording) -> None:
+        """Take the same frames with other optics or times; the lobes stay, the phase goes."""
+        self.update(optics=recording.optics, frame_rate_hz=recording.frame_rate_hz)
+        self.recording = recording
+        self.reconstruction = None
 
     def set_lobes(self, lobes: Sequence[Lobe]) -> None:
-        """Take the views."""
+        """Take the views; phase that other views gave is out of date."""
         self.update(lobes=tuple(lobes))
+        self.reconstruction = None
         self.lobes_changed.emit()
 
-    def compute_reconstruction(
-        self,
-        progress: ProgressCall | None = None,
-        cancelled: CancelledCall | None = None,
-    ) -> xr.Dataset:
-        """Return wrapped phase and amplitude.
+    def plan_lobes(self) -> Plan:
+        """Plan to find the lobes."""
+        recording, recipe = self.needed_recording(), self.recipe
+        angles = recipe.angles_deg
+        if angles is not None and len(angles) != recipe.n_views:
+            angles = None
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> tuple[xr.DataArray, list[Lobe]]:
+            spectrum = power_spectrum(
+                recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
+            )
+            lobes = find_lobes(
+                recording,
+                recipe.n_views,
+                angles_deg=angles,
+                progress=progress,
+                cancelled=cancelled,
+            )
+            return spectrum, lobes
+
+        def receive(found: tuple[xr.DataArray, list[Lobe]]) -> None:
+            if self.recording is recording:
+                self.spectrum = found[0]
+                self.set_lobes(found[1])
+
+        return Plan("Finding the lobes", work, receive)
+
+    def plan_spectrum(self) -> Plan:
+        """Plan to compute the spectrum alone."""
+        recording = self.needed_recording()
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> xr.DataArray:
+            return power_spectrum(
+                recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
+            )
+
+        def receive(spectrum: xr.DataArray) -> None:
+            if self.recording is recording:
+                self.spectrum = spectrum
+                self.lobes_changed.emit()
+
+        return Plan("Computing the spectrum", work, receive)
+
+    def plan_reconstruction(self) -> Plan:
+        """Plan to reconstruct wrapped phase and amplitude.
 
         Raises
         ------
         ValueError
             If there is no recording or no lobe yet.
         """
-        recording = self.needed_recording()
-        self.check_lobes()
-        return reconstruct_by(self.recipe, recording, self.lobes, progress, cancelled)
+        recording, recipe = self.needed_recording(), self.recipe
+        if not recipe.lobes:
+            msg = "there are no lobes yet; press Find lobes in step 2"
+            raise ValueError(msg)
 
-    def set_reconstruction(self, data: xr.Dataset) -> None:
-        """Take wrapped phase and amplitude."""
-        self.reconstruction = data
-        self.comparison = None
-        t, a = self.recipe.boundary[0]
-        n_times, n_angles = data["phase"].shape[:2]
-        if t >= n_times or a >= n_angles:
-            self.update(boundary=((0, 0),))
-        self.reconstruction_changed.emit()
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> xr.Dataset:
+            return reconstruct_by(recipe, recording, list(recipe.lobes), progress, cancelled)
 
-    def compute_results(
-        self,
-        progress: ProgressCall | None = None,
-        cancelled: CancelledCall | None = None,
-    ) -> Comparison:
-        """Return the results of the chosen methods.
+        def receive(data: xr.Dataset) -> None:
+            if self.recording is recording:
+                self._set_reconstruction(data, recipe)
+
+        return Plan("Reconstructing", work, receive)
+
+    def plan_unwrapping(self) -> Plan:
+        """Plan to unwrap with the chosen methods.
 
         Raises
         ------
         ValueError
             If there is no phase yet or no method is chosen.
         """
-        data = self.check_reconstruction()
-        if not self.recipe.methods:
+        data = self.needed_reconstruction()
+        recording, chosen = self.needed_recording(), self.recipe
+        if not chosen.methods:
             msg = "no method is ticked; tick at least one in step 4"
             raise ValueError(msg)
-        return compare(
-            data["phase"],
-            self.recipe.methods,
-            self.recipe.boundary,
-            mask=self.recipe.mask,
-            options=self.recipe.options,
-            progress=progress,
-            cancelled=cancelled,
+        recipe = self._reconstruction_recipe.changed(
+            boundary=chosen.boundary,
+            mask=chosen.mask,
+            methods=chosen.methods,
+            options=chosen.options,
         )
 
-    def add_results(self, comparison: Comparison) -> None:
-        """Take the results."""
-        self.comparison = comparison
-        self.results_added.emit(comparison)
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> Outcome:
+            comparison = compare(
+                data["phase"],
+                recipe.methods,
+                recipe.boundary,
+                mask=recipe.mask,
+                options=recipe.options,
+                progress=progress,
+                cancelled=cancelled,
+            )
+            return Outcome(recording, recipe, data, comparison)
 
-    def recalibrate(self, recording: Recording) -> None:
-        """Take the same frames with another microscope or frame rate; lobes stay."""
-        self.recording = recording
-        times = recording.times_s
-        rate = 1 / float(times[1] - times[0]) if len(times) > 1 else self.recipe.frame_rate_hz
-        self.update(optics=recording.optics, frame_rate_hz=rate)
+        def receive(outcome: Outcome) -> None:
+            if self.reconstruction is data:
+                self.outcome = outcome
+                self.outcome_changed.emit()
 
-    def check_lobes(self) -> None:
-        """Raise ValueError if there is no lobe to reconstruct."""
-        self.needed_recording()
-        if not self.lobes:
-            msg = "there are no lobes yet; press Find lobes in step 2"
-            raise ValueError(msg)
-
-    def check_reconstruction(self) -> xr.Dataset:
-        """Return the reconstruction, or raise ValueError if there is none."""
-        if self.reconstruction is None:
-            msg = "there is no phase yet; press Reconstruct in step 3"
-            raise ValueError(msg)
-        return self.reconstruction
+        return Plan("Unwrapping", work, receive)
 
     def needed_recording(self) -> Recording:
-        """Return the recording, or say that there is none."""
+        """Return the recording, or raise ValueError if there is none."""
         if self.recording is None:
             msg = "there is no recording yet; open one in step 1"
             raise ValueError(msg)
         return self.recording
+
+    def needed_reconstruction(self) -> xr.Dataset:
+        """Return the reconstruction, or raise ValueError if there is none."""
+        if self.reconstruction is None:
+            msg = "there is no phase for these settings yet; press Reconstruct in step 3"
+            raise ValueError(msg)
+        return self.reconstruction
+
+    def needed_outcome(self) -> Outcome:
+        """Return the last results, or raise ValueError if there are none."""
+        if self.outcome is None:
+            msg = "there are no results yet; press Run in step 4"
+            raise ValueError(msg)
+        return self.outcome
+
+    def _set_reconstruction(self, data: xr.Dataset, recipe: Recipe) -> None:
+        """Take wrapped phase and amplitude with the recipe that made them."""
+        self.reconstruction = data
+        self._reconstruction_recipe = recipe
+        t, a = self.recipe.boundary[0]
+        n_times, n_angles = data["phase"].shape[:2]
+        if t >= n_times or a >= n_angles:
+            self.update(boundary=((0, 0),))
+        self.reconstruction_changed.emit()

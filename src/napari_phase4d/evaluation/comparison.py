@@ -76,7 +76,7 @@ def compare(
     """
     chosen = list(METHODS) if methods is None else list(methods)
     options = options or {}
-    for method in chosen:
+    for method in (*chosen, *options):
         check_method(method, options.get(method, {}))
     problem = Problem(phase, boundary, mask)
     exact = as_truth(truth, problem)

@@ -27,6 +27,7 @@ from napari_phase4d.holography.beams import choose_views
 from napari_phase4d.holography.lobes import Lobe, canonical, pair_distance, wrapped_distance
 from napari_phase4d.holography.sign import object_is_dark
 from napari_phase4d.holography.spectrum import mean_half_spectrum
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 
 __all__ = ["find_lobes", "measure_zero_order"]
@@ -67,6 +68,8 @@ def find_lobes(
     angles_deg: Sequence[float] | None = None,
     radius: float | None = None,
     orient: bool = True,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
 ) -> list[Lobe]:
     """Find the cross-correlation terms of the views in the spectrum of a recording.
 
@@ -85,6 +88,8 @@ def find_lobes(
     orient : bool, optional
         Whether to flip a lobe in which a clear object would come out with less phase than the
         background. Default True: cells are denser than water.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the search.
 
     Returns
     -------
@@ -97,15 +102,21 @@ def find_lobes(
     ValueError
         If ``n_views`` is out of range or fewer carriers can be seen.
     """
-    if not 1 <= n_views <= MAX_VIEWS:
-        msg = f"n_views must lie between 1 and {MAX_VIEWS}, but is {n_views}"
+    if not isinstance(n_views, (int, np.integer)) or not 1 <= n_views <= MAX_VIEWS:
+        msg = f"n_views must lie between 1 and {MAX_VIEWS}, but is {n_views!r}"
         raise ValueError(msg)
     if angles_deg is not None and len(angles_deg) != n_views:
         msg = f"angles_deg has {len(angles_deg)} angles for {n_views} views; give one each"
         raise ValueError(msg)
     at_most = max(4, MAX_FRAME_BYTES // (4 * math.prod(rec.frame_shape)))
-    frames = [rec.frame(i) for i in rec.sample_indices(min(MAX_FRAMES, at_most))]
+    indices = rec.sample_indices(min(MAX_FRAMES, at_most))
+    watch = Watch(len(indices) + n_views + 1, "finding the lobes", progress, cancelled)
+    frames = []
+    for index in indices:
+        frames.append(rec.frame(index))
+        watch.step()
     half = mean_half_spectrum(frames, rec.frame_shape)
+    watch.check()
     peaks = without_ghosts(find_peaks(half, rec.frame_shape), rec.frame_shape)
     if len(peaks) < n_views:
         msg = (
@@ -114,7 +125,11 @@ def find_lobes(
         )
         raise ValueError(msg)
     views = choose_views(peaks, n_views, frames)
-    carriers = [refined(p.carrier, frames) for p in views]
+    watch.step()
+    carriers = []
+    for view in views:
+        carriers.append(refined(view.carrier, frames))
+        watch.step()
     others = [p.carrier for p in peaks if p not in views]
     # All views pass one pupil, so one radius serves all.
     radius = radius or min(

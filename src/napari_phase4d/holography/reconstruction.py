@@ -56,7 +56,7 @@ def reconstruct(
     reference : optional
         What to divide the field by, so that static errors of the optics drop out: ``None`` for
         nothing, a frame number, ``"median"`` for the median over time, or a hologram without
-        the object as a file, array (y, x) or Recording.
+        the object as an array (y, x) or Recording.
     window : str, optional
         How a lobe is cut out: "disk", "smooth-disk" (default), "gaussian" or "tukey".
     background : str, optional
@@ -84,6 +84,9 @@ def reconstruct(
     if background not in BACKGROUND_ORDERS:
         msg = f"background must be one of {', '.join(BACKGROUND_ORDERS)}, but is {background!r}"
         raise ValueError(msg)
+    if not isinstance(rec, Recording) or not all(isinstance(lobe, Lobe) for lobe in lobes):
+        msg = "reconstruct() takes a Recording from open_recording() and a list of Lobe"
+        raise TypeError(msg)
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, window)
     watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)

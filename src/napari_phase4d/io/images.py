@@ -49,6 +49,9 @@ def read_image_folder(folder: Path) -> Video:
         msg = f"{folder.name} holds no images ({', '.join(IMAGE_SUFFIXES)})"
         raise OSError(msg)
     first = grey(load_image(paths[0]))
+    if first.ndim == 3 and first.shape[-1] not in (3, 4):
+        msg = f"{paths[0].name} holds a stack of images; a folder must hold one frame a file"
+        raise ValueError(msg)
 
     def load(path: Path) -> NDArray[Any]:
         frame = grey(load_image(path))
@@ -58,7 +61,13 @@ def read_image_folder(folder: Path) -> Video:
                 "all images of a folder must be of one size"
             )
             raise ValueError(msg)
-        return frame.astype(first.dtype, copy=False)
+        if frame.dtype != first.dtype:
+            msg = (
+                f"{path.name} holds {frame.dtype} values, but {paths[0].name} {first.dtype}; "
+                "all images of a folder must be of one kind"
+            )
+            raise ValueError(msg)
+        return frame
 
     from dask import delayed
 

@@ -50,10 +50,12 @@ def read_npz(path: Path, dataset: str | None = None) -> Video:
         If there is no such array.
     """
     try:
+        if not zipfile.is_zipfile(path):
+            raise zipfile.BadZipFile
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
             name = chosen_name(archive, path, dataset)
             return Video(member(archive, name, path))
-    except (zipfile.BadZipFile, EOFError, OSError) as error:
+    except (zipfile.BadZipFile, EOFError, OSError, TypeError) as error:
         raise OSError(unreadable(path, error)) from error
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from napari_phase4d.io.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image, read_image_folder
 from napari_phase4d.io.numpy_files import read_npy, read_npz
@@ -56,7 +57,7 @@ def open_recording(
         If the data are no hologram video.
     """
     if isinstance(path_or_array, Recording):
-        return path_or_array
+        return path_or_array.calibrated(optics, frame_rate_hz)
     if isinstance(path_or_array, (str, Path)):
         return open_path(Path(path_or_array).expanduser(), optics, frame_rate_hz, dataset)
     if isinstance(path_or_array, xr.DataArray):
@@ -119,8 +120,7 @@ def recording_of(
     elif frame_rate_hz is None:
         notes.append("The frame rate is not in the data; 1 frame a second is assumed.")
     if optics is None and video.pixel_um is not None:
-        base = Optics()
-        optics = replace(base, magnification=base.camera_pixel_um / video.pixel_um)
+        optics = optics_for_pixel(video.pixel_um)
         notes.append(
             f"The pixel is {video.pixel_um:.4g} um wide according to the file; "
             "check the wavelength and the magnification."
@@ -141,12 +141,16 @@ def open_data_array(
     data: xr.DataArray, optics: Optics | None, frame_rate_hz: float | None
 ) -> Recording:
     """Take frames from an xarray array; its own times are kept."""
-    dims = tuple(d for d in ("time", "y", "x") if d in data.dims)
-    if data.ndim in (2, 3) and len(dims) == data.ndim:
-        data = data.transpose(*dims)
+    if data.ndim in (2, 3) and not set(data.dims) <= {"time", "y", "x"}:
+        msg = f"the array has dims {tuple(data.dims)}; a hologram video has time, y and x"
+        raise ValueError(msg)
+    if data.ndim in (2, 3):
+        data = data.transpose(*(d for d in ("time", "y", "x") if d in data.dims))
     times = None
     if frame_rate_hz is None and "time" in data.dims and "time" in data.coords:
-        times = np.asarray(data["time"].values, dtype=np.float64)
+        times = seconds(data["time"].values)
+    if optics is None and "x" in data.coords and data["x"].attrs.get("units") == "um":
+        optics = optics_for_pixel(float(data["x"][1] - data["x"][0]))
     return Recording.from_frames(
         data.data,
         optics=optics,
@@ -155,6 +159,20 @@ def open_data_array(
         name="the array" if data.name is None else str(data.name),
         attrs={str(k): v for k, v in data.attrs.items()},
     )
+
+
+def seconds(times: NDArray[Any]) -> NDArray[np.float64]:
+    """Return times in seconds; dates count from the first one."""
+    if times.dtype.kind in "mM":
+        since = times - times[0] if times.dtype.kind == "M" else times
+        return np.asarray(since / np.timedelta64(1, "s"), dtype=np.float64)
+    return np.asarray(times, dtype=np.float64)
+
+
+def optics_for_pixel(pixel_um: float) -> Optics:
+    """Return the paper's microscope with the magnification that gives this pixel."""
+    base = Optics()
+    return replace(base, magnification=base.camera_pixel_um / pixel_um)
 
 
 def open_layer(layer: Any, optics: Optics | None, frame_rate_hz: float | None) -> Recording:

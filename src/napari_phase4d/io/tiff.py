@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import re
+import struct
+import threading
 import xml.etree.ElementTree as ET
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +49,7 @@ def read_tiff(path: Path) -> Video:
             facts = ome_facts(tif) if tif.is_ome else imagej_facts(tif)
             dtype = series.dtype
             contiguous = series.dataoffset is not None
-    except (tifffile.TiffFileError, IndexError, KeyError) as error:
+    except (tifffile.TiffFileError, struct.error, IndexError, KeyError, ValueError) as error:
         msg = f"{path.name} can't be read as a TIFF file; it may be cut short or damaged ({error})"
         raise OSError(msg) from error
     frames = mapped_frames(path, shape) if contiguous else paged_frames(path, shape, dtype)
@@ -78,8 +81,8 @@ def mapped_frames(path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
 
 def paged_frames(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> da.Array:
     """Return the pages of any other file as a dask array with one page a chunk."""
-    with tifffile.TiffFile(path) as tif:
-        page_shape = tif.series[0].keyframe.shape
+    pages = Pages(path)
+    page_shape = pages.shape
     n_leading = len(shape) - len(page_shape)
     leading = shape[:n_leading]
 
@@ -88,14 +91,61 @@ def paged_frames(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> da
         flat = (
             int(np.ravel_multi_index([start for start, _ in location], leading)) if leading else 0
         )
-        with tifffile.TiffFile(path) as tif:
-            page = tif.series[0].asarray(key=flat)
-        return np.asarray(page).reshape((*((1,) * n_leading), *page_shape))
+        return pages.read(flat).reshape((*((1,) * n_leading), *page_shape))
 
     chunks = (*((1,) * n for n in leading), *((n,) for n in page_shape))
-    return da.map_blocks(
-        read_block, chunks=chunks, dtype=dtype, meta=np.empty((0,) * len(shape), dtype)
-    )
+    meta = np.empty((0,) * len(shape), dtype)
+    return da.map_blocks(read_block, chunks=chunks, dtype=dtype, meta=meta)
+
+
+class Pages:
+    """Reads single pages; the file stays open, so that its directory is parsed once.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._open()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of one page."""
+        return tuple(int(n) for n in self._series.keyframe.shape)
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return one page.
+
+        Raises
+        ------
+        OSError
+            If the page can't be decoded.
+        """
+        with self._lock:
+            try:
+                return np.asarray(self._series.asarray(key=index))
+            except (OSError, ValueError, RuntimeError, zlib.error, struct.error) as error:
+                msg = f"frame {index} of {self.path.name} can't be decoded ({error})"
+                raise OSError(msg) from error
+
+    def _open(self) -> None:
+        self._lock = threading.Lock()
+        self._file = tifffile.TiffFile(self.path)
+        self._series = self._file.series[0]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.path = state["path"]
+        self._open()
+
+    def __del__(self) -> None:
+        if hasattr(self, "_file"):
+            self._file.close()
 
 
 def imagej_facts(tif: tifffile.TiffFile) -> dict[str, float]:

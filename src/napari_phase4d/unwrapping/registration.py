@@ -29,8 +29,8 @@ def centre_of_mass_shifts(
 
     The masks' centre of mass proposes the shift. It is taken where it makes the frame more like
     its neighbour (mean cosine of the phase difference) than that one's own shift does, so that a
-    mask that fails in one frame does not tear that frame away. Frames are visited outwards from the boundary
-    frame: along time for each view, after the views of the boundary time.
+    mask that fails in one frame does not tear that frame away. Frames are visited outwards from
+    the boundary frame: along time for each view, after the views of the boundary time.
 
     Parameters
     ----------

@@ -182,7 +182,7 @@ def run_method(
 
 def check_method(method: str, options: Mapping[str, Any]) -> None:
     """Raise ValueError for unknown methods and TypeError for options that a method lacks."""
-    if method not in METHODS:
+    if not isinstance(method, str) or method not in METHODS:
         msg = f"method must be one of {', '.join(METHODS)}, but is {method!r}"
         raise ValueError(msg)
     known = [o.name for o in METHODS[method].options]
@@ -190,3 +190,9 @@ def check_method(method: str, options: Mapping[str, Any]) -> None:
     if unknown:
         msg = f"{method} has no option {unknown[0]!r}; it has {', '.join(known) or 'none'}"
         raise TypeError(msg)
+    for option in METHODS[method].options:
+        value = options.get(option.name, option.default)
+        if not isinstance(value, type(option.default)):
+            kind = type(option.default).__name__
+            msg = f"the option {option.name} of {method} takes a {kind}, but got {value!r}"
+            raise TypeError(msg)

@@ -13,9 +13,9 @@ from qtpy.QtWidgets import (
     QTableWidgetItem,
 )
 
+from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.evaluation import Comparison
-from napari_phase4d.pipeline import Outcome, write_outcome
+from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
 __all__ = ["CompareStep"]
@@ -57,32 +57,30 @@ class CompareStep(Step):
         )
         self.column.addWidget(self.save)
         self._fit_table()
-        self.session.results_added.connect(self._show)
+        self.session.outcome_changed.connect(self._show)
 
     def save_to(self, folder: str | Path) -> None:
         """Write all results into a folder, in a thread."""
-        session = self.session
-        recording = session.needed_recording()
-        if session.reconstruction is None or session.comparison is None:
-            msg = "there are no results to save yet; press Run in step 4"
-            raise ValueError(msg)
-        outcome = Outcome(recording, session.lobes, session.reconstruction, session.comparison)
-        recipe = session.recipe
+        outcome = self.session.needed_outcome()
 
-        def work(progress: ProgressCall, cancelled: CancelledCall) -> list[Path]:
-            return write_outcome(outcome, recipe, folder)
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> list[Path]:
+            return write_outcome(outcome, folder, progress, cancelled)
 
-        self.jobs.start(f"Saving to {folder}", work, lambda _: None)
+        self.jobs.start(Plan(f"Saving to {folder}", work, lambda _: None))
 
     def _ask_folder(self) -> None:
+        self.session.needed_outcome()
         folder = QFileDialog.getExistingDirectory(self, "Folder for the results")
         if folder:
             self.save_to(folder)
 
-    def _show(self, comparison: Comparison) -> None:
-        self.table.setRowCount(len(comparison.table))
+    def _show(self) -> None:
+        table = self.session.needed_outcome().comparison.table
+        self.table.setRowCount(len(table))
         for row, (method, seconds) in enumerate(
-            zip(comparison.table["method"], comparison.table["seconds"], strict=True)
+            zip(table["method"], table["seconds"], strict=True)
         ):
             self.table.setItem(row, 0, QTableWidgetItem(str(method)))
             self.table.setItem(row, 1, QTableWidgetItem(f"{seconds:.2f}"))

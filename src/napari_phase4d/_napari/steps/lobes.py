@@ -35,6 +35,7 @@ class LobesStep(Step):
     def build(self) -> None:
         """Make the widgets."""
         self._filling = False
+        self._drawn: xr.DataArray | None = None
         self.column.addLayout(self.form)
         self.n_views = self.field(
             "Views",
@@ -78,8 +79,7 @@ class LobesStep(Step):
 
     def find_lobes(self) -> None:
         """Find the views, in a thread."""
-        self.session.needed_recording()
-        self.jobs.start("Finding the lobes", self.session.compute_lobes, self._found)
+        self.jobs.start(self.session.plan_lobes())
 
     def add_lobe(self) -> None:
         """Add a view where there is none yet."""
@@ -100,15 +100,8 @@ class LobesStep(Step):
         self.session.set_lobes(lobes)
 
     def _new_recording(self) -> None:
-        self.canvas.set_spectrum(None)
         self.n_views.value = self.session.recipe.n_views
         self._show()
-
-    def _found(self, found: tuple[xr.DataArray, list[Lobe]]) -> None:
-        spectrum, lobes = found
-        self.canvas.set_spectrum(spectrum)
-        self.session.spectrum = spectrum
-        self.session.set_lobes(lobes)
 
     def _edited_on_canvas(self, lobes: list[Lobe]) -> None:
         self.session.set_lobes(lobes)
@@ -126,8 +119,19 @@ class LobesStep(Step):
 
     def _show(self) -> None:
         lobes = self.session.lobes
+        if self._drawn is not self.session.spectrum:
+            self._drawn = self.session.spectrum
+            self.canvas.set_spectrum(self._drawn)
         self.canvas.set_lobes(lobes)
         self._filling = True
+        try:
+            self._fill_table(lobes)
+        finally:
+            self._filling = False
+        self.warnings.setText("<br>".join(f"⚠ {w}" for w in lobe_warnings(lobes)))
+        self.warnings.setVisible(bool(self.warnings.text()))
+
+    def _fill_table(self, lobes: list[Lobe]) -> None:
         self.table.setRowCount(len(lobes))
         for row, lobe in enumerate(lobes):
             header = QTableWidgetItem(str(row + 1))
@@ -141,14 +145,11 @@ class LobesStep(Step):
             flip.setFlags(Qt.ItemFlag.ItemIsUserCheckable | Qt.ItemFlag.ItemIsEnabled)
             flip.setCheckState(Qt.CheckState.Checked if lobe.flip else Qt.CheckState.Unchecked)
             self.table.setItem(row, len(COLUMNS) - 1, flip)
-        self._filling = False
         rows = max(1, len(lobes))
         height = self.table.horizontalHeader().sizeHint().height()
         self.table.setFixedHeight(
             height + rows * self.table.verticalHeader().defaultSectionSize() + 6
         )
-        self.warnings.setText("<br>".join(f"⚠ {w}" for w in lobe_warnings(lobes)))
-        self.warnings.setVisible(bool(self.warnings.text()))
 
     def _show_frequency(self, ky: float, kx: float) -> None:
         words = f"ky {ky:+.4f}, kx {kx:+.4f} cycles/px"

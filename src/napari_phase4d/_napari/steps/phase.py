@@ -79,6 +79,7 @@ class PhaseStep(Step):
         self.column.addWidget(self.go)
         self.facts = self.text("", "phase_facts")
         self.column.addWidget(self.facts)
+        self.session.recording_changed.connect(lambda: self.facts.setText(""))
         self.session.reconstruction_changed.connect(self._show)
 
     def reconstruct(self) -> None:
@@ -90,12 +91,7 @@ class PhaseStep(Step):
             drift=self.drift.value,
             window=self.window.value,
         )
-        self.session.check_lobes()
-        self.jobs.start(
-            "Reconstructing",
-            self.session.compute_reconstruction,
-            self.session.set_reconstruction,
-        )
+        self.jobs.start(self.session.plan_reconstruction())
 
     def _choose_reference(self) -> None:
         """Ask for the file if one is wanted."""
@@ -109,10 +105,7 @@ class PhaseStep(Step):
         self.form.setRowVisible(self.reference_file.native, wants_file)
 
     def _show(self) -> None:
-        data = self.session.reconstruction
-        if data is None:
-            self.facts.setText("")
-            return
+        data = self.session.needed_reconstruction()
         n_times, n_angles, height, width = data["phase"].shape
         lines = [f"{n_times} times × {n_angles} views, {width} × {height} pixels"]
         if data.attrs["drift_removed"] and data.attrs["background_share"] < 0.3:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -10,10 +12,16 @@ from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
 from qtpy.QtWidgets import QFileDialog, QGridLayout
 
-from napari_phase4d._napari.layers import is_hologram_layer, recording_of_layer
+from napari_phase4d._napari.layers import (
+    METADATA_KEY,
+    is_hologram_layer,
+    recording_of_layer,
+)
+from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.io import READABLE_SUFFIXES, open_recording
 from napari_phase4d.optics import Optics
+from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import Sample, euglena_sample
 
@@ -71,9 +79,10 @@ class RecordingStep(Step):
             box = FloatSpinBox(
                 name=name, value=value, min=low, max=high, step=step, tooltip=tooltip
             )
-            box.native.setDecimals(4)
+            box.native.setDecimals(6 if name == "frame_rate_hz" else 4)
             setattr(self, name, self.field(label, box))
-            box.changed.connect(lambda _: self.guarded(self._optics_changed))
+            changed = self._rate_changed if name == "frame_rate_hz" else self._optics_changed
+            box.changed.connect(lambda _, changed=changed: self.guarded(changed))
         self.facts = self.text("No recording yet.", "recording_facts")
         self.column.addWidget(self.facts)
         self.session.recording_changed.connect(self._show)
@@ -85,19 +94,26 @@ class RecordingStep(Step):
 
     def open_path(self, path: str | Path) -> None:
         """Open a file or folder, in a thread."""
-        self.jobs.start(
-            f"Opening {Path(path).name}",
-            lambda progress, cancelled: open_recording(path),
-            self.session.set_recording,
-        )
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> Recording:
+            return open_recording(path)
+
+        self.jobs.start(Plan(f"Opening {Path(path).name}", work, self.session.set_recording))
 
     def open_sample(self) -> None:
         """Simulate the sample, in a thread."""
-        self.jobs.start(
-            "Simulating the sample",
-            lambda progress, cancelled: euglena_sample(),
-            self._take_sample,
-        )
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> Sample:
+            return euglena_sample()
+
+        def receive(sample: Sample) -> None:
+            self.session.set_recording(sample.recording, sample.angles_deg, sample.boundary)
+
+        self.jobs.start(Plan("Simulating the sample", work, receive))
 
     def optics(self) -> Optics:
         """Return the microscope as typed in."""
@@ -110,9 +126,8 @@ class RecordingStep(Step):
 
     def reset_choices(self) -> None:
         """Look for layers again."""
-        self._filling = True
-        self.layer.reset_choices()
-        self._filling = False
+        with self._own_change():
+            self.layer.reset_choices()
 
     def _ask_file(self) -> None:
         kinds = " ".join(f"*{suffix}" for suffix in READABLE_SUFFIXES)
@@ -127,57 +142,49 @@ class RecordingStep(Step):
         if path:
             self.open_path(path)
 
-    def _take_sample(self, sample: Sample) -> None:
-        self.session.set_recording(sample.recording)
-        self.session.update(angles_deg=sample.angles_deg, boundary=(sample.boundary,))
-
     def _take_layer(self, layer: Any) -> None:
         if layer is None or self._filling:
             return
-        note = layer.metadata.get("napari-phase4d", {})
-        for name in ("camera_pixel_um", "magnification", "medium_index"):
-            if name in note:
-                self._fill(name, note[name])
-        if "wavelength_um" in note:
-            self._fill("wavelength_nm", 1000 * note["wavelength_um"])
-        times = note.get("times_s", [])
-        if len(times) > 1:
-            self._fill("frame_rate_hz", 1 / (times[1] - times[0]))
-        recording = recording_of_layer(layer, self.optics(), self.frame_rate_hz.value)
+        if self.jobs.running:
+            msg = "another job is still running; wait for it or press Cancel"
+            raise ValueError(msg)
+        recording = recording_of_layer(layer)
+        if METADATA_KEY in layer.metadata:
+            self.presenter.adopt(recording, layer)
         self.session.set_recording(recording)
 
-    def _fill(self, name: str, value: float) -> None:
-        """Show a value without taking it for the user's typing."""
+    @contextmanager
+    def _own_change(self) -> Iterator[None]:
+        """Let a change of the widgets not be taken for the user's."""
         self._filling = True
-        getattr(self, name).value = value
-        self._filling = False
+        try:
+            yield
+        finally:
+            self._filling = False
 
     def _optics_changed(self) -> None:
-        """Take what was typed; the frames stay, their scale changes."""
-        recording = self.session.recording
-        if self._filling or recording is None:
-            return
-        changed = Recording.from_frames(
-            recording.holograms.data,
-            optics=self.optics(),
-            frame_rate_hz=self.frame_rate_hz.value,
-            name=recording.name,
-            source=recording.source,
-            attrs=recording.holograms.attrs,
-        )
-        self.session.recalibrate(changed)
+        """Take the microscope as typed in; frames and lobes stay."""
+        if not self._filling and self.session.recording is not None:
+            self.session.recalibrate(self.session.recording.calibrated(self.optics()))
+
+    def _rate_changed(self) -> None:
+        """Take the frame rate as typed in."""
+        if not self._filling and self.session.recording is not None:
+            rate = self.frame_rate_hz.value
+            self.session.recalibrate(self.session.recording.calibrated(frame_rate_hz=rate))
 
     def _show(self) -> None:
         """Show the recording's facts and optics."""
         recording = self.session.needed_recording()
         optics = recording.optics
-        self._fill("wavelength_nm", 1000 * optics.wavelength_um)
-        self._fill("camera_pixel_um", optics.camera_pixel_um)
-        self._fill("magnification", optics.magnification)
-        self._fill("medium_index", optics.medium_index)
-        rate = self.session.recipe.frame_rate_hz
-        if rate is not None:
-            self._fill("frame_rate_hz", rate)
+        rate = recording.frame_rate_hz
+        with self._own_change():
+            self.wavelength_nm.value = 1000 * optics.wavelength_um
+            self.camera_pixel_um.value = optics.camera_pixel_um
+            self.magnification.value = optics.magnification
+            self.medium_index.value = optics.medium_index
+            if rate is not None:
+                self.frame_rate_hz.value = rate
         self.facts.setText(facts_of(recording))
 
 

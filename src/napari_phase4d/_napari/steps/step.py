@@ -84,12 +84,4 @@ class Step(QWidget):  # type: ignore[misc]
         try:
             action()
         except (OSError, TypeError, ValueError) as error:
-            self.failed.emit(sentence_of(error))
-
-
-def sentence_of(error: Exception) -> str:
-    """Return what an error says, without the report that pydantic wraps round it."""
-    errors = getattr(error, "errors", None)
-    if callable(errors):
-        return str(errors()[0]["msg"]).removeprefix("Value error, ")
-    return str(error)
+            self.failed.emit(str(error))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from magicgui.widgets import CheckBox, SpinBox
+from magicgui.widgets import CheckBox, ComboBox, SpinBox
 from qtpy.QtWidgets import QCheckBox
 
 from napari_phase4d._napari.steps.step import Step
@@ -29,7 +29,11 @@ class UnwrapStep(Step):
         )
         self.angle = self.field(
             "Thin angle",
-            SpinBox(name="boundary_angle", min=0, max=5, tooltip="Number of the view, from 0."),
+            ComboBox(
+                name="boundary_angle",
+                choices=[("–", 0)],
+                tooltip="Viewing angle in which the object is thin.",
+            ),
         )
         self.use_view = self.button(
             "Use current view",
@@ -61,7 +65,6 @@ class UnwrapStep(Step):
 
     def use_current(self) -> None:
         """Take the frame that the sliders show as the thin one."""
-        self.session.check_reconstruction()
         self.time.value, self.angle.value = self.presenter.current_frame()
 
     def run(self) -> None:
@@ -71,15 +74,13 @@ class UnwrapStep(Step):
             mask="auto" if self.mask.value else None,
             methods=tuple(m for m, box in self.methods.items() if box.isChecked()),
         )
-        self.session.check_reconstruction()
-        self.jobs.start("Unwrapping", self.session.compute_results, self.session.add_results)
+        self.jobs.start(self.session.plan_unwrapping())
 
     def _show(self) -> None:
         """Limit the numbers to the frames that there are."""
-        data = self.session.reconstruction
-        if data is None:
-            return
-        n_times, n_angles = data["phase"].shape[:2]
+        phase = self.session.needed_reconstruction()["phase"]
         time, angle = self.session.recipe.boundary[0]
-        self.time.max, self.angle.max = n_times - 1, n_angles - 1
+        self.time.max = phase.sizes["time"] - 1
+        angles = enumerate(phase["angle"].values)
+        self.angle.choices = [(f"{degrees:g}°", number) for number, degrees in angles]
         self.time.value, self.angle.value = time, angle

@@ -1,0 +1,46 @@
+"""Make the pictures of the documents from the real program: one of the window at every step."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from napari_phase4d._napari.demo import let_it_draw, viewer_with_dock, wait_until
+
+PICTURES = Path(__file__).parent / "pictures"
+
+
+def main() -> None:
+    PICTURES.mkdir(exist_ok=True)
+    viewer, dock = viewer_with_dock(show=True)
+
+    def picture(name: str) -> None:
+        let_it_draw()
+        path = PICTURES / f"{name}.png"
+        viewer.window.screenshot(path=str(path), canvas_only=False, flash=False)
+        print(path.relative_to(PICTURES.parents[1]))
+
+    def press(action: object) -> None:
+        action()
+        wait_until(lambda: not dock.jobs.running)
+
+    try:
+        picture("0_empty")
+        press(dock.recording.open_sample)
+        dock.show_step(0)
+        picture("1_recording")
+        press(dock.lobes.find_lobes)
+        dock.show_step(1)
+        picture("2_lobes")
+        dock.show_step(2)
+        picture("3_phase")
+        press(dock.phase.reconstruct)
+        picture("4_unwrap")
+        press(dock.unwrap.run)
+        dock.presenter.go_to(39, 0)
+        picture("5_compare")
+    finally:
+        viewer.close()
+
+
+if __name__ == "__main__":
+    main()
