@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
-import numpy as np
 import pytest
 import xarray as xr
 
@@ -12,20 +9,6 @@ import napari_phase4d as p4d
 from napari_phase4d.holography import Lobe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import Sample, euglena_sample
-
-MEASURED = Path(__file__).resolve().parents[2] / "shared" / "data"
-
-
-def measured(name: str) -> Path:
-    """Return a measured file, or skip the test."""
-    path = MEASURED / name
-    if not path.exists():
-        pytest.skip(f"measured data {name} is not part of the repository and not on this machine")
-    return path
-
-
-def wrap(phase: np.ndarray) -> np.ndarray:
-    return np.angle(np.exp(1j * np.asarray(phase)))
 
 
 @pytest.fixture(scope="session")

@@ -8,7 +8,7 @@ import pytest
 import tifffile
 
 import napari_phase4d as p4d
-from conftest import measured
+from helpers import measured
 from napari_phase4d.holography.lobes import pair_distance
 from napari_phase4d.recording import Recording
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena

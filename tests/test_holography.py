@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import napari_phase4d as p4d
-from conftest import wrap
+from helpers import wrap
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings
 from napari_phase4d.holography.background import background_offset, fit_background
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena

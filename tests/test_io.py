@@ -16,7 +16,7 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
-from conftest import measured
+from helpers import measured
 from napari_phase4d.io import read_results, write_phase, write_table
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.recording import Recording

@@ -17,7 +17,6 @@ from qtpy.QtWidgets import (
     QVBoxLayout,
     QWidget,
 )
-from superqt import QCollapsible
 
 from napari_phase4d._napari.jobs import Jobs
 from napari_phase4d._napari.presenter import Presenter
@@ -29,10 +28,13 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
+from napari_phase4d._napari.steps.section import Section
 
 __all__ = ["Phase4DDock"]
 
 WIDTH = 380
+#: Readable on napari's dark and light themes.
+WRONG_STYLE = "color: #e8594a; font-weight: bold;"
 
 
 class Phase4DDock(QWidget):  # type: ignore[misc]
@@ -69,12 +71,12 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         """Show one sentence at the foot of the dock."""
         self.status.setText(f"⚠ {sentence}" if wrong else sentence)
         self.status.setProperty("wrong", wrong)
-        self.status.setStyleSheet("color: #ff7a6b; font-weight: bold;" if wrong else "")
+        self.status.setStyleSheet(WRONG_STYLE if wrong else "")
 
     def show_step(self, number: int) -> None:
         """Open one step (0 to 4), close the others and scroll to it."""
         for i, section in enumerate(self.sections):
-            section.expand(animate=False) if i == number else section.collapse(animate=False)
+            section.set_open(i == number)
         self.scroll.ensureWidgetVisible(self.sections[number], 0, 0)
 
     def showEvent(self, event: QShowEvent | None) -> None:  # noqa: N802 - Qt's name
@@ -100,11 +102,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         inner = QWidget()
         sections = QVBoxLayout(inner)
         sections.setContentsMargins(0, 0, 0, 0)
-        self.sections = []
+        self.sections: list[Section] = []
         for step in self.steps:
-            section = QCollapsible(step.title)
-            section.addWidget(step)
-            section.layout().setContentsMargins(0, 0, 0, 0)
+            section = Section(step.title, step)
             sections.addWidget(section)
             self.sections.append(section)
         sections.addStretch()

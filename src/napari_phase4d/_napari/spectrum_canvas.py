@@ -52,7 +52,7 @@ class SpectrumCanvas(QGraphicsView):  # type: ignore[misc]
         self.setMouseTracking(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setMinimumHeight(250)
+        self.setMinimumHeight(280)
         self.setBackgroundBrush(QBrush(QColor("black")))
         self._lobes: list[Lobe] = []
         self._held: tuple[int, str] | None = None

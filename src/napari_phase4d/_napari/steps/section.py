@@ -1,0 +1,50 @@
+"""A heading that opens and closes what is under it."""
+
+from __future__ import annotations
+
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QSizePolicy, QToolButton, QVBoxLayout, QWidget
+
+__all__ = ["Section"]
+
+
+class Section(QWidget):  # type: ignore[misc]
+    """One step with its heading.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    content : QWidget
+        What it opens and closes.
+    """
+
+    def __init__(self, title: str, content: QWidget) -> None:
+        super().__init__()
+        self.content = content
+        self.heading = QToolButton()
+        self.heading.setObjectName(f"heading_{title.split()[-1].lower()}")
+        self.heading.setText(title)
+        self.heading.setCheckable(True)
+        self.heading.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.heading.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.heading.setMinimumHeight(26)
+        self.heading.toggled.connect(self.set_open)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 2)
+        column.setSpacing(2)
+        column.addWidget(self.heading)
+        column.addWidget(content)
+        self.set_open(False)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the content is shown."""
+        return bool(self.heading.isChecked())
+
+    def set_open(self, is_open: bool) -> None:
+        """Show or hide the content."""
+        self.heading.setChecked(is_open)
+        arrow = Qt.ArrowType.DownArrow if is_open else Qt.ArrowType.RightArrow
+        self.heading.setArrowType(arrow)
+        self.content.setVisible(is_open)

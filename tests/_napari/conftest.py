@@ -1,0 +1,53 @@
+"""A real viewer with the dock, and real clicks."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import pytest
+
+if sys.platform.startswith("linux") and not os.environ.get("DISPLAY"):
+    pytest.exit("the window tests need a display; run 'python3 dev.py test'", returncode=2)
+
+from qtpy.QtCore import QPoint, Qt
+from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QWidget
+
+
+@pytest.fixture
+def viewer(make_napari_viewer: Callable[..., Any]) -> Any:
+    viewer = make_napari_viewer(show=True)
+    viewer.window.resize(1280, 720)
+    return viewer
+
+
+@pytest.fixture
+def dock(viewer: Any) -> Iterator[Any]:
+    _, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    yield dock
+    dock.jobs.cancel()
+
+
+@pytest.fixture
+def click(dock: Any, qtbot: Any) -> Callable[[str], None]:
+    """Click on a widget of the dock by its name, as the mouse does, and wait for its job."""
+
+    def click(name: str) -> None:
+        widget = dock.findChild(QWidget, name)
+        assert widget is not None, name
+        section = next(s for s in dock.sections if s.isAncestorOf(widget))
+        if not section.is_open:
+            qtbot.mouseClick(section.heading, Qt.MouseButton.LeftButton)
+        dock.scroll.ensureWidgetVisible(widget)
+        assert widget.isVisible()
+        # A check box takes clicks on its box, at the left.
+        position = QPoint(10, widget.height() // 2)
+        QTest.mouseClick(
+            widget, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, position
+        )
+        qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+
+    return click

@@ -1,0 +1,390 @@
+"""The window: by clicks from a recording to results, and what it says when something is wrong."""
+
+from __future__ import annotations
+
+import threading
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
+from qtpy.QtGui import QMouseEvent
+from qtpy.QtWidgets import QApplication
+
+import napari_phase4d as p4d
+from helpers import measured, wrap
+from napari_phase4d._napari.layers import AXES, METADATA_KEY
+from napari_phase4d._napari.session import Plan
+from napari_phase4d.io import read_results
+from napari_phase4d.progress import Watch
+
+pytestmark = pytest.mark.gui
+RESULTS = ["2-D", "Angular", "Temporal", "T/A", "A/T"]
+
+
+def assert_calibrated(viewer: Any) -> None:
+    for layer in viewer.layers:
+        assert layer.axis_labels == AXES, layer.name
+        units = tuple(str(u) for u in layer.units)
+        assert units == ("second", "degree", "micrometer", "micrometer"), layer.name
+        assert layer.ndim == 4
+    assert tuple(viewer.dims.axis_labels) == AXES
+
+
+def test_from_the_sample_to_results_by_clicks(viewer, dock, click, tmp_path: Path) -> None:
+    """The story of a newcomer: sample, lobes, phase, thin frame, run, grid, save."""
+    click("try_sample")
+    assert dock.session.recording.n_frames == 40
+    click("find_lobes")
+    assert [lobe.angle_deg for lobe in dock.session.lobes] == [-7, 21]
+    assert dock.lobes.table.rowCount() == 2
+    click("reconstruct")
+    assert viewer.layers[-1].name.startswith("wrapped phase")
+    click("use_view")
+    assert (dock.unwrap.time.value, dock.unwrap.angle.value) == (0, 0)
+    click("run")
+    assert dock.session.recipe.boundary == ((0, 0),)
+    shown = [layer.name for layer in viewer.layers if layer.visible]
+    assert shown == RESULTS
+    assert viewer.canvas.grid.enabled
+    assert_calibrated(viewer)
+    for layer in viewer.layers:
+        if layer.visible:
+            assert layer.data.shape[:2] == (40, 2)
+            assert layer.contrast_limits == viewer.layers["T/A"].contrast_limits
+    np.testing.assert_allclose(viewer.layers["T/A"].scale[:2], [1 / 6, 28])
+    np.testing.assert_allclose(viewer.layers["T/A"].translate[:2], [0, -7])
+    # The window shows what a script computes.
+    data = p4d.reconstruct(dock.session.recording, dock.session.lobes)
+    expected = p4d.unwrap(data["phase"], "temporal-angular", mask="auto")
+    np.testing.assert_array_equal(viewer.layers["T/A"].data, expected.values)
+    assert dock.compare.table.rowCount() == 5
+    click("one_at_a_time")
+    assert not viewer.canvas.grid.enabled
+    dock.compare.save_to(tmp_path / "out")
+    wait_for(dock)
+    np.testing.assert_array_equal(
+        read_results(tmp_path / "out" / "temporal-angular.ome.tif").values, expected.values
+    )
+    assert p4d.Recipe.from_file(tmp_path / "out" / "recipe.json").lobes
+
+
+def wait_for(dock: Any, seconds: float = 60) -> None:
+    end = time.monotonic() + seconds
+    while dock.jobs.running:
+        QApplication.processEvents()
+        time.sleep(0.005)
+        assert time.monotonic() < end
+
+
+@pytest.fixture
+def ready(dock, small_video):
+    """Return the dock with a small video, its lobes and phase."""
+    dock.session.set_recording(small_video)
+    dock.session.plan_lobes().run()
+    dock.session.plan_reconstruction().run()
+    return dock
+
+
+@pytest.mark.measured
+def test_measured_multiplexed_video_by_clicks(viewer, dock, click) -> None:
+    """A measured two-channel time lapse: each view's phase track is that of its own channel."""
+    path = measured("multiplexed/mux2_timelapse_t00-29.npz")
+    dock.recording.open_path(path)
+    wait_for(dock)
+    click("find_lobes")
+    click("drift")  # the phase of the whole field is what is measured here: keep it
+    assert dock.phase.drift.value is False
+    click("reconstruct")
+    click("mask")  # nothing but a moving field in view: unwrap all of it
+    assert dock.unwrap.mask.value is False
+    click("run")
+    assert_calibrated(viewer)
+    lobes = dock.session.lobes
+    inside = (slice(1, -1), slice(1, -1))
+    with np.load(path) as file:
+        channels = [file["chA"], file["chB"]]
+    for view, channel in enumerate(channels):
+        alone = p4d.reconstruct(p4d.open_recording(channel), [lobes[view]], drift=False)
+        expected = np.angle(np.exp(1j * alone["phase"].values[:, 0, *inside]).mean((1, 2)))
+        for method in RESULTS:
+            phase = viewer.layers[method].data[:, view, *inside]
+            track = np.angle(np.exp(1j * phase).mean((1, 2)))
+            error = wrap(track - expected)
+            assert np.abs(error - error.mean()).max() <= 0.01, method
+        smooth = viewer.layers["T/A"].data[:, view, *inside].mean((1, 2))
+        assert np.abs(np.diff(smooth)).max() < np.pi
+
+
+def test_missing_steps_are_said_in_the_dock(dock, click) -> None:
+    for button, sentence in (
+        ("find_lobes", "there is no recording yet; open one in step 1"),
+        ("reconstruct", "there is no recording yet"),
+        ("run", "there is no phase for these settings yet; press Reconstruct in step 3"),
+        ("use_view", "there is no phase for these settings yet"),
+        ("side_by_side", "there are no results to show yet"),
+        ("save_results", "there are no results yet; press Run in step 4"),
+        ("remove_lobe", "there is no lobe to remove"),
+    ):
+        click(button)
+        assert sentence in dock.status.text()
+        assert dock.status.property("wrong")
+
+
+def test_unreadable_file_is_said_in_the_dock(dock, tmp_path: Path) -> None:
+    (tmp_path / "bad.tif").write_bytes(b"no TIFF at all")
+    dock.recording.open_path(tmp_path / "bad.tif")
+    wait_for(dock)
+    assert "bad.tif can't be read as a TIFF file" in dock.status.text()
+    frames = np.full((2, 32, 32), np.nan, np.float32)
+    tifffile.imwrite(tmp_path / "nan.tif", frames)
+    dock.recording.open_path(tmp_path / "nan.tif")
+    wait_for(dock)
+    assert "NaN or infinite pixels" in dock.status.text()
+    assert dock.session.recording is None
+
+
+def test_nothing_ticked_is_said(ready, click) -> None:
+    for box in ready.unwrap.methods.values():
+        box.setChecked(False)
+    click("run")
+    assert "no method is ticked" in ready.status.text()
+
+
+def test_second_run_makes_new_layers(viewer, ready, click) -> None:
+    click("run")
+    first = {layer.name: layer.data.copy() for layer in viewer.layers}
+    count = len(viewer.layers)
+    ready.unwrap.time.value = 3
+    click("run")
+    assert len(viewer.layers) == count + 5
+    for name, data in first.items():
+        np.testing.assert_array_equal(viewer.layers[name].data, data)
+    assert sum(layer.visible for layer in viewer.layers) == 5
+    newest = viewer.layers[-1].metadata[METADATA_KEY]
+    assert newest["boundary"] == [[3, 0]]
+
+
+def test_users_layers_stay_as_they_are(viewer, dock, click, small_video) -> None:
+    frames = small_video.holograms.values.copy()
+    mine = viewer.add_image(frames, name="mine")
+    dock.recording.layer.value = mine
+    assert dock.session.recording.name == "mine"
+    click("find_lobes")
+    click("reconstruct")
+    click("run")
+    assert mine in viewer.layers
+    assert mine.data is frames
+    assert mine.ndim == 3
+    np.testing.assert_array_equal(mine.scale, [1, 1, 1])
+    np.testing.assert_array_equal(frames, small_video.holograms.values)
+
+
+def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) -> None:
+    plan = ready.session.plan_reconstruction()
+    result = plan.work()
+    other = small_video.calibrated(p4d.Optics(magnification=20))
+    ready.session.set_recording(other)
+    count = len(viewer.layers)
+    plan.receive(result)
+    assert ready.session.reconstruction is None
+    assert len(viewer.layers) == count
+
+
+def test_angles_and_results_do_not_pass_to_the_next_recording(dock, small_video) -> None:
+    dock.session.set_recording(small_video, angles_deg=(-7, 21))
+    dock.session.plan_lobes().run()
+    assert [lobe.angle_deg for lobe in dock.session.lobes] == [-7, 21]
+    dock.session.set_recording(small_video.calibrated())
+    assert dock.session.lobes == []
+    dock.session.plan_lobes().run()
+    assert [lobe.angle_deg for lobe in dock.session.lobes] == [0, 1]
+
+
+def test_changed_lobes_ask_for_a_new_reconstruction(ready, click) -> None:
+    ready.lobes.table.item(0, 2).setText("0.08")
+    assert ready.session.lobes[0].radius == 0.08
+    click("run")
+    assert "press Reconstruct in step 3" in ready.status.text()
+
+
+def test_wrong_number_in_the_table_changes_nothing(ready) -> None:
+    before = ready.session.lobes
+    for column, words, sentence in (
+        (0, "abc", "takes a number"),
+        (1, "0.9", "outside the spectrum"),
+        (2, "-1", "lobe radius must lie between"),
+    ):
+        ready.lobes.table.item(0, column).setText(words)
+        assert sentence in ready.status.text()
+        assert ready.session.lobes == before
+        assert ready.lobes.table.item(0, column).text() != words
+
+
+def test_flip_and_angle_are_set_in_the_table(ready) -> None:
+    table = ready.lobes.table
+    flipped = not ready.session.lobes[1].flip
+    state = Qt.CheckState.Checked if flipped else Qt.CheckState.Unchecked
+    table.item(1, 4).setCheckState(state)
+    table.item(1, 3).setText("33.5")
+    assert ready.session.lobes[1].flip is flipped
+    assert ready.session.lobes[1].angle_deg == 33.5
+
+
+def drag(canvas: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Drag with the left mouse button from one frequency (ky, kx) to another."""
+    viewport = canvas.viewport()
+    for kind, where, pressed in (
+        (QEvent.Type.MouseButtonPress, start, Qt.MouseButton.LeftButton),
+        (QEvent.Type.MouseMove, end, Qt.MouseButton.LeftButton),
+        (QEvent.Type.MouseButtonRelease, end, Qt.MouseButton.NoButton),
+    ):
+        point = canvas.view_position(*where)
+        button = (
+            Qt.MouseButton.NoButton if kind == QEvent.Type.MouseMove else Qt.MouseButton.LeftButton
+        )
+        event = QMouseEvent(
+            kind, point, QPointF(viewport.mapToGlobal(point.toPoint())), button, pressed,
+            Qt.KeyboardModifier.NoModifier,
+        )  # fmt: skip
+        QApplication.sendEvent(viewport, event)
+
+
+def test_circles_are_dragged_and_resized_with_the_mouse(ready) -> None:
+    ready.show_step(1)
+    QApplication.processEvents()
+    canvas = ready.lobes.canvas
+    lobe = ready.session.lobes[0]
+    ky, kx = lobe.carrier
+    drag(canvas, (ky, kx), (ky + 0.05, kx - 0.03))
+    moved = ready.session.lobes[0]
+    np.testing.assert_allclose(moved.carrier, (ky + 0.05, kx - 0.03), atol=0.006)
+    assert moved.radius == lobe.radius
+    ky, kx = moved.carrier
+    drag(canvas, (ky, kx + moved.radius), (ky, kx + 0.05))
+    np.testing.assert_allclose(ready.session.lobes[0].radius, 0.05, atol=0.006)
+    assert float(ready.lobes.table.item(0, 0).text()) == pytest.approx(ky, abs=1e-4)
+    assert "cycles/µm" in ready.lobes.frequency.text()
+
+
+def test_lobes_are_added_and_removed(ready, click) -> None:
+    click("add_lobe")
+    assert len(ready.session.lobes) == 3
+    assert ready.lobes.table.rowCount() == 3
+    ready.lobes.table.setCurrentCell(0, 0)
+    click("remove_lobe")
+    assert len(ready.session.lobes) == 2
+    assert ready.session.lobes[-1].angle_deg == 2
+
+
+def slow_plan(started: threading.Event, ended: list[str]) -> Plan:
+    def work(progress: Any = None, cancelled: Any = None) -> str:
+        watch = Watch(10_000, "slow work", progress, cancelled)
+        started.set()
+        try:
+            for _ in range(10_000):
+                time.sleep(0.01)
+                watch.step()
+        except p4d.Cancelled:
+            ended.append("cancelled")
+            raise
+        ended.append("to the end")
+        return "done"
+
+    return Plan("Slow work", work, lambda _: ended.append("received"))
+
+
+def test_cancel_acts_within_a_second(dock, qtbot) -> None:
+    started, ended = threading.Event(), []
+    dock.jobs.start(slow_plan(started, ended))
+    qtbot.waitUntil(lambda: "slow work" in dock.status.text(), timeout=5000)
+    assert dock.cancel.isVisible()
+    began = time.monotonic()
+    qtbot.mouseClick(dock.cancel, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    assert time.monotonic() - began < 1
+    assert ended == ["cancelled"]
+    assert "cancelled" in dock.status.text()
+    assert not dock.cancel.isVisible()
+
+
+def test_two_jobs_at_once_are_refused(ready, qtbot, click) -> None:
+    started, ended = threading.Event(), []
+    ready.jobs.start(slow_plan(started, ended))
+    qtbot.mouseClick(ready.phase.go, Qt.MouseButton.LeftButton)
+    assert "another job is still running" in ready.status.text()
+    ready.jobs.cancel()
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
+
+
+def test_real_work_can_be_cancelled_half_way(viewer, ready, qtbot) -> None:
+    count = len(viewer.layers)
+    ready.jobs.progressed.connect(lambda done, *_: ready.jobs.cancel() if done == 2 else None)
+    ready.unwrap.run()
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=10_000)
+    assert "cancelled" in ready.status.text()
+    assert len(viewer.layers) == count
+
+
+def test_closing_the_window_stops_the_work(viewer, dock, qtbot) -> None:
+    started, ended = threading.Event(), []
+    dock.jobs.start(slow_plan(started, ended))
+    assert started.wait(5)
+    viewer.close()
+    qtbot.waitUntil(lambda: bool(ended), timeout=5000)
+    assert ended == ["cancelled"]
+
+
+def test_taking_the_dock_away_stops_the_work(viewer, dock, qtbot) -> None:
+    started, ended = threading.Event(), []
+    dock.jobs.start(slow_plan(started, ended))
+    assert started.wait(5)
+    viewer.window.remove_dock_widget(dock)
+    qtbot.waitUntil(lambda: bool(ended), timeout=5000)
+    assert ended == ["cancelled"]
+
+
+def test_current_view_is_read_in_world_coordinates(viewer, ready) -> None:
+    for frame in ((0, 0), (3, 1), (5, 0)):
+        ready.presenter.go_to(*frame)
+        assert ready.presenter.current_frame() == frame
+        layer = viewer.layers[-1]
+        shown = layer.data[frame]
+        np.testing.assert_array_equal(np.asarray(layer._slice.image.raw), shown)
+
+
+def test_microscope_changes_the_scale_of_what_follows(viewer, ready) -> None:
+    ready.recording.magnification.value = 30.0
+    assert ready.session.recipe.optics.magnification == 30
+    ready.session.plan_reconstruction().run()
+    old, new = (la for la in viewer.layers if la.name.startswith("wrapped"))
+    np.testing.assert_allclose(new.scale[2:], 2 * np.asarray(old.scale[2:]))
+    ready.recording.frame_rate_hz.value = 12.0
+    ready.session.plan_reconstruction().run()
+    assert viewer.layers[-1].scale[0] == pytest.approx(1 / 12)
+
+
+def test_dock_fits_a_small_screen(viewer, dock) -> None:
+    QApplication.processEvents()
+    window = dock.window()
+    assert window.width() <= 1280
+    assert window.height() <= 720
+    for number in range(5):
+        dock.show_step(number)
+        QApplication.processEvents()
+        assert window.height() <= 720
+        assert dock.scroll.widget().width() <= dock.scroll.viewport().width()
+        position = dock.sections[number].heading.mapTo(dock.scroll.viewport(), QPoint(0, 0))
+        assert 0 <= position.y() < dock.scroll.viewport().height()
+
+
+def test_every_field_says_what_it_is(dock) -> None:
+    from qtpy.QtWidgets import QAbstractButton, QAbstractSpinBox, QComboBox
+
+    for kind in (QAbstractSpinBox, QComboBox, QAbstractButton):
+        for widget in dock.scroll.widget().findChildren(kind):
+            if widget.objectName() and not widget.objectName().startswith(("heading", "qt_")):
+                assert widget.toolTip(), widget.objectName()
