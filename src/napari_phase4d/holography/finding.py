@@ -30,7 +30,7 @@ from napari_phase4d.holography.spectrum import mean_half_spectrum
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 
-__all__ = ["find_lobes", "measure_zero_order"]
+__all__ = ["find_lobes"]
 
 #: Frames that the spectrum is averaged over, and the memory that they may take.
 MAX_FRAMES, MAX_FRAME_BYTES = 64, 512 * 2**20
@@ -303,19 +303,3 @@ def lobe_extent(
         if ring.size and np.median(ring) / np.log(2) < noise:
             return float(inner + step)
     return limit
-
-
-def measure_zero_order(half: NDArray[np.float64], shape: tuple[int, int]) -> float:
-    """Return the radius within which the zero order stands above the noise by 10 dB.
-
-    Measured on the lower quartile of each ring, which lobes do not reach.
-    """
-    ky, kx = half_plane(shape)
-    distance = np.hypot(ky, kx)
-    noise = 10 * float(np.quantile(half, 0.1)) / 0.105
-    step = max(1.5 / min(shape), 0.004)
-    for inner in np.arange(MAIN_LOBE / min(shape), 0.5, step):
-        ring = half[(distance >= inner) & (distance < inner + step)]
-        if ring.size and np.quantile(ring, 0.25) / 0.288 < noise:
-            return float(inner)
-    return 0.5

@@ -1,0 +1,134 @@
+"""Measured holograms against other programs and against themselves."""
+
+from __future__ import annotations
+
+import warnings
+
+import imageio.v3 as iio
+import numpy as np
+import pytest
+
+import napari_phase4d as p4d
+from helpers import measured, wrap
+from napari_phase4d.holography import Lobe
+
+pytestmark = pytest.mark.measured
+
+
+def rms(values: np.ndarray) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def same_lobes(lobes: list[Lobe], radius: float | None) -> list[Lobe]:
+    return [Lobe(lo.carrier, radius or lo.radius, lo.angle_deg, lo.flip) for lo in lobes]
+
+
+def at_full_size(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Interpolate a band-limited field onto the camera's pixels, exactly."""
+    spectrum = np.fft.fftshift(np.fft.fft2(field))
+    whole = np.zeros(shape, dtype=complex)
+    corner = [n // 2 - m // 2 for n, m in zip(shape, field.shape, strict=True)]
+    whole[corner[0] : corner[0] + field.shape[0], corner[1] : corner[1] + field.shape[1]] = (
+        spectrum
+    )
+    return np.fft.ifft2(np.fft.ifftshift(whole)) * np.prod(shape) / np.prod(field.shape)
+
+
+def test_cell_agrees_with_qpretrieve() -> None:
+    """HL60 cell and background: the same sideband, disk and radius as qpretrieve's.
+
+    qpretrieve takes the conjugate sideband, so its sign is fixed by asking for the other one.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # it tells which of its optional parts are missing
+        import qpretrieve
+
+    with np.load(measured("offaxis/hologram_cell.npz")) as file:
+        data, background = file["data"], file["bg_data"]
+    rec = p4d.open_recording(data)
+    (found,) = p4d.find_lobes(rec, 1)
+    lobe = Lobe(found.carrier, np.hypot(*found.carrier) / 3)
+    ours = p4d.reconstruct(rec, [lobe], background, window="disk", background="none", drift=False)
+    ours = ours["phase"].values[0, 0]
+
+    options = {"filter_name": "disk", "filter_size": 1 / 3}
+    theirs = qpretrieve.OffAxisHologram(data)
+    theirs.run_pipeline(sideband_freq=found.carrier, **options)
+    empty = qpretrieve.OffAxisHologram(background)
+    empty.run_pipeline(**theirs.pipeline_kws)
+    their_phase = np.squeeze(theirs.phase - empty.phase)
+
+    field = at_full_size(np.exp(1j * ours), data.shape)
+    error = wrap(np.angle(field) - their_phase)[20:-20, 20:-20]
+    error = wrap(error - np.angle(np.exp(1j * error).mean()))
+    assert rms(error) <= 0.05
+
+
+@pytest.mark.parametrize(("background", "coherence"), [("tilt", 0.93), ("curvature", 0.97)])
+def test_vortex_agrees_with_its_published_phase(background: str, coherence: float) -> None:
+    """40x hologram: circular coherence with the phase that its authors published.
+
+    They took off a curvature as well, so that agrees better than the tilt alone.
+    """
+    hologram = p4d.open_recording(measured("offaxis/holobio_40x_Vortex.bmp"))
+    published = iio.imread(measured("offaxis/holobio_40x_Vortex_published_phase.tif"))
+    expected = published.astype(float) / 255 * 2 * np.pi - np.pi
+    data = p4d.reconstruct(hologram, p4d.find_lobes(hologram, 1), background=background)
+    field = data["amplitude"].values[0, 0] * np.exp(1j * data["phase"].values[0, 0])
+    phase = np.angle(at_full_size(field, hologram.frame_shape))[:, 160:1120]
+    assert np.abs(np.exp(1j * (phase - expected)).mean()) >= coherence
+
+
+@pytest.mark.parametrize(
+    ("name", "radius", "limits"),
+    [
+        ("mux2_cells.npz", 0.10, (0.043, 0.022)),
+        ("mux2_cells.npz", None, (0.043, 0.022)),
+        ("mux2_timelapse_t00-29.npz", 0.045, (0.048, 0.040)),
+        ("mux2_timelapse_t00-29.npz", None, (0.048, 0.040)),
+    ],
+)
+def test_crosstalk_between_multiplexed_views(
+    name: str, radius: float | None, limits: tuple[float, float]
+) -> None:
+    """The phase of a view from the multiplex against that from its own channel alone.
+
+    As the data's README has it: rms inside amplitude > 25 % of its median, away from the border.
+    """
+    with np.load(measured(f"multiplexed/{name}")) as file:
+        mux, channels = file["mux"], (file["chA"], file["chB"])
+    rec = p4d.open_recording(mux)
+    lobes = same_lobes(p4d.find_lobes(rec, 2), radius)
+    settings = {"background": "none", "drift": False}
+    together = p4d.reconstruct(rec, lobes, **settings)
+    inside = (slice(8, -8), slice(8, -8))
+    for view, (channel, limit) in enumerate(zip(channels, limits, strict=True)):
+        alone = p4d.reconstruct(p4d.open_recording(channel), [lobes[view]], **settings)
+        errors = []
+        for t in range(rec.n_frames):
+            ours, own = (
+                at_full_size(
+                    d["amplitude"].values[t, v] * np.exp(1j * d["phase"].values[t, v]),
+                    rec.frame_shape,
+                )[inside]
+                for d, v in ((together, view), (alone, 0))
+            )
+            bright = np.abs(own) > 0.25 * np.median(np.abs(own))
+            errors.append(np.angle(ours * own.conj())[bright])
+        assert rms(np.concatenate(errors)) <= limit
+
+
+def test_sum_rule_of_a_multi_carrier_hologram() -> None:
+    """Quadri-wave shearing of a bead: phase(f1 + f2) = phase(f1) + phase(f2)."""
+    import h5py
+
+    with h5py.File(measured("multiplexed/qlsi_paa_bead.h5")) as file:
+        bead, reference = file["0"][()], file["reference"][()]
+    rec = p4d.open_recording(bead)
+    first, second = (lobe.carrier for lobe in p4d.find_lobes(rec, 2, orient=False))
+    lobes = [Lobe(first, 0.04, 0), Lobe(second, 0.04, 1), Lobe(np.add(first, second), 0.04, 2)]
+    data = p4d.reconstruct(rec, lobes, reference, background="none", drift=False)
+    one, two, both = data["phase"].values[0]
+    rest = wrap(one + two - both)
+    rest = wrap(rest - np.angle(np.exp(1j * rest).mean()))
+    assert rms(rest) <= 0.012
