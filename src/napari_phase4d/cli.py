@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,6 @@ from rich.table import Table
 from napari_phase4d.evaluation import comparison_figure
 from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
 from napari_phase4d.io import open_recording
-from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Outcome, Recipe, needed_bytes, run, write_outcome
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.recording import Recording
@@ -154,21 +154,41 @@ def run_command(
         "methods": tuple(method) if method else None,
         "frame_rate_hz": frame_rate,
         "boundary": (frame_numbers(boundary),) if boundary else None,
-        "optics": optics_of(recipe.optics, wavelength, camera_pixel, magnification),
     }
     if angle and views is None:
         changes["n_views"] = len(angle)
     recipe = recipe.changed(**{k: v for k, v in changes.items() if v is not None})
+    numbers = {
+        "wavelength_um": wavelength,
+        "camera_pixel_um": camera_pixel,
+        "magnification": magnification,
+    }
+    typed = {name: number for name, number in numbers.items() if number is not None}
     if not files:
-        process(recipe, out)
+        process(recipe, typed, out)
+    elif len(files) == 1:
+        process(recipe.changed(recording=str(files[0].resolve())), typed, out)
+    else:
+        batch(recipe, typed, files, out)
+
+
+def batch(recipe: Recipe, typed: dict[str, float], files: Sequence[Path], out: Path) -> None:
+    """Run several recordings; one that fails does not stop the others."""
+    failed = []
     for file, folder in zip(files, result_folders(files, out), strict=True):
-        process(recipe.changed(recording=str(file)), folder)
+        console.print(f"[bold]{escape(file.name)}[/bold]")
+        try:
+            process(recipe.changed(recording=str(file.resolve())), typed, folder)
+        except (OSError, TypeError, ValueError) as error:
+            failed.append(file.name)
+            errors.print(f"[red]Error:[/red] {escape(str(error))}")
+    if failed:
+        msg = f"{len(failed)} of {len(files)} recordings failed: {', '.join(failed)}"
+        raise ValueError(msg)
 
 
 def result_folders(files: Sequence[Path], out: Path) -> list[Path]:
     """Return a folder for every file: its name, numbered where two files share it."""
-    if len(files) == 1:
-        return [out]
     folders: list[Path] = []
     for file in files:
         candidates = (
@@ -178,8 +198,11 @@ def result_folders(files: Sequence[Path], out: Path) -> list[Path]:
     return folders
 
 
-def process(recipe: Recipe, folder: Path) -> None:
-    """Run one recording and write what comes out."""
+def process(recipe: Recipe, typed: dict[str, float], folder: Path) -> None:
+    """Run one recording, with the optics that were typed in, and write what comes out."""
+    if typed and recipe.recording:
+        known = recipe.optics or open_recording(recipe.recording, dataset=recipe.dataset).optics
+        recipe = recipe.changed(optics=replace(known, **typed))
     with bar() as progress:
         outcome: Outcome = run(recipe, progress=progress)
     for note in outcome.recording.notes if recipe.optics is None else ():
@@ -198,24 +221,6 @@ def frame_numbers(text: str) -> tuple[int, int]:
         msg = f"--boundary takes two frame numbers TIME,ANGLE such as 0,0, but got {text!r}"
         raise ValueError(msg) from error
     return time, angle
-
-
-def optics_of(
-    known: Optics | None,
-    wavelength: float | None,
-    camera_pixel: float | None,
-    magnification: float | None,
-) -> Optics | None:
-    """Return the microscope with what was typed in, or None if nothing was."""
-    if wavelength is None and camera_pixel is None and magnification is None:
-        return known
-    base = known or Optics()
-    return Optics(
-        base.wavelength_um if wavelength is None else wavelength,
-        base.camera_pixel_um if camera_pixel is None else camera_pixel,
-        base.magnification if magnification is None else magnification,
-        base.medium_index,
-    )
 
 
 @contextmanager

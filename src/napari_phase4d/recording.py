@@ -67,7 +67,12 @@ class Recording:
             times_s=self.times_s if frame_rate_hz is None else None,
             name=self.name,
             source=self.source,
-            notes=self.notes,
+            notes=tuple(
+                note
+                for note in self.notes
+                if not (optics is not None and "microscope" in note)
+                and not (frame_rate_hz is not None and "frame rate" in note)
+            ),
             attrs={str(k): v for k, v in self.holograms.attrs.items()},
         )
 

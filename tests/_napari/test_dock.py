@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
-from qtpy.QtGui import QMouseEvent
+from qtpy.QtGui import QMouseEvent, QWheelEvent
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
@@ -123,8 +123,8 @@ def test_missing_steps_are_said_in_the_dock(dock, click) -> None:
     for button, sentence in (
         ("find_lobes", "there is no recording yet; open one in step 1"),
         ("reconstruct", "there is no recording yet"),
-        ("run", "there is no phase for these settings yet; press Reconstruct in step 3"),
-        ("use_view", "there is no phase for these settings yet"),
+        ("run", "there is no phase yet; press Reconstruct in step 3"),
+        ("use_view", "there is no phase yet"),
         ("side_by_side", "there are no results to show yet"),
         ("save_results", "there are no results yet; press Run in step 4"),
         ("remove_lobe", "there is no lobe to remove"),
@@ -171,16 +171,26 @@ def test_second_run_makes_new_layers(viewer, ready, click) -> None:
 def test_users_layers_stay_as_they_are(viewer, dock, click, small_video) -> None:
     frames = small_video.holograms.values.copy()
     mine = viewer.add_image(frames, name="mine")
+    other = viewer.add_image(np.zeros((2, 2)), name="other")
     dock.recording.layer.value = mine
     assert dock.session.recording.name == "mine"
     click("find_lobes")
     click("reconstruct")
     click("run")
+    assert other.visible
     assert mine in viewer.layers
     assert mine.data is frames
     assert mine.ndim == 3
     np.testing.assert_array_equal(mine.scale, [1, 1, 1])
     np.testing.assert_array_equal(frames, small_video.holograms.values)
+    # Its axes don't fit those of the results; the dock says so and helps.
+    assert "sliders don't fit together" in dock.recording.facts.text()
+    viewer.layers.remove(other)
+    click("remove_raw")
+    assert mine not in viewer.layers
+    assert tuple(viewer.dims.nsteps[:2]) == (6, 2)
+    assert_calibrated(viewer)
+    assert "sliders" not in dock.recording.facts.text()
 
 
 def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) -> None:
@@ -189,7 +199,8 @@ def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) ->
     other = small_video.calibrated(p4d.Optics(magnification=20))
     ready.session.set_recording(other)
     count = len(viewer.layers)
-    plan.receive(result)
+    with pytest.raises(ValueError, match="has changed meanwhile"):
+        plan.receive(result)
     assert ready.session.reconstruction is None
     assert len(viewer.layers) == count
 
@@ -208,7 +219,88 @@ def test_changed_lobes_ask_for_a_new_reconstruction(ready, click) -> None:
     ready.lobes.table.item(0, 2).setText("0.08")
     assert ready.session.lobes[0].radius == 0.08
     click("run")
-    assert "press Reconstruct in step 3" in ready.status.text()
+    assert "press Reconstruct in step 3 again" in ready.status.text()
+    click("reconstruct")
+    click("run")
+    assert ready.session.outcome is not None
+    ready.phase.window.value = "disk"
+    click("run")
+    assert "press Reconstruct in step 3 again" in ready.status.text()
+
+
+def test_change_while_a_job_runs_is_said_and_nothing_mixed(viewer, ready, qtbot) -> None:
+    count = len(viewer.layers)
+    ready.phase.reconstruct()
+    ready.session.recalibrate(ready.session.recording.calibrated(p4d.Optics(magnification=20)))
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=10_000)
+    assert "has changed meanwhile" in ready.status.text()
+    assert len(viewer.layers) == count
+
+
+def test_failed_search_leaves_the_spectrum_to_place_lobes_by_hand(dock, click) -> None:
+    noise = np.random.default_rng(0).normal(size=(8, 64, 64)).astype(np.float32)
+    dock.session.open(noise)
+    click("find_lobes")
+    assert "place the lobes by hand" in dock.status.text()
+    assert dock.session.spectrum is not None
+    click("add_lobe")
+    assert len(dock.lobes.canvas.lobes) == 1
+    dock.session.open(noise)
+    assert dock.session.spectrum is None
+    click("add_lobe")  # also without a search
+    assert dock.session.spectrum is not None
+
+
+def test_wheel_does_not_change_a_field_that_is_not_in_use(ready) -> None:
+    box = ready.recording.magnification.native
+    ready.show_step(0)
+    box.clearFocus()
+    centre = QPointF(box.rect().center())
+    event = QWheelEvent(
+        centre, QPointF(box.mapToGlobal(centre.toPoint())), QPoint(0, 0), QPoint(0, -120),
+        Qt.MouseButton.NoButton, Qt.KeyboardModifier.NoModifier, Qt.ScrollPhase.NoScrollPhase,
+        False,
+    )  # fmt: skip
+    QApplication.sendEvent(box, event)
+    assert ready.recording.magnification.value == 60
+
+
+def test_thin_frame_stays_with_its_view(ready, click) -> None:
+    """The thin frame is kept when the phase is made anew, also if the views change places."""
+    ready.unwrap.time.value, ready.unwrap.angle.value = 4, 1
+    click("reconstruct")
+    assert ready.session.recipe.boundary == ((4, 1),)
+    ready.lobes.table.item(0, 3).setText("50")  # the first view becomes the second
+    click("reconstruct")
+    assert ready.session.recipe.boundary == ((4, 0),)
+    assert (ready.unwrap.time.value, ready.unwrap.angle.value) == (4, 0)
+
+
+def test_finding_again_keeps_what_the_user_typed(ready, click) -> None:
+    ready.lobes.table.item(0, 3).setText("33")
+    ready.lobes.table.item(0, 0).setText("0.18")
+    click("find_lobes")
+    assert ready.session.lobes[0].angle_deg == 33
+    assert ready.session.lobes[0].carrier[0] == pytest.approx(0.19, abs=0.003)
+
+
+def test_reference_of_the_last_recording_is_forgotten(ready, small_video) -> None:
+    ready.phase.reference.value = "median over time"
+    assert ready.session.recipe.reference == "median"
+    ready.session.set_recording(small_video.calibrated())
+    assert ready.phase.reference.value == "none"
+    assert ready.session.recipe.reference is None
+
+
+def test_reference_file_is_used(ready, click, tmp_path, small_video) -> None:
+    np.save(tmp_path / "empty.npy", small_video.holograms.values[0])
+    ready.phase.reference.value = "hologram in a file"
+    click("reconstruct")
+    assert "choose the file with the reference hologram first" in ready.status.text()
+    ready.phase.take_reference(tmp_path / "empty.npy")
+    click("reconstruct")
+    first = ready.session.reconstruction["phase"].values[0]
+    assert np.abs(wrap(first)).max() < 0.01  # the first frame divided by itself
 
 
 def test_wrong_number_in_the_table_changes_nothing(ready) -> None:
@@ -357,14 +449,23 @@ def test_current_view_is_read_in_world_coordinates(viewer, ready) -> None:
 
 
 def test_microscope_changes_the_scale_of_what_follows(viewer, ready) -> None:
+    before = {layer.name: np.asarray(layer.scale[2:]) for layer in viewer.layers}
     ready.recording.magnification.value = 30.0
     assert ready.session.recipe.optics.magnification == 30
-    ready.session.plan_reconstruction().run()
-    old, new = (la for la in viewer.layers if la.name.startswith("wrapped"))
-    np.testing.assert_allclose(new.scale[2:], 2 * np.asarray(old.scale[2:]))
+    after = {layer.name: np.asarray(layer.scale[2:]) for layer in viewer.layers}
+    for name, scale in before.items():
+        np.testing.assert_allclose(after[name], 2 * scale)
     ready.recording.frame_rate_hz.value = 12.0
-    ready.session.plan_reconstruction().run()
-    assert viewer.layers[-1].scale[0] == pytest.approx(1 / 12)
+    assert [layer.scale[0] for layer in viewer.layers] == pytest.approx([1 / 12] * 3)
+    assert tuple(viewer.dims.nsteps[:2]) == (6, 2)
+    step = 2 * 5.2 / 60 * ready.session.reconstruction.attrs["pixel_ratio"][1]
+    assert float(ready.session.reconstruction["x"][1]) == pytest.approx(step)
+    pixel = ready.session.recording.optics.pixel_um
+    assert f"pixel in the sample {pixel:.4g} µm" in ready.recording.facts.text()
+    # The layer, chosen again, still has the microscope that was typed.
+    ready.recording.layer.value = None
+    ready.recording.layer.value = ready.presenter.holograms
+    assert ready.session.recording.optics.magnification == 30
 
 
 def test_dock_fits_a_small_screen(viewer, dock) -> None:

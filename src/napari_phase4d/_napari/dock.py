@@ -147,6 +147,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.session.outcome_changed.connect(self._unwrapped)
 
     def _started(self, title: str) -> None:
+        self._next_words = ""
         self.progress.setRange(0, 0)
         self.progress.setVisible(True)
         self.cancel.setEnabled(True)
@@ -171,7 +172,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _cancelled(self, title: str) -> None:
         self._idle()
-        self.say(f"{title}: cancelled. Nothing was changed.")
+        self.say(f"{title}: cancelled.")
 
     def _failed(self, sentence: str) -> None:
         self._idle()
@@ -183,7 +184,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._next_words = ""
 
     def _recording_opened(self) -> None:
-        self._go_on(1, "Check the microscope in step 1, then press Find lobes.")
+        # What had to be assumed of the microscope is to be checked first.
+        assumed = bool(self.session.needed_recording().notes)
+        self._go_on(0 if assumed else 1, "Check the microscope, then find the lobes in step 2.")
 
     def _lobes_changed(self) -> None:
         words = "Drag the circles to correct them, then press Reconstruct in step 3."

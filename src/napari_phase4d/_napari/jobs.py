@@ -7,12 +7,13 @@ import threading
 from typing import Any
 
 from napari.qt.threading import FunctionWorker, create_worker
+from psygnal import EmitLoopError
 from qtpy.QtCore import QObject, Signal
 
 from napari_phase4d._napari.session import Plan
 from napari_phase4d.progress import Cancelled
 
-__all__ = ["Jobs"]
+__all__ = ["Jobs", "sentence_of"]
 
 
 class Jobs(QObject):  # type: ignore[misc]
@@ -34,6 +35,7 @@ class Jobs(QObject):  # type: ignore[misc]
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._worker: FunctionWorker | None = None
+        self._plan: Plan | None = None
         self._stop = threading.Event()
 
     @property
@@ -69,13 +71,16 @@ class Jobs(QObject):  # type: ignore[misc]
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
         worker.returned.connect(lambda result: self._returned(worker, plan, result))
         worker.errored.connect(lambda error: self._failed(worker, error))
-        self._worker = worker
+        self._worker, self._plan = worker, plan
         self.started.emit(plan.title)
         worker.start()
 
     def cancel(self) -> None:
         """Ask the job to stop; it does so at its next step."""
         self._stop.set()
+        if self._plan is not None and not self._plan.cancellable and self._worker is not None:
+            self._worker = None
+            self.cancelled.emit(self._plan.title)
 
     def _returned(self, worker: FunctionWorker, plan: Plan, result: Any) -> None:
         if worker is not self._worker:
@@ -96,4 +101,11 @@ class Jobs(QObject):  # type: ignore[misc]
     def _failed(self, worker: FunctionWorker, error: Exception) -> None:
         if worker is self._worker:
             self._worker = None
-            self.failed.emit(str(error) or type(error).__name__)
+            self.failed.emit(sentence_of(error))
+
+
+def sentence_of(error: BaseException) -> str:
+    """Return what an error says, without the report that a signal's callback wraps round it."""
+    while isinstance(error, EmitLoopError) and error.__cause__ is not None:
+        error = error.__cause__
+    return str(error) or type(error).__name__

@@ -23,6 +23,7 @@ __all__ = [
     "hologram_layer",
     "is_hologram_layer",
     "layer_tuple",
+    "recalibrate_layer",
     "recording_of_layer",
     "spread_over_angles",
     "stack_layer",
@@ -89,16 +90,7 @@ def hologram_layer(recording: Recording) -> LayerTuple:
     """Return the layer of a recording's frames, lazily, with an angle axis of one step."""
     first = recording.frame(0)
     stack = recording.holograms.expand_dims({"angle": [0.0]}, axis=1)
-    optics = recording.optics
-    stack.attrs = {
-        "wavelength_um": optics.wavelength_um,
-        "camera_pixel_um": optics.camera_pixel_um,
-        "magnification": optics.magnification,
-        "medium_index": optics.medium_index,
-        "recording": recording.name,
-        "source": recording.source,
-        "notes": list(recording.notes),
-    }
+    stack.attrs = optics_note(recording)
     limits = contrast(first, (0.001, 0.999))
     return layer_tuple(stack, recording.name, "holograms", limits=limits, colormap="gray")
 
@@ -111,7 +103,9 @@ def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = Tr
             stack, name, kind, limits=(-np.pi, np.pi), colormap="twilight_shifted", visible=visible
         )
     colormap = "gray" if kind == "amplitude" else "turbo"
-    limits = contrast(values[:: max(1, len(values) // 16)], (0.001, 0.9995))
+    # A sixteenth of the pixels of some frames tells the range, and does not hold up the window.
+    some = values[:: max(1, len(values) // 16), :, ::4, ::4]
+    limits = contrast(some, (0.001, 0.9995))
     return layer_tuple(stack, name, kind, limits=limits, colormap=colormap, visible=visible)
 
 
@@ -152,6 +146,45 @@ def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
     )
     layer.scale = [layer.scale[0], step_of(coordinates), *layer.scale[2:]]
     layer.translate = [layer.translate[0], float(coordinates[0]), *layer.translate[2:]]
+
+
+def recalibrate_layer(layer: Any, recording: Recording, pixel_um: float) -> None:
+    """Give one of our layers a recording's new times and pixel.
+
+    Parameters
+    ----------
+    layer : napari.layers.Image
+        Made by this module.
+    recording : Recording
+        With the new optics and times.
+    pixel_um : float
+        Width that a camera pixel had before, in micrometres.
+    """
+    factor = recording.optics.pixel_um / pixel_um
+    times = recording.times_s
+    layer.scale = [step_of(times), layer.scale[1], *(s * factor for s in layer.scale[2:])]
+    layer.translate = [
+        float(times[0]),
+        layer.translate[1],
+        *(t * factor for t in layer.translate[2:]),
+    ]
+    note = {**layer.metadata[METADATA_KEY], "times_s": times.tolist()}
+    note |= {key: value for key, value in optics_note(recording).items() if key in note}
+    layer.metadata = {**layer.metadata, METADATA_KEY: note}
+
+
+def optics_note(recording: Recording) -> dict[str, Any]:
+    """Return what a hologram layer notes of its recording."""
+    optics = recording.optics
+    return {
+        "wavelength_um": optics.wavelength_um,
+        "camera_pixel_um": optics.camera_pixel_um,
+        "magnification": optics.magnification,
+        "medium_index": optics.medium_index,
+        "recording": recording.name,
+        "source": recording.source,
+        "notes": list(recording.notes),
+    }
 
 
 def recording_of_layer(layer: Any) -> Recording:

@@ -8,8 +8,10 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d._napari.layers import (
+    METADATA_KEY,
     LayerTuple,
     hologram_layer,
+    recalibrate_layer,
     spread_over_angles,
     stack_layer,
     step_of,
@@ -40,11 +42,16 @@ class Presenter:
     def __init__(self, viewer: Any, session: Session) -> None:
         self.viewer = viewer
         self.session = session
-        self._holograms: Any = None
+        #: The layer that shows the frames of the recording.
+        self.holograms: Any = None
+        #: All layers made of the present recording, and the pixel that they were made with.
+        self._own: list[Any] = []
+        self._pixel_um = 1.0
         self._adopted: tuple[Recording, Any] | None = None
         #: Layers of unwrapped phase of the present recording: method id -> newest layer.
         self._results: dict[str, Any] = {}
         session.recording_changed.connect(self.show_recording)
+        session.calibration_changed.connect(self.show_calibration)
         session.reconstruction_changed.connect(self.show_phase)
         session.outcome_changed.connect(self.show_outcome)
 
@@ -55,22 +62,35 @@ class Presenter:
     def add(self, layer: LayerTuple) -> Any:
         """Add a layer on top."""
         data, keywords, _ = layer
-        return self.viewer.add_image(data, **keywords)
+        added = self.viewer.add_image(data, **keywords)
+        self._own.append(added)
+        return added
 
     def show_recording(self) -> None:
         """Show the frames of the recording, in the layer it came from or in a new one."""
         recording = self.session.needed_recording()
-        self._results = {}
+        self._results, self._own = {}, []
+        self._pixel_um = recording.optics.pixel_um
         self.hide_all()
         if self._adopted is not None and self._adopted[0] is recording:
-            self._holograms = self._adopted[1]
-            self._holograms.visible = True
+            self.holograms = self._adopted[1]
+            self.holograms.visible = True
+            self._own.append(self.holograms)
         else:
-            self._holograms = self.add(hologram_layer(recording))
+            self.holograms = self.add(hologram_layer(recording))
         self._adopted = None
         self.viewer.canvas.overlays.scale_bar.visible = True
         self.viewer.reset_view()
         self._go_to_start()
+
+    def show_calibration(self) -> None:
+        """Give all layers of the recording its new scale."""
+        recording = self.session.needed_recording()
+        for layer in self._own:
+            if layer in self.viewer.layers:
+                recalibrate_layer(layer, recording, self._pixel_um)
+        self._pixel_um = recording.optics.pixel_um
+        self.viewer.reset_view()
 
     def show_phase(self) -> None:
         """Show the wrapped phase; the amplitude is added, hidden."""
@@ -78,8 +98,8 @@ class Presenter:
         self._results = {}
         self.hide_all()
         name = self.session.needed_recording().name
-        if self._holograms in self.viewer.layers:
-            spread_over_angles(self._holograms, data["angle"].values)
+        if self.holograms in self.viewer.layers:
+            spread_over_angles(self.holograms, data["angle"].values)
         self.add(stack_layer(data["amplitude"], f"amplitude, {name}", "amplitude", visible=False))
         self.add(stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped"))
         self.viewer.reset_view()
@@ -87,6 +107,7 @@ class Presenter:
 
     def show_outcome(self) -> None:
         """Show the results side by side, as new layers."""
+        self._results = {}
         for method, result in self.session.needed_outcome().comparison.results.items():
             layer = self.add(stack_layer(result, METHODS[method].label, "unwrapped"))
             self._results[method] = layer
@@ -132,10 +153,11 @@ class Presenter:
         self.viewer.reset_view()
 
     def hide_all(self) -> None:
-        """Hide every layer and leave the grid."""
+        """Hide every layer of this plugin and leave the grid; other layers stay as they are."""
         self.viewer.canvas.grid.enabled = False
         for layer in self.viewer.layers:
-            layer.visible = False
+            if METADATA_KEY in layer.metadata:
+                layer.visible = False
 
     def current_frame(self) -> tuple[int, int]:
         """Return the (time, angle) numbers of the frame that is on screen."""

@@ -8,14 +8,20 @@ while the user goes on, and a receiver that drops the result if the recording ha
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import xarray as xr
 from psygnal import Signal
 
-from napari_phase4d.evaluation import compare
-from napari_phase4d.holography import Lobe, find_lobes, power_spectrum
+from napari_phase4d.evaluation import Comparison, compare
+from napari_phase4d.holography import (
+    Lobe,
+    find_lobes,
+    pair_distance,
+    power_spectrum,
+    recalibrated,
+)
 from napari_phase4d.io import open_recording
 from napari_phase4d.pipeline import Outcome, Recipe, reconstruct_by
 from napari_phase4d.progress import CancelledCall, ProgressCall
@@ -25,6 +31,9 @@ __all__ = ["Plan", "Session"]
 
 #: Frames averaged for the spectrum on screen.
 SPECTRUM_FRAMES = 32
+#: Settings that wrapped phase depends on.
+PHASE_FIELDS = ("lobes", "reference", "window", "background", "drift")
+CHANGED = "the recording or the microscope has changed meanwhile; press the button again"
 
 
 @dataclass(frozen=True)
@@ -39,11 +48,14 @@ class Plan:
         ``work(progress=None, cancelled=None)``; touches nothing but its own snapshot.
     receive : callable
         Takes the result into the session; to be called in the window's thread.
+    cancellable : bool
+        Whether the work looks at ``cancelled``; if not, its result is just not waited for.
     """
 
     title: str
     work: Callable[..., Any]
     receive: Callable[[Any], None]
+    cancellable: bool = True
 
     def run(self) -> None:
         """Do the work here and now."""
@@ -55,6 +67,7 @@ class Session:
 
     recording_changed = Signal()
     lobes_changed = Signal()
+    calibration_changed = Signal()
     reconstruction_changed = Signal()
     outcome_changed = Signal()
 
@@ -65,7 +78,7 @@ class Session:
         self.reconstruction: xr.Dataset | None = None
         #: The last results, with the recipe that made them.
         self.outcome: Outcome | None = None
-        self._reconstruction_recipe = self.recipe
+        self._phase_recipe = self.recipe
 
     @property
     def lobes(self) -> list[Lobe]:
@@ -121,15 +134,29 @@ class Session:
         self.recording_changed.emit()
 
     def recalibrate(self, recording: Recording) -> None:
-        """Take the same frames with other optics or times; the lobes stay, the phase goes."""
-        self.update(optics=recording.optics, frame_rate_hz=recording.frame_rate_hz)
+        """Take the same frames with other optics or times; all else gets the new scale."""
+        changes = {"optics": recording.optics, "frame_rate_hz": recording.frame_rate_hz}
+        self.update(**changes)
         self.recording = recording
-        self.reconstruction = None
+        self._phase_recipe = self._phase_recipe.changed(**changes)
+        if self.reconstruction is not None:
+            self.reconstruction = recalibrated(self.reconstruction, recording)
+        if self.outcome is not None:
+            results = self.outcome.comparison.results
+            self.outcome = Outcome(
+                recording,
+                self.outcome.recipe.changed(**changes),
+                recalibrated(self.outcome.reconstruction, recording),
+                Comparison(
+                    {m: recalibrated(r, recording) for m, r in results.items()},
+                    self.outcome.comparison.table,
+                ),
+            )
+        self.calibration_changed.emit()
 
     def set_lobes(self, lobes: Sequence[Lobe]) -> None:
-        """Take the views; phase that other views gave is out of date."""
+        """Take the views."""
         self.update(lobes=tuple(lobes))
-        self.reconstruction = None
         self.lobes_changed.emit()
 
     def plan_lobes(self) -> Plan:
@@ -141,23 +168,29 @@ class Session:
 
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-        ) -> tuple[xr.DataArray, list[Lobe]]:
+        ) -> tuple[xr.DataArray, list[Lobe] | ValueError]:
             spectrum = power_spectrum(
                 recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
             )
-            lobes = find_lobes(
-                recording,
-                recipe.n_views,
-                angles_deg=angles,
-                progress=progress,
-                cancelled=cancelled,
-            )
-            return spectrum, lobes
+            try:
+                return spectrum, find_lobes(
+                    recording,
+                    recipe.n_views,
+                    angles_deg=angles,
+                    progress=progress,
+                    cancelled=cancelled,
+                )
+            except ValueError as error:
+                # The spectrum is needed all the more, to place the lobes by hand.
+                return spectrum, error
 
-        def receive(found: tuple[xr.DataArray, list[Lobe]]) -> None:
-            if self.recording is recording:
-                self.spectrum = found[0]
-                self.set_lobes(found[1])
+        def receive(found: tuple[xr.DataArray, list[Lobe] | ValueError]) -> None:
+            self._check_recording(recording)
+            self.spectrum, lobes = found
+            if isinstance(lobes, ValueError):
+                self.lobes_changed.emit()
+                raise lobes
+            self.set_lobes(with_known_views(lobes, recipe.lobes))
 
         return Plan("Finding the lobes", work, receive)
 
@@ -173,9 +206,9 @@ class Session:
             )
 
         def receive(spectrum: xr.DataArray) -> None:
-            if self.recording is recording:
-                self.spectrum = spectrum
-                self.lobes_changed.emit()
+            self._check_recording(recording)
+            self.spectrum = spectrum
+            self.lobes_changed.emit()
 
         return Plan("Computing the spectrum", work, receive)
 
@@ -198,8 +231,8 @@ class Session:
             return reconstruct_by(recipe, recording, list(recipe.lobes), progress, cancelled)
 
         def receive(data: xr.Dataset) -> None:
-            if self.recording is recording:
-                self._set_reconstruction(data, recipe)
+            self._check_recording(recording)
+            self._set_reconstruction(data, recipe)
 
         return Plan("Reconstructing", work, receive)
 
@@ -209,14 +242,17 @@ class Session:
         Raises
         ------
         ValueError
-            If there is no phase yet or no method is chosen.
+            If there is no phase for the present settings, or no method is chosen.
         """
         data = self.needed_reconstruction()
+        if any(getattr(self.recipe, f) != getattr(self._phase_recipe, f) for f in PHASE_FIELDS):
+            msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
+            raise ValueError(msg)
         recording, chosen = self.needed_recording(), self.recipe
         if not chosen.methods:
             msg = "no method is ticked; tick at least one in step 4"
             raise ValueError(msg)
-        recipe = self._reconstruction_recipe.changed(
+        recipe = self._phase_recipe.changed(
             boundary=chosen.boundary,
             mask=chosen.mask,
             methods=chosen.methods,
@@ -238,9 +274,10 @@ class Session:
             return Outcome(recording, recipe, data, comparison)
 
         def receive(outcome: Outcome) -> None:
-            if self.reconstruction is data:
-                self.outcome = outcome
-                self.outcome_changed.emit()
+            if self.reconstruction is not data:
+                raise ValueError(CHANGED)
+            self.outcome = outcome
+            self.outcome_changed.emit()
 
         return Plan("Unwrapping", work, receive)
 
@@ -254,7 +291,7 @@ class Session:
     def needed_reconstruction(self) -> xr.Dataset:
         """Return the reconstruction, or raise ValueError if there is none."""
         if self.reconstruction is None:
-            msg = "there is no phase for these settings yet; press Reconstruct in step 3"
+            msg = "there is no phase yet; press Reconstruct in step 3"
             raise ValueError(msg)
         return self.reconstruction
 
@@ -267,10 +304,36 @@ class Session:
 
     def _set_reconstruction(self, data: xr.Dataset, recipe: Recipe) -> None:
         """Take wrapped phase and amplitude with the recipe that made them."""
-        self.reconstruction = data
-        self._reconstruction_recipe = recipe
         t, a = self.recipe.boundary[0]
+        if self.reconstruction is not None:
+            a = same_view(self.reconstruction, a, data)
         n_times, n_angles = data["phase"].shape[:2]
-        if t >= n_times or a >= n_angles:
-            self.update(boundary=((0, 0),))
+        self.update(boundary=((t, a) if t < n_times and a < n_angles else (0, 0),))
+        self.reconstruction = data
+        self._phase_recipe = recipe
         self.reconstruction_changed.emit()
+
+    def _check_recording(self, recording: Recording) -> None:
+        """Refuse a result that belongs to an earlier recording or calibration."""
+        if self.recording is not recording:
+            raise ValueError(CHANGED)
+
+
+def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]:
+    """Return lobes with the angle and sign that the user gave to the same views before."""
+    if len(found) != len(known):
+        return list(found)
+    kept = []
+    for lobe in found:
+        nearest = min(known, key=lambda k: pair_distance(k.carrier, lobe.carrier))
+        same = pair_distance(nearest.carrier, lobe.carrier) < lobe.radius
+        known_view = replace(lobe, angle_deg=nearest.angle_deg, flip=nearest.flip)
+        kept.append(known_view if same else lobe)
+    return kept
+
+
+def same_view(old: xr.Dataset, view: int, new: xr.Dataset) -> int:
+    """Return the number in a new reconstruction of a view of an old one."""
+    carrier = old.attrs["lobes"][view]["carrier"]
+    distances = [pair_distance(lobe["carrier"], carrier) for lobe in new.attrs["lobes"]]
+    return distances.index(min(distances))

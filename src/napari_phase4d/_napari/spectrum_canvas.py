@@ -34,14 +34,11 @@ class SpectrumCanvas(QGraphicsView):  # type: ignore[misc]
     -------
     lobes_edited(list)
         The lobes while the mouse moves one.
-    edit_finished()
-        The mouse button was released after an edit.
     frequency_shown(float, float)
         (ky, kx) under the mouse, in cycles per pixel.
     """
 
     lobes_edited = Signal(list)
-    edit_finished = Signal()
     frequency_shown = Signal(float, float)
 
     def __init__(self, parent: QWidget | None = None) -> None:
@@ -82,6 +79,8 @@ class SpectrumCanvas(QGraphicsView):  # type: ignore[misc]
     def set_lobes(self, lobes: list[Lobe]) -> None:
         """Draw these views."""
         self._lobes = list(lobes)
+        if self._held is not None and self._held[0] >= len(self._lobes):
+            self._held = None
         self._draw_circles()
 
     def view_position(self, ky: float, kx: float) -> QPointF:
@@ -149,9 +148,7 @@ class SpectrumCanvas(QGraphicsView):  # type: ignore[misc]
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:  # noqa: N802
         """Let go."""
-        if self._held is not None:
-            self._held = None
-            self.edit_finished.emit()
+        self._held = None
 
     def _under(self, event: QMouseEvent) -> tuple[int, str] | None:
         """Return the view under the mouse and what a drag would do to it."""

@@ -2,8 +2,12 @@
 
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.finding import find_lobes
-from napari_phase4d.holography.lobes import Lobe, lobe_warnings
-from napari_phase4d.holography.reconstruction import BACKGROUND_ORDERS, reconstruct
+from napari_phase4d.holography.lobes import Lobe, lobe_warnings, pair_distance
+from napari_phase4d.holography.reconstruction import (
+    BACKGROUND_ORDERS,
+    recalibrated,
+    reconstruct,
+)
 from napari_phase4d.holography.spectrum import power_spectrum
 from napari_phase4d.holography.windows import WINDOWS
 
@@ -14,6 +18,8 @@ __all__ = [
     "Lobe",
     "find_lobes",
     "lobe_warnings",
+    "pair_distance",
     "power_spectrum",
+    "recalibrated",
     "reconstruct",
 ]

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lobe", "lobe_warnings"]
+__all__ = ["Lobe", "lobe_warnings", "pair_distance"]
 
 
 #: (ky, kx) in cycles per pixel.
@@ -110,6 +110,8 @@ def lobe_warnings(lobes: Sequence[Lobe], zero_order_radius: float = 0.0) -> list
         if conjugate < 2 * lobe.radius:
             found.append(f"View {i} overlaps its own conjugate; make its circle smaller.")
     for (i, a), (j, b) in itertools.combinations(enumerate(lobes, start=1), 2):
+        if a.angle_deg == b.angle_deg:
+            found.append(f"Views {i} and {j} have one angle; all views will be numbered instead.")
         if pair_distance(a.carrier, b.carrier) < a.radius + b.radius:
             found.append(f"Views {i} and {j} overlap; make their circles smaller.")
     return found + beat_warnings(lobes)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -21,7 +21,7 @@ from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["BACKGROUND_ORDERS", "reconstruct"]
+__all__ = ["BACKGROUND_ORDERS", "recalibrated", "reconstruct"]
 
 #: What to take off the background, and the order of the polynomial that does it.
 BACKGROUND_ORDERS = {"none": 0, "tilt": 1, "curvature": 2}
@@ -31,6 +31,7 @@ STATIC_FRAMES = 32
 DARKEST_REFERENCE = 0.05
 
 Reference = Any
+Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
 
 
 def reconstruct(
@@ -251,6 +252,34 @@ def reference_note(reference: Reference) -> str:
     return reference if isinstance(reference, str) else "array"
 
 
+def times_and_places(
+    rec: Recording, pixel_ratio: Sequence[float], shape: Sequence[int]
+) -> dict[str, tuple[str, NDArray[np.floating], dict[str, str]]]:
+    """Return the coordinates of time, y and x of a reconstruction."""
+    step_y, step_x = (rec.optics.pixel_um * ratio for ratio in pixel_ratio)
+    return {
+        "time": ("time", rec.times_s, {"units": "s"}),
+        "y": ("y", np.arange(shape[0]) * step_y, {"units": "um"}),
+        "x": ("x", np.arange(shape[1]) * step_x, {"units": "um"}),
+    }
+
+
+def recalibrated(stack: Stack, rec: Recording) -> Stack:
+    """Return a reconstruction, or what was made of it, with a recording's new optics and times.
+
+    Parameters
+    ----------
+    stack : Dataset or DataArray
+        With ``attrs["pixel_ratio"]``, as `reconstruct` notes it.
+    rec : Recording
+        The same frames with another microscope or frame rate.
+    """
+    shape = (stack.sizes["y"], stack.sizes["x"])
+    changed = stack.assign_coords(times_and_places(rec, stack.attrs["pixel_ratio"], shape))
+    changed.attrs = {**stack.attrs, "wavelength_um": rec.optics.wavelength_um}
+    return changed
+
+
 def as_dataset(
     rec: Recording,
     angles: list[float],
@@ -260,12 +289,9 @@ def as_dataset(
     attrs: dict[str, Any],
 ) -> xr.Dataset:
     """Give the arrays their names, axes and units."""
-    step_y, step_x = (rec.optics.pixel_um * ratio for ratio in pixel_ratio)
     coords = {
-        "time": ("time", rec.times_s, {"units": "s"}),
         "angle": ("angle", np.asarray(angles), {"units": "deg"}),
-        "y": ("y", np.arange(phase.shape[2]) * step_y, {"units": "um"}),
-        "x": ("x", np.arange(phase.shape[3]) * step_x, {"units": "um"}),
+        **times_and_places(rec, pixel_ratio, phase.shape[2:]),
     }
     dims = ("time", "angle", "y", "x")
     return xr.Dataset(

@@ -123,7 +123,7 @@ def recording_of(
         optics = optics_for_pixel(video.pixel_um)
         notes.append(
             f"The pixel is {video.pixel_um:.4g} um wide according to the file; "
-            "check the wavelength and the magnification."
+            "check the wavelength of the microscope."
         )
     elif optics is None:
         notes.append("The microscope is not in the data; that of the paper is assumed.")

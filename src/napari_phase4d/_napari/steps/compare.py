@@ -57,6 +57,7 @@ class CompareStep(Step):
         )
         self.column.addWidget(self.save)
         self._fit_table()
+        self.session.recording_changed.connect(self._clear)
         self.session.outcome_changed.connect(self._show)
 
     def save_to(self, folder: str | Path) -> None:
@@ -84,6 +85,11 @@ class CompareStep(Step):
         ):
             self.table.setItem(row, 0, QTableWidgetItem(str(method)))
             self.table.setItem(row, 1, QTableWidgetItem(f"{seconds:.2f}"))
+        self._fit_table()
+
+    def _clear(self) -> None:
+        """Forget the results of another recording."""
+        self.table.setRowCount(0)
         self._fit_table()
 
     def _fit_table(self) -> None:

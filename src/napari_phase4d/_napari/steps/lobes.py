@@ -88,6 +88,8 @@ class LobesStep(Step):
         radius = lobes[0].radius if lobes else 0.08
         angle = max((lobe.angle_deg for lobe in lobes), default=-1.0) + 1
         self.session.set_lobes([*lobes, Lobe((0.25, 0.0), radius, angle)])
+        if self.session.spectrum is None:
+            self.jobs.start(self.session.plan_spectrum())
 
     def remove_lobe(self) -> None:
         """Remove the chosen view, or the last one."""

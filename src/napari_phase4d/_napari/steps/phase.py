@@ -2,20 +2,25 @@
 
 from __future__ import annotations
 
-from magicgui.widgets import CheckBox, ComboBox, LineEdit
+from pathlib import Path
+
+import numpy as np
+from magicgui.widgets import CheckBox, ComboBox
 from qtpy.QtWidgets import QFileDialog
 
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.holography import BACKGROUND_ORDERS, WINDOWS
+from napari_phase4d.pipeline import needed_bytes
+from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["PhaseStep"]
 
-REFERENCES = {
+FILE = "hologram in a file"
+REFERENCES: dict[str, int | str | None] = {
     "none": None,
     "median over time": "median",
     "first frame": 0,
     "last frame": -1,
-    "file…": "file",
 }
 
 
@@ -27,28 +32,30 @@ class PhaseStep(Step):
 
     def build(self) -> None:
         """Make the widgets."""
+        self._reference_file = ""
         self.column.addLayout(self.form)
         self.reference = self.field(
             "Reference",
             ComboBox(
                 name="reference",
-                choices=list(REFERENCES),
+                choices=[*REFERENCES, FILE],
                 value="none",
                 tooltip="What to divide by, so that fixed errors of the optics drop out.",
             ),
         )
-        self.reference.changed.connect(lambda _: self.guarded(self._choose_reference))
-        self.reference_file = self.field(
-            "Its file", LineEdit(name="reference_file", tooltip="Hologram without the object.")
+        self.choose_file = self.button(
+            "Choose the file…",
+            "choose_reference",
+            "A hologram of the same microscope without the object.",
+            self._ask_file,
         )
-        self.reference_file.native.setReadOnly(True)
-        self.form.setRowVisible(self.reference_file.native, False)
+        self.form.addRow("", self.choose_file)
         self.background = self.field(
             "Remove",
             ComboBox(
                 name="background",
                 choices=list(BACKGROUND_ORDERS),
-                value="tilt",
+                value=self.session.recipe.background,
                 tooltip="What to fit to the empty field and take off, once for all frames.",
             ),
         )
@@ -56,7 +63,7 @@ class PhaseStep(Step):
             "Drift",
             CheckBox(
                 name="drift",
-                value=True,
+                value=self.session.recipe.drift,
                 text="set empty field to 0 in every frame",
                 tooltip="Takes off what the interferometer's arms drift against each other.",
             ),
@@ -66,10 +73,12 @@ class PhaseStep(Step):
             ComboBox(
                 name="window",
                 choices=list(WINDOWS),
-                value="smooth-disk",
+                value=self.session.recipe.window,
                 tooltip="How a lobe is cut out of the spectrum.",
             ),
         )
+        for widget in (self.reference, self.background, self.drift, self.window):
+            widget.changed.connect(lambda _: self.guarded(self._settings_changed))
         self.go = self.button(
             "Reconstruct",
             "reconstruct",
@@ -79,30 +88,56 @@ class PhaseStep(Step):
         self.column.addWidget(self.go)
         self.facts = self.text("", "phase_facts")
         self.column.addWidget(self.facts)
-        self.session.recording_changed.connect(lambda: self.facts.setText(""))
+        self._settings_changed()
+        self.session.recording_changed.connect(self._new_recording)
+        self.session.lobes_changed.connect(self._show_need)
         self.session.reconstruction_changed.connect(self._show)
 
     def reconstruct(self) -> None:
         """Reconstruct, in a thread."""
-        chosen = REFERENCES[self.reference.value]
+        if self.reference.value == FILE and not self._reference_file:
+            msg = "choose the file with the reference hologram first"
+            raise ValueError(msg)
+        self.jobs.start(self.session.plan_reconstruction())
+
+    def take_reference(self, path: str | Path) -> None:
+        """Divide by a hologram without the object."""
+        self._reference_file = str(path)
+        self.choose_file.setText(Path(path).name)
+        self.reference.value = FILE
+        self._settings_changed()
+
+    def _settings_changed(self) -> None:
+        """Put the widgets' values into the recipe."""
+        chosen = self.reference.value
+        self.form.setRowVisible(self.choose_file, chosen == FILE)
         self.session.update(
-            reference=self.reference_file.value if chosen == "file" else chosen,
+            reference=(self._reference_file or None) if chosen == FILE else REFERENCES[chosen],
             background=self.background.value,
             drift=self.drift.value,
             window=self.window.value,
         )
-        self.jobs.start(self.session.plan_reconstruction())
 
-    def _choose_reference(self) -> None:
-        """Ask for the file if one is wanted."""
-        wants_file = REFERENCES[self.reference.value] == "file"
-        if wants_file:
-            path, _ = QFileDialog.getOpenFileName(self, "Hologram without the object")
-            if not path:
-                self.reference.value = "none"
-                return
-            self.reference_file.value = path
-        self.form.setRowVisible(self.reference_file.native, wants_file)
+    def _new_recording(self) -> None:
+        """Forget the reference of the last recording."""
+        self._reference_file = ""
+        self.choose_file.setText("Choose the file…")
+        self.reference.value = "none"
+        self.facts.setText("")
+
+    def _ask_file(self) -> None:
+        path, _ = QFileDialog.getOpenFileName(self, "Hologram without the object")
+        if path:
+            self.take_reference(path)
+
+    def _show_need(self) -> None:
+        """Say how much memory the next steps will take."""
+        recording, lobes = self.session.recording, self.session.lobes
+        if recording is not None and lobes:
+            need = needed_bytes(recording, lobes, len(METHODS)) / 2**20
+            self.facts.setText(
+                f"Reconstructing and unwrapping takes about {need:.0f} MB of memory."
+            )
 
     def _show(self) -> None:
         data = self.session.needed_reconstruction()
@@ -110,4 +145,8 @@ class PhaseStep(Step):
         lines = [f"{n_times} times × {n_angles} views, {width} × {height} pixels"]
         if data.attrs["drift_removed"] and data.attrs["background_share"] < 0.3:
             lines.append("⚠ Little empty field is in view; check that the background is at 0.")
+        angles = data["angle"].values
+        if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
+            listed = ", ".join(f"{a:g}°" for a in angles)
+            lines.append(f"⚠ Angles are uneven; the slider counts evenly. They are {listed}.")
         self.facts.setText("<br>".join(lines))

@@ -69,9 +69,9 @@ class RecordingStep(Step):
         )
         self.layer.changed.connect(lambda chosen: self.guarded(lambda: self._take_layer(chosen)))
         numbers = {
-            "wavelength_nm": ("Wavelength (nm)", 632.8, 1, 20_000, 0.1, "Vacuum wavelength."),
-            "camera_pixel_um": ("Camera pixel (µm)", 5.2, 0.01, 1000, 0.01, "Pixel pitch."),
-            "magnification": ("Magnification (×)", 60, 0.001, 10_000, 0.1, "Sample to camera."),
+            "wavelength_nm": ("Wavelength (nm)", 632.8, 0.0001, 1e6, 0.1, "Vacuum wavelength."),
+            "camera_pixel_um": ("Camera pixel (µm)", 5.2, 0.0001, 1e5, 0.01, "Pixel pitch."),
+            "magnification": ("Magnification (×)", 60, 0.0001, 1e7, 0.1, "Sample to camera."),
             "medium_index": ("Medium index", 1.333, 1, 4, 0.001, "Refractive index around it."),
             "frame_rate_hz": ("Frames per second", 1, 1e-6, 1e7, 0.1, "Of the recording."),
         }
@@ -83,9 +83,19 @@ class RecordingStep(Step):
             setattr(self, name, self.field(label, box))
             changed = self._rate_changed if name == "frame_rate_hz" else self._optics_changed
             box.changed.connect(lambda _, changed=changed: self.guarded(changed))
+        self.remove_raw = self.button(
+            "Remove the uncalibrated layer",
+            "remove_raw",
+            "Takes the layer that you chose out of the viewer; its frames stay in the new layer.",
+            self._remove_raw,
+        )
+        self.remove_raw.hide()
+        self.column.addWidget(self.remove_raw)
         self.facts = self.text("No recording yet.", "recording_facts")
         self.column.addWidget(self.facts)
+        self._raw: Any = None
         self.session.recording_changed.connect(self._show)
+        self.session.calibration_changed.connect(self._show_facts)
 
     def layer_choices(self) -> list[Any]:
         """Return the layers that could be holograms."""
@@ -100,7 +110,8 @@ class RecordingStep(Step):
         ) -> Recording:
             return open_recording(path)
 
-        self.jobs.start(Plan(f"Opening {Path(path).name}", work, self.session.set_recording))
+        title = f"Opening {Path(path).name}"
+        self.jobs.start(Plan(title, work, self.session.set_recording, cancellable=False))
 
     def open_sample(self) -> None:
         """Simulate the sample, in a thread."""
@@ -113,7 +124,7 @@ class RecordingStep(Step):
         def receive(sample: Sample) -> None:
             self.session.set_recording(sample.recording, sample.angles_deg, sample.boundary)
 
-        self.jobs.start(Plan("Simulating the sample", work, receive))
+        self.jobs.start(Plan("Simulating the sample", work, receive, cancellable=False))
 
     def optics(self) -> Optics:
         """Return the microscope as typed in."""
@@ -151,7 +162,18 @@ class RecordingStep(Step):
         recording = recording_of_layer(layer)
         if METADATA_KEY in layer.metadata:
             self.presenter.adopt(recording, layer)
+        else:
+            # Without time, angle and micrometres, its axes don't fit those of the results.
+            self._raw = layer
+            layer.visible = False
         self.session.set_recording(recording)
+
+    def _remove_raw(self) -> None:
+        """Take the user's layer out of the viewer, as asked."""
+        if self._raw in self.presenter.viewer.layers:
+            self.presenter.viewer.layers.remove(self._raw)
+        self._raw = None
+        self._show_facts()
 
     @contextmanager
     def _own_change(self) -> Iterator[None]:
@@ -179,13 +201,30 @@ class RecordingStep(Step):
         optics = recording.optics
         rate = recording.frame_rate_hz
         with self._own_change():
-            self.wavelength_nm.value = 1000 * optics.wavelength_um
-            self.camera_pixel_um.value = optics.camera_pixel_um
-            self.magnification.value = optics.magnification
-            self.medium_index.value = optics.medium_index
-            if rate is not None:
-                self.frame_rate_hz.value = rate
-        self.facts.setText(facts_of(recording))
+            for box, value in (
+                (self.wavelength_nm, 1000 * optics.wavelength_um),
+                (self.camera_pixel_um, optics.camera_pixel_um),
+                (self.magnification, optics.magnification),
+                (self.medium_index, optics.medium_index),
+                (self.frame_rate_hz, rate),
+            ):
+                if value is not None:
+                    box.value = min(max(value, box.min), box.max)
+            shown = self.presenter.holograms
+            self.layer.value = shown if shown in self.layer.choices else None
+        self._show_facts()
+
+    def _show_facts(self) -> None:
+        """Show what the recording is, and what to look after."""
+        words = facts_of(self.session.needed_recording())
+        raw = self._raw in self.presenter.viewer.layers if self._raw is not None else False
+        if raw:
+            words += (
+                f"<br>⚠ The layer “{self._raw.name}” has no angle, so that the sliders don't fit "
+                "together. Its frames are in the new layer."
+            )
+        self.remove_raw.setVisible(raw)
+        self.facts.setText(words)
 
 
 def facts_of(recording: Recording) -> str:

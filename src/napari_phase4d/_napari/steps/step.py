@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from typing import Any
 
-from qtpy.QtCore import Signal
-from qtpy.QtWidgets import QFormLayout, QLabel, QPushButton, QVBoxLayout, QWidget
+from psygnal import EmitLoopError
+from qtpy.QtCore import QEvent, QObject, Qt, Signal
+from qtpy.QtWidgets import (
+    QAbstractSpinBox,
+    QFormLayout,
+    QLabel,
+    QPushButton,
+    QVBoxLayout,
+    QWidget,
+)
 
-from napari_phase4d._napari.jobs import Jobs
+from napari_phase4d._napari.jobs import Jobs, sentence_of
 from napari_phase4d._napari.presenter import Presenter
 from napari_phase4d._napari.session import Session
 
@@ -75,13 +83,30 @@ class Step(QWidget):  # type: ignore[misc]
         native = widget.native
         native.setObjectName(widget.name)
         native.setToolTip(widget.tooltip)
+        # The wheel scrolls the dock; it must not change a number on the way.
+        native.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        native.installEventFilter(self)
+        if isinstance(native, QAbstractSpinBox):
+            native.setKeyboardTracking(False)
         self.form.addRow(label, native)
         self.form.labelForField(native).setToolTip(widget.tooltip)
         return widget
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
+        """Leave the wheel to the dock unless a field has been clicked."""
+        if (
+            event is not None
+            and event.type() == QEvent.Type.Wheel
+            and isinstance(watched, QWidget)
+            and not watched.hasFocus()
+        ):
+            event.ignore()
+            return True
+        return False
 
     def guarded(self, action: Any) -> None:
         """Run an action; a wrong input becomes one sentence."""
         try:
             action()
-        except (OSError, TypeError, ValueError) as error:
-            self.failed.emit(str(error))
+        except (OSError, TypeError, ValueError, EmitLoopError) as error:
+            self.failed.emit(sentence_of(error))

@@ -22,6 +22,7 @@ class UnwrapStep(Step):
 
     def build(self) -> None:
         """Make the widgets."""
+        self._filling = False
         self.column.addLayout(self.form)
         self.time = self.field(
             "Thin time",
@@ -35,6 +36,8 @@ class UnwrapStep(Step):
                 tooltip="Viewing angle in which the object is thin.",
             ),
         )
+        for widget in (self.time, self.angle):
+            widget.changed.connect(lambda _: self.guarded(self._boundary_changed))
         self.use_view = self.button(
             "Use current view",
             "use_view",
@@ -66,21 +69,30 @@ class UnwrapStep(Step):
     def use_current(self) -> None:
         """Take the frame that the sliders show as the thin one."""
         self.time.value, self.angle.value = self.presenter.current_frame()
+        self._boundary_changed()
 
     def run(self) -> None:
         """Unwrap, in a thread."""
         self.session.update(
-            boundary=((self.time.value, self.angle.value),),
             mask="auto" if self.mask.value else None,
             methods=tuple(m for m, box in self.methods.items() if box.isChecked()),
         )
         self.jobs.start(self.session.plan_unwrapping())
 
+    def _boundary_changed(self) -> None:
+        """Take the thin frame as typed."""
+        if not self._filling:
+            self.session.update(boundary=((self.time.value, self.angle.value),))
+
     def _show(self) -> None:
         """Limit the numbers to the frames that there are."""
         phase = self.session.needed_reconstruction()["phase"]
         time, angle = self.session.recipe.boundary[0]
-        self.time.max = phase.sizes["time"] - 1
         angles = enumerate(phase["angle"].values)
-        self.angle.choices = [(f"{degrees:g}°", number) for number, degrees in angles]
-        self.time.value, self.angle.value = time, angle
+        self._filling = True
+        try:
+            self.time.max = phase.sizes["time"] - 1
+            self.angle.choices = [(f"{degrees:g}°", number) for number, degrees in angles]
+            self.time.value, self.angle.value = time, angle
+        finally:
+            self._filling = False
