@@ -31,6 +31,7 @@ ALLOWED = {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
         "pipeline", "sample", "_napari",
     },
+    "__main__": {"cli"},
     "_napari": {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
         "pipeline", "sample",

@@ -219,10 +219,18 @@ def test_lobes_outside_the_spectrum_are_refused(arguments: tuple, sentence: str)
 
 
 def test_overlaps_are_said_in_words() -> None:
-    good = [Lobe((0.19, 0.21), 0.09), Lobe((-0.21, 0.19), 0.09)]
+    good = [Lobe((0.19, 0.21), 0.09), Lobe((-0.21, 0.19), 0.09, 1.0)]
     assert lobe_warnings(good) == []
     assert any("zero order" in w for w in lobe_warnings(good, zero_order_radius=0.25))
     assert any("Views 1 and 2 overlap" in w for w in lobe_warnings([good[0], good[0]]))
     assert any("conjugate" in w for w in lobe_warnings([Lobe((0.05, 0.0), 0.1)]))
     beat = Lobe((0.4, 0.02), 0.05)
     assert any("interfere with each other" in w for w in lobe_warnings([*good, beat]))
+
+
+def test_constant_and_single_frames_are_no_trouble() -> None:
+    flat = p4d.open_recording(np.full((1, 64, 64), 7, np.uint8))
+    data = p4d.reconstruct(flat, [Lobe((0.2, 0.2), 0.1)])
+    assert np.isfinite(data["phase"].values).all()
+    np.testing.assert_allclose(data["amplitude"].values, 0, atol=1e-5)
+    assert np.isfinite(p4d.power_spectrum(flat).values).all()

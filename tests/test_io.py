@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import errno
 import os
+import subprocess
+import sys
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -289,11 +291,31 @@ def test_failed_write_leaves_the_old_file(tmp_path: Path) -> None:
     assert [p.name for p in tmp_path.iterdir()] == ["table.csv"]
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs the device /dev/full")
-def test_full_disk_is_reported() -> None:
-    """A real full device: every write to it fails with ENOSPC."""
-    with pytest.raises(OSError, match=r"No space left|could not be written"):
-        write_table("/dev/full/table.csv", pd.DataFrame({"a": [1]}))
+FULL_DISK = """
+import resource, sys
+import numpy as np, xarray as xr
+from napari_phase4d.io import write_phase
+stack = xr.DataArray(
+    np.ones((2, 2, 64, 64), np.float32), dims=("time", "angle", "y", "x"),
+    coords={d: np.arange(n) * 1.0 for d, n in zip(("time", "angle", "y", "x"), (2, 2, 64, 64))},
+)
+write_phase(sys.argv[1], stack * 2)
+resource.setrlimit(resource.RLIMIT_FSIZE, (20_000, 20_000))  # no room for the 65 kB of pixels
+try:
+    write_phase(sys.argv[1], stack)
+except OSError as error:
+    print(error)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="Windows can't limit the size of files")
+def test_result_that_does_not_fit_on_the_disk_leaves_the_old_one(tmp_path: Path) -> None:
+    path = tmp_path / "phase.ome.tif"
+    line = [sys.executable, "-c", FULL_DISK, str(path)]
+    found = subprocess.run(line, capture_output=True, text=True, check=True)
+    assert "phase.ome.tif could not be written" in found.stdout
+    assert (read_results(path).values == 2).all()
+    assert [p.name for p in tmp_path.iterdir()] == ["phase.ome.tif"]
 
 
 def test_table_has_its_columns(tmp_path: Path) -> None:

@@ -63,14 +63,14 @@ class Jobs(QObject):  # type: ignore[misc]
                 self.progressed.emit(done, total, message)
 
         def guarded() -> Any:
+            # Errors travel as results: the worker's own signal for them fails on PySide6.
             try:
                 return plan.work(progress=report, cancelled=stop.is_set)
-            except Cancelled:
-                return Cancelled
+            except Exception as error:
+                return error
 
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
         worker.returned.connect(lambda result: self._returned(worker, plan, result))
-        worker.errored.connect(lambda error: self._failed(worker, error))
         self._worker, self._plan = worker, plan
         self.started.emit(plan.title)
         worker.start()
@@ -86,11 +86,13 @@ class Jobs(QObject):  # type: ignore[misc]
         if worker is not self._worker:
             return
         # A result that arrives after Cancel is not wanted any more.
-        if result is Cancelled or self._stop.is_set():
+        if isinstance(result, Cancelled) or self._stop.is_set():
             self._worker = None
             self.cancelled.emit(plan.title)
             return
         try:
+            if isinstance(result, Exception):
+                raise result
             plan.receive(result)
         except Exception as error:
             self._failed(worker, error)

@@ -1,0 +1,6 @@
+"""``python -m napari_phase4d`` is the command line."""
+
+from napari_phase4d.cli import main
+
+if __name__ == "__main__":
+    main()
