@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from dataclasses import dataclass
 from typing import Any
 
 from napari.qt.threading import FunctionWorker, create_worker
@@ -14,6 +15,14 @@ from napari_phase4d._napari.session import Plan
 from napari_phase4d.progress import Cancelled
 
 __all__ = ["Jobs", "sentence_of"]
+
+
+@dataclass(frozen=True)
+class Ended:
+    """How a piece of work ended: with a result or with an error."""
+
+    result: Any = None
+    error: Exception | None = None
 
 
 class Jobs(QObject):  # type: ignore[misc]
@@ -70,7 +79,7 @@ class Jobs(QObject):  # type: ignore[misc]
                 return error
 
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
-        worker.returned.connect(lambda result: self._returned(worker, plan, result))
+        worker.returned.connect(lambda ended: self._returned(worker, plan, ended))
         self._worker, self._plan = worker, plan
         self.started.emit(plan.title)
         worker.start()
@@ -82,18 +91,18 @@ class Jobs(QObject):  # type: ignore[misc]
             self._worker = None
             self.cancelled.emit(self._plan.title)
 
-    def _returned(self, worker: FunctionWorker, plan: Plan, result: Any) -> None:
+    def _returned(self, worker: FunctionWorker, plan: Plan, ended: Ended) -> None:
         if worker is not self._worker:
             return
         # A result that arrives after Cancel is not wanted any more.
-        if isinstance(result, Cancelled) or self._stop.is_set():
+        if isinstance(ended.error, Cancelled) or self._stop.is_set():
             self._worker = None
             self.cancelled.emit(plan.title)
             return
         try:
-            if isinstance(result, Exception):
-                raise result
-            plan.receive(result)
+            if ended.error is not None:
+                raise ended.error
+            plan.receive(ended.result)
         except Exception as error:
             self._failed(worker, error)
             return
