@@ -17,7 +17,7 @@ from napari_phase4d.progress import Cancelled
 __all__ = ["Jobs", "sentence_of"]
 
 
-@dataclass(frozen=True)
+@dataclass
 class Ended:
     """How a piece of work ended: with a result or with an error."""
 
@@ -71,15 +71,17 @@ class Jobs(QObject):  # type: ignore[misc]
             with contextlib.suppress(RuntimeError):
                 self.progressed.emit(done, total, message)
 
-        def guarded() -> Any:
-            # Errors travel as results: the worker's own signal for them fails on PySide6.
+        ended = Ended()
+
+        def guarded() -> None:
+            # What comes of it is kept here: the worker's own signal for errors fails on PySide6.
             try:
-                return plan.work(progress=report, cancelled=stop.is_set)
+                ended.result = plan.work(progress=report, cancelled=stop.is_set)
             except Exception as error:
-                return error
+                ended.error = error
 
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
-        worker.returned.connect(lambda ended: self._returned(worker, plan, ended))
+        worker.returned.connect(lambda _: self._returned(worker, plan, ended))
         self._worker, self._plan = worker, plan
         self.started.emit(plan.title)
         worker.start()
