@@ -12,7 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import four_d
+from napari_phase4d.unwrapping import four_d, volumes
+from napari_phase4d.unwrapping.laplacian import laplacian
 from napari_phase4d.unwrapping.problem import Problem
 
 __all__ = ["METHODS", "Method", "Option", "unwrap"]
@@ -112,6 +113,32 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "Along the angle first, then along time.",
             four_d.angular_temporal,
             CHAIN_OPTIONS,
+        ),
+        "laplacian": Method(
+            "LBE",
+            "Schofield & Zhu 2003, Opt. Lett. 28, 1194; in 4-D: Barnhill et al. 2015",
+            "Solves for the phase whose Laplacian is that of the wrapped phase; an estimate.",
+            laplacian,
+            (
+                Option(
+                    "variant", "textbook", 'The formula: "textbook", or "phasetools" as published.'
+                ),
+                Option(
+                    "rounded", False, "Add whole turns to the wrapped phase, the nearest to it."
+                ),
+            ),
+        ),
+        "region-growing": Method(
+            "RG",
+            "Abdul-Rahman et al. 2007, Appl. Opt. 46, 6623; in 4-D: Barnhill et al. 2015",
+            "Joins pixels over time, angle, y and x, most reliable edges first.",
+            volumes.region_growing,
+        ),
+        "spatial-3d": Method(
+            "3-D",
+            "Abdul-Rahman et al. 2007, Appl. Opt. 46, 6623",
+            "Joins pixels over time, y and x for each angle, most reliable edges first.",
+            volumes.spatial_3d,
         ),
     }
 )

@@ -1,0 +1,66 @@
+"""Itoh's condition, Eq. (1) of the paper, and residues: where unwrapping has to fail."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+__all__ = ["itoh_margin", "residues"]
+
+TURN = 2 * np.pi
+
+
+def itoh_margin(phase: xr.DataArray) -> xr.Dataset:
+    """Return how near each step comes to the largest that can be unwrapped, |step| / pi.
+
+    Eq. (1) of the paper asks for |dv| |d psi / dv| <= pi along time or angle; the same holds along
+    y and x. A dimension in which few steps exceed 1 is one along which to unwrap.
+
+    Parameters
+    ----------
+    phase : xarray.DataArray
+        Unwrapped phase in radians (true, or as good as it is known), dims among time, angle, y, x.
+
+    Returns
+    -------
+    xarray.Dataset
+        For each dimension of length 2 or more a map like ``phase``, named ``along_time`` and so
+        on: the larger of the steps to the two neighbours, as a share of pi. Its
+        ``attrs["share_beyond"]`` is the share of steps beyond pi.
+    """
+    maps = {}
+    for dim in phase.dims:
+        if phase.sizes[dim] < 2:
+            continue
+        axis = phase.get_axis_num(dim)
+        steps = np.abs(np.diff(phase.values, axis=axis)) / np.float32(np.pi)
+        before = np.pad(steps, [(int(i == axis), 0) for i in range(phase.ndim)])
+        after = np.pad(steps, [(0, int(i == axis)) for i in range(phase.ndim)])
+        margin = phase.copy(data=np.maximum(before, after))
+        margin.attrs = {"units": "pi rad", "share_beyond": float((steps > 1).mean())}
+        maps[f"along_{dim}"] = margin
+    return xr.Dataset(maps)
+
+
+def residues(wrapped: xr.DataArray) -> xr.DataArray:
+    """Return the residues of every frame: where the wrapped steps round four pixels don't cancel.
+
+    Parameters
+    ----------
+    wrapped : xarray.DataArray
+        Wrapped phase in radians, the last two dims y and x.
+
+    Returns
+    -------
+    xarray.DataArray
+        int8: +1, -1 or 0, with one row and one column less than ``wrapped``.
+    """
+    values = wrapped.values.astype(np.float64)
+
+    def turns(axis: int) -> np.ndarray:
+        return np.round(np.diff(values, axis=axis) / TURN)
+
+    down, right = turns(-2), turns(-1)
+    loop = right[..., :-1, :] + down[..., :, 1:] - right[..., 1:, :] - down[..., :, :-1]
+    found = wrapped.isel({wrapped.dims[-2]: slice(None, -1), wrapped.dims[-1]: slice(None, -1)})
+    return found.copy(data=-loop.astype(np.int8))

@@ -1,0 +1,182 @@
+"""Laplacian estimate, region growing and 3-D sorting, against formulas and other programs."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy.fft import dct
+from skimage.restoration import unwrap_phase
+
+import napari_phase4d as p4d
+from napari_phase4d.unwrapping.reliability import (
+    grid_edges,
+    grow,
+    half_stencil,
+    second_differences,
+)
+
+TURN = 2 * np.pi
+
+
+def noisy_bump(shape: tuple[int, ...], sigma: float, seed: int = 0) -> np.ndarray:
+    grids = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
+    radius = sum(g**2 for g in grids)
+    return 9 * np.exp(-3 * radius) + np.random.default_rng(seed).normal(0, sigma, shape)
+
+
+def wrapped(phase: np.ndarray) -> np.ndarray:
+    return np.angle(np.exp(1j * phase)).astype(np.float32)
+
+
+def test_laplacian_solves_the_published_equation() -> None:
+    """L u = cos w L sin w - sin w L cos w, the sum over neighbours of sin(w' - w), in loops."""
+    w = wrapped(noisy_bump((4, 3, 9, 8), 0.4))
+    u = p4d.unwrap(w, "laplacian").values.astype(np.float64)
+    for index in np.ndindex(*w.shape):
+        laplacian = source = 0.0
+        for axis in range(4):
+            for step in (-1, 1):
+                other = list(index)
+                other[axis] += step
+                if 0 <= other[axis] < w.shape[axis]:
+                    laplacian += u[tuple(other)] - u[index]
+                    source += np.sin(float(w[tuple(other)]) - float(w[index]))
+        assert laplacian == pytest.approx(source, abs=2e-4)
+
+
+def test_laplacian_is_near_for_gentle_phase_and_rounds_to_it() -> None:
+    phase = np.broadcast_to(noisy_bump((40, 40), 0.0), (6, 3, 40, 40))
+    raw = p4d.unwrap(wrapped(phase), "laplacian").values
+    assert 0.01 < np.abs(raw - phase).max() < np.pi  # an estimate, never exact
+    rounded = p4d.unwrap(wrapped(phase), "laplacian", rounded=True).values
+    np.testing.assert_allclose(rounded, phase, atol=1e-4)
+
+
+def test_laplacian_as_phasetools_has_it() -> None:
+    """The published formula with dense cosine matrices."""
+    w = wrapped(noisy_bump((3, 2, 6, 5), 0.3)).astype(np.float64)
+    factor = sum(
+        ((np.arange(n) + 1.0) ** 2).reshape([-1 if i == axis else 1 for i in range(4)])
+        for axis, n in enumerate(w.shape)
+    )
+
+    def transform(values: np.ndarray, inverse: bool) -> np.ndarray:
+        for axis, n in enumerate(values.shape):
+            matrix = dct(np.eye(n), norm="ortho", axis=0)
+            matrix = matrix.T if inverse else matrix
+            values = np.moveaxis(np.tensordot(matrix, values, (1, axis)), 0, axis)
+        return values
+
+    def term(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+        inner = transform(factor * transform(b, False), True)
+        return transform(transform(a * inner, False) / factor, True)
+
+    expected = term(np.cos(w), np.sin(w)) - term(np.sin(w), np.cos(w))
+    found = p4d.unwrap(w, "laplacian", variant="phasetools").values
+    np.testing.assert_allclose(found - found.mean(), expected - expected.mean(), atol=1e-4)
+    with pytest.raises(ValueError, match="variant must be"):
+        p4d.unwrap(w, "laplacian", variant="other")
+
+
+def test_stencils_have_the_published_numbers_of_pairs() -> None:
+    assert [len(half_stencil((5,) * n)) for n in (2, 3, 4)] == [4, 13, 40]
+    assert len(half_stencil((1, 2, 5, 5))) == 4
+
+
+def kruskal(w: np.ndarray, edges: tuple, cost: np.ndarray) -> np.ndarray:
+    """Join groups pixel by pixel, as Herraez et al. describe it."""
+    turns, group = np.zeros(w.size, int), np.arange(w.size)
+    flat = w.ravel()
+    for i in np.argsort(cost, kind="stable"):
+        a, b = edges[0][i], edges[1][i]
+        if group[a] != group[b]:
+            step = (flat[b] + TURN * turns[b]) - (flat[a] + TURN * turns[a])
+            moved = group == group[b]
+            turns[moved] -= int(np.round(step / TURN))
+            group[moved] = group[a]
+    return (flat + TURN * turns).reshape(w.shape)
+
+
+@pytest.mark.parametrize("shape", [(9, 8), (4, 6, 5), (3, 3, 5, 4)])
+def test_growing_is_kruskals_order(shape: tuple[int, ...]) -> None:
+    w = wrapped(noisy_bump(shape, 1.2, seed=3))
+    mask = np.ones(shape, dtype=bool)
+    edges = grid_edges(mask)
+    cost = np.random.default_rng(1).random(len(edges[0]))
+    found, parts = grow(w, edges, cost)
+    expected = kruskal(w, edges, cost)
+    turns = (found - expected) / TURN
+    np.testing.assert_allclose(turns, np.round(turns.flat[0]), atol=1e-5)
+    assert (parts == parts.flat[0]).all()
+
+
+@pytest.mark.parametrize("sigma", [0.3, 0.6, 0.8])
+def test_one_frame_of_region_growing_is_scikit_images(sigma: float) -> None:
+    """On a single frame the merging order is that of Herraez et al., so the result is the same."""
+    w = wrapped(noisy_bump((90, 100), sigma))
+    ours = p4d.unwrap(w, "region-growing").values
+    turns = (ours - unwrap_phase(w, rng=0)) / TURN
+    np.testing.assert_allclose(turns, np.round(np.median(turns)), atol=1e-5)
+
+
+def test_volumes_are_right_where_single_frames_are_not() -> None:
+    """Strong noise: frame by frame fails, joined over time it does not."""
+    still = noisy_bump((40, 40), 0.0)
+    phase = still + np.random.default_rng(5).normal(0, 0.95, (12, 2, 40, 40))
+    w = wrapped(phase)
+    wrong = {
+        m: np.mean(np.abs(p4d.unwrap(w, m).values - phase) > np.pi)
+        for m in ("spatial-2d", "spatial-3d", "region-growing")
+    }
+    assert wrong["spatial-2d"] > 5 * wrong["spatial-3d"]
+    assert wrong["region-growing"] <= wrong["spatial-3d"] + 1e-3
+
+
+def test_3d_agrees_with_scikit_images_volume() -> None:
+    phase = noisy_bump((9, 30, 30), 0.5)
+    ours = p4d.unwrap(wrapped(phase)[:, None], "spatial-3d").values[:, 0]
+    theirs = unwrap_phase(wrapped(phase), rng=0)
+    turns = np.round((ours - theirs) / TURN)
+    assert (turns == np.median(turns)).mean() > 0.999
+
+
+@pytest.mark.parametrize("method", ["laplacian", "region-growing", "spatial-3d"])
+def test_masked_parts_are_levelled_and_nothing_lies_outside(method: str) -> None:
+    y, x = np.indices((60, 120))
+    one = 8 * np.exp(-((y - 30) ** 2 + (x - 30) ** 2) / 200)
+    two = 14 * np.exp(-((y - 30) ** 2 + (x - 90) ** 2) / 200)
+    phase = np.repeat((one + two)[None, None], 3, axis=0)
+    mask = (np.hypot(y - 30, x - 30) < 25) | (np.hypot(y - 30, x - 90) < 25)
+    options = {"rounded": True} if method == "laplacian" else {}
+    result = p4d.unwrap(wrapped(phase), method, mask=mask, **options).values
+    assert (result[:, :, ~mask] == 0).all()
+    error = result[:, :, mask] - wrapped(phase)[:, :, mask]
+    np.testing.assert_allclose(error / TURN, np.round(error / TURN), atol=1e-5)
+    if method != "laplacian":
+        np.testing.assert_allclose(result[:, :, mask], phase[:, :, mask], atol=1e-4)
+
+
+@pytest.mark.parametrize("method", ["laplacian", "region-growing", "spatial-3d"])
+def test_progress_and_cancel(method: str) -> None:
+    w = wrapped(noisy_bump((3, 2, 12, 12), 0.1))
+    seen: list[tuple[int, int]] = []
+    p4d.unwrap(w, method, progress=lambda d, t, _: seen.append((d, t)))
+    assert seen[-1][0] == seen[-1][1]
+    with pytest.raises(p4d.Cancelled):
+        p4d.unwrap(w, method, cancelled=lambda: True)
+
+
+def test_border_pixels_are_the_least_reliable() -> None:
+    w = wrapped(noisy_bump((20, 20), 0.2))
+    found = second_differences(w, np.ones(w.shape, dtype=bool))
+    edge = np.ones(w.shape, dtype=bool)
+    edge[1:-1, 1:-1] = False
+    assert found[edge].min() > found[~edge].max()
+    i, j = 7, 9  # one pixel by hand
+    pairs = [(0, 1), (1, 0), (1, 1), (1, -1)]
+    turned = lambda d: np.angle(np.exp(1j * d))  # noqa: E731
+    expected = sum(
+        (turned(w[i - a, j - b] - w[i, j]) - turned(w[i, j] - w[i + a, j + b])) ** 2
+        for a, b in pairs
+    )
+    assert found[i, j] == pytest.approx(expected, rel=1e-4)

@@ -1,0 +1,40 @@
+"""Itoh's condition and residues."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from napari_phase4d.evaluation import itoh_margin, residues
+
+
+def test_margin_of_a_ramp_is_its_slope() -> None:
+    t, y, x = np.meshgrid(np.arange(5), np.arange(6), np.arange(7), indexing="ij")
+    phase = xr.DataArray(0.5 * np.pi * t + 1.2 * np.pi * x + 0.0 * y, dims=("time", "y", "x"))
+    margin = itoh_margin(phase)
+    np.testing.assert_allclose(margin["along_time"], 0.5, rtol=1e-6)
+    np.testing.assert_allclose(margin["along_x"], 1.2, rtol=1e-6)
+    np.testing.assert_allclose(margin["along_y"], 0.0, atol=1e-12)
+    assert [margin[f"along_{d}"].attrs["share_beyond"] for d in ("time", "y", "x")] == [0, 0, 1]
+
+
+def test_margin_takes_the_larger_neighbour_and_skips_single_frames() -> None:
+    phase = xr.DataArray(np.array([[0.0, 0.0, 4.0, 4.0]]), dims=("time", "x"))
+    margin = itoh_margin(phase)
+    assert list(margin.data_vars) == ["along_x"]
+    np.testing.assert_allclose(margin["along_x"].values[0] * np.pi, [0, 4, 4, 0])
+    assert margin["along_x"].attrs["share_beyond"] == pytest.approx(1 / 3)
+
+
+def test_residues_of_a_vortex() -> None:
+    y, x = np.indices((11, 12))
+    vortex = np.arctan2(y - 4.5, x - 6.5)
+    found = residues(xr.DataArray(vortex, dims=("y", "x")))
+    assert found.shape == (10, 11)
+    assert abs(int(found[4, 6])) == 1
+    assert int(np.abs(found).sum()) == 1
+    mirrored = residues(xr.DataArray(-vortex, dims=("y", "x")))
+    assert int(mirrored[4, 6]) == -int(found[4, 6])
+    smooth = np.angle(np.exp(1j * 0.3 * (x + y)))
+    assert not residues(xr.DataArray(smooth, dims=("y", "x"))).any()
