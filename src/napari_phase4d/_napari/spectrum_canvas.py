@@ -49,7 +49,8 @@ class SpectrumCanvas(QGraphicsView):  # type: ignore[misc]
         self.setMouseTracking(True)
         self.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         self.setVerticalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
-        self.setMinimumHeight(280)
+        self.setMinimumHeight(260)
+        self.setMaximumHeight(300)  # leaves room for the table on a small screen
         self.setBackgroundBrush(QBrush(QColor("black")))
         self._lobes: list[Lobe] = []
         self._held: tuple[int, str] | None = None
