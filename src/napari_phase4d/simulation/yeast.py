@@ -99,7 +99,8 @@ def budding_yeast(
     """Simulate a yeast cell during reproduction by budding, as in section 3 of the paper.
 
     The cell is optically thinnest at the first time, seen from the first angle. With the default
-    shape, frames can be unwrapped by themselves at the first two times only. Light travels in straight lines; every phase is a sum of closed-form projections.
+    shape, frames can be unwrapped by themselves at the first two times only. Light travels in
+    straight lines; every phase is a sum of closed-form projections.
 
     Parameters
     ----------
