@@ -245,10 +245,22 @@ def test_failed_search_leaves_the_spectrum_to_place_lobes_by_hand(dock, click) -
     assert dock.session.spectrum is not None
     click("add_lobe")
     assert len(dock.lobes.canvas.lobes) == 1
-    dock.session.open(noise)
+
+
+def test_spectrum_shows_by_itself_and_gives_way(dock, qtbot, click, small_video) -> None:
+    dock.session.set_recording(small_video)
     assert dock.session.spectrum is None
-    click("add_lobe")  # also without a search
-    assert dock.session.spectrum is not None
+    assert not dock.jobs.running  # nothing that the user would have to wait for
+    assert "find the lobes" in dock.status.text()
+    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=10_000)
+    assert "find the lobes" in dock.status.text()
+    assert dock.session.lobes == []
+    dock.session.set_recording(small_video.calibrated())
+    dock.recording.magnification.value = 30  # leaves the frames as they are
+    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=10_000)
+    dock.session.set_recording(small_video.calibrated())
+    click("find_lobes")  # at once, while the spectrum is still being computed
+    assert len(dock.session.lobes) == 2
 
 
 def test_wheel_does_not_change_a_field_that_is_not_in_use(ready) -> None:

@@ -182,11 +182,19 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._idle()
         self.say(self._next_words or f"{title}: done.")
         self._next_words = ""
+        self._show_spectrum()
 
     def _recording_opened(self) -> None:
         # What had to be assumed of the microscope is to be checked first.
         assumed = bool(self.session.needed_recording().notes)
         self._go_on(0 if assumed else 1, "Check the microscope, then find the lobes in step 2.")
+        self._show_spectrum()
+
+    def _show_spectrum(self) -> None:
+        """Compute the spectrum unasked, while nothing else is being done."""
+        waiting = self.session.recording is not None and self.session.spectrum is None
+        if waiting and not self.jobs.running:
+            self.jobs.start(self.session.plan_spectrum())
 
     def _lobes_changed(self) -> None:
         words = "Drag the circles to correct them, then press Reconstruct in step 3."

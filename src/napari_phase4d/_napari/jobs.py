@@ -48,9 +48,13 @@ class Jobs(QObject):  # type: ignore[misc]
         self._stop = threading.Event()
 
     @property
+    def _gives_way(self) -> bool:
+        return self._plan is not None and self._plan.gives_way
+
+    @property
     def running(self) -> bool:
-        """Whether a job is under way."""
-        return self._worker is not None
+        """Whether a job is under way that the user waits for."""
+        return self._worker is not None and not self._gives_way
 
     def start(self, plan: Plan) -> None:
         """Start a plan in a thread.
@@ -63,9 +67,12 @@ class Jobs(QObject):  # type: ignore[misc]
         if self.running:
             msg = "another job is still running; wait for it or press Cancel"
             raise ValueError(msg)
+        self._stop.set()  # what gives way ends now; its result is dropped
         stop = self._stop = threading.Event()
 
         def report(done: int, total: int, message: str) -> None:
+            if plan.gives_way:
+                return
             # A signal is the one thing of Qt that may be used from another thread. The window
             # may be gone by now.
             with contextlib.suppress(RuntimeError):
@@ -83,7 +90,8 @@ class Jobs(QObject):  # type: ignore[misc]
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
         worker.returned.connect(lambda _: self._returned(worker, plan, ended))
         self._worker, self._plan = worker, plan
-        self.started.emit(plan.title)
+        if not plan.gives_way:
+            self.started.emit(plan.title)
         worker.start()
 
     def cancel(self) -> None:
@@ -99,7 +107,8 @@ class Jobs(QObject):  # type: ignore[misc]
         # A result that arrives after Cancel is not wanted any more.
         if isinstance(ended.error, Cancelled) or self._stop.is_set():
             self._worker = None
-            self.cancelled.emit(plan.title)
+            if not plan.gives_way:
+                self.cancelled.emit(plan.title)
             return
         try:
             if ended.error is not None:
@@ -109,11 +118,14 @@ class Jobs(QObject):  # type: ignore[misc]
             self._failed(worker, error)
             return
         self._worker = None
-        self.finished.emit(plan.title)
+        if not plan.gives_way:
+            self.finished.emit(plan.title)
 
     def _failed(self, worker: FunctionWorker, error: Exception) -> None:
         if worker is self._worker:
-            self._worker = None
+            silent, self._worker = self._gives_way, None
+            if silent:
+                return
             self.failed.emit(sentence_of(error))
 
 

@@ -50,12 +50,15 @@ class Plan:
         Takes the result into the session; to be called in the window's thread.
     cancellable : bool
         Whether the work looks at ``cancelled``; if not, its result is just not waited for.
+    gives_way : bool
+        Whether it runs unseen and ends as soon as other work is started.
     """
 
     title: str
     work: Callable[..., Any]
     receive: Callable[[Any], None]
     cancellable: bool = True
+    gives_way: bool = False
 
     def run(self) -> None:
         """Do the work here and now."""
@@ -66,6 +69,7 @@ class Session:
     """State of one dock: recording, lobes, reconstruction, outcome and the recipe."""
 
     recording_changed = Signal()
+    spectrum_changed = Signal()
     lobes_changed = Signal()
     calibration_changed = Signal()
     reconstruction_changed = Signal()
@@ -187,15 +191,15 @@ class Session:
         def receive(found: tuple[xr.DataArray, list[Lobe] | ValueError]) -> None:
             self._check_recording(recording)
             self.spectrum, lobes = found
+            self.spectrum_changed.emit()
             if isinstance(lobes, ValueError):
-                self.lobes_changed.emit()
                 raise lobes
             self.set_lobes(with_known_views(lobes, recipe.lobes))
 
         return Plan("Finding the lobes", work, receive)
 
     def plan_spectrum(self) -> Plan:
-        """Plan to compute the spectrum alone."""
+        """Plan to compute the spectrum alone, until something else is asked for."""
         recording = self.needed_recording()
 
         def work(
@@ -206,11 +210,13 @@ class Session:
             )
 
         def receive(spectrum: xr.DataArray) -> None:
-            self._check_recording(recording)
-            self.spectrum = spectrum
-            self.lobes_changed.emit()
+            # Another microscope leaves the frames, and so their spectrum, as they are.
+            now = self.recording
+            if now is not None and now.holograms.data is recording.holograms.data:
+                self.spectrum = spectrum
+                self.spectrum_changed.emit()
 
-        return Plan("Computing the spectrum", work, receive)
+        return Plan("Computing the spectrum", work, receive, gives_way=True)
 
     def plan_reconstruction(self) -> Plan:
         """Plan to reconstruct wrapped phase and amplitude.

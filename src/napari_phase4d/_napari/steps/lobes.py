@@ -74,6 +74,7 @@ class LobesStep(Step):
         self.warnings = self.text("", "lobe_warnings")
         self.column.addWidget(self.warnings)
         self.session.recording_changed.connect(self._new_recording)
+        self.session.spectrum_changed.connect(self._show)
         self.session.lobes_changed.connect(self._show)
         self._show()
 
@@ -88,8 +89,6 @@ class LobesStep(Step):
         radius = lobes[0].radius if lobes else 0.08
         angle = max((lobe.angle_deg for lobe in lobes), default=-1.0) + 1
         self.session.set_lobes([*lobes, Lobe((0.25, 0.0), radius, angle)])
-        if self.session.spectrum is None:
-            self.jobs.start(self.session.plan_spectrum())
 
     def remove_lobe(self) -> None:
         """Remove the chosen view, or the last one."""
