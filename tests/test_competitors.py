@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy.fft import dct
 from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
+from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
 from napari_phase4d.unwrapping.reliability import (
     grid_edges,
     grow,
@@ -140,7 +143,7 @@ def test_3d_agrees_with_scikit_images_volume() -> None:
     assert (turns == np.median(turns)).mean() > 0.999
 
 
-@pytest.mark.parametrize("method", ["laplacian", "region-growing", "spatial-3d"])
+@pytest.mark.parametrize("method", ["laplacian", "region-growing", "spatial-3d", "network-flow"])
 def test_masked_parts_are_levelled_and_nothing_lies_outside(method: str) -> None:
     y, x = np.indices((60, 120))
     one = 8 * np.exp(-((y - 30) ** 2 + (x - 30) ** 2) / 200)
@@ -156,7 +159,7 @@ def test_masked_parts_are_levelled_and_nothing_lies_outside(method: str) -> None
         np.testing.assert_allclose(result[:, :, mask], phase[:, :, mask], atol=1e-4)
 
 
-@pytest.mark.parametrize("method", ["laplacian", "region-growing", "spatial-3d"])
+@pytest.mark.parametrize("method", ["laplacian", "region-growing", "spatial-3d", "dilate-erode"])
 def test_progress_and_cancel(method: str) -> None:
     w = wrapped(noisy_bump((3, 2, 12, 12), 0.1))
     seen: list[tuple[int, int]] = []
@@ -180,3 +183,57 @@ def test_border_pixels_are_the_least_reliable() -> None:
         for a, b in pairs
     )
     assert found[i, j] == pytest.approx(expected, rel=1e-4)
+
+
+def published_unreliability(w: np.ndarray, index: tuple[int, ...]) -> float:
+    """PhaseTools' sum over 40 pairs of neighbours, pixel by pixel."""
+    phase = np.mod(w, TURN)
+    total, penalty = 0.0, 1.0
+    for offset in itertools.product((-1, 0, 1), repeat=4):
+        if offset <= (0, 0, 0, 0):
+            continue
+        known = []
+        for sign in (1, -1):
+            other = tuple(i + sign * o for i, o in zip(index, offset, strict=True))
+            if all(0 <= i < n for i, n in zip(other, w.shape, strict=True)):
+                known.append(phase[other] - phase[index])
+        penalty *= (4, 2, 1)[len(known)]
+        total += float(np.sqrt(sum(d**2 for d in known)))
+    return total * penalty
+
+
+def test_region_growing_as_phasetools_has_it() -> None:
+    """Unreliability and edges from loops over a padded volume; joined in that order."""
+    w = wrapped(noisy_bump((4, 3, 5, 14), 0.8, seed=2))
+    mask = np.ones(w.shape, dtype=bool)
+    found = penalised_differences(w, mask)
+    expected = np.array([published_unreliability(w, i) for i in np.ndindex(*w.shape)])
+    np.testing.assert_allclose(found.ravel(), expected, rtol=1e-5)
+
+    depth, height, width = 3 + 2, 5 + 2, 14 + 2
+    place = {}  # position in the padded memory -> pixel
+    for number, (t, a, y, x) in enumerate(np.ndindex(*w.shape)):
+        place[(((t + 1) * depth + a + 1) * height + y + 1) * width + x + 1] = number
+    pairs = {
+        (n, place[m + step])
+        for step in (1, width, width * height, depth)
+        for m, n in place.items()
+        if m + step in place
+    }
+    edges = memory_edges(mask)
+    assert set(zip(*(e.tolist() for e in edges), strict=True)) == pairs
+
+    joined = kruskal(np.mod(w, np.float32(TURN)), edges, expected[edges[0]] + expected[edges[1]])
+    ours = p4d.unwrap(w, "region-growing", variant="phasetools").values
+    turns = (ours - joined) / TURN
+    np.testing.assert_allclose(turns, np.round(turns.flat[0]), atol=1e-5)
+
+
+def test_phasetools_threshold_is_the_step_at_which_a_turn_is_added() -> None:
+    ramp = np.broadcast_to(np.array([0.1, 1.1, 3.0, 4.4, 6.2]), (5, 5))[None, None]
+    kept = p4d.unwrap(ramp, "region-growing", variant="phasetools", rga_threshold=6.2).values
+    np.testing.assert_allclose(np.diff(kept, axis=-1), np.diff(ramp, axis=-1), atol=1e-5)
+    eager = p4d.unwrap(ramp, "region-growing", variant="phasetools", rga_threshold=1.5).values
+    assert np.abs(np.diff(eager, axis=-1)).max() > 1.9
+    with pytest.raises(ValueError, match="rga_threshold must lie between"):
+        p4d.unwrap(ramp, "region-growing", variant="phasetools", rga_threshold=0.0)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,8 +12,9 @@ import pandas as pd
 import xarray as xr
 
 from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
+from napari_phase4d.evaluation.resources import measured
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import METHODS, Problem, check_method, run_method
+from napari_phase4d.unwrapping import METHODS, Problem, check_method, label_of, run_method
 
 __all__ = ["Comparison", "compare"]
 
@@ -27,8 +28,8 @@ class Comparison:
     results : mapping of str to DataArray
         Unwrapped phase of each method.
     table : pandas.DataFrame
-        One row a method: seconds, and against truth, where given, the mean squared error in
-        rad^2 and the share of pixels wrong by a turn in percent.
+        One row a method: its label, seconds, peak memory in MB, and against truth, where given,
+        the mean squared error in rad^2 and the share of pixels wrong by a turn in percent.
     """
 
     results: Mapping[str, xr.DataArray]
@@ -65,7 +66,7 @@ def compare(
     -------
     Comparison
         Methods that start from the two-dimensional unwrapping share it; its time is counted in
-        each of them.
+        each of them, its memory in the first.
 
     Raises
     ------
@@ -83,25 +84,21 @@ def compare(
     results: dict[str, xr.DataArray] = {}
     rows = []
     for method in chosen:
-        result, seconds = timed(problem, method, progress, cancelled, options.get(method, {}))
-        results[method] = result
-        rows.append({"method": METHODS[method].label, "seconds": seconds, **errors(result, exact)})
+        chosen_options = options.get(method, {})
+        shared_before = problem.spatial_seconds
+        run = partial(run_method, problem, method, progress, cancelled, chosen_options)
+        cost = measured(run)
+        results[method] = cost.result
+        rows.append(
+            {
+                "method": label_of(method, chosen_options),
+                "seconds": cost.seconds + shared_before,
+                "peak_mb": cost.peak_mb,
+                **errors(cost.result, exact),
+            }
+        )
     table = pd.DataFrame(rows, index=pd.Index(chosen, name="id"))
     return Comparison(results, table)
-
-
-def timed(
-    problem: Problem,
-    method: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
-    options: Mapping[str, Any],
-) -> tuple[xr.DataArray, float]:
-    """Run a method and return its result and its seconds, a shared first step included."""
-    shared_before = problem.spatial_seconds
-    began = time.perf_counter()
-    result = run_method(problem, method, progress, cancelled, options)
-    return result, time.perf_counter() - began + shared_before
 
 
 def as_truth(truth: xr.DataArray | Any, problem: Problem) -> xr.DataArray | None:

@@ -5,12 +5,14 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
+from napari_phase4d.unwrapping import both_ends
+
 __all__ = ["itoh_margin", "residues"]
 
 TURN = 2 * np.pi
 
 
-def itoh_margin(phase: xr.DataArray) -> xr.Dataset:
+def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Dataset:
     """Return how near each step comes to the largest that can be unwrapped, |step| / pi.
 
     Eq. (1) of the paper asks for |dv| |d psi / dv| <= pi along time or angle; the same holds along
@@ -20,14 +22,18 @@ def itoh_margin(phase: xr.DataArray) -> xr.Dataset:
     ----------
     phase : xarray.DataArray
         Unwrapped phase in radians (true, or as good as it is known), dims among time, angle, y, x.
+    where : xarray.DataArray of bool, optional
+        Pixels that count for ``share_beyond``, such as those of the object; default all.
 
     Returns
     -------
     xarray.Dataset
         For each dimension of length 2 or more a map like ``phase``, named ``along_time`` and so
         on: the larger of the steps to the two neighbours, as a share of pi. Its
-        ``attrs["share_beyond"]`` is the share of steps beyond pi.
+        ``attrs["share_beyond"]`` is the share of steps beyond pi (of those with both ends in
+        ``where``).
     """
+    inside = np.ones(phase.shape, bool) if where is None else where.transpose(*phase.dims).values
     maps = {}
     for dim in phase.dims:
         if phase.sizes[dim] < 2:
@@ -37,7 +43,9 @@ def itoh_margin(phase: xr.DataArray) -> xr.Dataset:
         before = np.pad(steps, [(int(i == axis), 0) for i in range(phase.ndim)])
         after = np.pad(steps, [(0, int(i == axis)) for i in range(phase.ndim)])
         margin = phase.copy(data=np.maximum(before, after))
-        margin.attrs = {"units": "pi rad", "share_beyond": float((steps > 1).mean())}
+        counted = both_ends(inside, axis)
+        beyond = float((steps > 1)[counted].mean()) if counted.any() else 0.0
+        margin.attrs = {"units": "pi rad", "share_beyond": beyond}
         maps[f"along_{dim}"] = margin
     return xr.Dataset(maps)
 

@@ -35,33 +35,34 @@ class Budding:
         How many times as thick as at the start the mother is at the end.
     bud_um : float
         Radius of the bud at the end.
-    bud_start : float
-        When the bud appears, as a share of the recording.
+    bud_growth : float
+        Exponent of the bud's radius over time, which starts at 0.
     bud_azimuth_deg, bud_elevation_deg : float
         Where on the mother the bud sits: round the line of sight from x, and towards the viewer.
-    tilt_deg : float
-        How far the mother leans away from the first angle, about y, at the end.
+    lean_deg : tuple of float
+        How far the mother leans about y at the start and at the end, seen from 0 degrees; larger
+        viewing angles see it lean more, and so thicker.
     vacuole : float
         Contrast of the vacuole as a share of the cell's, added to it.
     delta_n : float
         Contrast of the cell.
     """
 
-    mother_um: tuple[float, float, float] = (2.09, 1.79, 0.63)
-    thickening: float = 1.39
-    bud_um: float = 1.88
-    bud_start: float = 0.06
-    bud_azimuth_deg: float = 256.0
-    bud_elevation_deg: float = 21.0
-    tilt_deg: float = 22.0
-    vacuole: float = 0.01
-    delta_n: float = 0.513
+    mother_um: tuple[float, float, float] = (2.18, 1.90, 0.57)
+    thickening: float = 1.32
+    bud_um: float = 1.84
+    bud_growth: float = 0.61
+    bud_azimuth_deg: float = 270.0
+    bud_elevation_deg: float = 19.0
+    lean_deg: tuple[float, float] = (40.0, 25.0)
+    vacuole: float = -0.11
+    delta_n: float = 0.512
 
     def bodies(self, progress: float) -> list[Ellipsoid]:
         """Return the parts of the cell; ``progress`` runs from 0 at the start to 1 at the end."""
         a, b, c = self.mother_um
         c *= 1 + (self.thickening - 1) * progress
-        lean = rotation("y", self.tilt_deg * progress)
+        lean = rotation("y", float(np.interp(progress, (0, 1), self.lean_deg)))
         mother = Ellipsoid((0.0, 0.0, 0.0), (a, b, c), self.delta_n, lean)
         vacuole = Ellipsoid(
             tuple(lean @ np.array([-0.35 * a, 0.2 * b, 0.0])),
@@ -69,8 +70,7 @@ class Budding:
             self.delta_n * self.vacuole,
             lean,
         )
-        grown = max(0.0, progress - self.bud_start) / (1 - self.bud_start)
-        if grown == 0:
+        if progress == 0:
             return [mother, vacuole]
         azimuth, elevation = np.deg2rad([self.bud_azimuth_deg, self.bud_elevation_deg])
         towards = np.array(
@@ -80,7 +80,7 @@ class Budding:
                 np.sin(elevation),
             ]
         )
-        radius = self.bud_um * grown ** (1 / 2)
+        radius = self.bud_um * progress**self.bud_growth
         surface = 1 / np.linalg.norm(towards / np.array([a, b, c]))
         centre = lean @ (towards * (surface + 0.6 * radius))
         bud = Ellipsoid(tuple(centre), (radius, radius, 0.9 * radius), self.delta_n, lean)
@@ -98,16 +98,16 @@ def budding_yeast(
 ) -> xr.Dataset:
     """Simulate a yeast cell during reproduction by budding, as in section 3 of the paper.
 
-    The cell is optically thinnest at the first time, seen from the first angle. With the default
-    shape, frames can be unwrapped by themselves at the first two times only. Light travels in
-    straight lines; every phase is a sum of closed-form projections.
+    The cell is optically thin only at the first time, seen from the first angle: with the default
+    shape, that is the one frame in which no step between neighbouring pixels exceeds half a
+    cycle. Light travels in straight lines; every phase is a sum of closed-form projections.
 
     Parameters
     ----------
     shape : tuple of int, optional
         Height and width in pixels, default (48, 48). Smaller pixels make it easier to unwrap.
     n_times : int, optional
-        Number of time steps of 1 minute, default 19 as in the paper.
+        Number of time steps of 1 minute from t = 1 minute on, default 19 as in the paper.
     angles_deg : sequence of float, optional
         Viewing angles in degrees, default 0 to 25 by 5 as in the paper.
     field_um : float, optional
@@ -126,8 +126,8 @@ def budding_yeast(
     cell = budding or Budding()
     last = INTERVAL_S * max(n_times - 1, 1)
     return phase_stack(
-        lambda time: cell.bodies(time / last),
-        times_s=[INTERVAL_S * t for t in range(n_times)],
+        lambda time: cell.bodies((time - INTERVAL_S) / last),
+        times_s=[INTERVAL_S * t for t in range(1, n_times + 1)],
         angles_deg=list(angles_deg),
         shape=shape,
         pixel_um=(field_um / shape[0], field_um / shape[1]),

@@ -1,11 +1,13 @@
 """Unwrapping methods behind one function."""
 
+from napari_phase4d.unwrapping.masks import both_ends
 from napari_phase4d.unwrapping.problem import DIMS, Problem
 from napari_phase4d.unwrapping.registry import (
     METHODS,
     Method,
     Option,
     check_method,
+    label_of,
     run_method,
     unwrap,
 )
@@ -16,7 +18,9 @@ __all__ = [
     "Method",
     "Option",
     "Problem",
+    "both_ends",
     "check_method",
+    "label_of",
     "run_method",
     "unwrap",
 ]

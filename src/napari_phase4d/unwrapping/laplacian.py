@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.spatial import border_of
+from napari_phase4d.unwrapping.variants import check_variant
 
 __all__ = ["laplacian"]
 
@@ -60,9 +61,7 @@ def laplacian(
     ValueError
         If the variant has no such name.
     """
-    if variant not in ("textbook", "phasetools"):
-        msg = f'variant must be "textbook" or "phasetools", but is {variant!r}'
-        raise ValueError(msg)
+    check_variant(variant)
     wrapped = np.where(problem.mask, problem.wrapped, np.float32(0))
     watch = Watch(STEPS, "Laplacian estimate", progress, cancelled)
     estimate = (textbook if variant == "textbook" else phasetools)(wrapped, watch)

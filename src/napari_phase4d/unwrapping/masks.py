@@ -9,7 +9,7 @@ from scipy import ndimage
 from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.unwrapping.spatial import border_of
 
-__all__ = ["object_mask", "object_masks"]
+__all__ = ["both_ends", "object_mask", "object_masks"]
 
 #: A pixel belongs to the object where its phase exceeds this share of the largest ...
 SHARE_OF_PEAK = 0.1
@@ -58,3 +58,10 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
         return np.ones(mask.shape, dtype=bool)
     widened: NDArray[np.bool_] = ndimage.binary_dilation(mask, iterations=WIDEN)
     return widened
+
+
+def both_ends(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
+    """Mark the steps along an axis whose two ends both lie mask."""
+    n = mask.shape[axis]
+    both: NDArray[np.bool_] = mask.take(range(n - 1), axis) & mask.take(range(1, n), axis)
+    return both

@@ -100,6 +100,13 @@ class Problem:
             self.spatial_seconds = time.perf_counter() - began
         return self._spatial
 
+    def settle_mask(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> None:
+        """Find the object, where that was asked for, before a method looks at ``mask``."""
+        if self.finds_mask:
+            self.spatial(progress, cancelled)
+
     def shifts(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.intp]:

@@ -13,10 +13,13 @@ from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import four_d, volumes
+from napari_phase4d.unwrapping.dilate_erode import dilate_erode
 from napari_phase4d.unwrapping.laplacian import laplacian
+from napari_phase4d.unwrapping.network_flow import network_flow
 from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.variants import VARIANTS
 
-__all__ = ["METHODS", "Method", "Option", "unwrap"]
+__all__ = ["METHODS", "Method", "Option", "label_of", "unwrap"]
 
 
 @dataclass(frozen=True)
@@ -31,11 +34,14 @@ class Option:
         Value if it is not given; its type is the option's type.
     summary : str
         One sentence for tooltips and help.
+    choices : tuple of str, optional
+        All values that it can have; empty for any.
     """
 
     name: str
     default: bool | int | float | str
     summary: str
+    choices: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -75,6 +81,13 @@ CHAIN_OPTIONS = (
         True,
         "Start anew where the object has become as thin again as in the boundary frame.",
     ),
+)
+
+VARIANT = Option(
+    "variant",
+    "textbook",
+    '"textbook", as the method is described, or "phasetools", as PhaseTools computes it.',
+    VARIANTS,
 )
 
 #: Method id -> Method.
@@ -120,9 +133,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "Solves for the phase whose Laplacian is that of the wrapped phase; an estimate.",
             laplacian,
             (
-                Option(
-                    "variant", "textbook", 'The formula: "textbook", or "phasetools" as published.'
-                ),
+                VARIANT,
                 Option(
                     "rounded", False, "Add whole turns to the wrapped phase, the nearest to it."
                 ),
@@ -133,12 +144,45 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "Abdul-Rahman et al. 2007, Appl. Opt. 46, 6623; in 4-D: Barnhill et al. 2015",
             "Joins pixels over time, angle, y and x, most reliable edges first.",
             volumes.region_growing,
+            (
+                VARIANT,
+                Option(
+                    "rga_threshold",
+                    3.14,
+                    'Only with "phasetools": step in radians beyond which a turn is added.',
+                ),
+            ),
+        ),
+        "dilate-erode": Method(
+            "DE",
+            "Dilate-erode-propagate: Barnhill et al. 2015, Magn. Reson. Med. 73, 2321",
+            "Mends the boundary frame with windows, then carries its phase from frame to frame.",
+            dilate_erode,
+            (
+                VARIANT,
+                Option(
+                    "max_window",
+                    0,
+                    "Half the width of the largest window in pixels; 0, as published: no windows.",
+                ),
+                Option(
+                    "erode_threshold",
+                    6.0,
+                    "Largest second difference over three frames, in radians, of a valid pixel.",
+                ),
+            ),
         ),
         "spatial-3d": Method(
             "3-D",
             "Abdul-Rahman et al. 2007, Appl. Opt. 46, 6623",
             "Joins pixels over time, y and x for each angle, most reliable edges first.",
             volumes.spatial_3d,
+        ),
+        "network-flow": Method(
+            "Flow",
+            "Pepe & Lanari 2006, IEEE Trans. Geosci. Remote Sens. 44, 2374; after Costantini",
+            "Fewest whole turns that close all loops: over time and angle, then in each frame.",
+            network_flow,
         ),
     }
 )
@@ -198,6 +242,7 @@ def run_method(
 ) -> xr.DataArray:
     """Run one method on a problem and note how, in the result's attributes."""
     chosen = {o.name: o.default for o in METHODS[method].options} | dict(options)
+    problem.settle_mask(progress, cancelled)
     values = METHODS[method].function(problem, progress, cancelled, **chosen)
     attrs = {
         "method": method,
@@ -205,6 +250,12 @@ def run_method(
         "boundary": [list(b) for b in problem.boundaries],
     }
     return problem.result(values, method, attrs)
+
+
+def label_of(method: str, options: Mapping[str, Any]) -> str:
+    """Return a method's short name, with its variant where that is not the textbook's."""
+    label = METHODS[method].label
+    return f"{label} (PhaseTools)" if options.get("variant") == "phasetools" else label
 
 
 def check_method(method: str, options: Mapping[str, Any]) -> None:
@@ -219,7 +270,17 @@ def check_method(method: str, options: Mapping[str, Any]) -> None:
         raise TypeError(msg)
     for option in METHODS[method].options:
         value = options.get(option.name, option.default)
-        if not isinstance(value, type(option.default)):
+        if not takes(option, value):
             kind = type(option.default).__name__
             msg = f"the option {option.name} of {method} takes a {kind}, but got {value!r}"
             raise TypeError(msg)
+        if option.choices and value not in option.choices:
+            msg = f"{option.name} must be one of {', '.join(option.choices)}, but is {value!r}"
+            raise ValueError(msg)
+
+
+def takes(option: Option, value: Any) -> bool:
+    """Say whether a value has the type of an option; a whole number will do for a float."""
+    if isinstance(option.default, float):
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    return type(value) is type(option.default)

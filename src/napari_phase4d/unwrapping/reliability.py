@@ -100,7 +100,10 @@ def grid_edges(mask: NDArray[np.bool_]) -> Edges:
 
 
 def grow(
-    wrapped: NDArray[np.float32], edges: Edges, cost: NDArray[np.floating]
+    wrapped: NDArray[np.float32],
+    edges: Edges,
+    cost: NDArray[np.floating],
+    largest_step: float = np.pi,
 ) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
     """Join pixels along the cheapest edges first and integrate.
 
@@ -112,6 +115,9 @@ def grow(
         Flat indices of the two ends of every edge.
     cost : ndarray
         Cost of every edge; equal ones are taken in their order.
+    largest_step : float, optional
+        Step in radians beyond which one side of an edge is shifted by a turn; default pi. Any
+        other value takes the wrapped phase to lie within one turn.
 
     Returns
     -------
@@ -140,7 +146,10 @@ def grow(
     del order
     parent[n] = n
     from_below = flat - np.append(flat, np.float32(0))[parent[:n]]
-    jump = np.append(-np.round(from_below / TURN), 0).astype(np.int32)
+    turns_down = np.round(from_below / TURN)
+    if largest_step != np.pi:
+        turns_down = (from_below > largest_step).astype(np.int32) - (from_below < -largest_step)
+    jump = np.append(-turns_down, 0).astype(np.int32)
     jump[first_of_part] = 0
     while (parent != n).any():  # pointer jumping: each round doubles the way covered
         jump += jump[parent]

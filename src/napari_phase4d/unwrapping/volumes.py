@@ -2,31 +2,68 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.reliability import grid_edges, grow, second_differences
+from napari_phase4d.unwrapping.reliability import Edges, grid_edges, grow, second_differences
 from napari_phase4d.unwrapping.spatial import border_of
+from napari_phase4d.unwrapping.variants import check_variant
 
 __all__ = ["region_growing", "spatial_3d"]
 
 TURN = 2 * np.pi
 Stack = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 
 def region_growing(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+    problem: Problem,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    variant: str = "textbook",
+    rga_threshold: float = 3.14,
 ) -> Stack:
     """Join pixels over time, angle, y and x, most reliable edges first (RG).
 
     The reliability sorting of Herraez et al. 2002 and Abdul-Rahman et al. 2007 in four dimensions,
-    as Barnhill et al. 2015 use it: second differences over the 40 pairs of opposite neighbours;
-    edges along the four axes, in the order of the sum of their ends' unreliabilities.
+    as Barnhill et al. 2015 describe it: second differences over the 40 pairs of opposite
+    neighbours; edges along the four axes, in the order of the sum of their ends' unreliabilities.
+
+    Parameters
+    ----------
+    problem : Problem
+        Any; the boundary frame's border gives the level.
+    progress, cancelled : callable or None
+        See `unwrap`.
+    variant : str, optional
+        "textbook" (default), or "phasetools": as PhaseTools computes it, see
+        `napari_phase4d.unwrapping.phasetools`.
+    rga_threshold : float, optional
+        Only with "phasetools": step in radians beyond which a turn is added; published default
+        3.14.
     """
+    check_variant(variant)
     watch = Watch(3, "region growing", progress, cancelled)
-    return grown(problem.wrapped, problem.mask, problem.first, watch)
+    if variant == "textbook":
+        return grown(problem.wrapped, problem.mask, problem.first, watch)
+    if not 0 < rga_threshold < TURN:
+        msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
+        raise ValueError(msg)
+    return grown(
+        np.mod(problem.wrapped, np.float32(TURN)),
+        problem.mask,
+        problem.first,
+        watch,
+        unreliability_of=penalised_differences,
+        edges_of=memory_edges,
+        largest_step=rga_threshold,
+    )
 
 
 def spatial_3d(
@@ -44,22 +81,31 @@ def spatial_3d(
     return result
 
 
-def grown(wrapped: Stack, mask: NDArray[np.bool_], first: tuple[int, int], watch: Watch) -> Stack:
+def grown(
+    wrapped: Stack,
+    mask: Mask,
+    first: tuple[int, int],
+    watch: Watch,
+    *,
+    unreliability_of: Callable[[Stack, Mask], NDArray[np.floating]] = second_differences,
+    edges_of: Callable[[Mask], Edges] = grid_edges,
+    largest_step: float = np.pi,
+) -> Stack:
     """Unwrap a stack (time, angle, y, x) by region growing and level every part of it."""
     watch.check()
-    unreliability = second_differences(wrapped, mask).ravel()
+    unreliability = unreliability_of(wrapped, mask).ravel()
     watch.step()
-    edges = grid_edges(mask)
+    edges = edges_of(mask)
     cost = unreliability[edges[0]].astype(np.float64) + unreliability[edges[1]]
     watch.step()
-    unwrapped, parts = grow(wrapped, edges, cost)
+    unwrapped, parts = grow(wrapped, edges, cost, largest_step)
     result = levelled(unwrapped, parts, mask, first)
     watch.step()
     return result
 
 
 def levelled(
-    unwrapped: Stack, parts: NDArray[np.intp], mask: NDArray[np.bool_], first: tuple[int, int]
+    unwrapped: Stack, parts: NDArray[np.intp], mask: Mask, first: tuple[int, int]
 ) -> Stack:
     """Choose each part's open multiple of 2 pi.
 

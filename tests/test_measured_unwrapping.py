@@ -1,0 +1,78 @@
+"""Unwrapping of measured wrapped phase: radar interferograms and magnetic resonance."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import kamui
+import numpy as np
+import pytest
+
+import napari_phase4d as p4d
+from helpers import measured
+
+pytestmark = pytest.mark.measured
+TURN = 2 * np.pi
+
+
+def share_off(unwrapped: np.ndarray, published: np.ndarray, valid: np.ndarray) -> float:
+    """Return the share of valid pixels that differ, each frame's own turns taken off."""
+    off = 0
+    for ours, theirs, inside in zip(unwrapped, published, valid, strict=True):
+        turns = np.round((ours - theirs)[inside] / TURN)
+        off += int((turns != np.median(turns)).sum())
+    return off / int(valid.sum())
+
+
+@pytest.fixture(scope="module")
+def interferograms() -> dict[str, np.ndarray]:
+    with np.load(measured("unwrap/pyrate_cropA_shared.npz")) as file:
+        return {name: file[name] for name in ("wrapped", "unwrapped", "valid", "pairs")}
+
+
+@pytest.mark.parametrize("method", ["spatial-2d", "network-flow"])
+def test_radar_interferograms(method: str, interferograms: dict[str, np.ndarray]) -> None:
+    """Sentinel-1 pairs with published unwrapped phase; at most 0.5 % of the pixels differ."""
+    valid = interferograms["valid"].astype(bool)
+    wrapped = np.where(valid, interferograms["wrapped"], 0)
+    found = p4d.unwrap(wrapped, method, mask=valid).values
+    assert share_off(found, interferograms["unwrapped"], valid) <= 0.005
+
+
+def nifti(path: Path) -> np.ndarray:
+    """Read an uncompressed float32 NIfTI-1 file, slowest axis first."""
+    raw = path.read_bytes()
+    dims = struct.unpack("<8h", raw[40:56])
+    kind, start = struct.unpack("<h", raw[70:72])[0], int(struct.unpack("<f", raw[108:112])[0])
+    slope, offset = struct.unpack("<2f", raw[112:120])
+    assert kind == 16
+    shape = dims[1 : dims[0] + 1][::-1]
+    values = np.frombuffer(raw, "<f4", offset=start, count=int(np.prod(shape)))
+    return values.reshape(shape) * slope + offset
+
+
+@pytest.fixture(scope="module")
+def head() -> np.ndarray:
+    """Three echoes of a head as (time, angle, y, x): the slices stand for the angles."""
+    values = nifti(measured("unwrap/romeo_small_Phase.nii")) / 0.0036743774 * np.pi
+    return np.angle(np.exp(1j * values)).astype(np.float32)
+
+
+def test_echoes_by_region_growing(head: np.ndarray) -> None:
+    """The phase grows linearly with the echo time."""
+    found = p4d.unwrap(head, "region-growing").values
+    turns = (found - head) / TURN
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
+    second = np.abs(found[2] - 2 * found[1] + found[0])
+    assert (second < np.pi).mean() >= 0.998
+
+
+@pytest.mark.parametrize("echo", [1, 2])
+def test_slab_agrees_with_kamuis_volume(echo: int, head: np.ndarray) -> None:
+    """kamui solves for the fewest turns in a volume, with another algorithm."""
+    slab = head[echo, 10:18]
+    ours = p4d.unwrap(slab[:, None], "spatial-3d").values[:, 0]
+    theirs = kamui.unwrap_dimensional(slab.astype(np.float64))
+    turns = np.round((ours - theirs) / TURN)
+    assert (turns == np.median(turns)).all()
