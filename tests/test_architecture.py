@@ -27,9 +27,12 @@ ALLOWED = {
     "pipeline": {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
     },
+    "reproduction": {
+        "progress", "io", "evaluation", "unwrapping", "pipeline", "sample", "simulation",
+    },
     "cli": {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
-        "pipeline", "sample", "_napari",
+        "pipeline", "sample", "reproduction", "_napari",
     },
     "__main__": {"cli"},
     "_napari": {

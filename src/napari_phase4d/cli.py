@@ -1,4 +1,4 @@
-"""The command line: napari-phase4d demo | info | run."""
+"""The command line: napari-phase4d demo | info | run | compare | reproduce."""
 
 from __future__ import annotations
 
@@ -10,14 +10,20 @@ from typing import Annotated
 
 import pandas as pd
 import typer
+import xarray as xr
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
-from napari_phase4d.evaluation import comparison_figure
+from napari_phase4d.evaluation import (
+    comparison_figure,
+    itoh_margin,
+    order_shares,
+    residues,
+)
 from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
-from napari_phase4d.io import open_recording
+from napari_phase4d.io import open_phase, open_recording
 from napari_phase4d.pipeline import Outcome, Recipe, needed_bytes, run, write_outcome
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.recording import Recording
@@ -70,12 +76,8 @@ def demo(
     print_lobes(outcome.recipe.lobes)
     print_table(outcome.comparison.table)
     written = write_outcome(outcome, out)
-    columns = {"exact": truth} | {
-        METHODS[m].label: r for m, r in outcome.comparison.results.items()
-    }
-    last = truth.sizes["time"] - 1
     picture = out / "comparison.png"
-    comparison_figure(columns, [(0, 0), (last // 2, 0), (last, 0), (last, 1)], picture)
+    comparison_figure(shown_columns(outcome, truth), shown_frames(outcome), picture)
     from napari_phase4d._napari.demo import picture_of_the_window
 
     screenshot = picture_of_the_window(out / "window.png")
@@ -142,22 +144,8 @@ def run_command(
     frame_rate: Annotated[float | None, typer.Option(help="Frames per second.")] = None,
 ) -> None:
     """Take recordings from file to unwrapped phase, table and recipe."""
-    recipes = [p for p in inputs if p.suffix == ".json"]
-    files = [p for p in inputs if p.suffix != ".json"]
-    if len(recipes) > 1:
-        msg = "give one recipe at most"
-        raise ValueError(msg)
-    recipe = Recipe.from_file(recipes[0]) if recipes else Recipe()
-    changes: dict[str, object] = {
-        "n_views": views,
-        "angles_deg": tuple(angle) if angle else None,
-        "methods": tuple(method) if method else None,
-        "frame_rate_hz": frame_rate,
-        "boundary": (frame_numbers(boundary),) if boundary else None,
-    }
-    if angle and views is None:
-        changes["n_views"] = len(angle)
-    recipe = recipe.changed(**{k: v for k, v in changes.items() if v is not None})
+    recipe, files = recipe_and_files(inputs)
+    recipe = with_settings(recipe, views, angle, boundary, method, frame_rate)
     numbers = {
         "wavelength_um": wavelength,
         "camera_pixel_um": camera_pixel,
@@ -170,6 +158,102 @@ def run_command(
         process(recipe.changed(recording=str(files[0].resolve())), typed, out)
     else:
         batch(recipe, typed, files, out)
+
+
+@app.command("compare")
+def compare_command(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Wrapped phase (OME-TIFF of this program, NPY, NPZ, TIFF) or hologram videos; "
+            "a .json among them is the recipe."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_compare"),
+    truth: Annotated[
+        Path | None, typer.Option(help="Exact or published phase on the same grid.")
+    ] = None,
+    views: Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")] = None,
+    angle: Annotated[
+        list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
+    ] = None,
+    boundary: Annotated[
+        str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
+    ] = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Method id; default: all of them.")
+    ] = None,
+) -> None:
+    """Put all methods side by side: table, picture, and where unwrapping has to fail."""
+    recipe, files = recipe_and_files(inputs)
+    recipe = with_settings(recipe, views, angle, boundary, method or list(METHODS), None)
+    exact = None if truth is None else open_phase(truth)
+    if not files and not recipe.recording:
+        msg = "give at least one file to compare the methods on"
+        raise ValueError(msg)
+    names = files or [Path(recipe.recording)]
+    folders = result_folders(names, out) if len(names) > 1 else [out]
+    for file, folder in zip(names, folders, strict=True):
+        console.print(f"[bold]{escape(file.name)}[/bold]")
+        with bar() as progress:
+            outcome = run(
+                recipe.changed(recording=str(file.resolve())), truth=exact, progress=progress
+            )
+        print_table(outcome.comparison.table)
+        print_itoh(outcome, exact)
+        written = write_outcome(outcome, folder)
+        picture = folder / "comparison.png"
+        comparison_figure(shown_columns(outcome, exact), shown_frames(outcome), picture)
+        console.print(f"{len(written) + 1} files written to [bold]{folder.resolve()}[/bold]")
+
+
+@app.command()
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for figures, table and movies.")] = Path(
+        "reproduction"
+    ),
+    movies: Annotated[bool, typer.Option(help="Also write the movies.")] = True,
+) -> None:
+    """Reproduce the paper's table, its Figs. 2 and 4, and its visualizations."""
+    from napari_phase4d.reproduction import reproduce as reproduce_all
+    from napari_phase4d.reproduction import write_reproduction
+
+    with bar() as progress:
+        found = reproduce_all(progress)
+        print_table(found.table, "Budding yeast, 6 angles, 19 times")
+        written = write_reproduction(found, out, movies=movies, progress=progress)
+    console.print(f"{len(written)} files written to [bold]{out.resolve()}[/bold]:")
+    for path in written:
+        console.print(f"  {path.name}")
+
+
+def recipe_and_files(inputs: Sequence[Path]) -> tuple[Recipe, list[Path]]:
+    """Tell the recipe from the recordings."""
+    recipes = [p for p in inputs if p.suffix == ".json"]
+    if len(recipes) > 1:
+        msg = "give one recipe at most"
+        raise ValueError(msg)
+    recipe = Recipe.from_file(recipes[0]) if recipes else Recipe()
+    return recipe, [p for p in inputs if p.suffix != ".json"]
+
+
+def with_settings(
+    recipe: Recipe,
+    views: int | None,
+    angles: Sequence[float] | None,
+    boundary: str | None,
+    methods: Sequence[str] | None,
+    frame_rate: float | None,
+) -> Recipe:
+    """Return a recipe with what was typed in."""
+    changes: dict[str, object] = {
+        "n_views": len(angles) if angles and views is None else views,
+        "angles_deg": tuple(angles) if angles else None,
+        "methods": tuple(methods) if methods else None,
+        "frame_rate_hz": frame_rate,
+        "boundary": (frame_numbers(boundary),) if boundary else None,
+    }
+    return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
 
 
 def batch(recipe: Recipe, typed: dict[str, float], files: Sequence[Path], out: Path) -> None:
@@ -205,9 +289,10 @@ def process(recipe: Recipe, typed: dict[str, float], folder: Path) -> None:
         recipe = recipe.changed(optics=replace(known, **typed))
     with bar() as progress:
         outcome: Outcome = run(recipe, progress=progress)
-    for note in outcome.recording.notes if recipe.optics is None else ():
-        console.print(f"[yellow]{note}[/yellow]")
-    print_lobes(outcome.recipe.lobes)
+    if outcome.recording is not None:
+        for note in outcome.recording.notes if recipe.optics is None else ():
+            console.print(f"[yellow]{note}[/yellow]")
+        print_lobes(outcome.recipe.lobes)
     print_table(outcome.comparison.table)
     written = write_outcome(outcome, folder)
     console.print(f"{len(written)} files written to [bold]{folder.resolve()}[/bold]")
@@ -251,22 +336,69 @@ def print_lobes(lobes: Sequence[Lobe]) -> None:
         console.print(f"[yellow]{warning}[/yellow]")
 
 
-def print_table(frame: pd.DataFrame) -> None:
+HEADINGS = {
+    "seconds": "seconds",
+    "peak_mb": "peak memory (MB)",
+    "paper_mse_rad2": "paper's MSE (rad²)",
+    "mse_rad2": "MSE (rad²)",
+    "phasetools_mse_rad2": "as in PhaseTools",
+    "wrong_cycles_percent": "wrong by a cycle (%)",
+}
+
+
+def print_table(frame: pd.DataFrame, title: str = "Unwrapping") -> None:
     """Print the comparison."""
-    headings = {
-        "method": "method",
-        "seconds": "seconds",
-        "mse_rad2": "MSE (rad²)",
-        "wrong_cycles_percent": "wrong by a cycle (%)",
-    }
-    table = Table(title="Unwrapping", title_justify="left")
+    table = Table(title=title, title_justify="left")
     for column in frame.columns:
         table.add_column(
-            headings.get(column, column), justify="left" if column == "method" else "right"
+            HEADINGS.get(column, column), justify="left" if column == "method" else "right"
         )
     for row in frame.itertuples(index=False):
-        table.add_row(*(v if isinstance(v, str) else f"{v:.3f}" for v in row))
+        table.add_row(*(cell(value) for value in row))
     console.print(table)
+
+
+def cell(value: object) -> str:
+    """Return a value as it stands in a table."""
+    if isinstance(value, str):
+        return value
+    number = float(str(value))
+    return "" if number != number else f"{number:.3f}"
+
+
+def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
+    """Say where steps are too large, and which order suits the object."""
+    results = outcome.comparison.results
+    best = results.get("temporal-angular", next(iter(results.values())))
+    known, origin = (best, best.attrs["method"]) if exact is None else (exact, "the truth")
+    margins = itoh_margin(known)
+    shares = ", ".join(
+        f"{name.removeprefix('along_')} {100 * margin.attrs['share_beyond']:.2f} %"
+        for name, margin in ((str(n), m) for n, m in margins.data_vars.items())
+    )
+    found = residues(outcome.reconstruction["phase"])
+    console.print(f"Steps beyond half a cycle, by {origin}: {shares}")
+    console.print(f"Residues in the wrapped phase: {int(abs(found).sum())}")
+    ways = order_shares(known, outcome.recipe.boundary[0])
+    better = min(ways, key=lambda m: ways[m])
+    words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
+    console.print(f"Of the steps on its way: {words}; {METHODS[better].label} suits better.")
+
+
+def shown_columns(outcome: Outcome, exact: xr.DataArray | None) -> dict[str, xr.DataArray]:
+    """Return what the picture shows: truth if it is known, and every result."""
+    labels = outcome.comparison.table["method"]
+    columns = {labels[m]: result for m, result in outcome.comparison.results.items()}
+    return columns if exact is None else {"exact": exact, **columns}
+
+
+def shown_frames(outcome: Outcome) -> list[tuple[int, int]]:
+    """Return the frames for the picture: the thin one, half way, and the last from both ends."""
+    phase = outcome.reconstruction["phase"]
+    last, far = phase.sizes["time"] - 1, phase.sizes["angle"] - 1
+    t, a = outcome.recipe.boundary[0]
+    frames = [(t % (last + 1), a % (far + 1)), (last // 2, 0), (last, 0), (last, far)]
+    return list(dict.fromkeys(frames))
 
 
 def megabytes(size: int) -> str:

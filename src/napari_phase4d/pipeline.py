@@ -22,14 +22,20 @@ from napari_phase4d.holography import (
     find_lobes,
     reconstruct,
 )
-from napari_phase4d.io import open_recording, write_phase, write_table
+from napari_phase4d.io import (
+    holds_phase,
+    open_phase,
+    open_recording,
+    write_phase,
+    write_table,
+)
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import check_method
 
-__all__ = ["Outcome", "Recipe", "reconstruct_by", "run", "write_outcome"]
+__all__ = ["Outcome", "Recipe", "reconstruct_by", "run", "unwrap_by", "write_outcome"]
 
 #: Methods that are run if none are chosen: the paper's own.
 PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
@@ -44,7 +50,8 @@ class Recipe(BaseModel):
     Parameters
     ----------
     recording : str
-        File or folder of the hologram video; empty if it is given to `run` directly.
+        File or folder of the hologram video, or a file of wrapped phase; empty if it is given to
+        `run` directly.
     dataset : str, optional
         Which array of a file that holds several.
     optics : Optics, optional
@@ -195,17 +202,17 @@ class Outcome:
 
     Parameters
     ----------
-    recording : Recording
-        The hologram video.
+    recording : Recording or None
+        The hologram video; None if the run began with wrapped phase.
     recipe : Recipe
         All settings that were used, with the lobes and the optics.
     reconstruction : xarray.Dataset
-        Wrapped ``phase`` and ``amplitude``, dims (time, angle, y, x).
+        Wrapped ``phase``, dims (time, angle, y, x); and ``amplitude``, where it is known.
     comparison : Comparison
         Unwrapped phase of every method, and the table.
     """
 
-    recording: Recording
+    recording: Recording | None
     recipe: Recipe
     reconstruction: xr.Dataset
     comparison: Comparison
@@ -238,10 +245,14 @@ def run(
     Cancelled
         If ``cancelled()`` returned True.
     """
+    if recording is None and not recipe.recording:
+        msg = "the recipe names no recording; give run() one, or a recipe with a file"
+        raise ValueError(msg)
+    if recording is None and holds_phase(recipe.recording, recipe.dataset):
+        data = xr.Dataset({"phase": open_phase(recipe.recording, recipe.dataset)})
+        comparison = unwrap_by(recipe, data["phase"], truth, progress, cancelled)
+        return Outcome(None, recipe, data, comparison)
     if recording is None:
-        if not recipe.recording:
-            msg = "the recipe names no recording; give run() one, or a recipe with a file"
-            raise ValueError(msg)
         recording = open_recording(
             recipe.recording, recipe.optics, recipe.frame_rate_hz, dataset=recipe.dataset
         )
@@ -249,8 +260,21 @@ def run(
         recording, recipe.n_views, angles_deg=recipe.angles_deg
     )
     data = reconstruct_by(recipe, recording, lobes, progress, cancelled)
-    comparison = compare(
-        data["phase"],
+    comparison = unwrap_by(recipe, data["phase"], truth, progress, cancelled)
+    used = recipe.changed(lobes=tuple(lobes), optics=recording.optics)
+    return Outcome(recording, used, data, comparison)
+
+
+def unwrap_by(
+    recipe: Recipe,
+    phase: xr.DataArray,
+    truth: xr.DataArray | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Comparison:
+    """Unwrap wrapped phase with a recipe's methods and settings."""
+    return compare(
+        phase,
         recipe.methods,
         recipe.boundary,
         truth,
@@ -259,8 +283,6 @@ def run(
         progress=progress,
         cancelled=cancelled,
     )
-    used = recipe.changed(lobes=tuple(lobes), optics=recording.optics)
-    return Outcome(recording, used, data, comparison)
 
 
 def reconstruct_by(
@@ -303,10 +325,9 @@ def write_outcome(
     """
     folder = Path(folder)
     stacks = {
-        "wrapped": outcome.reconstruction["phase"],
-        "amplitude": outcome.reconstruction["amplitude"],
-        **outcome.comparison.results,
-    }
+        "wrapped" if name == "phase" else str(name): stack
+        for name, stack in outcome.reconstruction.data_vars.items()
+    } | dict(outcome.comparison.results)
     watch = Watch(len(stacks), "saving", progress, cancelled)
     written = []
     for name, stack in stacks.items():

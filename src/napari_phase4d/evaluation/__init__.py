@@ -6,8 +6,8 @@ from napari_phase4d.evaluation.errors import (
     wrong_cycle_map,
     wrong_cycle_share,
 )
-from napari_phase4d.evaluation.figures import comparison_figure
-from napari_phase4d.evaluation.itoh import itoh_margin, residues
+from napari_phase4d.evaluation.figures import comparison_figure, movie_frames, phase_limits
+from napari_phase4d.evaluation.itoh import itoh_margin, order_shares, residues
 
 __all__ = [
     "Comparison",
@@ -15,6 +15,9 @@ __all__ = [
     "comparison_figure",
     "itoh_margin",
     "mean_squared_error",
+    "movie_frames",
+    "order_shares",
+    "phase_limits",
     "residues",
     "wrong_cycle_map",
     "wrong_cycle_share",

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from napari_phase4d.unwrapping import both_ends
 
-__all__ = ["itoh_margin", "residues"]
+__all__ = ["itoh_margin", "order_shares", "residues"]
 
 TURN = 2 * np.pi
 
@@ -48,6 +49,60 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         margin.attrs = {"units": "pi rad", "share_beyond": beyond}
         maps[f"along_{dim}"] = margin
     return xr.Dataset(maps)
+
+
+def order_shares(
+    phase: xr.DataArray, boundary: tuple[int, int] = (0, 0), where: xr.DataArray | None = None
+) -> dict[str, float]:
+    """Return how many of the steps that T/A and A/T go along break Itoh's condition.
+
+    T/A reaches a frame along time at the boundary angle and then along the angle; A/T along the
+    angle at the boundary time and then along time (the paper's Fig. 1). The order with the smaller
+    share suits the object better.
+
+    Parameters
+    ----------
+    phase : xarray.DataArray
+        Unwrapped phase in radians, dims (time, angle, y, x).
+    boundary : tuple of int, optional
+        The optically thin frame (time, angle).
+    where : xarray.DataArray of bool, optional
+        Pixels that count; default all.
+
+    Returns
+    -------
+    dict
+        Method id "temporal-angular" and "angular-temporal" to a share from 0 to 1.
+    """
+    stack = phase.transpose("time", "angle", "y", "x").values
+    inside = (
+        np.ones(stack.shape, dtype=bool)
+        if where is None
+        else where.transpose("time", "angle", "y", "x").values
+    )
+    t, a = boundary
+
+    def broken(axis: int, part: tuple[slice, slice]) -> NDArray[np.bool_]:
+        """Return for each step of a part of the frames whether it is too large."""
+        steps = np.abs(np.diff(stack[part], axis=axis)) > np.pi
+        return steps[both_ends(inside[part], axis)]
+
+    everywhere = (slice(None), slice(None))
+    ways = {
+        "temporal-angular": (
+            broken(0, (slice(None), slice(a, a + 1))),
+            broken(1, everywhere),
+        ),
+        "angular-temporal": (
+            broken(1, (slice(t, t + 1), slice(None))),
+            broken(0, everywhere),
+        ),
+    }
+    shares = {}
+    for method, way in ways.items():
+        steps = np.concatenate(way)
+        shares[method] = float(steps.mean()) if steps.size else 0.0
+    return shares
 
 
 def residues(wrapped: xr.DataArray) -> xr.DataArray:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import zipfile
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -31,7 +32,12 @@ def read_npy(path: Path) -> Video:
         raise OSError(unreadable(path, error)) from error
 
 
-def read_npz(path: Path, dataset: str | None = None) -> Video:
+def read_npz(
+    path: Path,
+    dataset: str | None = None,
+    usual_names: Sequence[str] = USUAL_NAMES,
+    dimensions: Sequence[int] = (2, 3),
+) -> Video:
     """Read one array of an .npz file.
 
     Parameters
@@ -41,6 +47,10 @@ def read_npz(path: Path, dataset: str | None = None) -> Video:
     dataset : str, optional
         Name of the array. Default: the only one, else ``holograms``, ``hologram``, ``mux``,
         ``frames`` or ``data``, else the first with two or three dimensions.
+    usual_names : sequence of str, optional
+        Names to look for first, instead of those.
+    dimensions : sequence of int, optional
+        Numbers of dimensions that the array may have.
 
     Raises
     ------
@@ -53,28 +63,31 @@ def read_npz(path: Path, dataset: str | None = None) -> Video:
         if not zipfile.is_zipfile(path):
             raise zipfile.BadZipFile
         with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            name = chosen_name(archive, path, dataset)
+            name = dataset or found_name(archive, path, usual_names, dimensions)
+            if name not in archive.files:
+                known = ", ".join(archive.files) or "none"
+                msg = f"{path.name} has no array {name!r}; it has {known}"
+                raise ValueError(msg)
             return Video(member(archive, name, path))
     except (zipfile.BadZipFile, EOFError, OSError, TypeError) as error:
         raise OSError(unreadable(path, error)) from error
 
 
-def chosen_name(archive: Any, path: Path, dataset: str | None) -> str:
-    """Return the name of the array to read."""
+def found_name(
+    archive: Any, path: Path, usual_names: Sequence[str], dimensions: Sequence[int]
+) -> str:
+    """Return the name of the array to read where none was given."""
     names = list(archive.files)
-    if dataset is not None:
-        if dataset not in names:
-            msg = f"{path.name} has no array {dataset!r}; it has {', '.join(names) or 'none'}"
-            raise ValueError(msg)
-        return dataset
-    for name in USUAL_NAMES:
+    for name in usual_names:
         if name in names:
             return name
     for name in names:
-        if is_image_like(member(archive, name, path)):
+        array = member(archive, name, path)
+        if array.ndim in dimensions and array.dtype.kind in "buif":
             return str(name)
     found = ", ".join(names) or "none"
-    msg = f"{path.name} has no array with two or three dimensions; it has {found}"
+    wanted = " or ".join(str(n) for n in dimensions)
+    msg = f"{path.name} has no array with {wanted} dimensions; it has {found}"
     raise ValueError(msg)
 
 
@@ -84,11 +97,6 @@ def member(archive: Any, name: str, path: Path) -> NDArray[Any]:
         return np.asarray(archive[name])
     except ValueError as error:
         raise OSError(unreadable(path, error)) from error
-
-
-def is_image_like(array: NDArray[Any]) -> bool:
-    """Say whether an array could be a frame or a video."""
-    return array.ndim in (2, 3) and array.dtype.kind in "buif"
 
 
 def unreadable(path: Path, error: Exception) -> str:
