@@ -1,4 +1,4 @@
-"""The sample recording: a simulated hologram video whose exact phase is known."""
+"""Sample recordings and phases: simulated, so that their exact phase is known."""
 
 from __future__ import annotations
 
@@ -8,14 +8,17 @@ import xarray as xr
 
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
-from napari_phase4d.simulation import multiplexed_video, swimming_euglena
+from napari_phase4d.simulation import budding_yeast, multiplexed_video, swimming_euglena
 
-__all__ = ["Sample", "euglena_sample"]
+__all__ = ["Sample", "euglena_sample", "yeast_sample"]
 
+#: What a layer of the sample notes, so that it is known again.
+EUGLENA = "euglena"
 SHAPE = (512, 512)
 N_TIMES = 40
 #: Drift between the arms from frame to frame, as real interferometers have it.
 DRIFT_RAD = 0.2
+EUGLENA_ANGLES_DEG = (-7.0, 21.0)
 
 
 @dataclass(frozen=True)
@@ -33,11 +36,20 @@ class Sample:
     """
 
     recording: Recording
-    angles_deg: tuple[float, ...]
-    boundary: tuple[int, int]
+    angles_deg: tuple[float, ...] = EUGLENA_ANGLES_DEG
+    boundary: tuple[int, int] = (0, 0)
 
     def truth(self, like: xr.DataArray) -> xr.DataArray:
-        """Return the exact phase on the grid of a reconstruction (time, angle, y, x)."""
+        """Return the exact phase on the grid of a reconstruction (time, angle, y, x).
+
+        Raises
+        ------
+        ValueError
+            If the reconstruction has other viewing angles.
+        """
+        if tuple(like["angle"].values) != self.angles_deg:
+            msg = f"the exact phase is known at {self.angles_deg} degrees only"
+            raise ValueError(msg)
         pixel = self.recording.optics.pixel_um
         height, width = like.sizes["y"], like.sizes["x"]
         exact = swimming_euglena(
@@ -56,5 +68,9 @@ def euglena_sample() -> Sample:
     recording = multiplexed_video(
         exact["phase"], optics, drift_rad=DRIFT_RAD, name="euglena hologram video"
     )
-    angles = tuple(float(v) for v in exact["angle"].values)
-    return Sample(recording, angles, (0, 0))
+    return Sample(recording)
+
+
+def yeast_sample() -> xr.Dataset:
+    """Simulate the other sample: a budding yeast's ``phase``, exact, and ``wrapped``."""
+    return budding_yeast()

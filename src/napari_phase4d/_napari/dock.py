@@ -61,7 +61,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.steps = (self.recording, self.lobes, self.phase, self.unwrap, self.compare)
         self._build()
         self._listen()
-        self.say("Open a recording, or try the sample.")
+        self.say("Open a recording, or try a sample.")
 
     def reset_choices(self, event: Any = None) -> None:
         """Let napari tell that layers were added or removed."""
@@ -145,6 +145,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.session.reconstruction_changed.connect(self._reconstructed)
         self.session.lobes_changed.connect(self._lobes_changed)
         self.session.outcome_changed.connect(self._unwrapped)
+        self.session.margin_changed.connect(self._margin_shown)
 
     def _started(self, title: str) -> None:
         self._next_words = ""
@@ -185,8 +186,10 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._show_spectrum()
 
     def _recording_opened(self) -> None:
+        if self.session.recording is None:
+            return
         # What had to be assumed of the microscope is to be checked first.
-        assumed = bool(self.session.needed_recording().notes)
+        assumed = bool(self.session.recording.notes)
         self._go_on(0 if assumed else 1, "Check the microscope, then find the lobes in step 2.")
         self._show_spectrum()
 
@@ -206,6 +209,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _unwrapped(self) -> None:
         self._go_on(4, "Move the sliders: all results follow.")
+
+    def _margin_shown(self) -> None:
+        self._go_on(4, self.compare.words_on_the_steps())
 
     def _go_on(self, step: int, words: str) -> None:
         """Open the next step and say what to do there, also once a job has ended."""

@@ -11,6 +11,7 @@ from typing import Any
 import dask.array as da
 import numpy as np
 import xarray as xr
+from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.io import open_recording
@@ -22,15 +23,24 @@ __all__ = [
     "METADATA_KEY",
     "hologram_layer",
     "is_hologram_layer",
+    "is_phase_layer",
     "layer_tuple",
     "recalibrate_layer",
     "recording_of_layer",
     "spread_over_angles",
     "stack_layer",
+    "stack_of_layer",
+    "truth_among",
 ]
 
 AXES = ("time", "angle", "y", "x")
 UNITS = ("s", "degree", "um", "um")
+#: Dark to light up to 1, half a cycle; red to yellow beyond.
+MARGIN_COLORMAP = Colormap(
+    [(0.05, 0.05, 0.1), (0.85, 0.85, 0.9), (0.85, 0.15, 0.1), (1.0, 0.9, 0.2)],
+    name="steps",
+    controls=[0.0, 0.5, 0.505, 1.0],
+)
 #: Where a layer's metadata hold what this plugin knows of it.
 METADATA_KEY = "napari-phase4d"
 
@@ -43,7 +53,7 @@ def layer_tuple(
     kind: str,
     *,
     limits: tuple[float, float],
-    colormap: str,
+    colormap: str | Colormap,
     visible: bool = True,
 ) -> LayerTuple:
     """Return a calibrated napari image layer as (data, keywords, "image").
@@ -56,11 +66,11 @@ def layer_tuple(
         Name in the layer list.
     kind : str
         What it is, for the plugin to know it again: "holograms", "wrapped", "amplitude",
-        "unwrapped".
+        "unwrapped", "exact", "margin".
     limits : tuple of float
         Contrast limits.
-    colormap : str
-        Name of a napari colormap.
+    colormap : str or Colormap
+        A napari colormap or its name.
     visible : bool, optional
         Whether it is shown at once.
     """
@@ -86,21 +96,45 @@ def layer_tuple(
     return stack.data, keywords, "image"
 
 
-def hologram_layer(recording: Recording) -> LayerTuple:
-    """Return the layer of a recording's frames, lazily, with an angle axis of one step."""
+def hologram_layer(recording: Recording, sample: str = "") -> LayerTuple:
+    """Return the layer of a recording's frames, lazily, with an angle axis of one step.
+
+    Parameters
+    ----------
+    recording : Recording
+        The frames.
+    sample : str, optional
+        Name of the sample that it is, so that what is known of it is found again.
+    """
     first = recording.frame(0)
     stack = recording.holograms.expand_dims({"angle": [0.0]}, axis=1)
-    stack.attrs = optics_note(recording)
+    stack.attrs = optics_note(recording) | ({"sample": sample} if sample else {})
     limits = contrast(first, (0.001, 0.999))
     return layer_tuple(stack, recording.name, "holograms", limits=limits, colormap="gray")
 
 
 def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = True) -> LayerTuple:
-    """Return the layer of a 4-D result; kind is "wrapped", "amplitude" or "unwrapped"."""
+    """Return the layer of a 4-D result.
+
+    Parameters
+    ----------
+    stack : xarray.DataArray
+        Dims (time, angle, y, x).
+    name : str
+        Name in the layer list.
+    kind : str
+        "wrapped", "amplitude", "unwrapped", "exact" or "margin".
+    visible : bool, optional
+        Whether it is shown at once.
+    """
     values = stack.values
     if kind == "wrapped":
         return layer_tuple(
             stack, name, kind, limits=(-np.pi, np.pi), colormap="twilight_shifted", visible=visible
+        )
+    if kind == "margin":
+        return layer_tuple(
+            stack, name, kind, limits=(0.0, 2.0), colormap=MARGIN_COLORMAP, visible=visible
         )
     colormap = "gray" if kind == "amplitude" else "turbo"
     # A sixteenth of the pixels of some frames tells the range, and does not hold up the window.
@@ -146,6 +180,36 @@ def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
     )
     layer.scale = [layer.scale[0], step_of(coordinates), *layer.scale[2:]]
     layer.translate = [layer.translate[0], float(coordinates[0]), *layer.translate[2:]]
+
+
+def is_phase_layer(layer: Any) -> bool:
+    """Say whether a layer is wrapped phase that this plugin made."""
+    return bool(layer.metadata.get(METADATA_KEY, {}).get("kind") == "wrapped")
+
+
+def stack_of_layer(layer: Any) -> xr.DataArray:
+    """Return the stack that one of our 4-D layers shows, with its coordinates."""
+    note = dict(layer.metadata[METADATA_KEY])
+    note.pop("kind")
+    steps = zip(layer.data.shape, layer.scale, layer.translate, strict=True)
+    evenly = [offset + scale * np.arange(n) for n, scale, offset in steps]
+    known = (np.asarray(note.pop("times_s")), np.asarray(note.pop("angles_deg")), *evenly[2:])
+    units = ("s", "deg", "um", "um")
+    coords = {
+        axis: (axis, values, {"units": unit})
+        for axis, values, unit in zip(AXES, known, units, strict=True)
+    }
+    return xr.DataArray(np.asarray(layer.data), dims=AXES, coords=coords, attrs=note)
+
+
+def truth_among(layers: Any, phase: xr.DataArray) -> xr.DataArray | None:
+    """Return the exact phase that belongs to wrapped phase, if a layer shows it."""
+    for layer in layers:
+        note = layer.metadata.get(METADATA_KEY, {})
+        same = note.get("object") == phase.attrs.get("object") is not None
+        if note.get("kind") == "exact" and same and layer.data.shape == phase.shape:
+            return stack_of_layer(layer)
+    return None
 
 
 def recalibrate_layer(layer: Any, recording: Recording, pixel_um: float) -> None:

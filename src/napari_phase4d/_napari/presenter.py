@@ -17,15 +17,20 @@ from napari_phase4d._napari.layers import (
     step_of,
 )
 from napari_phase4d._napari.session import Session
-from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["Presenter"]
 
+#: Name of the layer that shows the truth.
+EXACT = "exact"
 #: What results side by side share.
 LINKED = ("contrast_limits", "colormap", "gamma")
-#: Width and height in pixels, and size of its numbers in points.
-COLORBAR_SIZE, COLORBAR_FONT = (9.0, 70.0), 8.0
+#: More results than this in the grid get small labels.
+CROWD = 6
+#: Size of a name in points; width and height of a colour bar in pixels, and of its numbers in
+#: points: first the usual ones, then the small ones.
+NAME_FONT = (10.0, 8.0)
+COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 70.0), (6.0, 40.0)), (8.0, 6.0)
 
 
 class Presenter:
@@ -47,17 +52,27 @@ class Presenter:
         #: All layers made of the present recording, and the pixel that they were made with.
         self._own: list[Any] = []
         self._pixel_um = 1.0
-        self._adopted: tuple[Recording, Any] | None = None
+        self._adopted: tuple[object, Any] | None = None
         #: Layers of unwrapped phase of the present recording: method id -> newest layer.
         self._results: dict[str, Any] = {}
         session.recording_changed.connect(self.show_recording)
         session.calibration_changed.connect(self.show_calibration)
         session.reconstruction_changed.connect(self.show_phase)
         session.outcome_changed.connect(self.show_outcome)
+        session.margin_changed.connect(self.show_margin)
 
-    def adopt(self, recording: Recording, layer: Any) -> None:
-        """Note that a layer already shows a recording, so that none is added for it."""
-        self._adopted = (recording, layer)
+    def adopt(self, stack: object, layer: Any) -> None:
+        """Note that a layer already shows a recording or phase, so that none is added for it."""
+        self._adopted = (stack, layer)
+
+    def adopted(self, stack: object) -> Any | None:
+        """Return the layer that already shows a stack, now visible, or None."""
+        if self._adopted is None or self._adopted[0] is not stack:
+            return None
+        layer, self._adopted = self._adopted[1], None
+        layer.visible = True
+        self._own.append(layer)
+        return layer
 
     def add(self, layer: LayerTuple) -> Any:
         """Add a layer on top."""
@@ -68,17 +83,13 @@ class Presenter:
 
     def show_recording(self) -> None:
         """Show the frames of the recording, in the layer it came from or in a new one."""
-        recording = self.session.needed_recording()
-        self._results, self._own = {}, []
-        self._pixel_um = recording.optics.pixel_um
+        recording = self.session.recording
+        self._results, self._own, self.holograms = {}, [], None
         self.hide_all()
-        if self._adopted is not None and self._adopted[0] is recording:
-            self.holograms = self._adopted[1]
-            self.holograms.visible = True
-            self._own.append(self.holograms)
-        else:
-            self.holograms = self.add(hologram_layer(recording))
-        self._adopted = None
+        if recording is None:
+            return
+        self._pixel_um = recording.optics.pixel_um
+        self.holograms = self.adopted(recording) or self.add(hologram_layer(recording))
         self.viewer.canvas.overlays.scale_bar.visible = True
         self.viewer.reset_view()
         self._go_to_start()
@@ -97,25 +108,44 @@ class Presenter:
         data = self.session.needed_reconstruction()
         self._results = {}
         self.hide_all()
-        name = self.session.needed_recording().name
+        name = self.session.name
         if self.holograms in self.viewer.layers:
             spread_over_angles(self.holograms, data["angle"].values)
-        self.add(stack_layer(data["amplitude"], f"amplitude, {name}", "amplitude", visible=False))
-        self.add(stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped"))
+        if "amplitude" in data:
+            amplitude = stack_layer(data["amplitude"], f"amplitude, {name}", "amplitude")
+            self.add(amplitude).visible = False
+        if self.adopted(data["phase"].data) is None:
+            self.add(stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped"))
+        self.viewer.canvas.overlays.scale_bar.visible = True
         self.viewer.reset_view()
         self.go_to(*self.session.recipe.boundary[0])
 
     def show_outcome(self) -> None:
-        """Show the results side by side, as new layers."""
+        """Show the results side by side, as new layers, after the truth where it is known."""
         self._results = {}
-        for method, result in self.session.needed_outcome().comparison.results.items():
-            layer = self.add(stack_layer(result, METHODS[method].label, "unwrapped"))
-            self._results[method] = layer
+        comparison = self.session.needed_outcome().comparison
+        if self.session.truth is not None:
+            self._results[EXACT] = self.add(stack_layer(self.session.truth, EXACT, "exact"))
+        for method, result in comparison.results.items():
+            name = str(comparison.table["method"][method])
+            self._results[method] = self.add(stack_layer(result, name, "unwrapped"))
         self.side_by_side()
 
+    def show_margin(self) -> None:
+        """Show where steps are too large, one layer for each dimension, side by side."""
+        margin = self.session.margin
+        if margin is None:
+            return
+        self.hide_all()
+        layers = [
+            self.add(stack_layer(stack, f"step {str(name).replace('_', ' ')}", "margin"))
+            for name, stack in margin.data_vars.items()
+        ]
+        self._arrange(layers)
+
     def results(self) -> list[Any]:
-        """Return the newest layer of every method, in the order of the methods."""
-        layers = (self._results.get(method) for method in METHODS)
+        """Return the truth, where it is known, and the newest layer of every method in order."""
+        layers = (self._results.get(name) for name in (EXACT, *METHODS))
         return [la for la in layers if la is not None and la in self.viewer.layers]
 
     def side_by_side(self) -> None:
@@ -125,12 +155,9 @@ class Presenter:
             msg = "there are no results to show yet; press Run in step 4"
             raise ValueError(msg)
         self.hide_all()
-        low = min(la.contrast_limits[0] for la in newest)
-        high = max(la.contrast_limits[1] for la in newest)
+        low, high = common_contrast(newest, self._results.get(EXACT))
+        self._arrange(newest)
         for layer in newest:
-            layer.visible = True
-            layer.name_overlay.visible = True
-            show_small_colorbar(layer)
             layer.contrast_limits_range = (
                 min(low, layer.contrast_limits_range[0]),
                 max(high, layer.contrast_limits_range[1]),
@@ -138,7 +165,13 @@ class Presenter:
             layer.contrast_limits = (low, high)
         self.viewer.layers.unlink_layers(newest)
         self.viewer.layers.link_layers(newest, LINKED)
-        self.viewer.canvas.grid.enabled = len(newest) > 1
+
+    def _arrange(self, layers: list[Any]) -> None:
+        """Show some layers in a grid, each with its name and colour bar."""
+        for layer in layers:
+            layer.visible = True
+            show_labels(layer, small=len(layers) > CROWD)
+        self.viewer.canvas.grid.enabled = len(layers) > 1
         self.viewer.canvas.overlays.current_slice.visible = True
         self.viewer.reset_view()
 
@@ -191,9 +224,25 @@ def axis_steps(stack: xr.DataArray, axis: str) -> tuple[float, float, int]:
     return float(coordinates[0]), step_of(coordinates), len(coordinates)
 
 
-def show_small_colorbar(layer: Any) -> None:
-    """Show a colour bar that leaves the picture free, also in a small cell of the grid."""
-    layer.colorbar.size = COLORBAR_SIZE
-    layer.colorbar.font_size = COLORBAR_FONT
+def common_contrast(layers: list[Any], exact: Any | None) -> tuple[float, float]:
+    """Return contrast limits that suit several results: those of the truth, where it is shown.
+
+    Without truth, a single method that fails by many cycles must not darken all others.
+    """
+    if exact is not None and exact in layers:
+        low, high = exact.contrast_limits
+        return float(low), float(high)
+    limits = np.array([layer.contrast_limits for layer in layers])
+    return float(np.median(limits[:, 0])), float(np.median(limits[:, 1]))
+
+
+def show_labels(layer: Any, *, small: bool) -> None:
+    """Show a layer's name and a colour bar that leaves the picture free, also in a small cell."""
+    layer.name_overlay.font_size = NAME_FONT[small]
+    layer.name_overlay.visible = True
+    layer.colorbar.size = COLORBAR_SIZE[small]
+    layer.colorbar.font_size = COLORBAR_FONT[small]
+    layer.colorbar.tick_length = 3.0
     layer.colorbar.box = False
+    layer.colorbar.position = "bottom_left"
     layer.colorbar.visible = True

@@ -7,7 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from napari_phase4d._napari.layers import LayerTuple, hologram_layer, stack_layer
-from napari_phase4d.io import READABLE_SUFFIXES, open_recording, read_results
+from napari_phase4d.io import (
+    READABLE_SUFFIXES,
+    holds_phase,
+    open_phase,
+    open_recording,
+    read_results,
+)
 from napari_phase4d.io.results import is_result
 
 __all__ = ["get_reader"]
@@ -24,11 +30,13 @@ def get_reader(path: str | list[str]) -> Callable[[Any], list[LayerTuple]] | Non
 
 
 def read(path: str | list[str]) -> list[LayerTuple]:
-    """Read a hologram video, or a result that this program wrote."""
+    """Read a hologram video, wrapped phase, or a result that this program wrote."""
     file = Path(path[0] if isinstance(path, list) else path)
     if file.suffix.lower() in (".tif", ".tiff") and is_result(file):
         stack = read_results(file)
         return [stack_layer(stack, file.name.removesuffix(".ome.tif"), kind_of(stack.attrs))]
+    if holds_phase(file):
+        return [stack_layer(open_phase(file), file.stem, "wrapped")]
     return [hologram_layer(open_recording(file))]
 
 

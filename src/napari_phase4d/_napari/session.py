@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import xarray as xr
 from psygnal import Signal
 
-from napari_phase4d.evaluation import Comparison, compare
+from napari_phase4d.evaluation import Comparison, itoh_margin
 from napari_phase4d.holography import (
     Lobe,
     find_lobes,
@@ -22,17 +23,22 @@ from napari_phase4d.holography import (
     power_spectrum,
     recalibrated,
 )
-from napari_phase4d.io import open_recording
-from napari_phase4d.pipeline import Outcome, Recipe, reconstruct_by
+from napari_phase4d.io import holds_phase, open_phase, open_recording
+from napari_phase4d.pipeline import Outcome, Recipe, reconstruct_by, unwrap_by
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 
-__all__ = ["Plan", "Session"]
+__all__ = ["Plan", "Session", "TruthCall"]
+
+#: Gives the exact phase on the grid of a reconstruction; ValueError where it is not known.
+TruthCall = Callable[[xr.DataArray], xr.DataArray]
 
 #: Frames averaged for the spectrum on screen.
 SPECTRUM_FRAMES = 32
 #: Settings that wrapped phase depends on.
 PHASE_FIELDS = ("lobes", "reference", "window", "background", "drift")
+#: Results that a look at the steps is based on, the first one that there is.
+TRUSTED = ("temporal-angular", "angular-temporal", "temporal", "angular")
 CHANGED = "the recording or the microscope has changed meanwhile; press the button again"
 
 
@@ -74,15 +80,28 @@ class Session:
     calibration_changed = Signal()
     reconstruction_changed = Signal()
     outcome_changed = Signal()
+    margin_changed = Signal()
 
     def __init__(self) -> None:
         self.recipe = Recipe()
         self.recording: Recording | None = None
         self.spectrum: xr.DataArray | None = None
         self.reconstruction: xr.Dataset | None = None
+        #: Exact phase on the grid of the reconstruction, where it is known.
+        self.truth: xr.DataArray | None = None
         #: The last results, with the recipe that made them.
         self.outcome: Outcome | None = None
+        #: How near steps come to the largest that can be unwrapped, see `itoh_margin`.
+        self.margin: xr.Dataset | None = None
+        self._truth_for: TruthCall | None = None
         self._phase_recipe = self.recipe
+
+    @property
+    def name(self) -> str:
+        """What is being worked on."""
+        if self.recording is not None:
+            return self.recording.name
+        return str(self.needed_reconstruction()["phase"].attrs.get("object", "phase"))
 
     @property
     def lobes(self) -> list[Lobe]:
@@ -100,14 +119,18 @@ class Session:
         self.recipe = self.recipe.changed(**settings)
 
     def open(self, path_or_array: Any) -> None:
-        """Open a recording and take it."""
-        self.set_recording(open_recording(path_or_array))
+        """Open a recording, or a file of wrapped phase, and take it."""
+        if isinstance(path_or_array, str | Path) and holds_phase(path_or_array):
+            self.set_phase(open_phase(path_or_array))
+        else:
+            self.set_recording(open_recording(path_or_array))
 
     def set_recording(
         self,
         recording: Recording,
         angles_deg: Sequence[float] | None = None,
         boundary: tuple[int, int] = (0, 0),
+        truth: TruthCall | None = None,
     ) -> None:
         """Take a recording; what belonged to an earlier one is forgotten.
 
@@ -119,6 +142,8 @@ class Session:
             Viewing angles, where they are known.
         boundary : tuple of int, optional
             The optically thin frame (time, angle), where it is known.
+        truth : callable, optional
+            Gives the exact phase on the grid of the wrapped phase, where it is known.
         """
         recording.frame(0)  # a frame that can't be read is better found now
         self.update(
@@ -131,10 +156,48 @@ class Session:
             reference=None,
             boundary=(boundary,),
         )
+        self._begin(recording, truth)
+
+    def set_phase(
+        self,
+        phase: xr.DataArray,
+        boundary: tuple[int, int] = (0, 0),
+        truth: xr.DataArray | None = None,
+    ) -> None:
+        """Take wrapped phase that has been reconstructed before; all else is forgotten.
+
+        Parameters
+        ----------
+        phase : xarray.DataArray
+            Wrapped phase in radians, dims (time, angle, y, x).
+        boundary : tuple of int, optional
+            The optically thin frame (time, angle), where it is known.
+        truth : xarray.DataArray, optional
+            Exact phase on the same grid.
+        """
+        self.update(
+            recording=str(phase.attrs.get("source", "")),
+            dataset=None,
+            optics=None,
+            lobes=(),
+            angles_deg=None,
+            boundary=(boundary,),
+        )
+        self._begin(None, None)
+        self.truth = truth
+        self.reconstruction = xr.Dataset({"phase": phase})
+        self._phase_recipe = self.recipe
+        self.reconstruction_changed.emit()
+
+    def _begin(self, recording: Recording | None, truth: TruthCall | None) -> None:
+        """Forget what belonged to an earlier recording."""
         self.recording = recording
         self.spectrum = None
         self.reconstruction = None
+        self.truth = None
         self.outcome = None
+        self.margin = None
+        self._truth_for = truth
         self.recording_changed.emit()
 
     def recalibrate(self, recording: Recording) -> None:
@@ -145,6 +208,8 @@ class Session:
         self._phase_recipe = self._phase_recipe.changed(**changes)
         if self.reconstruction is not None:
             self.reconstruction = recalibrated(self.reconstruction, recording)
+        if self.truth is not None:
+            self.truth = recalibrated(self.truth, recording)
         if self.outcome is not None:
             results = self.outcome.comparison.results
             self.outcome = Outcome(
@@ -227,17 +292,20 @@ class Session:
             If there is no recording or no lobe yet.
         """
         recording, recipe = self.needed_recording(), self.recipe
+        truth_for = self._truth_for
         if not recipe.lobes:
             msg = "there are no lobes yet; press Find lobes in step 2"
             raise ValueError(msg)
 
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-        ) -> xr.Dataset:
-            return reconstruct_by(recipe, recording, list(recipe.lobes), progress, cancelled)
+        ) -> tuple[xr.Dataset, xr.DataArray | None]:
+            data = reconstruct_by(recipe, recording, list(recipe.lobes), progress, cancelled)
+            return data, known_truth(truth_for, data["phase"])
 
-        def receive(data: xr.Dataset) -> None:
+        def receive(found: tuple[xr.Dataset, xr.DataArray | None]) -> None:
             self._check_recording(recording)
+            data, self.truth = found
             self._set_reconstruction(data, recipe)
 
         return Plan("Reconstructing", work, receive)
@@ -254,7 +322,7 @@ class Session:
         if any(getattr(self.recipe, f) != getattr(self._phase_recipe, f) for f in PHASE_FIELDS):
             msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
             raise ValueError(msg)
-        recording, chosen = self.needed_recording(), self.recipe
+        recording, chosen, truth = self.recording, self.recipe, self.truth
         if not chosen.methods:
             msg = "no method is ticked; tick at least one in step 4"
             raise ValueError(msg)
@@ -268,15 +336,7 @@ class Session:
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
         ) -> Outcome:
-            comparison = compare(
-                data["phase"],
-                recipe.methods,
-                recipe.boundary,
-                mask=recipe.mask,
-                options=recipe.options,
-                progress=progress,
-                cancelled=cancelled,
-            )
+            comparison = unwrap_by(recipe, data["phase"], truth, progress, cancelled)
             return Outcome(recording, recipe, data, comparison)
 
         def receive(outcome: Outcome) -> None:
@@ -287,8 +347,36 @@ class Session:
 
         return Plan("Unwrapping", work, receive)
 
+    def plan_margin(self) -> Plan:
+        """Plan to see where steps are too large, by the truth or else by the best result.
+
+        Raises
+        ------
+        ValueError
+            If there is neither truth nor a result yet.
+        """
+        known = self.best_known()
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> xr.Dataset:
+            return itoh_margin(known)
+
+        def receive(margin: xr.Dataset) -> None:
+            self.margin = margin
+            self.margin_changed.emit()
+
+        return Plan("Measuring the steps", work, receive, cancellable=False)
+
+    def best_known(self) -> xr.DataArray:
+        """Return the truth, or else the result that is most to be trusted."""
+        return self.truth if self.truth is not None else self._best_result()
+
     def needed_recording(self) -> Recording:
         """Return the recording, or raise ValueError if there is none."""
+        if self.recording is None and self.reconstruction is not None:
+            msg = "this is wrapped phase, not a hologram video; go on with step 4"
+            raise ValueError(msg)
         if self.recording is None:
             msg = "there is no recording yet; open one in step 1"
             raise ValueError(msg)
@@ -307,6 +395,14 @@ class Session:
             msg = "there are no results yet; press Run in step 4"
             raise ValueError(msg)
         return self.outcome
+
+    def _best_result(self) -> xr.DataArray:
+        """Return the result of T/A or A/T, or else the last one."""
+        results = self.needed_outcome().comparison.results
+        for method in TRUSTED:
+            if method in results:
+                return results[method]
+        return list(results.values())[-1]
 
     def _set_reconstruction(self, data: xr.Dataset, recipe: Recipe) -> None:
         """Take wrapped phase and amplitude with the recipe that made them."""
@@ -336,6 +432,16 @@ def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]
         known_view = replace(lobe, angle_deg=nearest.angle_deg, flip=nearest.flip)
         kept.append(known_view if same else lobe)
     return kept
+
+
+def known_truth(truth_for: TruthCall | None, phase: xr.DataArray) -> xr.DataArray | None:
+    """Return the exact phase on the grid of wrapped phase, or None where it is not known."""
+    if truth_for is None:
+        return None
+    try:
+        return truth_for(phase).assign_attrs(pixel_ratio=phase.attrs["pixel_ratio"])
+    except ValueError:  # such as other viewing angles than those that it is known for
+        return None
 
 
 def same_view(old: xr.Dataset, view: int, new: xr.Dataset) -> int:

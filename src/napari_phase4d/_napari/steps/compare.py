@@ -15,10 +15,22 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
+from napari_phase4d.evaluation import order_shares
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["CompareStep"]
+
+
+#: Columns of the table: heading and what it means.
+COLUMNS = {
+    "method": ("method", "The unwrapping method."),
+    "seconds": ("s", "Seconds, the shared two-dimensional step included."),
+    "peak_mb": ("MB", "Largest memory at one time, in megabytes."),
+    "mse_rad2": ("MSE rad²", "Mean squared error against the exact phase."),
+    "wrong_cycles_percent": ("wrong %", "Pixels that are off by at least one cycle."),
+}
 
 
 class CompareStep(Step):
@@ -42,13 +54,19 @@ class CompareStep(Step):
         row.addWidget(self.side_by_side)
         row.addWidget(self.single)
         self.column.addLayout(row)
-        self.table = QTableWidget(0, 2)
+        self.table = QTableWidget(0, 0)
         self.table.setObjectName("result_table")
-        self.table.setHorizontalHeaderLabels(("method", "seconds"))
-        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.table.verticalHeader().setVisible(False)
         self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.column.addWidget(self.table)
+        self.margin = self.button(
+            "Where are steps too large?",
+            "show_margin",
+            "Maps of the step to the next time, angle, y and x, in half cycles: red is beyond "
+            "Itoh's condition, where unwrapping along that dimension goes wrong.",
+            lambda: self.jobs.start(self.session.plan_margin()),
+        )
+        self.column.addWidget(self.margin)
         self.save = self.button(
             "Save results…",
             "save_results",
@@ -77,14 +95,35 @@ class CompareStep(Step):
         if folder:
             self.save_to(folder)
 
+    def words_on_the_steps(self) -> str:
+        """Say along which dimensions steps are too large, and which order suits the object."""
+        if self.session.margin is None:
+            return ""
+        known = self.session.best_known()
+        shares = ", ".join(
+            f"{str(name).removeprefix('along_')} {100 * stack.attrs['share_beyond']:.2g} %"
+            for name, stack in self.session.margin.data_vars.items()
+        )
+        ways = order_shares(known, self.session.recipe.boundary[0])
+        better = min(ways, key=lambda method: ways[method])
+        return f"Steps beyond half a cycle: {shares}. {METHODS[better].label} suits better."
+
     def _show(self) -> None:
         table = self.session.needed_outcome().comparison.table
+        shown = [name for name in COLUMNS if name in table.columns]
+        self.table.setColumnCount(len(shown))
+        self.table.setHorizontalHeaderLabels([COLUMNS[name][0] for name in shown])
+        for column, name in enumerate(shown):
+            self.table.horizontalHeaderItem(column).setToolTip(COLUMNS[name][1])
+            widths = QHeaderView.ResizeMode
+            wanted = widths.ResizeToContents if name == "method" else widths.Stretch
+            self.table.horizontalHeader().setSectionResizeMode(column, wanted)
         self.table.setRowCount(len(table))
-        for row, (method, seconds) in enumerate(
-            zip(table["method"], table["seconds"], strict=True)
-        ):
-            self.table.setItem(row, 0, QTableWidgetItem(str(method)))
-            self.table.setItem(row, 1, QTableWidgetItem(f"{seconds:.2f}"))
+        for row in range(len(table)):
+            for column, name in enumerate(shown):
+                value = table[name].iloc[row]
+                words = value if isinstance(value, str) else f"{value:.3g}"
+                self.table.setItem(row, column, QTableWidgetItem(words))
         self._fit_table()
 
     def _clear(self) -> None:

@@ -143,7 +143,7 @@ class PhaseStep(Step):
         data = self.session.needed_reconstruction()
         n_times, n_angles, height, width = data["phase"].shape
         lines = [f"{n_times} times × {n_angles} views, {width} × {height} pixels"]
-        if data.attrs["drift_removed"] and data.attrs["background_share"] < 0.3:
+        if data.attrs.get("drift_removed") and data.attrs["background_share"] < 0.3:
             lines.append("⚠ Little empty field is in view; check that the background is at 0.")
         angles = data["angle"].values
         if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
 from qtpy.QtWidgets import QFileDialog, QGridLayout
@@ -15,15 +16,18 @@ from qtpy.QtWidgets import QFileDialog, QGridLayout
 from napari_phase4d._napari.layers import (
     METADATA_KEY,
     is_hologram_layer,
+    is_phase_layer,
     recording_of_layer,
+    stack_of_layer,
+    truth_among,
 )
 from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.io import READABLE_SUFFIXES, open_recording
+from napari_phase4d.io import READABLE_SUFFIXES, holds_phase, open_phase, open_recording
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
-from napari_phase4d.sample import Sample, euglena_sample
+from napari_phase4d.sample import EUGLENA, Sample, euglena_sample, yeast_sample
 
 __all__ = ["RecordingStep"]
 
@@ -32,7 +36,7 @@ class RecordingStep(Step):
     """Open a file, a folder, the sample, or take a layer."""
 
     title = "1  Recording"
-    purpose = "Open a hologram video, or try the sample. Then check the microscope."
+    purpose = "Open a hologram video, or try a sample. Then check the microscope."
 
     def build(self) -> None:
         """Make the widgets."""
@@ -48,14 +52,21 @@ class RecordingStep(Step):
             self._ask_folder,
         )
         self.try_sample = self.button(
-            "Try the sample",
+            "Sample video",
             "try_sample",
-            "A simulated video: a euglena, two views, 40 frames.",
+            "A simulated hologram video whose phase is known: a euglena, two views, 40 frames.",
             self.open_sample,
+        )
+        self.try_yeast = self.button(
+            "Sample phase",
+            "try_yeast",
+            "Simulated wrapped phase, exact phase known: a budding yeast, 6 views, 19 times.",
+            self.open_yeast,
         )
         buttons.addWidget(self.open_file, 0, 0)
         buttons.addWidget(self.open_folder, 0, 1)
-        buttons.addWidget(self.try_sample, 1, 0, 1, 2)
+        buttons.addWidget(self.try_sample, 1, 0)
+        buttons.addWidget(self.try_yeast, 1, 1)
         self.column.addLayout(buttons)
         self.column.addLayout(self.form)
         self.layer = self.field(
@@ -64,7 +75,7 @@ class RecordingStep(Step):
                 name="layer",
                 choices=lambda _: self.layer_choices(),
                 nullable=True,
-                tooltip="An image layer that shows holograms: time, y, x.",
+                tooltip="An image layer that shows holograms (time, y, x), or wrapped phase.",
             ),
         )
         self.layer.changed.connect(lambda chosen: self.guarded(lambda: self._take_layer(chosen)))
@@ -96,22 +107,29 @@ class RecordingStep(Step):
         self._raw: Any = None
         self.session.recording_changed.connect(self._show)
         self.session.calibration_changed.connect(self._show_facts)
+        self.session.reconstruction_changed.connect(self._show_phase)
 
     def layer_choices(self) -> list[Any]:
-        """Return the layers that could be holograms."""
-        layers = self.presenter.viewer.layers
-        return [la for la in layers if isinstance(la, Image) and is_hologram_layer(la)]
+        """Return the layers that could be holograms, or are wrapped phase."""
+        images = [la for la in self.presenter.viewer.layers if isinstance(la, Image)]
+        return [la for la in images if is_hologram_layer(la) or is_phase_layer(la)]
 
     def open_path(self, path: str | Path) -> None:
         """Open a file or folder, in a thread."""
 
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-        ) -> Recording:
-            return open_recording(path)
+        ) -> Recording | xr.DataArray:
+            return open_phase(path) if holds_phase(path) else open_recording(path)
+
+        def receive(opened: Recording | xr.DataArray) -> None:
+            if isinstance(opened, Recording):
+                self.session.set_recording(opened)
+            else:
+                self.session.set_phase(opened)
 
         title = f"Opening {Path(path).name}"
-        self.jobs.start(Plan(title, work, self.session.set_recording, cancellable=False))
+        self.jobs.start(Plan(title, work, receive, cancellable=False))
 
     def open_sample(self) -> None:
         """Simulate the sample, in a thread."""
@@ -121,10 +139,25 @@ class RecordingStep(Step):
         ) -> Sample:
             return euglena_sample()
 
-        def receive(sample: Sample) -> None:
-            self.session.set_recording(sample.recording, sample.angles_deg, sample.boundary)
+        self.jobs.start(Plan("Simulating the sample", work, self._take_sample, cancellable=False))
+
+    def open_yeast(self) -> None:
+        """Simulate the sample of wrapped phase, in a thread."""
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> xr.Dataset:
+            return yeast_sample()
+
+        def receive(data: xr.Dataset) -> None:
+            self.session.set_phase(data["wrapped"], data.attrs["boundary"], data["phase"])
 
         self.jobs.start(Plan("Simulating the sample", work, receive, cancellable=False))
+
+    def _take_sample(self, sample: Sample) -> None:
+        self.session.set_recording(
+            sample.recording, sample.angles_deg, sample.boundary, sample.truth
+        )
 
     def optics(self) -> Optics:
         """Return the microscope as typed in."""
@@ -159,6 +192,9 @@ class RecordingStep(Step):
         if self.jobs.running:
             msg = "another job is still running; wait for it or press Cancel"
             raise ValueError(msg)
+        if is_phase_layer(layer):
+            self._take_phase(layer)
+            return
         recording = recording_of_layer(layer)
         if METADATA_KEY in layer.metadata:
             self.presenter.adopt(recording, layer)
@@ -166,7 +202,17 @@ class RecordingStep(Step):
             # Without time, angle and micrometres, its axes don't fit those of the results.
             self._raw = layer
             layer.visible = False
-        self.session.set_recording(recording)
+        if layer.metadata.get(METADATA_KEY, {}).get("sample") == EUGLENA:
+            self._take_sample(Sample(recording))
+        else:
+            self.session.set_recording(recording)
+
+    def _take_phase(self, layer: Any) -> None:
+        """Take a layer of wrapped phase, with the truth if another layer shows it."""
+        phase = stack_of_layer(layer)
+        self.presenter.adopt(phase.data, layer)
+        t, a = phase.attrs.get("boundary", (0, 0))
+        self.session.set_phase(phase, (t, a), truth_among(self.presenter.viewer.layers, phase))
 
     def _remove_raw(self) -> None:
         """Take the user's layer out of the viewer, as asked."""
@@ -197,7 +243,18 @@ class RecordingStep(Step):
 
     def _show(self) -> None:
         """Show the recording's facts and optics."""
-        recording = self.session.needed_recording()
+        recording = self.session.recording
+        for box in (
+            self.wavelength_nm,
+            self.camera_pixel_um,
+            self.magnification,
+            self.medium_index,
+            self.frame_rate_hz,
+        ):
+            box.enabled = recording is not None
+        if recording is None:
+            self.remove_raw.hide()
+            return
         optics = recording.optics
         rate = recording.frame_rate_hz
         with self._own_change():
@@ -213,6 +270,16 @@ class RecordingStep(Step):
             shown = self.presenter.holograms
             self.layer.value = shown if shown in self.layer.choices else None
         self._show_facts()
+
+    def _show_phase(self) -> None:
+        """Say what wrapped phase is being worked on, where there is no recording."""
+        if self.session.recording is None:
+            phase = self.session.needed_reconstruction()["phase"]
+            n_times, n_angles, height, width = phase.shape
+            self.facts.setText(
+                f"<b>{self.session.name}</b><br>Wrapped phase: {n_times} times × {n_angles} "
+                f"views, {width} × {height} pixels. Go on with step 4."
+            )
 
     def _show_facts(self) -> None:
         """Show what the recording is, and what to look after."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from psygnal import EmitLoopError
-from qtpy.QtCore import QEvent, QObject, Qt, Signal
+from qtpy.QtCore import Signal
 from qtpy.QtWidgets import (
     QAbstractSpinBox,
     QFormLayout,
@@ -18,6 +18,7 @@ from qtpy.QtWidgets import (
 from napari_phase4d._napari.jobs import Jobs, sentence_of
 from napari_phase4d._napari.presenter import Presenter
 from napari_phase4d._napari.session import Session
+from napari_phase4d._napari.steps.wheel import WheelGuard
 
 __all__ = ["Step"]
 
@@ -52,6 +53,7 @@ class Step(QWidget):  # type: ignore[misc]
         self.session = session
         self.jobs = jobs
         self.presenter = presenter
+        self.wheel = WheelGuard(self)
         self.column = QVBoxLayout(self)
         self.column.setContentsMargins(4, 2, 4, 6)
         self.column.setSpacing(6)
@@ -83,26 +85,12 @@ class Step(QWidget):  # type: ignore[misc]
         native = widget.native
         native.setObjectName(widget.name)
         native.setToolTip(widget.tooltip)
-        # The wheel scrolls the dock; it must not change a number on the way.
-        native.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
-        native.installEventFilter(self)
+        self.wheel.watch(native)
         if isinstance(native, QAbstractSpinBox):
             native.setKeyboardTracking(False)
         self.form.addRow(label, native)
         self.form.labelForField(native).setToolTip(widget.tooltip)
         return widget
-
-    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
-        """Leave the wheel to the dock unless a field has been clicked."""
-        if (
-            event is not None
-            and event.type() == QEvent.Type.Wheel
-            and isinstance(watched, QWidget)
-            and not watched.hasFocus()
-        ):
-            event.ignore()
-            return True
-        return False
 
     def guarded(self, action: Any) -> None:
         """Run an action; a wrong input becomes one sentence."""

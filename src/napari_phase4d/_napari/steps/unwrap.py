@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from magicgui.widgets import CheckBox, ComboBox, SpinBox
-from qtpy.QtWidgets import QCheckBox
 
+from napari_phase4d._napari.steps.methods import MethodRow
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.unwrapping import METHODS
 
@@ -54,14 +54,12 @@ class UnwrapStep(Step):
                 tooltip="Find the object in every frame and unwrap only that.",
             ),
         )
-        self.methods: dict[str, QCheckBox] = {}
-        for method, facts in METHODS.items():
-            box = QCheckBox(facts.label)
-            box.setObjectName(f"method_{method}")
-            box.setToolTip(f"{facts.summary}\n{facts.source}")
-            box.setChecked(method in self.session.recipe.methods)
-            self.methods[method] = box
-            self.column.addWidget(box)
+        self.methods = {
+            method: MethodRow(method, ticked=method in self.session.recipe.methods)
+            for method in METHODS
+        }
+        for row in self.methods.values():
+            self.column.addWidget(row)
         self.go = self.button("Run", "run", "Unwrap with all ticked methods.", self.run)
         self.column.addWidget(self.go)
         self.session.reconstruction_changed.connect(self._show)
@@ -75,7 +73,8 @@ class UnwrapStep(Step):
         """Unwrap, in a thread."""
         self.session.update(
             mask="auto" if self.mask.value else None,
-            methods=tuple(m for m, box in self.methods.items() if box.isChecked()),
+            methods=tuple(m for m, row in self.methods.items() if row.tick.isChecked()),
+            options={m: row.changed() for m, row in self.methods.items() if row.changed()},
         )
         self.jobs.start(self.session.plan_unwrapping())
 
