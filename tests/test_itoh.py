@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from napari_phase4d.evaluation import itoh_margin, residues
+from napari_phase4d.evaluation import itoh_margin, order_shares, residues
 
 
 def test_margin_of_a_ramp_is_its_slope() -> None:
@@ -38,3 +38,26 @@ def test_residues_of_a_vortex() -> None:
     assert int(mirrored[4, 6]) == -int(found[4, 6])
     smooth = np.angle(np.exp(1j * 0.3 * (x + y)))
     assert not residues(xr.DataArray(smooth, dims=("y", "x"))).any()
+
+
+def test_share_counts_steps_inside_only() -> None:
+    phase = xr.DataArray(np.array([[0.0, 4.0, 8.0, 8.0, 8.0]]), dims=("y", "x"))
+    inside = phase.copy(data=np.array([[False, True, True, True, True]]))
+    assert itoh_margin(phase)["along_x"].attrs["share_beyond"] == pytest.approx(2 / 4)
+    assert itoh_margin(phase, inside)["along_x"].attrs["share_beyond"] == pytest.approx(1 / 3)
+
+
+def test_orders_are_judged_by_the_steps_on_their_way() -> None:
+    """A ramp over time at the second angle only, then at both."""
+    phase = np.zeros((4, 2, 3, 3))
+    phase[:, 1] = 5.0 * np.arange(4)[:, None, None]
+    stack = xr.DataArray(phase, dims=("time", "angle", "y", "x"))
+    shares = order_shares(stack, (0, 0))
+    # T/A: three steps along time at angle 0, four along the angle of which those at t = 1, 2, 3
+    # are too large. A/T: one along the angle at t = 0, six along time of which three are.
+    assert shares["temporal-angular"] == pytest.approx(3 / 7)
+    assert shares["angular-temporal"] == pytest.approx(3 / 7)
+    smooth_angle = stack.copy(data=np.broadcast_to(phase[:, 1:], phase.shape).copy())
+    shares = order_shares(smooth_angle, (0, 0))
+    assert shares["temporal-angular"] == pytest.approx(3 / 7)
+    assert shares["angular-temporal"] == pytest.approx(6 / 7)

@@ -48,7 +48,7 @@ def test_from_the_sample_to_results_by_clicks(viewer, dock, click, tmp_path: Pat
     click("run")
     assert dock.session.recipe.boundary == ((0, 0),)
     shown = [layer.name for layer in viewer.layers if layer.visible]
-    assert shown == RESULTS
+    assert shown == ["exact", *RESULTS]
     assert viewer.canvas.grid.enabled
     assert_calibrated(viewer)
     for layer in viewer.layers:
@@ -148,8 +148,8 @@ def test_unreadable_file_is_said_in_the_dock(dock, tmp_path: Path) -> None:
 
 
 def test_nothing_ticked_is_said(ready, click) -> None:
-    for box in ready.unwrap.methods.values():
-        box.setChecked(False)
+    for row in ready.unwrap.methods.values():
+        row.tick.setChecked(False)
     click("run")
     assert "no method is ticked" in ready.status.text()
 

@@ -113,12 +113,17 @@ def movie_frames(
         )
     bar = figure.add_axes((0.88, 0.08, 0.02, 0.6))
     figure.colorbar(images[-1], cax=bar, label="rad")
-    heading = figure.suptitle("", fontsize=10)
+    heading = figure.suptitle("", fontsize=10, animated=True)
+    canvas.draw()
+    # What stays the same is drawn once.
+    still = canvas.copy_from_bbox(figure.bbox)
     for t in range(stack.sizes["time"]):
+        canvas.restore_region(still)
         heading.set_text(f"{title}, {time_label(stack, t)}")
+        figure.draw_artist(heading)
         for a, image in enumerate(images):
             image.set_data(stack.values[t, a])
-        canvas.draw()
+            axes[a].draw_artist(image)
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 

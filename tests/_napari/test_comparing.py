@@ -1,0 +1,156 @@
+"""Wrapped phase in the window: samples with truth, variants, the table, maps of the steps."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import napari_phase4d as p4d
+from napari_phase4d._napari.layers import AXES, METADATA_KEY
+from napari_phase4d.evaluation import itoh_margin, order_shares
+from napari_phase4d.io import read_results, write_phase
+from napari_phase4d.sample import yeast_sample
+
+pytestmark = pytest.mark.gui
+PAPERS_EIGHT = ["2-D", "Angular", "Temporal", "T/A", "A/T", "LBE", "RG", "DE"]
+
+
+def cells(dock: Any) -> list[list[str]]:
+    table = dock.compare.table
+    columns = range(table.columnCount())
+    return [[table.item(r, c).text() for c in columns] for r in range(table.rowCount())]
+
+
+def headings(dock: Any) -> list[str]:
+    table = dock.compare.table
+    return [table.horizontalHeaderItem(c).text() for c in range(table.columnCount())]
+
+
+def test_yeast_by_clicks_with_the_papers_eight_methods(viewer, dock, click) -> None:
+    click("try_yeast")
+    assert dock.sections[3].is_open
+    for method in ("laplacian", "region-growing", "dilate-erode"):
+        click(f"method_{method}")
+    click("run")
+    shown = [layer.name for layer in viewer.layers if layer.visible]
+    assert shown == ["exact", *PAPERS_EIGHT]
+    for layer in viewer.layers:
+        assert layer.axis_labels == AXES
+        assert [str(u) for u in layer.units] == ["second", "degree", "micrometer", "micrometer"]
+        assert layer.data.shape == (19, 6, 48, 48)
+        np.testing.assert_allclose(layer.scale, [60, 5, 0.2, 0.2])
+    data = yeast_sample()
+    methods = list(dock.session.outcome.comparison.results)
+    expected = p4d.compare(data["wrapped"], methods, truth=data["phase"], mask="auto").table
+    assert headings(dock) == ["method", "s", "MB", "MSE rad²", "wrong %"]
+    for row, (_, wanted) in zip(cells(dock), expected.iterrows(), strict=True):
+        assert row[0] == wanted["method"]
+        assert row[3] == f"{wanted['mse_rad2']:.3g}"
+        assert row[4] == f"{wanted['wrong_cycles_percent']:.3g}"
+
+
+def test_maps_of_the_steps(viewer, dock, click) -> None:
+    click("try_yeast")
+    click("run")
+    click("show_margin")
+    truth = yeast_sample()["phase"]
+    margin = itoh_margin(truth)
+    shown = [layer for layer in viewer.layers if layer.visible]
+    assert [la.name for la in shown] == [f"step along {d}" for d in ("time", "angle", "y", "x")]
+    for layer, name in zip(shown, margin.data_vars, strict=True):
+        np.testing.assert_array_equal(layer.data, margin[name].values)
+        assert layer.contrast_limits == [0, 2]
+    ways = order_shares(truth)
+    better = {"temporal-angular": "T/A", "angular-temporal": "A/T"}[min(ways, key=ways.get)]
+    assert dock.status.text().endswith(f"{better} suits better.")
+    click("side_by_side")
+    assert not any(layer.visible for layer in shown)
+
+
+def test_maps_need_something_to_measure(dock, click) -> None:
+    click("show_margin")
+    assert "there are no results yet" in dock.status.text()
+
+
+def test_a_variant_is_named_wherever_its_result_is(viewer, dock, click) -> None:
+    click("try_yeast")
+    row = dock.unwrap.methods["region-growing"]
+    assert not row.panel.isVisible()
+    click("options_region-growing")
+    assert row.panel.isVisible()
+    row.fields["variant"].value = "phasetools"
+    assert row.tick.text() == "RG (PhaseTools)"
+    click("method_region-growing")
+    click("run")
+    assert viewer.layers[-1].name == "RG (PhaseTools)"
+    assert cells(dock)[-1][0] == "RG (PhaseTools)"
+    data = yeast_sample()
+    expected = p4d.unwrap(data["wrapped"], "region-growing", mask="auto", variant="phasetools")
+    np.testing.assert_array_equal(viewer.layers[-1].data, expected.values)
+    assert dock.session.outcome.recipe.options == {"region-growing": {"variant": "phasetools"}}
+
+
+def test_sample_layers_are_taken_with_their_truth(viewer, dock, click) -> None:
+    viewer.open_sample("napari-phase4d", "yeast")
+    wrapped = viewer.layers["wrapped phase, budding yeast"]
+    n_layers = len(viewer.layers)
+    dock.recording.layer.value = wrapped
+    assert len(viewer.layers) == n_layers  # it is shown already
+    assert wrapped.visible
+    truth = yeast_sample()["phase"]
+    np.testing.assert_array_equal(dock.session.truth.values, truth.values)
+    np.testing.assert_allclose(dock.session.truth["time"], truth["time"])
+    click("run")
+    assert headings(dock)[-2:] == ["MSE rad²", "wrong %"]
+
+
+def test_the_sample_video_from_the_menu_is_known_again(viewer, dock, click) -> None:
+    viewer.open_sample("napari-phase4d", "euglena")
+    dock.recording.layer.value = viewer.layers[0]
+    click("find_lobes")
+    assert [lobe.angle_deg for lobe in dock.session.lobes] == [-7, 21]
+    click("reconstruct")
+    assert dock.session.truth is not None
+    # Seen from other angles, its phase is not known.
+    dock.session.set_lobes([lobe for lobe in dock.session.lobes if lobe.angle_deg < 0])
+    click("reconstruct")
+    assert dock.session.truth is None
+
+
+def test_saved_wrapped_phase_opens_in_dock_and_viewer(
+    viewer, dock, click, qtbot, tmp_path: Path
+) -> None:
+    data = yeast_sample()
+    path = write_phase(tmp_path / "wrapped.ome.tif", data["wrapped"])
+    dock.recording.open_path(path)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+    click("run")
+    layer = viewer.layers["T/A"]
+    np.testing.assert_allclose(layer.scale, [60, 5, 0.2, 0.2])
+    expected = p4d.unwrap(read_results(path), "temporal-angular", mask="auto")
+    np.testing.assert_array_equal(layer.data, expected.values)
+    plain = tmp_path / "plain.npy"
+    np.save(plain, data["wrapped"].values)
+    viewer.open(plain, plugin="napari-phase4d")
+    assert viewer.layers[-1].metadata[METADATA_KEY]["kind"] == "wrapped"
+
+
+@pytest.mark.parametrize("button", ["find_lobes", "add_lobe", "reconstruct"])
+def test_steps_for_holograms_say_that_this_is_phase(dock, click, button: str) -> None:
+    click("try_yeast")
+    click(button)
+    assert "this is wrapped phase, not a hologram video" in dock.status.text()
+    assert not dock.recording.wavelength_nm.enabled
+
+
+def test_a_video_after_phase_starts_afresh(viewer, dock, click, small_video) -> None:
+    click("try_yeast")
+    click("run")
+    dock.session.set_recording(small_video)
+    assert dock.session.truth is None
+    assert dock.recording.wavelength_nm.enabled
+    assert dock.compare.table.rowCount() == 0
+    assert [layer.name for layer in viewer.layers if layer.visible] == [small_video.name]
