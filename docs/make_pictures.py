@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 from PIL import Image
 
 from napari_phase4d._napari.demo import let_it_draw, viewer_with_dock, wait_until
+from napari_phase4d.reproduction import reproduce, write_reproduction
 
 PICTURES = Path(__file__).parent / "pictures"
 
@@ -43,8 +45,27 @@ def main() -> None:
         press(dock.unwrap.run)
         dock.presenter.go_to(39, 0)
         picture("5_compare")
+        press(dock.recording.open_yeast)
+        for method in ("laplacian", "region-growing", "dilate-erode"):
+            dock.unwrap.methods[method].tick.setChecked(True)
+        press(dock.unwrap.run)
+        dock.presenter.go_to(11, 5)
+        picture("6_yeast")
+        press(lambda: dock.jobs.start(dock.session.plan_margin()))
+        picture("7_steps")
     finally:
         viewer.close()
+    figures_of_the_paper()
+
+
+def figures_of_the_paper() -> None:
+    with TemporaryDirectory() as folder:
+        write_reproduction(reproduce(), folder, movies=False)
+        for name in ("figure_2", "figure_4"):
+            path = PICTURES / f"{name}.png"
+            with Image.open(Path(folder) / path.name) as figure:
+                figure.convert("RGB").quantize(256).save(path, optimize=True)
+            print(path.relative_to(PICTURES.parents[1]))
 
 
 if __name__ == "__main__":
