@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import itertools
+import threading
+import time
 
 import numpy as np
 import pytest
@@ -237,3 +239,53 @@ def test_phasetools_threshold_is_the_step_at_which_a_turn_is_added() -> None:
     assert np.abs(np.diff(eager, axis=-1)).max() > 1.9
     with pytest.raises(ValueError, match="rga_threshold must lie between"):
         p4d.unwrap(ramp, "region-growing", variant="phasetools", rga_threshold=0.0)
+
+
+@pytest.mark.parametrize("method", list(p4d.METHODS))
+@pytest.mark.parametrize("shape", [(1, 1), (5, 1), (1, 6), (1, 2, 1, 1)])
+@pytest.mark.filterwarnings("ignore:Image has a length 1 dimension")
+def test_narrow_frames(method: str, shape: tuple[int, ...]) -> None:
+    found = p4d.unwrap(np.full(shape, 0.3, np.float32), method).values
+    np.testing.assert_allclose(found, 0.3, atol=1e-5)
+
+
+@pytest.mark.parametrize("method", ["spatial-2d", "region-growing", "spatial-3d", "network-flow"])
+def test_a_mask_within_the_object_keeps_its_level(method: str) -> None:
+    y, x = np.indices((40, 40))
+    radius = np.hypot(y - 20, x - 20)
+    phase = np.broadcast_to(9 / (1 + np.exp((radius - 10) / 2)), (3, 2, 40, 40))
+    found = p4d.unwrap(wrapped(phase), method, mask=radius < 7).values
+    np.testing.assert_allclose(found[..., radius < 7], phase[..., radius < 7], atol=1e-4)
+
+
+@pytest.mark.parametrize("method", ["region-growing", "spatial-3d", "network-flow", "laplacian"])
+def test_work_looks_up_within_a_second_whether_to_stop(method: str) -> None:
+    w = wrapped(noisy_bump((10, 2, 120, 120), 0.8))
+    gaps, last = [0.0], [time.monotonic()]
+
+    def cancelled() -> bool:
+        gaps.append(time.monotonic() - last[0])
+        last[0] = time.monotonic()
+        return False
+
+    p4d.unwrap(w, method, cancelled=cancelled)
+    assert max(gaps) < 1
+
+
+def test_work_that_is_stopped_half_way_ends_at_once() -> None:
+    w = wrapped(noisy_bump((20, 2, 150, 150), 0.8))
+    asked = threading.Event()
+    threading.Timer(0.3, asked.set).start()
+    began = time.monotonic()
+    with pytest.raises(p4d.Cancelled):
+        p4d.unwrap(w, "region-growing", cancelled=asked.is_set)
+    assert 0.2 < time.monotonic() - began < 1.3
+
+
+def test_methods_stay_within_the_memory_they_name() -> None:
+    w = wrapped(noisy_bump((10, 1, 90, 90), 0.5))
+    for mask in (None, "auto"):
+        table = p4d.compare(w, mask=mask).table
+        for method, row in table.iterrows():
+            needed = row["peak_mb"] * 2**20 / w.nbytes
+            assert needed <= p4d.METHODS[str(method)].working_stacks, method

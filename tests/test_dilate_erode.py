@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import heapq
+import itertools
+
 import numpy as np
 import pytest
 
@@ -17,8 +20,13 @@ def bump(peak: float, width: float, n: int = 40) -> np.ndarray:
     return peak * np.exp(-(x**2 + y**2) / (2 * width**2))
 
 
-def propagated(w: np.ndarray, first: tuple[int, int], threshold: float) -> np.ndarray:
-    """The published order of frames, pixel by pixel, with no windows."""
+def propagated(
+    w: np.ndarray, first: tuple[int, int], threshold: float, *, lag: bool
+) -> np.ndarray:
+    """The published order of frames, pixel by pixel, with no windows.
+
+    With ``lag`` the last valid value is taken from the frame before the newest, as in PhaseTools.
+    """
     n_times, n_angles = w.shape[:2]
     out, trusted = w.astype(float).copy(), w.astype(float).copy()
 
@@ -31,7 +39,8 @@ def propagated(w: np.ndarray, first: tuple[int, int], threshold: float) -> np.nd
                     second = out[here] - out[last]
                 else:
                     second = out[(*path[i - 2], *p)] - 2 * out[last] + out[here]
-                trusted[here] = out[here] if abs(second) < threshold else trusted[last]
+                newest = out[last] if lag else out[here]
+                trusted[here] = newest if abs(second) < threshold else trusted[last]
 
     t0, a0 = first
     follow([(t0, a) for a in range(a0, n_angles)])
@@ -44,12 +53,17 @@ def propagated(w: np.ndarray, first: tuple[int, int], threshold: float) -> np.nd
 
 @pytest.mark.parametrize("threshold", [6.0, 2.0])
 @pytest.mark.parametrize("first", [(0, 0), (2, 1)])
-def test_published_defaults_only_propagate(first: tuple[int, int], threshold: float) -> None:
+@pytest.mark.parametrize("variant", ["textbook", "phasetools"])
+def test_published_defaults_only_propagate(
+    variant: str, first: tuple[int, int], threshold: float
+) -> None:
     rng = np.random.default_rng(4)
     growing = np.linspace(0.3, 1.0, 5)[:, None, None, None] * bump(14, 3, 12)
     w = wrap(np.repeat(growing, 3, 1) + rng.normal(0, 0.7, (5, 3, 12, 12))).astype(np.float32)
-    found = p4d.unwrap(w, "dilate-erode", boundary=first, erode_threshold=threshold).values
-    np.testing.assert_allclose(found, propagated(w, first, threshold), atol=1e-4)
+    options = {"erode_threshold": threshold, "variant": variant}
+    found = p4d.unwrap(w, "dilate-erode", boundary=first, **options).values
+    expected = propagated(w, first, threshold, lag=variant == "phasetools")
+    np.testing.assert_allclose(found, expected, atol=1e-4)
     np.testing.assert_array_equal(found[first], w[first])
 
 
@@ -112,3 +126,62 @@ def test_windows_are_sizes_up_and_down() -> None:
 def test_options_out_of_range(options: dict) -> None:
     with pytest.raises(ValueError, match="max_window must be 0 or more"):
         p4d.unwrap(np.zeros((3, 3)), "dilate-erode", **options)
+
+
+def literal(w: np.ndarray, max_window: int, *, erodes: bool) -> np.ndarray:
+    """Dilate and erode one frame as it is described, with heaps and pixel by pixel."""
+    p = w.astype(float).copy()
+    height, width = p.shape
+
+    def near(y: int, x: int) -> list[tuple[int, int]]:
+        box = itertools.product((-1, 0, 1), repeat=2)
+        places = [(y + dy, x + dx) for dy, dx in box if (dy, dx) != (0, 0)]
+        return [(j, i) for j, i in places if 0 <= j < height and 0 <= i < width]
+
+    def heap(size: int, sign: int) -> list[tuple[float, int, int, int]]:
+        found = []
+        for number, (y, x) in enumerate(np.ndindex(*p.shape)):
+            box = p[max(y - size, 0) : y + size + 1, max(x - size, 0) : x + size + 1]
+            inside = box.size == (2 * size + 1) ** 2
+            q = -abs(box.sum() - box.size * p[y, x]) if inside else de.WORST
+            if q < -de.FLAT:
+                found.append((sign * q, sign * -number, y, x))
+        heapq.heapify(found)
+        return found
+
+    def dilate(size: int) -> None:
+        hit, best_first = np.zeros(p.shape, bool), heap(size, -1)
+        while best_first:
+            *_, y, x = heapq.heappop(best_first)
+            if hit[y, x]:
+                continue
+            for q in near(y, x):
+                if not hit[q]:
+                    p[q] -= TURN * np.round((p[q] - p[y, x]) / TURN)
+                    hit[q] = True
+
+    def erode(size: int) -> None:
+        worst_first = heap(size, 1)
+        while worst_first:
+            *_, y, x = heapq.heappop(worst_first)
+            turns = {int(np.round((p[q] - p[y, x]) / TURN)) for q in near(y, x)}
+            if len(turns) == 1:
+                p[y, x] += TURN * turns.pop()
+
+    sizes = [*range(1, max_window), *range(max_window, 0, -1)]
+    for largest in sizes:
+        for size in [*range(1, largest), *range(largest, 0, -1)]:
+            dilate(size)
+            if erodes:
+                erode(size)
+    return p
+
+
+@pytest.mark.parametrize("variant", ["textbook", "phasetools"])
+def test_windows_do_what_is_described(variant: str) -> None:
+    w = wrap(bump(9, 4, 16) + np.random.default_rng(2).normal(0, 1.3, (16, 16))).astype(np.float32)
+    found = p4d.unwrap(w, "dilate-erode", max_window=3, variant=variant).values
+    expected = literal(w, 3, erodes=variant == "textbook")
+    np.testing.assert_allclose(found, expected, atol=1e-4)
+    other = literal(w, 3, erodes=variant != "textbook")
+    assert np.abs(other - expected).max() > 1  # the frame tells the variants apart

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from napari_phase4d.evaluation import itoh_margin, order_shares, residues
+import napari_phase4d as p4d
+from napari_phase4d.evaluation import itoh_margin, order_shares, order_verdict, residues
 
 
 def test_margin_of_a_ramp_is_its_slope() -> None:
@@ -61,3 +62,16 @@ def test_orders_are_judged_by_the_steps_on_their_way() -> None:
     shares = order_shares(smooth_angle, (0, 0))
     assert shares["temporal-angular"] == pytest.approx(3 / 7)
     assert shares["angular-temporal"] == pytest.approx(6 / 7)
+
+
+def test_order_is_judged_by_truth_and_not_by_a_result_of_itself() -> None:
+    data = p4d.simulation.budding_yeast()
+    results = p4d.compare(data["wrapped"], mask="auto").results
+    assert order_verdict(results, truth=data["phase"]) == "T/A suits better, by the exact phase."
+    # Each result is smooth along the dimension of its own last pass.
+    assert order_verdict(results).endswith("can't be told: each favours itself.")
+    assert order_verdict({}).startswith("Run T/A and A/T")
+    flat = {m: xr.zeros_like(r) for m, r in results.items()}
+    assert order_verdict(flat) == "T/A and A/T meet equally many."
+    negative = order_shares(data["phase"], (-1, -1))
+    assert negative == order_shares(data["phase"], (18, 5))

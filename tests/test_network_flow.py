@@ -11,7 +11,8 @@ import pytest
 
 import napari_phase4d as p4d
 from helpers import wrap
-from napari_phase4d.unwrapping import flow
+from napari_phase4d.unwrapping import Problem, flow
+from napari_phase4d.unwrapping import network_flow as network_flow_module
 from napari_phase4d.unwrapping.network_flow import whole_turns
 
 TURN = 2 * np.pi
@@ -121,3 +122,30 @@ def test_progress_and_cancel() -> None:
     }
     with pytest.raises(p4d.Cancelled):
         p4d.unwrap(w, "network-flow", cancelled=lambda: True)
+
+
+def test_a_mask_that_was_found_does_no_harm() -> None:
+    data = p4d.simulation.budding_yeast()
+    exact = data["phase"].values
+
+    def error(mask: str | None) -> float:
+        found = p4d.unwrap(data["wrapped"], "network-flow", mask=mask).values
+        return float(((found - exact) ** 2).mean())
+
+    assert error("auto") <= 1.1 * error(None)
+
+
+def test_turns_are_dear_where_the_first_stage_closed() -> None:
+    """A patch that has been noisy over time is cut through rather than its steady surroundings."""
+    rng = np.random.default_rng(0)
+    cost = network_flow_module.steps_over_frames
+    w = np.zeros((6, 3, 10, 12))
+    w[:, :, 3:7, 3:9] = rng.normal(0, 2.5, (6, 3, 4, 6))
+    problem = Problem(wrap(w), (0, 0), None)
+    _, found = cost(problem, 3, None, None)
+    assert (found[:, :, :2] == network_flow_module.STEADY).all()
+    inner = found[:, :, 4:6, 4:8]
+    assert (inner == network_flow_module.MENDED).mean() > 0.5
+    masked = Problem(wrap(w), (0, 0), np.arange(12) < 6)
+    _, found = cost(masked, 3, None, None)
+    assert (found[..., 6:] == network_flow_module.OUTSIDE).all()

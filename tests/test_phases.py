@@ -15,7 +15,13 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.evaluation import order_shares
-from napari_phase4d.io import holds_phase, open_phase, read_results, write_phase
+from napari_phase4d.io import (
+    holds_phase,
+    open_input,
+    open_phase,
+    read_results,
+    write_phase,
+)
 from napari_phase4d.simulation import budding_yeast
 
 YEAST = budding_yeast((32, 32), 5, angles_deg=(0.0, 5.0, 10.0))
@@ -47,6 +53,7 @@ def test_own_results_keep_their_coordinates(tmp_path: Path) -> None:
 
 NOT_PHASE = {
     "counts": np.ones((3, 8, 8), np.uint8),
+    "fringes about zero": np.random.default_rng(0).uniform(-1, 1, (3, 8, 8)),
     "never negative": np.random.default_rng(0).uniform(0, 3, (3, 8, 8)),
     "beyond half a cycle": np.linspace(-9, 9, 64).reshape(8, 8),
     "no numbers": np.full((8, 8), np.nan),
@@ -152,3 +159,80 @@ def test_wrong_comparisons_end_with_one_sentence(
     assert "Traceback" not in done.stderr
     assert sentence in " ".join(done.stderr.split())
     assert not (tmp_path / "none").exists()
+
+
+def test_what_the_file_does_not_say_can_be_given(tmp_path: Path) -> None:
+    np.save(tmp_path / "w.npy", YEAST["wrapped"].values)
+    plain = open_phase(tmp_path / "w.npy")
+    assert plain.attrs["notes"] == [
+        "Not in the file, so counted in ones: pixel, frame rate, viewing angles."
+    ]
+    recipe = p4d.Recipe(
+        recording=str(tmp_path / "w.npy"),
+        angles_deg=(0, 5, 10),
+        frame_rate_hz=2,
+        optics=p4d.Optics(camera_pixel_um=6, magnification=30),
+        methods=("spatial-2d",),
+    )
+    found = p4d.run(recipe).comparison.results["spatial-2d"]
+    np.testing.assert_allclose(found["angle"], [0, 5, 10])
+    np.testing.assert_allclose(found["time"][:2], [0, 0.5])
+    np.testing.assert_allclose(found["x"][:2], [0, 0.2])
+    with pytest.raises(ValueError, match="has 3 views, but 2 angles are given"):
+        p4d.run(recipe.changed(angles_deg=(0, 5)))
+
+
+def test_content_can_be_said(tmp_path: Path) -> None:
+    """A hologram whose mean was taken off may look like phase, and phase may be all positive."""
+    hologram = 3 * np.cos(np.arange(32 * 32).reshape(1, 32, 32) * 1.3)
+    np.save(tmp_path / "h.npy", hologram)
+    assert isinstance(open_input(tmp_path / "h.npy"), xr.DataArray)
+    assert isinstance(open_input(tmp_path / "h.npy", content="holograms"), p4d.Recording)
+    np.save(tmp_path / "p.npy", np.mod(YEAST["wrapped"].values[:, 0], 2 * np.pi))
+    assert isinstance(open_input(tmp_path / "p.npy"), p4d.Recording)
+    assert isinstance(open_input(tmp_path / "p.npy", content="phase"), xr.DataArray)
+    np.savez(tmp_path / "both.npz", holograms=np.ones((2, 8, 8)), phase=YEAST["wrapped"].values)
+    assert isinstance(open_input(tmp_path / "both.npz"), p4d.Recording)
+
+
+def test_unwrapped_phase_is_not_unwrapped_again(tmp_path: Path) -> None:
+    done = p4d.unwrap(YEAST["wrapped"], "spatial-2d")
+    path = write_phase(tmp_path / "spatial-2d.ome.tif", done)
+    with pytest.raises(ValueError, match="is unwrapped already, by spatial-2d"):
+        p4d.run(p4d.Recipe(recording=str(path)))
+
+
+@pytest.mark.parametrize("mask", ["auto", None])
+def test_missing_pixels_are_left_out(tmp_path: Path, mask: str | None) -> None:
+    holes, truth = YEAST["wrapped"].copy(deep=True), YEAST["phase"].copy(deep=True)
+    holes[:, :, :5, :5] = np.nan
+    truth[:, :, :5, :5] = np.nan
+    path = write_phase(tmp_path / "wrapped.ome.tif", holes)
+    recipe = p4d.Recipe(recording=str(path), mask=mask, methods=("spatial-2d", "region-growing"))
+    outcome = p4d.run(recipe, truth=truth)
+    for method, result in outcome.comparison.results.items():
+        assert (result.values[:, :, :5, :5] == 0).all()
+        row = outcome.comparison.table.loc[method]
+        error = (result - truth).values[np.isfinite(truth.values)]
+        assert row["mse_rad2"] == pytest.approx(np.mean(error**2), rel=1e-5)
+        assert row["wrong_cycles_percent"] == pytest.approx(
+            100 * np.mean(np.round(error / (2 * np.pi)) != 0)
+        )
+
+
+def test_one_bad_file_does_not_stop_the_others(tmp_path: Path) -> None:
+    np.save(tmp_path / "good.npy", YEAST["wrapped"].values[:2])
+    (tmp_path / "bad.npy").write_bytes(b"nothing")
+    done = command("compare", "bad.npy", "good.npy", "--method", "spatial-2d", "--out", "out",
+                   cwd=tmp_path)  # fmt: skip
+    assert done.returncode == 1
+    assert "1 of 2 files failed: bad.npy" in " ".join(done.stderr.split())
+    assert (tmp_path / "out" / "good" / "table.csv").exists()
+
+
+def test_info_says_what_a_phase_file_holds(tmp_path: Path) -> None:
+    write_phase(tmp_path / "wrapped.ome.tif", YEAST["wrapped"])
+    said = command("info", "wrapped.ome.tif", cwd=tmp_path)
+    assert said.returncode == 0, said.stderr
+    assert "wrapped phase, 5 times, 3 views of 32 x 32 pixels" in said.stdout
+    assert "viewing angles 0, 5, 10 degrees" in said.stdout

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -17,14 +17,25 @@ from rich.progress import Progress
 from rich.table import Table
 
 from napari_phase4d.evaluation import (
+    best_known,
     comparison_figure,
     itoh_margin,
     order_shares,
+    order_verdict,
     residues,
 )
 from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
-from napari_phase4d.io import open_phase, open_recording
-from napari_phase4d.pipeline import Outcome, Recipe, needed_bytes, run, write_outcome
+from napari_phase4d.io import open_input, open_phase
+from napari_phase4d.optics import Optics
+from napari_phase4d.pipeline import (
+    Outcome,
+    Recipe,
+    needed_bytes,
+    open_by,
+    run,
+    working_bytes,
+    write_outcome,
+)
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import euglena_sample
@@ -95,7 +106,10 @@ def info(
     dataset: Annotated[str | None, typer.Option(help="Which array of an NPZ file.")] = None,
 ) -> None:
     """Say what a recording holds, where its lobes are, and what a run would need."""
-    recording = open_recording(file, dataset=dataset)
+    recording = open_input(file, dataset=dataset)
+    if isinstance(recording, xr.DataArray):
+        print_phase(file, recording)
+        return
     height, width = recording.frame_shape
     first = recording.frame(0)
     console.print(f"[bold]{escape(recording.name)}[/bold]")
@@ -118,7 +132,24 @@ def info(
     print_lobes(lobes)
     console.print(
         f"A run with all {len(METHODS)} methods needs about "
-        f"{megabytes(needed_bytes(recording, lobes, len(METHODS)))} of memory."
+        f"{megabytes(needed_bytes(recording, lobes, list(METHODS)))} of memory."
+    )
+
+
+def print_phase(file: Path, phase: xr.DataArray) -> None:
+    """Say what a file of wrapped phase holds."""
+    n_times, n_angles, height, width = phase.shape
+    console.print(f"[bold]{escape(file.name)}[/bold]")
+    console.print(
+        f"  wrapped phase, {n_times} times, {n_angles} views of {height} x {width} pixels"
+    )
+    angles = ", ".join(f"{a:g}" for a in phase["angle"].values)
+    console.print(f"  viewing angles {angles} degrees; {int(abs(residues(phase)).sum())} residues")
+    for note in phase.attrs.get("notes", ()):
+        console.print(f"  [yellow]{escape(note)}[/yellow]")
+    need = working_bytes(phase.nbytes, list(METHODS))
+    console.print(
+        f"A run with all {len(METHODS)} methods needs about {megabytes(need)} of memory."
     )
 
 
@@ -154,10 +185,14 @@ def run_command(
     typed = {name: number for name, number in numbers.items() if number is not None}
     if not files:
         process(recipe, typed, out)
-    elif len(files) == 1:
-        process(recipe.changed(recording=str(files[0].resolve())), typed, out)
     else:
-        batch(recipe, typed, files, out)
+        batch(
+            lambda file, folder: process(
+                recipe.changed(recording=str(file.resolve())), typed, folder
+            ),
+            files,
+            out,
+        )
 
 
 @app.command("compare")
@@ -186,25 +221,27 @@ def compare_command(
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
-    recipe = with_settings(recipe, views, angle, boundary, method or list(METHODS), None)
+    all_methods = None if any(p.suffix == ".json" for p in inputs) else list(METHODS)
+    recipe = with_settings(recipe, views, angle, boundary, method or all_methods, None)
     exact = None if truth is None else open_phase(truth)
     if not files and not recipe.recording:
         msg = "give at least one file to compare the methods on"
         raise ValueError(msg)
-    names = files or [Path(recipe.recording)]
-    folders = result_folders(names, out) if len(names) > 1 else [out]
-    for file, folder in zip(names, folders, strict=True):
-        console.print(f"[bold]{escape(file.name)}[/bold]")
+
+    def compare_one(file: Path, folder: Path) -> None:
         with bar() as progress:
             outcome = run(
                 recipe.changed(recording=str(file.resolve())), truth=exact, progress=progress
             )
+        print_notes(outcome)
         print_table(outcome.comparison.table)
         print_itoh(outcome, exact)
         written = write_outcome(outcome, folder)
         picture = folder / "comparison.png"
         comparison_figure(shown_columns(outcome, exact), shown_frames(outcome), picture)
         console.print(f"{len(written) + 1} files written to [bold]{folder.resolve()}[/bold]")
+
+    batch(compare_one, files or [Path(recipe.recording)], out)
 
 
 @app.command()
@@ -256,18 +293,21 @@ def with_settings(
     return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
 
 
-def batch(recipe: Recipe, typed: dict[str, float], files: Sequence[Path], out: Path) -> None:
-    """Run several recordings; one that fails does not stop the others."""
+def batch(work: Callable[[Path, Path], None], files: Sequence[Path], out: Path) -> None:
+    """Work on each file; of several, one that fails does not stop the others."""
+    if len(files) == 1:
+        work(files[0], out)
+        return
     failed = []
     for file, folder in zip(files, result_folders(files, out), strict=True):
         console.print(f"[bold]{escape(file.name)}[/bold]")
         try:
-            process(recipe.changed(recording=str(file.resolve())), typed, folder)
+            work(file, folder)
         except (OSError, TypeError, ValueError) as error:
             failed.append(file.name)
             errors.print(f"[red]Error:[/red] {escape(str(error))}")
     if failed:
-        msg = f"{len(failed)} of {len(files)} recordings failed: {', '.join(failed)}"
+        msg = f"{len(failed)} of {len(files)} files failed: {', '.join(failed)}"
         raise ValueError(msg)
 
 
@@ -285,17 +325,31 @@ def result_folders(files: Sequence[Path], out: Path) -> list[Path]:
 def process(recipe: Recipe, typed: dict[str, float], folder: Path) -> None:
     """Run one recording, with the optics that were typed in, and write what comes out."""
     if typed and recipe.recording:
-        known = recipe.optics or open_recording(recipe.recording, dataset=recipe.dataset).optics
+        known = recipe.optics or optics_of(open_by(recipe))
         recipe = recipe.changed(optics=replace(known, **typed))
     with bar() as progress:
         outcome: Outcome = run(recipe, progress=progress)
-    if outcome.recording is not None:
-        for note in outcome.recording.notes if recipe.optics is None else ():
-            console.print(f"[yellow]{note}[/yellow]")
-        print_lobes(outcome.recipe.lobes)
+    print_notes(outcome)
+    print_lobes(outcome.recipe.lobes)
     print_table(outcome.comparison.table)
     written = write_outcome(outcome, folder)
     console.print(f"{len(written)} files written to [bold]{folder.resolve()}[/bold]")
+
+
+def optics_of(opened: Recording | xr.DataArray) -> Optics:
+    """Return the microscope that a file names, or the paper's."""
+    return opened.optics if isinstance(opened, Recording) else Optics()
+
+
+def print_notes(outcome: Outcome) -> None:
+    """Say what had to be assumed."""
+    recording, optics = outcome.recording, outcome.recipe.optics
+    if recording is None:
+        notes = outcome.reconstruction["phase"].attrs.get("notes", ())
+    else:
+        notes = recording.notes if optics is None else ()
+    for note in notes:
+        console.print(f"[yellow]{escape(note)}[/yellow]")
 
 
 def frame_numbers(text: str) -> tuple[int, int]:
@@ -322,6 +376,8 @@ def bar() -> Iterator[ProgressCall]:
 
 def print_lobes(lobes: Sequence[Lobe]) -> None:
     """Print the views as a table, with warnings."""
+    if not lobes:
+        return
     table = Table(title="Views", title_justify="left")
     for heading in ("view", "ky (1/px)", "kx (1/px)", "radius (1/px)", "angle (deg)", "flipped"):
         table.add_column(heading, justify="right")
@@ -369,20 +425,18 @@ def cell(value: object) -> str:
 def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     """Say where steps are too large, and which order suits the object."""
     results = outcome.comparison.results
-    best = results.get("temporal-angular", next(iter(results.values())))
-    known, origin = (best, best.attrs["method"]) if exact is None else (exact, "the truth")
-    margins = itoh_margin(known)
+    known, origin = best_known(results, exact)
     shares = ", ".join(
-        f"{name.removeprefix('along_')} {100 * margin.attrs['share_beyond']:.2f} %"
-        for name, margin in ((str(n), m) for n, m in margins.data_vars.items())
+        f"{str(name).removeprefix('along_')} {100 * margin.attrs['share_beyond']:.2f} %"
+        for name, margin in itoh_margin(known).data_vars.items()
     )
     found = residues(outcome.reconstruction["phase"])
     console.print(f"Steps beyond half a cycle, by {origin}: {shares}")
     console.print(f"Residues in the wrapped phase: {int(abs(found).sum())}")
     ways = order_shares(known, outcome.recipe.boundary[0])
-    better = min(ways, key=lambda m: ways[m])
     words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
-    console.print(f"Of the steps on its way: {words}; {METHODS[better].label} suits better.")
+    verdict = order_verdict(results, outcome.recipe.boundary[0], exact)
+    console.print(f"Of the steps on their way: {words}. {verdict}")
 
 
 def shown_columns(outcome: Outcome, exact: xr.DataArray | None) -> dict[str, xr.DataArray]:

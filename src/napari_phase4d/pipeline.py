@@ -6,6 +6,7 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -23,8 +24,7 @@ from napari_phase4d.holography import (
     reconstruct,
 )
 from napari_phase4d.io import (
-    holds_phase,
-    open_phase,
+    open_input,
     open_recording,
     write_phase,
     write_table,
@@ -33,9 +33,19 @@ from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import check_method
+from napari_phase4d.unwrapping import METHODS, check_method
 
-__all__ = ["Outcome", "Recipe", "reconstruct_by", "run", "unwrap_by", "write_outcome"]
+__all__ = [
+    "Outcome",
+    "Recipe",
+    "needed_bytes",
+    "open_by",
+    "reconstruct_by",
+    "run",
+    "unwrap_by",
+    "working_bytes",
+    "write_outcome",
+]
 
 #: Methods that are run if none are chosen: the paper's own.
 PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
@@ -54,6 +64,8 @@ class Recipe(BaseModel):
         `run` directly.
     dataset : str, optional
         Which array of a file that holds several.
+    content : str
+        What the file holds: "holograms", "phase", or "auto" (default) to look.
     optics : Optics, optional
         The microscope. Default: what the file says, else that of the paper.
     frame_rate_hz : float, optional
@@ -91,6 +103,7 @@ class Recipe(BaseModel):
 
     recording: str = ""
     dataset: str | None = None
+    content: Literal["auto", "holograms", "phase"] = "auto"
     optics: Optics | None = None
     frame_rate_hz: float | None = Field(default=None, gt=0)
     n_views: int = Field(default=2, ge=1, le=6)
@@ -248,14 +261,11 @@ def run(
     if recording is None and not recipe.recording:
         msg = "the recipe names no recording; give run() one, or a recipe with a file"
         raise ValueError(msg)
-    if recording is None and holds_phase(recipe.recording, recipe.dataset):
-        data = xr.Dataset({"phase": open_phase(recipe.recording, recipe.dataset)})
-        comparison = unwrap_by(recipe, data["phase"], truth, progress, cancelled)
-        return Outcome(None, recipe, data, comparison)
-    if recording is None:
-        recording = open_recording(
-            recipe.recording, recipe.optics, recipe.frame_rate_hz, dataset=recipe.dataset
-        )
+    opened = recording if recording is not None else open_by(recipe)
+    if isinstance(opened, xr.DataArray):
+        comparison = unwrap_by(recipe, opened, truth, progress, cancelled)
+        return Outcome(None, recipe, xr.Dataset({"phase": opened}), comparison)
+    recording = opened
     lobes = list(recipe.lobes) or find_lobes(
         recording, recipe.n_views, angles_deg=recipe.angles_deg
     )
@@ -265,6 +275,18 @@ def run(
     return Outcome(recording, used, data, comparison)
 
 
+def open_by(recipe: Recipe) -> Recording | xr.DataArray:
+    """Open the file that a recipe names: holograms, or wrapped phase."""
+    return open_input(
+        recipe.recording,
+        recipe.optics,
+        recipe.frame_rate_hz,
+        dataset=recipe.dataset,
+        angles_deg=recipe.angles_deg,
+        content=recipe.content,
+    )
+
+
 def unwrap_by(
     recipe: Recipe,
     phase: xr.DataArray,
@@ -272,13 +294,14 @@ def unwrap_by(
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
 ) -> Comparison:
-    """Unwrap wrapped phase with a recipe's methods and settings."""
+    """Unwrap wrapped phase with a recipe's methods and settings; NaN are left out."""
+    known = np.isfinite(phase.values)
     return compare(
         phase,
         recipe.methods,
         recipe.boundary,
         truth,
-        mask=recipe.mask,
+        mask=known if recipe.mask is None and not known.all() else recipe.mask,
         options=recipe.options,
         progress=progress,
         cancelled=cancelled,
@@ -338,11 +361,26 @@ def write_outcome(
     return written
 
 
-def needed_bytes(recording: Recording, lobes: list[Lobe], n_methods: int) -> int:
+def needed_bytes(recording: Recording, lobes: list[Lobe], methods: Sequence[str]) -> int:
     """Return about how much memory a run will need, in bytes, beyond the recording itself."""
     from napari_phase4d.holography import Demodulator
 
     height, width = Demodulator(recording.frame_shape, lobes).output_shape
     stack = 4 * recording.n_frames * len(lobes) * height * width
-    # phase, amplitude, the shared two-dimensional step, two working copies, and the results
-    return int(stack * (5 + n_methods) + 64 * np.prod(recording.frame_shape))
+    # Phase and amplitude stay; the transforms of the frames in work do not.
+    return 2 * stack + working_bytes(stack, methods) + int(64 * np.prod(recording.frame_shape))
+
+
+def working_bytes(stack: int, methods: Sequence[str]) -> int:
+    """Return about how much memory unwrapping needs, in bytes, beyond the wrapped phase.
+
+    Parameters
+    ----------
+    stack : int
+        Bytes of the wrapped phase as float32.
+    methods : sequence of str
+        Ids of the methods to run, one after the other.
+    """
+    largest = max((METHODS[m].working_stacks for m in methods), default=0)
+    # The two-dimensional step and every result stay.
+    return int(stack * (2 + len(methods) + largest))

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-__all__ = ["Cancelled", "CancelledCall", "ProgressCall", "Watch", "in_threads"]
+__all__ = ["Cancelled", "CancelledCall", "ProgressCall", "Watch", "in_threads", "watched"]
 
 #: ``progress(done, total, message)``
 ProgressCall = Callable[[int, int, str], None]
@@ -83,6 +83,23 @@ def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iter
                 yield finished(waiting, watch)
         while waiting:
             yield finished(waiting, watch)
+    finally:
+        pool.shutdown(wait=False, cancel_futures=True)
+
+
+def watched(work: Callable[[], R], watch: Watch) -> R:
+    """Return ``work()``, computed in a thread; the wish to stop is looked up while it runs.
+
+    When cancelled, the work ends by itself and its result is dropped.
+    """
+    watch.check()
+    pool = ThreadPoolExecutor(1)
+    try:
+        future = pool.submit(work)
+        while not future.done():
+            wait([future], timeout=LOOK_UP_S)
+            watch.check()
+        return future.result()
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 

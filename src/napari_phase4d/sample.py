@@ -50,12 +50,13 @@ class Sample:
         if tuple(like["angle"].values) != self.angles_deg:
             msg = f"the exact phase is known at {self.angles_deg} degrees only"
             raise ValueError(msg)
-        pixel = self.recording.optics.pixel_um
+        optics = Optics()  # those it was simulated with, whatever has been typed in since
+        pixel = optics.pixel_um
         height, width = like.sizes["y"], like.sizes["x"]
         exact = swimming_euglena(
             (height, width),
             like.sizes["time"],
-            optics=self.recording.optics,
+            optics=optics,
             pixel_um=(SHAPE[0] * pixel / height, SHAPE[1] * pixel / width),
         )
         return exact["phase"].assign_coords(like.coords)

@@ -65,7 +65,7 @@ def test_maps_of_the_steps(viewer, dock, click) -> None:
         assert layer.contrast_limits == [0, 2]
     ways = order_shares(truth)
     better = {"temporal-angular": "T/A", "angular-temporal": "A/T"}[min(ways, key=ways.get)]
-    assert dock.status.text().endswith(f"{better} suits better.")
+    assert dock.status.text().endswith(f"{better} suits better, by the exact phase.")
     click("side_by_side")
     assert not any(layer.visible for layer in shown)
 
@@ -144,6 +144,9 @@ def test_steps_for_holograms_say_that_this_is_phase(dock, click, button: str) ->
     click(button)
     assert "this is wrapped phase, not a hologram video" in dock.status.text()
     assert not dock.recording.wavelength_nm.enabled
+    click("drift")  # settings of steps that are done without
+    click("run")
+    assert dock.session.outcome is not None
 
 
 def test_a_video_after_phase_starts_afresh(viewer, dock, click, small_video) -> None:
@@ -154,3 +157,46 @@ def test_a_video_after_phase_starts_afresh(viewer, dock, click, small_video) -> 
     assert dock.recording.wavelength_nm.enabled
     assert dock.compare.table.rowCount() == 0
     assert [layer.name for layer in viewer.layers if layer.visible] == [small_video.name]
+
+
+def test_back_to_the_video_by_its_layer(viewer, dock, click) -> None:
+    click("try_sample")
+    video = viewer.layers[0]
+    click("try_yeast")
+    assert dock.recording.layer.value is None
+    dock.recording.layer.value = video
+    assert dock.session.recording is not None
+    assert video.visible
+
+
+def test_truth_of_the_sample_does_not_depend_on_what_is_typed_in(viewer, dock, click) -> None:
+    viewer.open_sample("napari-phase4d", "euglena")
+    dock.recording.layer.value = viewer.layers[0]
+    dock.recording.magnification.value = 30
+    click("try_yeast")
+    dock.recording.layer.value = viewer.layers[0]
+    click("find_lobes")
+    click("reconstruct")
+    assert 15 < float(dock.session.truth.max()) < 20
+
+
+def test_what_was_measured_of_an_earlier_phase_is_forgotten(viewer, dock, click) -> None:
+    click("try_yeast")
+    click("run")
+    click("run")
+    assert [layer.name for layer in viewer.layers].count("exact") == 1
+    dock.session.set_phase(yeast_sample()["wrapped"])
+    assert dock.session.outcome is None
+    assert dock.compare.table.rowCount() == 0
+    click("show_margin")
+    assert "there are no results yet" in dock.status.text()
+
+
+def test_recipe_of_a_phase_file_runs_again(dock, click, qtbot, tmp_path: Path) -> None:
+    path = write_phase(tmp_path / "wrapped.ome.tif", yeast_sample()["wrapped"])
+    dock.recording.open_path(path)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+    click("run")
+    again = p4d.run(dock.session.outcome.recipe)
+    expected = dock.session.outcome.comparison.results["temporal-angular"]
+    np.testing.assert_array_equal(again.comparison.results["temporal-angular"], expected)

@@ -53,6 +53,7 @@ class Presenter:
         self._own: list[Any] = []
         self._pixel_um = 1.0
         self._adopted: tuple[object, Any] | None = None
+        self._exact: Any = None
         #: Layers of unwrapped phase of the present recording: method id -> newest layer.
         self._results: dict[str, Any] = {}
         session.recording_changed.connect(self.show_recording)
@@ -124,8 +125,12 @@ class Presenter:
         """Show the results side by side, as new layers, after the truth where it is known."""
         self._results = {}
         comparison = self.session.needed_outcome().comparison
-        if self.session.truth is not None:
-            self._results[EXACT] = self.add(stack_layer(self.session.truth, EXACT, "exact"))
+        truth = self.session.truth
+        if truth is not None:
+            shown = self._exact
+            if shown is None or shown not in self.viewer.layers or shown.data is not truth.data:
+                shown = self._exact = self.add(stack_layer(truth, EXACT, "exact"))
+            self._results[EXACT] = shown
         for method, result in comparison.results.items():
             name = str(comparison.table["method"][method])
             self._results[method] = self.add(stack_layer(result, name, "unwrapped"))

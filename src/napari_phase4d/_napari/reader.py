@@ -9,12 +9,11 @@ from typing import Any
 from napari_phase4d._napari.layers import LayerTuple, hologram_layer, stack_layer
 from napari_phase4d.io import (
     READABLE_SUFFIXES,
-    holds_phase,
-    open_phase,
-    open_recording,
+    open_input,
     read_results,
 )
 from napari_phase4d.io.results import is_result
+from napari_phase4d.recording import Recording
 
 __all__ = ["get_reader"]
 
@@ -35,13 +34,16 @@ def read(path: str | list[str]) -> list[LayerTuple]:
     if file.suffix.lower() in (".tif", ".tiff") and is_result(file):
         stack = read_results(file)
         return [stack_layer(stack, file.name.removesuffix(".ome.tif"), kind_of(stack.attrs))]
-    if holds_phase(file):
-        return [stack_layer(open_phase(file), file.stem, "wrapped")]
-    return [hologram_layer(open_recording(file))]
+    opened = open_input(file)
+    if isinstance(opened, Recording):
+        return [hologram_layer(opened)]
+    return [stack_layer(opened, file.stem, "wrapped")]
 
 
 def kind_of(attrs: dict[Any, Any]) -> str:
     """Return the kind of a result from its attributes."""
     if "method" in attrs:
         return "unwrapped"
+    if attrs.get("exact"):
+        return "exact"
     return "wrapped" if attrs.get("units") == "rad" else "amplitude"

@@ -15,7 +15,7 @@ from typing import Any
 import xarray as xr
 from psygnal import Signal
 
-from napari_phase4d.evaluation import Comparison, itoh_margin
+from napari_phase4d.evaluation import Comparison, best_known, itoh_margin
 from napari_phase4d.holography import (
     Lobe,
     find_lobes,
@@ -23,7 +23,7 @@ from napari_phase4d.holography import (
     power_spectrum,
     recalibrated,
 )
-from napari_phase4d.io import holds_phase, open_phase, open_recording
+from napari_phase4d.io import open_input, open_recording
 from napari_phase4d.pipeline import Outcome, Recipe, reconstruct_by, unwrap_by
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
@@ -37,8 +37,6 @@ TruthCall = Callable[[xr.DataArray], xr.DataArray]
 SPECTRUM_FRAMES = 32
 #: Settings that wrapped phase depends on.
 PHASE_FIELDS = ("lobes", "reference", "window", "background", "drift")
-#: Results that a look at the steps is based on, the first one that there is.
-TRUSTED = ("temporal-angular", "angular-temporal", "temporal", "angular")
 CHANGED = "the recording or the microscope has changed meanwhile; press the button again"
 
 
@@ -120,10 +118,15 @@ class Session:
 
     def open(self, path_or_array: Any) -> None:
         """Open a recording, or a file of wrapped phase, and take it."""
-        if isinstance(path_or_array, str | Path) and holds_phase(path_or_array):
-            self.set_phase(open_phase(path_or_array))
+        is_file = isinstance(path_or_array, str | Path)
+        self.take(open_input(path_or_array) if is_file else open_recording(path_or_array))
+
+    def take(self, opened: Recording | xr.DataArray) -> None:
+        """Take what was opened: a recording or wrapped phase."""
+        if isinstance(opened, Recording):
+            self.set_recording(opened)
         else:
-            self.set_recording(open_recording(path_or_array))
+            self.set_phase(opened)
 
     def set_recording(
         self,
@@ -161,7 +164,7 @@ class Session:
     def set_phase(
         self,
         phase: xr.DataArray,
-        boundary: tuple[int, int] = (0, 0),
+        boundary: tuple[int, int] | None = None,
         truth: xr.DataArray | None = None,
     ) -> None:
         """Take wrapped phase that has been reconstructed before; all else is forgotten.
@@ -171,17 +174,19 @@ class Session:
         phase : xarray.DataArray
             Wrapped phase in radians, dims (time, angle, y, x).
         boundary : tuple of int, optional
-            The optically thin frame (time, angle), where it is known.
+            The optically thin frame (time, angle); default: what ``phase.attrs`` say, else (0, 0).
         truth : xarray.DataArray, optional
             Exact phase on the same grid.
         """
+        t, a = boundary or phase.attrs.get("boundary", (0, 0))
         self.update(
             recording=str(phase.attrs.get("source", "")),
             dataset=None,
             optics=None,
             lobes=(),
             angles_deg=None,
-            boundary=(boundary,),
+            frame_rate_hz=None,
+            boundary=((int(t), int(a)),),
         )
         self._begin(None, None)
         self.truth = truth
@@ -319,7 +324,10 @@ class Session:
             If there is no phase for the present settings, or no method is chosen.
         """
         data = self.needed_reconstruction()
-        if any(getattr(self.recipe, f) != getattr(self._phase_recipe, f) for f in PHASE_FIELDS):
+        changed = [
+            f for f in PHASE_FIELDS if getattr(self.recipe, f) != getattr(self._phase_recipe, f)
+        ]
+        if changed and self.recording is not None:
             msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
             raise ValueError(msg)
         recording, chosen, truth = self.recording, self.recipe, self.truth
@@ -355,7 +363,11 @@ class Session:
         ValueError
             If there is neither truth nor a result yet.
         """
-        known = self.best_known()
+        outcome, data = self.outcome, self.reconstruction
+        results = {} if outcome is None else outcome.comparison.results
+        if not results and self.truth is None:
+            self.needed_outcome()
+        known, _ = best_known(results, self.truth)
 
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
@@ -363,14 +375,12 @@ class Session:
             return itoh_margin(known)
 
         def receive(margin: xr.Dataset) -> None:
+            if self.outcome is not outcome or self.reconstruction is not data:
+                raise ValueError(CHANGED)
             self.margin = margin
             self.margin_changed.emit()
 
         return Plan("Measuring the steps", work, receive, cancellable=False)
-
-    def best_known(self) -> xr.DataArray:
-        """Return the truth, or else the result that is most to be trusted."""
-        return self.truth if self.truth is not None else self._best_result()
 
     def needed_recording(self) -> Recording:
         """Return the recording, or raise ValueError if there is none."""
@@ -396,14 +406,6 @@ class Session:
             raise ValueError(msg)
         return self.outcome
 
-    def _best_result(self) -> xr.DataArray:
-        """Return the result of T/A or A/T, or else the last one."""
-        results = self.needed_outcome().comparison.results
-        for method in TRUSTED:
-            if method in results:
-                return results[method]
-        return list(results.values())[-1]
-
     def _set_reconstruction(self, data: xr.Dataset, recipe: Recipe) -> None:
         """Take wrapped phase and amplitude with the recipe that made them."""
         t, a = self.recipe.boundary[0]
@@ -412,6 +414,8 @@ class Session:
         n_times, n_angles = data["phase"].shape[:2]
         self.update(boundary=((t, a) if t < n_times and a < n_angles else (0, 0),))
         self.reconstruction = data
+        self.outcome = None  # what was made of an earlier phase; its layers stay
+        self.margin = None
         self._phase_recipe = recipe
         self.reconstruction_changed.emit()
 

@@ -8,15 +8,18 @@ from napari_phase4d.evaluation.errors import (
 )
 from napari_phase4d.evaluation.figures import comparison_figure, movie_frames, phase_limits
 from napari_phase4d.evaluation.itoh import itoh_margin, order_shares, residues
+from napari_phase4d.evaluation.order import best_known, order_verdict
 
 __all__ = [
     "Comparison",
+    "best_known",
     "compare",
     "comparison_figure",
     "itoh_margin",
     "mean_squared_error",
     "movie_frames",
     "order_shares",
+    "order_verdict",
     "phase_limits",
     "residues",
     "wrong_cycle_map",

@@ -65,8 +65,8 @@ def compare(
     Returns
     -------
     Comparison
-        Methods that start from the two-dimensional unwrapping share it; its time is counted in
-        each of them, its memory in the first.
+        The two-dimensional unwrapping and the registration are computed once; their time is
+        counted in every method that uses them, their memory in the first.
 
     Raises
     ------
@@ -85,14 +85,16 @@ def compare(
     rows = []
     for method in chosen:
         chosen_options = options.get(method, {})
-        shared_before = problem.spatial_seconds
+        shared = dict(problem.seconds)
+        problem.used.clear()
         run = partial(run_method, problem, method, progress, cancelled, chosen_options)
         cost = measured(run)
+        shared_seconds = sum(shared.get(step, 0.0) for step in problem.used)
         results[method] = cost.result
         rows.append(
             {
                 "method": label_of(method, chosen_options),
-                "seconds": cost.seconds + shared_before,
+                "seconds": cost.seconds + shared_seconds,
                 "peak_mb": cost.peak_mb,
                 **errors(cost.result, exact),
             }

@@ -16,22 +16,22 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
     Parameters
     ----------
     unwrapped, truth : xarray.DataArray
-        Phase in radians on the same grid.
+        Phase in radians on the same grid. Pixels where the truth is NaN don't count.
     """
     difference = unwrapped.values.astype(np.float64) - truth.values
-    return float(np.mean(difference**2))
+    return float(np.nanmean(difference**2)) if np.isfinite(difference).any() else float("nan")
 
 
 def wrong_cycle_map(unwrapped: xr.DataArray, truth: xr.DataArray) -> xr.DataArray:
-    """Mark the pixels that are off by at least one turn."""
+    """Mark the pixels that are off by at least one turn; none where the truth is NaN."""
     turns = np.round((unwrapped.values - truth.values) / TURN)
-    return unwrapped.copy(data=turns != 0)
+    return unwrapped.copy(data=np.nan_to_num(turns) != 0)
 
 
 def wrong_cycle_share(
     unwrapped: xr.DataArray, truth: xr.DataArray, where: xr.DataArray | None = None
 ) -> float:
-    """Return the share of pixels that are off by at least one turn.
+    """Return the share of pixels, of those whose truth is known, off by at least one turn.
 
     Parameters
     ----------
@@ -41,4 +41,7 @@ def wrong_cycle_share(
         Pixels to count; default all.
     """
     wrong = wrong_cycle_map(unwrapped, truth).values
-    return float(wrong.mean() if where is None else wrong[where.values].mean())
+    counted = np.isfinite(truth.values)
+    if where is not None:
+        counted = counted & where.values
+    return float(wrong[counted].mean()) if counted.any() else float("nan")

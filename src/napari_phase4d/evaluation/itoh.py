@@ -80,7 +80,7 @@ def order_shares(
         if where is None
         else where.transpose("time", "angle", "y", "x").values
     )
-    t, a = boundary
+    t, a = (index % n for index, n in zip(boundary, stack.shape[:2], strict=True))
 
     def broken(axis: int, part: tuple[slice, slice]) -> NDArray[np.bool_]:
         """Return for each step of a part of the frames whether it is too large."""

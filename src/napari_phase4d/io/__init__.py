@@ -1,13 +1,14 @@
 """Readers and writers, one module per file family."""
 
 from napari_phase4d.io.movies import write_movie
-from napari_phase4d.io.opening import READABLE_SUFFIXES, open_recording
+from napari_phase4d.io.opening import READABLE_SUFFIXES, open_input, open_recording
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.results import read_results, write_phase, write_table
 
 __all__ = [
     "READABLE_SUFFIXES",
     "holds_phase",
+    "open_input",
     "open_phase",
     "open_recording",
     "read_results",

@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.video import Video
 
-__all__ = ["read_npy", "read_npz"]
+__all__ = ["holds_holograms", "read_npy", "read_npz"]
 
-#: Names looked for first in an .npz file with several arrays.
+#: Names looked for first in an .npz file with several arrays; the last one says the least.
 USUAL_NAMES = ("holograms", "hologram", "mux", "frames", "data")
 
 
@@ -70,6 +70,21 @@ def read_npz(
                 raise ValueError(msg)
             return Video(member(archive, name, path))
     except (zipfile.BadZipFile, EOFError, OSError, TypeError) as error:
+        raise OSError(unreadable(path, error)) from error
+
+
+def holds_holograms(path: Path) -> bool:
+    """Say whether an .npz file has an array that is named as holograms are.
+
+    Raises
+    ------
+    OSError
+        If the file is damaged.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as archive:
+            return any(name in archive.files for name in USUAL_NAMES[:-1])
+    except (zipfile.BadZipFile, EOFError, OSError, ValueError) as error:
         raise OSError(unreadable(path, error)) from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,12 +13,14 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image, read_image_folder
 from napari_phase4d.io.numpy_files import read_npy, read_npz
+from napari_phase4d.io.phases import holds_phase, open_phase
+from napari_phase4d.io.results import result_attrs
 from napari_phase4d.io.tiff import read_tiff
 from napari_phase4d.io.video import Video
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 
-__all__ = ["READABLE_SUFFIXES", "open_recording"]
+__all__ = ["READABLE_SUFFIXES", "open_input", "open_recording"]
 
 READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".npy", ".npz")
 
@@ -65,6 +68,56 @@ def open_recording(
     if hasattr(path_or_array, "data") and hasattr(path_or_array, "axis_labels"):
         return open_layer(path_or_array, optics, frame_rate_hz)
     return recording_of(Video(path_or_array), "the array", "", optics, frame_rate_hz)
+
+
+def open_input(
+    path: str | Path,
+    optics: Optics | None = None,
+    frame_rate_hz: float | None = None,
+    *,
+    dataset: str | None = None,
+    angles_deg: Sequence[float] | None = None,
+    content: str = "auto",
+) -> Recording | xr.DataArray:
+    """Open a file that holds holograms or wrapped phase.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file or folder.
+    optics, frame_rate_hz, dataset
+        See `open_recording`.
+    angles_deg : sequence of float, optional
+        Viewing angles of wrapped phase, where its file does not say them.
+    content : str, optional
+        "holograms", "phase", or "auto" (default) to look, see `holds_phase`.
+
+    Returns
+    -------
+    Recording or xarray.DataArray
+        The hologram video, or the stack (time, angle, y, x) of wrapped phase.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If the file can't be read as such.
+    """
+    noted = result_attrs(path) or {}
+    if "method" in noted:
+        msg = (
+            f"{Path(path).name} is unwrapped already, by {noted['method']}; give the wrapped phase"
+        )
+        raise ValueError(msg)
+    is_phase = holds_phase(path, dataset) if content == "auto" else content == "phase"
+    if not is_phase:
+        return open_recording(path, optics, frame_rate_hz, dataset=dataset)
+    return open_phase(
+        path,
+        dataset,
+        pixel_um=None if optics is None else optics.pixel_um,
+        frame_rate_hz=frame_rate_hz,
+        angles_deg=angles_deg,
+    )
 
 
 def open_path(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
-from napari_phase4d.io.numpy_files import read_npy, read_npz
-from napari_phase4d.io.results import AXES, is_result, read_results
+from napari_phase4d.io.numpy_files import holds_holograms, read_npy, read_npz
+from napari_phase4d.io.results import AXES, is_result, read_results, result_attrs
 from napari_phase4d.io.tiff import read_tiff
 
 __all__ = ["holds_phase", "open_phase"]
@@ -23,18 +24,28 @@ PHASE_NAMES = ("wrapped", "phase", "unwrapped")
 LARGEST = np.pi + 1e-3
 
 
-def open_phase(path: str | Path, dataset: str | None = None) -> xr.DataArray:
+def open_phase(
+    path: str | Path,
+    dataset: str | None = None,
+    *,
+    pixel_um: float | None = None,
+    frame_rate_hz: float | None = None,
+    angles_deg: Sequence[float] | None = None,
+) -> xr.DataArray:
     """Read a stack of phase in radians.
 
     Parameters
     ----------
     path : str or Path
         An OME-TIFF that this program wrote, with its times, angles and pixels; or a .npy, .npz or
-        TIFF file with (y, x), (time, y, x) or (time, angle, y, x), whose frames, angles and pixels
-        are counted from 0.
+        TIFF file with (y, x), (time, y, x) or (time, angle, y, x).
     dataset : str, optional
         Which array of an .npz file; default ``wrapped``, ``phase`` or ``unwrapped``, else the
         first with two to four dimensions.
+    pixel_um, frame_rate_hz, angles_deg : float, float, sequence of float, optional
+        Pixel in the sample, frames per second and viewing angles of a file that does not say
+        them; default 1 um, 1 a second, and numbers from 0. ``attrs["notes"]`` says what had to be
+        assumed.
 
     Returns
     -------
@@ -53,7 +64,8 @@ def open_phase(path: str | Path, dataset: str | None = None) -> xr.DataArray:
         msg = f"there is no file {path}"
         raise OSError(msg)
     if path.suffix.lower() in (".tif", ".tiff") and is_result(path):
-        return read_results(path)
+        found = read_results(path)
+        return found.assign_attrs(source=str(path), object=found.attrs.get("object", path.stem))
     values = plain_values(path, dataset)
     if values.ndim not in PLAIN_DIMS or values.dtype.kind != "f" or 0 in values.shape:
         msg = (
@@ -64,34 +76,54 @@ def open_phase(path: str | Path, dataset: str | None = None) -> xr.DataArray:
     dims = PLAIN_DIMS[values.ndim]
     stack = xr.DataArray(np.asarray(values, dtype=np.float32), dims=dims, name=path.stem)
     full = stack.expand_dims([d for d in AXES if d not in dims]).transpose(*AXES)
-    coords = {
-        d: (d, np.arange(full.sizes[d], dtype=np.float64), {"units": UNITS[d]}) for d in AXES
-    }
-    return full.assign_coords(coords).assign_attrs(units="rad", source=str(path))
+    if angles_deg is not None and len(angles_deg) != full.sizes["angle"]:
+        msg = (
+            f"{path.name} has {full.sizes['angle']} views, but {len(angles_deg)} angles are given"
+        )
+        raise ValueError(msg)
+    steps = {"time": 1 / (frame_rate_hz or 1), "y": pixel_um or 1, "x": pixel_um or 1}
+    places = {d: np.arange(full.sizes[d]) * float(steps.get(d, 1)) for d in AXES}
+    if angles_deg is not None:
+        places["angle"] = np.asarray(angles_deg, dtype=np.float64)
+    coords = {d: (d, places[d], {"units": UNITS[d]}) for d in AXES}
+    given = {"pixel": pixel_um, "frame rate": frame_rate_hz, "viewing angles": angles_deg}
+    missing = [name for name, value in given.items() if value is None]
+    attrs: dict[str, Any] = {"units": "rad", "object": path.stem, "source": str(path)}
+    if missing:
+        attrs["notes"] = [f"Not in the file, so counted in ones: {', '.join(missing)}."]
+    return full.assign_coords(coords).assign_attrs(attrs)
 
 
 def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     """Say whether a file holds wrapped phase rather than holograms.
 
-    Holograms are counts of light, and so never negative; wrapped phase lies within half a cycle
-    of zero, on both sides of it. The first frame tells.
+    Holograms are counts of light; wrapped phase lies within half a cycle of zero, on both sides,
+    and spans more than half a cycle. Stacks of four dimensions are phase. Of files that this
+    program wrote, those that no method has unwrapped are.
     """
     path = Path(path)
     if not path.is_file() or path.suffix.lower() not in (".tif", ".tiff", ".npy", ".npz"):
         return False
-    if is_result(path):
-        return bool(read_results(path).attrs.get("units") == "rad")
+    noted = result_attrs(path)
+    if noted is not None:
+        return noted.get("units") == "rad" and "method" not in noted
     try:
+        if path.suffix.lower() == ".npz" and dataset is None and holds_holograms(path):
+            return False
         values = plain_values(path, dataset)
     except (OSError, ValueError):
         return False
     if values.dtype.kind != "f" or values.ndim not in PLAIN_DIMS or 0 in values.shape:
         return False
-    first = np.asarray(values if values.ndim == 2 else values[0])
-    if not np.isfinite(first).any():
+    if values.ndim == 4:
+        return True
+    some = [values] if values.ndim == 2 else [values[i] for i in (0, len(values) // 2, -1)]
+    shown = np.concatenate([np.ravel(np.asarray(frame)) for frame in some])
+    known = shown[np.isfinite(shown)]
+    if len(known) == 0:
         return False
-    low, high = float(np.nanmin(first)), float(np.nanmax(first))
-    return -LARGEST <= low < 0 < high <= LARGEST
+    low, high = float(known.min()), float(known.max())
+    return -LARGEST <= low < 0 < high <= LARGEST and high - low > np.pi
 
 
 def plain_values(path: Path, dataset: str | None) -> Any:

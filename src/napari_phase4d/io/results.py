@@ -109,11 +109,17 @@ def read_results(path: str | Path) -> xr.DataArray:
 
 def is_result(path: str | Path) -> bool:
     """Say whether a file was written by `write_phase`."""
+    return result_attrs(path) is not None
+
+
+def result_attrs(path: str | Path) -> dict[str, Any] | None:
+    """Return the attributes of what `write_phase` wrote to a file, None for any other file."""
     try:
         with tifffile.TiffFile(path) as tif:
-            return result_description(tif) is not None
+            description = result_description(tif)
     except (OSError, struct.error, tifffile.TiffFileError):
-        return False
+        return None
+    return None if description is None else dict(description["attrs"])
 
 
 def result_description(tif: tifffile.TiffFile) -> dict[str, Any] | None:

@@ -72,4 +72,7 @@ def phase_stack(
     }
     common = {"units": "rad", "wavelength_um": optics.wavelength_um, **attrs}
     exact = xr.DataArray(phase, dims=("time", "angle", "y", "x"), coords=coords, attrs=common)
-    return xr.Dataset({"phase": exact, "wrapped": wrap(exact).assign_attrs(common)}, attrs=common)
+    exact.attrs["exact"] = True
+    wrapped = wrap(exact)
+    wrapped.attrs = dict(common)
+    return xr.Dataset({"phase": exact, "wrapped": wrapped}, attrs=common)

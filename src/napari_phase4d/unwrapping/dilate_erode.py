@@ -11,7 +11,6 @@ from scipy import ndimage
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.variants import check_variant
 
 __all__ = ["dilate_erode"]
 
@@ -49,8 +48,9 @@ def dilate_erode(
     progress, cancelled : callable or None
         See `unwrap`.
     variant : str, optional
-        "textbook" (default): erosion as it is described. "phasetools": as it is programmed there,
-        where the pixel itself has to agree with its neighbours, so that erosion changes nothing.
+        "textbook" (default): as it is described. "phasetools": as it is programmed there. There
+        the last valid value is that of the frame before the newest one; and in the erosion the
+        pixel itself has to agree with its neighbours, so that nothing is ever changed.
     max_window : int, optional
         Half the width of the largest window in pixels; with 0, the published default, frames are
         neither dilated nor eroded.
@@ -62,7 +62,6 @@ def dilate_erode(
     ndarray of shape (time, angle, y, x)
         In radians, congruent with the wrapped phase inside the mask, 0 outside.
     """
-    check_variant(variant)
     if max_window < 0 or not erode_threshold > 0:
         msg = (
             "max_window must be 0 or more and erode_threshold positive, "
@@ -70,7 +69,7 @@ def dilate_erode(
         )
         raise ValueError(msg)
     watch = Watch(problem.n_frames, "dilating and eroding", progress, cancelled)
-    erodes = variant == "textbook"
+    erodes, lags = variant == "textbook", variant == "phasetools"
     wrapped = problem.wrapped.astype(np.float64)
     turns = np.zeros(wrapped.shape, dtype=np.int64)
     valid: dict[Frame, Numbers] = {}
@@ -84,10 +83,14 @@ def dilate_erode(
                 turns[here] = nearest_turns(valid[path[i - 1]] - wrapped[here])
             dilate_and_erode(wrapped[here], turns[here], mask, max_window, watch, erodes=erodes)
             now = np.where(mask, wrapped[here] + TURN * turns[here], np.nan)
-            before = [wrapped[f] + TURN * turns[f] for f in path[max(i - 2, 0) : i]]
+            before = [
+                np.where(problem.mask[f], wrapped[f] + TURN * turns[f], np.nan)
+                for f in path[max(i - 2, 0) : i]
+            ]
             old = valid[path[i - 1]] if i > 0 else now
-            trusted = mask & (steepness(before, now) < erode_threshold) | np.isnan(old)
-            valid[here] = np.where(trusted, now, old)
+            newest = before[-1] if lags and before else now
+            trusted = (steepness(before, now) < erode_threshold) | np.isnan(old)
+            valid[here] = np.where(trusted & np.isfinite(newest), newest, old)
             watch.step()
     result = problem.wrapped + np.float32(TURN) * turns.astype(np.float32)
     return np.where(problem.mask, result, np.float32(0))

@@ -55,7 +55,7 @@ def closing_turns(
         Turns to add, in the shapes of ``down`` and ``right``.
     """
     sums = loop_sums(down, right)
-    if not sums.any():
+    if not sums.any():  # also where a grid is too narrow for loops
         return np.zeros_like(down), np.zeros_like(right)
     n, ny, nx = sums.shape
     outside = n * ny * nx

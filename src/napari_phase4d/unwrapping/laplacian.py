@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.spatial import border_of
-from napari_phase4d.unwrapping.variants import check_variant
 
 __all__ = ["laplacian"]
 
@@ -54,18 +53,12 @@ def laplacian(
     -------
     ndarray of shape (time, angle, y, x)
         In radians. The estimate's constant is open; the border of the boundary frame is set to
-        the wrapped phase there.
-
-    Raises
-    ------
-    ValueError
-        If the variant has no such name.
+        the wrapped phase there (0 outside the mask).
     """
-    check_variant(variant)
     wrapped = np.where(problem.mask, problem.wrapped, np.float32(0))
     watch = Watch(STEPS, "Laplacian estimate", progress, cancelled)
     estimate = (textbook if variant == "textbook" else phasetools)(wrapped, watch)
-    estimate += level(problem, estimate)
+    estimate += level(wrapped, estimate, problem.first)
     if rounded:
         turns = np.round((estimate - problem.wrapped) / TURN).astype(np.float32)
         estimate = problem.wrapped + np.float32(TURN) * turns
@@ -133,10 +126,9 @@ def sum_over_axes(
     return total
 
 
-def level(problem: Problem, estimate: NDArray[np.float32]) -> float:
-    """Return what is missing to the wrapped phase at the border of the boundary frame."""
-    first = problem.first
-    edge = border_of(estimate.shape[2:]) & problem.mask[first]
-    if not edge.any():
-        edge = problem.mask[first] if problem.mask[first].any() else np.ones_like(edge)
-    return float(np.median(problem.wrapped[first][edge]) - np.median(estimate[first][edge]))
+def level(
+    wrapped: NDArray[np.float32], estimate: NDArray[np.float32], first: tuple[int, int]
+) -> float:
+    """Return what is missing to the phase at the border of the boundary frame."""
+    edge = border_of(estimate.shape[2:])
+    return float(np.median(wrapped[first][edge]) - np.median(estimate[first][edge]))

@@ -21,8 +21,8 @@ TURN = 2 * np.pi
 #: over time and angle; where that course closed by itself. Ten of one kind weigh as much as one of
 #: the next.
 OUTSIDE, MENDED, STEADY = 1, 10, 100
-#: Steps whose courses are worked on at a time.
-BLOCK = 1 << 16
+#: Values that are worked on at a time in the first stage.
+BLOCK = 1 << 17
 
 Whole = NDArray[np.int64]
 Stack = NDArray[np.float32]
@@ -97,18 +97,21 @@ def steps_over_frames(
     turns, cost : ndarray of int, shape of the steps
         Turns to add to the plain difference of each two neighbours, and the cost of one more.
     """
-    wrapped = problem.wrapped
-    valid = both_ends(problem.mask, axis)
-    difference = np.diff(wrapped, axis=axis)
-    turns = np.empty(difference.shape, dtype=np.int64)
-    cost = np.empty(difference.shape, dtype=np.int64)
+    # What lies outside a mask that was found is empty field, as good as any.
+    mask = np.ones_like(problem.mask) if problem.finds_mask else problem.mask
+    valid = both_ends(mask, axis)
+    difference = np.diff(problem.wrapped, axis=axis)
+    turns = np.zeros(difference.shape, dtype=np.int64)
+    cost = np.ones(difference.shape, dtype=np.int64)
+    if difference.size == 0:
+        return turns, cost
     name = {2: "y", 3: "x"}[axis]
     blocks = list(row_blocks(difference.shape))
     watch = Watch(
         len(blocks), f"network flow over time and angle, along {name}", progress, cancelled
     )
-    for rows in blocks:
-        watch.check()
+
+    def work(rows: slice) -> tuple[Whole, Whole]:
         course = np.moveaxis(difference[:, :, rows], (0, 1), (-2, -1))
         used = np.moveaxis(valid[:, :, rows], (0, 1), (-2, -1))
         found, mended = course_turns(
@@ -116,17 +119,21 @@ def steps_over_frames(
             used.reshape(-1, *used.shape[-2:]),
             problem.first,
         )
-        turns[:, :, rows] = np.moveaxis(found.reshape(course.shape), (-2, -1), (0, 1))
         dear = np.where(mended, MENDED, STEADY).reshape(course.shape[:-2])
-        cost[:, :, rows] = np.where(valid[:, :, rows], dear, OUTSIDE)
-        watch.step()
+        return (
+            np.moveaxis(found.reshape(course.shape), (-2, -1), (0, 1)),
+            np.where(valid[:, :, rows], dear, OUTSIDE),
+        )
+
+    for rows, done in zip(blocks, in_threads(work, blocks, watch), strict=True):
+        turns[:, :, rows], cost[:, :, rows] = done
     return turns, cost
 
 
 def row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
     """Yield the rows of the frames in blocks of bounded size."""
     frames = shape[0] * shape[1]
-    rows = max(1, BLOCK * 16 // max(frames * shape[3], 1))
+    rows = max(1, BLOCK // max(frames * shape[3], 1))
     for start in range(0, shape[2], rows):
         yield slice(start, min(start + rows, shape[2]))
 

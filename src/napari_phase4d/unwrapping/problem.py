@@ -60,7 +60,9 @@ class Problem:
         self.finds_mask = isinstance(mask, str)
         self.mask = self._given_mask(mask, values.shape)
         bad = ~np.isfinite(values)
-        if (bad & self.mask).any():
+        if self.finds_mask:
+            self.mask = ~bad
+        elif (bad & self.mask).any():
             count = int((bad & self.mask).sum())
             msg = (
                 f"the phase holds {count} NaN or infinite pixels; "
@@ -71,8 +73,9 @@ class Problem:
         self.wrapped: NDArray[np.float32] = np.where(bad, 0, values).astype(np.float32)
         self._spatial: NDArray[np.float32] | None = None
         self._shifts: NDArray[np.intp] | None = None
-        #: Seconds that the shared two-dimensional step took.
-        self.spatial_seconds = 0.0
+        #: Seconds that the shared first steps took, and which were asked for since last emptied.
+        self.seconds: dict[str, float] = {}
+        self.used: set[str] = set()
 
     @property
     def first(self) -> Boundary:
@@ -88,16 +91,17 @@ class Problem:
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.float32]:
         """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
+        self.used.add("spatial")
         if self._spatial is None:
             began = time.perf_counter()
             watch = Watch(self.n_frames, "2-D unwrapping", progress, cancelled)
             found = unwrap_frames(self.wrapped, self.mask, self.first, watch)
             if self.finds_mask:
                 watch = Watch(self.n_frames, "finding the object", progress, cancelled)
-                self.mask = object_masks(found, watch)
+                self.mask = self.mask & object_masks(found, watch)
                 found = np.where(self.mask, found, np.float32(0))
             self._spatial = found
-            self.spatial_seconds = time.perf_counter() - began
+            self.seconds["spatial"] = time.perf_counter() - began
         return self._spatial
 
     def settle_mask(
@@ -111,14 +115,17 @@ class Problem:
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.intp]:
         """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
+        self.used.add("shifts")
+        unwrapped = self.spatial(progress, cancelled)
         if self._shifts is None:
+            began = time.perf_counter()
             masks = self.mask
-            unwrapped = self.spatial(progress, cancelled)
             if not self.finds_mask:
                 watch = Watch(self.n_frames, "finding the object", progress, cancelled)
                 masks = object_masks(unwrapped, watch)
             watch = Watch(self.n_frames, "registration", progress, cancelled)
             self._shifts = centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
+            self.seconds["shifts"] = time.perf_counter() - began
         return self._shifts
 
     def result(

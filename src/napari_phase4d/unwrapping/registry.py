@@ -17,7 +17,6 @@ from napari_phase4d.unwrapping.dilate_erode import dilate_erode
 from napari_phase4d.unwrapping.laplacian import laplacian
 from napari_phase4d.unwrapping.network_flow import network_flow
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.variants import VARIANTS
 
 __all__ = ["METHODS", "Method", "Option", "label_of", "unwrap"]
 
@@ -60,6 +59,9 @@ class Method:
         ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``.
     options : tuple of Option
         Its settings.
+    working_stacks : float
+        Largest memory at one time beyond its input and the shared first step, in sizes of the
+        wrapped phase as float32. Measured, and rounded up.
     """
 
     label: str
@@ -67,6 +69,7 @@ class Method:
     summary: str
     function: Callable[..., NDArray[np.float32]]
     options: tuple[Option, ...] = ()
+    working_stacks: float = 8.0
 
 
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
@@ -87,7 +90,7 @@ VARIANT = Option(
     "variant",
     "textbook",
     '"textbook", as the method is described, or "phasetools", as PhaseTools computes it.',
-    VARIANTS,
+    ("textbook", "phasetools"),
 )
 
 #: Method id -> Method.
@@ -138,6 +141,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     "rounded", False, "Add whole turns to the wrapped phase, the nearest to it."
                 ),
             ),
+            working_stacks=10.0,
         ),
         "region-growing": Method(
             "RG",
@@ -152,6 +156,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     'Only with "phasetools": step in radians beyond which a turn is added.',
                 ),
             ),
+            working_stacks=90.0,
         ),
         "dilate-erode": Method(
             "DE",
@@ -171,18 +176,21 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     "Largest second difference over three frames, in radians, of a valid pixel.",
                 ),
             ),
+            working_stacks=10.0,
         ),
         "spatial-3d": Method(
             "3-D",
             "Abdul-Rahman et al. 2007, Appl. Opt. 46, 6623",
             "Joins pixels over time, y and x for each angle, most reliable edges first.",
             volumes.spatial_3d,
+            working_stacks=75.0,
         ),
         "network-flow": Method(
             "Flow",
             "Pepe & Lanari 2006, IEEE Trans. Geosci. Remote Sens. 44, 2374; after Costantini",
             "Fewest whole turns that close all loops: over time and angle, then in each frame.",
             network_flow,
+            working_stacks=40.0,
         ),
     }
 )

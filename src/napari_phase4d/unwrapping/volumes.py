@@ -6,13 +6,12 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
 from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.reliability import Edges, grid_edges, grow, second_differences
-from napari_phase4d.unwrapping.spatial import border_of
-from napari_phase4d.unwrapping.variants import check_variant
 
 __all__ = ["region_growing", "spatial_3d"]
 
@@ -48,18 +47,17 @@ def region_growing(
         Only with "phasetools": step in radians beyond which a turn is added; published default
         3.14.
     """
-    check_variant(variant)
     watch = Watch(3, "region growing", progress, cancelled)
     if variant == "textbook":
-        return grown(problem.wrapped, problem.mask, problem.first, watch)
+        return grown(problem, slice(None), watch)
     if not 0 < rga_threshold < TURN:
         msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
         raise ValueError(msg)
     return grown(
-        np.mod(problem.wrapped, np.float32(TURN)),
-        problem.mask,
-        problem.first,
+        problem,
+        slice(None),
         watch,
+        phase=np.mod(problem.wrapped, np.float32(TURN)),
         unreliability_of=penalised_differences,
         edges_of=memory_edges,
         largest_step=rga_threshold,
@@ -75,54 +73,68 @@ def spatial_3d(
     result = np.empty_like(problem.wrapped)
     for angle in range(n_angles):
         one = slice(angle, angle + 1)
-        result[:, one] = grown(
-            problem.wrapped[:, one], problem.mask[:, one], (problem.first[0], 0), watch
-        )
+        result[:, one] = grown(problem, one, watch)
     return result
 
 
 def grown(
-    wrapped: Stack,
-    mask: Mask,
-    first: tuple[int, int],
+    problem: Problem,
+    angles: slice,
     watch: Watch,
     *,
+    phase: Stack | None = None,
     unreliability_of: Callable[[Stack, Mask], NDArray[np.floating]] = second_differences,
     edges_of: Callable[[Mask], Edges] = grid_edges,
     largest_step: float = np.pi,
 ) -> Stack:
-    """Unwrap a stack (time, angle, y, x) by region growing and level every part of it."""
-    watch.check()
-    unreliability = unreliability_of(wrapped, mask).ravel()
+    """Unwrap the frames of some angles by region growing and level every part."""
+    wrapped = (problem.wrapped if phase is None else phase)[:, angles]
+    mask = problem.mask[:, angles]
+    unreliability = watched(lambda: unreliability_of(wrapped, mask).ravel(), watch)
     watch.step()
-    edges = edges_of(mask)
+    edges = watched(lambda: edges_of(mask), watch)
     cost = unreliability[edges[0]].astype(np.float64) + unreliability[edges[1]]
     watch.step()
-    unwrapped, parts = grow(wrapped, edges, cost, largest_step)
-    result = levelled(unwrapped, parts, mask, first)
+    unwrapped, parts = watched(lambda: grow(wrapped, edges, cost, largest_step), watch)
+    result = levelled(unwrapped, parts, problem, angles, watch)
     watch.step()
     return result
 
 
 def levelled(
-    unwrapped: Stack, parts: NDArray[np.intp], mask: Mask, first: tuple[int, int]
+    unwrapped: Stack, parts: NDArray[np.intp], problem: Problem, angles: slice, watch: Watch
 ) -> Stack:
     """Choose each part's open multiple of 2 pi.
 
-    The border of the boundary frame, or else of all frames, or else the part's lowest tenth is
-    brought within half a turn of zero.
+    The border of the frames is brought within half a turn of zero; round an object that was
+    found, the rim of its mask. Parts of any other mask take it from the two-dimensional
+    unwrapping, which looks at whole frames. The boundary frame decides for the parts in it.
     """
-    edge = np.broadcast_to(border_of(unwrapped.shape[2:]), unwrapped.shape)
-    result = np.zeros_like(unwrapped)
-    for part in np.unique(parts[mask]):
-        inside = (parts == part) & mask
-        of_first = np.zeros_like(inside)
-        of_first[first] = inside[first] & edge[first]
-        for places in (of_first, inside & edge):
-            if places.any():
-                height = float(np.median(unwrapped[places]))
-                break
-        else:
-            height = float(np.quantile(unwrapped[inside], 0.1))
-        result[inside] = unwrapped[inside] - np.float32(TURN * np.round(height / TURN))
-    return result
+    mask = problem.mask[:, angles]
+    whole = problem.finds_mask or mask.all()
+    height = -unwrapped if whole else problem.spatial()[:, angles] - unwrapped
+    place = rim_of(mask) if whole else mask
+    numbers, compact = np.unique(parts, return_inverse=True)
+    labels = np.where(mask, compact.reshape(parts.shape) + 1, 0)
+    t, a = problem.first
+    in_first = np.zeros(problem.wrapped.shape, dtype=bool)
+    in_first[t, a] = True
+    in_time = np.zeros_like(in_first)
+    in_time[t] = True
+    chosen = np.full(len(numbers), np.nan)
+    for places in (in_first[:, angles] & place, in_time[:, angles] & place, place, mask):
+        watch.check()
+        there = np.where(places, labels, 0)
+        found = np.setdiff1d(np.unique(there)[1:], np.flatnonzero(np.isfinite(chosen)) + 1)
+        if len(found):
+            chosen[found - 1] = ndimage.median(height, there, found)
+    turns = np.concatenate([[0.0], np.round(np.nan_to_num(chosen) / TURN)]).astype(np.float32)
+    return np.where(mask, unwrapped + np.float32(TURN) * turns[labels], np.float32(0))
+
+
+def rim_of(mask: Mask) -> Mask:
+    """Mark the border of the frames, or of the object in them."""
+    cross = ndimage.generate_binary_structure(2, 1)[None, None]
+    inner = ndimage.binary_erosion(mask, cross, border_value=0)
+    rim: Mask = mask & ~inner
+    return rim

@@ -15,10 +15,9 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.evaluation import order_shares
+from napari_phase4d.evaluation import best_known, order_verdict
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["CompareStep"]
 
@@ -62,8 +61,8 @@ class CompareStep(Step):
         self.margin = self.button(
             "Where are steps too large?",
             "show_margin",
-            "Maps of the step to the next time, angle, y and x, in half cycles: red is beyond "
-            "Itoh's condition, where unwrapping along that dimension goes wrong.",
+            "Maps of the step to the next time, angle, y and x, in half cycles: where it is "
+            "red, the step is too large for unwrapping along that dimension.",
             lambda: self.jobs.start(self.session.plan_margin()),
         )
         self.column.addWidget(self.margin)
@@ -76,6 +75,7 @@ class CompareStep(Step):
         self.column.addWidget(self.save)
         self._fit_table()
         self.session.recording_changed.connect(self._clear)
+        self.session.reconstruction_changed.connect(self._clear)
         self.session.outcome_changed.connect(self._show)
 
     def save_to(self, folder: str | Path) -> None:
@@ -99,14 +99,16 @@ class CompareStep(Step):
         """Say along which dimensions steps are too large, and which order suits the object."""
         if self.session.margin is None:
             return ""
-        known = self.session.best_known()
+        outcome, truth = self.session.outcome, self.session.truth
+        results = {} if outcome is None else outcome.comparison.results
+        boundary = self.session.recipe.boundary if outcome is None else outcome.recipe.boundary
+        _, basis = best_known(results, truth)
         shares = ", ".join(
             f"{str(name).removeprefix('along_')} {100 * stack.attrs['share_beyond']:.2g} %"
             for name, stack in self.session.margin.data_vars.items()
         )
-        ways = order_shares(known, self.session.recipe.boundary[0])
-        better = min(ways, key=lambda method: ways[method])
-        return f"Steps beyond half a cycle: {shares}. {METHODS[better].label} suits better."
+        verdict = order_verdict(results, boundary[0], truth)
+        return f"Steps beyond half a cycle, by {basis}: {shares}. {verdict}"
 
     def _show(self) -> None:
         table = self.session.needed_outcome().comparison.table

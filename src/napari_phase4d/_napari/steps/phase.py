@@ -134,7 +134,7 @@ class PhaseStep(Step):
         """Say how much memory the next steps will take."""
         recording, lobes = self.session.recording, self.session.lobes
         if recording is not None and lobes:
-            need = needed_bytes(recording, lobes, len(METHODS)) / 2**20
+            need = needed_bytes(recording, lobes, list(METHODS)) / 2**20
             self.facts.setText(
                 f"Reconstructing and unwrapping takes about {need:.0f} MB of memory."
             )

@@ -23,7 +23,7 @@ from napari_phase4d._napari.layers import (
 )
 from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.io import READABLE_SUFFIXES, holds_phase, open_phase, open_recording
+from napari_phase4d.io import READABLE_SUFFIXES, open_input
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
@@ -114,22 +114,24 @@ class RecordingStep(Step):
         images = [la for la in self.presenter.viewer.layers if isinstance(la, Image)]
         return [la for la in images if is_hologram_layer(la) or is_phase_layer(la)]
 
-    def open_path(self, path: str | Path) -> None:
-        """Open a file or folder, in a thread."""
+    def open_path(self, path: str | Path, content: str = "auto") -> None:
+        """Open a file or folder, in a thread.
+
+        Parameters
+        ----------
+        path : str or Path
+            The file or folder.
+        content : str, optional
+            "holograms", "phase", or "auto" (default) to look.
+        """
 
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
         ) -> Recording | xr.DataArray:
-            return open_phase(path) if holds_phase(path) else open_recording(path)
-
-        def receive(opened: Recording | xr.DataArray) -> None:
-            if isinstance(opened, Recording):
-                self.session.set_recording(opened)
-            else:
-                self.session.set_phase(opened)
+            return open_input(path, content=content)
 
         title = f"Opening {Path(path).name}"
-        self.jobs.start(Plan(title, work, receive, cancellable=False))
+        self.jobs.start(Plan(title, work, self.session.take, cancellable=False))
 
     def open_sample(self) -> None:
         """Simulate the sample, in a thread."""
@@ -175,11 +177,15 @@ class RecordingStep(Step):
 
     def _ask_file(self) -> None:
         kinds = " ".join(f"*{suffix}" for suffix in READABLE_SUFFIXES)
-        path, _ = QFileDialog.getOpenFileName(
-            self, "Open a hologram video", "", f"Hologram videos ({kinds});;All files (*)"
-        )
+        filters = {
+            f"Hologram video or wrapped phase ({kinds})": "auto",
+            f"Hologram video ({kinds}) ": "holograms",
+            f"Wrapped phase ({kinds})  ": "phase",
+            "All files (*)": "auto",
+        }
+        path, chosen = QFileDialog.getOpenFileName(self, "Open", "", ";;".join(filters))
         if path:
-            self.open_path(path)
+            self.open_path(path, filters.get(chosen, "auto"))
 
     def _ask_folder(self) -> None:
         path = QFileDialog.getExistingDirectory(self, "Open a folder of images")
@@ -211,8 +217,8 @@ class RecordingStep(Step):
         """Take a layer of wrapped phase, with the truth if another layer shows it."""
         phase = stack_of_layer(layer)
         self.presenter.adopt(phase.data, layer)
-        t, a = phase.attrs.get("boundary", (0, 0))
-        self.session.set_phase(phase, (t, a), truth_among(self.presenter.viewer.layers, phase))
+        truth = truth_among(self.presenter.viewer.layers, phase)
+        self.session.set_phase(phase, truth=truth)
 
     def _remove_raw(self) -> None:
         """Take the user's layer out of the viewer, as asked."""
@@ -254,6 +260,8 @@ class RecordingStep(Step):
             box.enabled = recording is not None
         if recording is None:
             self.remove_raw.hide()
+            with self._own_change():
+                self.layer.value = None
             return
         optics = recording.optics
         rate = recording.frame_rate_hz
@@ -276,10 +284,13 @@ class RecordingStep(Step):
         if self.session.recording is None:
             phase = self.session.needed_reconstruction()["phase"]
             n_times, n_angles, height, width = phase.shape
-            self.facts.setText(
-                f"<b>{self.session.name}</b><br>Wrapped phase: {n_times} times × {n_angles} "
-                f"views, {width} × {height} pixels. Go on with step 4."
-            )
+            lines = [
+                f"<b>{self.session.name}</b>",
+                f"Wrapped phase: {n_times} times × {n_angles} views, {width} × {height} pixels. "
+                "Go on with step 4.",
+                *(f"⚠ {note}" for note in phase.attrs.get("notes", ())),
+            ]
+            self.facts.setText("<br>".join(lines))
 
     def _show_facts(self) -> None:
         """Show what the recording is, and what to look after."""

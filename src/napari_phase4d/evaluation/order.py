@@ -1,0 +1,58 @@
+"""Which of T/A and A/T suits an object, and what such a verdict rests on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import xarray as xr
+
+from napari_phase4d.evaluation.itoh import order_shares
+from napari_phase4d.unwrapping import METHODS
+
+__all__ = ["best_known", "order_verdict"]
+
+BOTH = ("temporal-angular", "angular-temporal")
+#: Results in the order in which a look at the steps relies on them.
+TRUSTED = (*BOTH, "temporal", "angular")
+
+
+def best_known(
+    results: Mapping[str, xr.DataArray], truth: xr.DataArray | None = None
+) -> tuple[xr.DataArray, str]:
+    """Return the phase that is most to be relied on, and what it is in words."""
+    if truth is not None:
+        return truth, "the exact phase"
+    method = next((m for m in TRUSTED if m in results), next(iter(results)))
+    return results[method], f"the result of {METHODS[method].label}"
+
+
+def order_verdict(
+    results: Mapping[str, xr.DataArray],
+    boundary: tuple[int, int] = (0, 0),
+    truth: xr.DataArray | None = None,
+) -> str:
+    """Say in one sentence which of T/A and A/T meets fewer steps beyond half a cycle.
+
+    A result of T/A looks smooth along the angle, because its last pass made it so, and one of A/T
+    along time. Without exact phase, a verdict is therefore given only where both agree on it.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Unwrapped phase of some methods.
+    boundary : tuple of int, optional
+        The optically thin frame (time, angle).
+    truth : DataArray, optional
+        Exact phase, where it is known.
+    """
+    if truth is None and not all(method in results for method in BOTH):
+        return "Run T/A and A/T to see which suits better."
+    stacks = [results[method] for method in BOTH] if truth is None else [truth]
+    shares = [order_shares(stack, boundary) for stack in stacks]
+    verdicts = {min(s, key=lambda m: s[m]) if len(set(s.values())) > 1 else "" for s in shares}
+    if verdicts == {""}:
+        return "T/A and A/T meet equally many."
+    if len(verdicts) > 1:
+        return "Which of T/A and A/T suits better can't be told: each favours itself."
+    basis = "by the exact phase" if truth is not None else "by the results of both"
+    return f"{METHODS[verdicts.pop()].label} suits better, {basis}."
