@@ -45,6 +45,7 @@ def main() -> None:
         press(dock.unwrap.run)
         dock.presenter.go_to(39, 0)
         picture("5_compare")
+        viewer.layers.clear()
         press(dock.recording.open_yeast)
         for method in ("laplacian", "region-growing", "dilate-erode"):
             dock.unwrap.methods[method].tick.setChecked(True)

@@ -92,7 +92,7 @@ class Presenter:
         self._pixel_um = recording.optics.pixel_um
         self.holograms = self.adopted(recording) or self.add(hologram_layer(recording))
         self.viewer.canvas.overlays.scale_bar.visible = True
-        self.viewer.reset_view()
+        self._fit()
         self._go_to_start()
 
     def show_calibration(self) -> None:
@@ -102,7 +102,7 @@ class Presenter:
             if layer in self.viewer.layers:
                 recalibrate_layer(layer, recording, self._pixel_um)
         self._pixel_um = recording.optics.pixel_um
-        self.viewer.reset_view()
+        self._fit()
 
     def show_phase(self) -> None:
         """Show the wrapped phase; the amplitude is added, hidden."""
@@ -118,7 +118,7 @@ class Presenter:
         if self.adopted(data["phase"].data) is None:
             self.add(stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped"))
         self.viewer.canvas.overlays.scale_bar.visible = True
-        self.viewer.reset_view()
+        self._fit()
         self.go_to(*self.session.recipe.boundary[0])
 
     def show_outcome(self) -> None:
@@ -178,7 +178,7 @@ class Presenter:
             show_labels(layer, small=len(layers) > CROWD)
         self.viewer.canvas.grid.enabled = len(layers) > 1
         self.viewer.canvas.overlays.current_slice.visible = True
-        self.viewer.reset_view()
+        self._fit()
 
     def one_at_a_time(self) -> None:
         """Leave the grid; the newest result is shown alone."""
@@ -188,7 +188,7 @@ class Presenter:
             raise ValueError(msg)
         self.hide_all()
         results[-1].visible = True
-        self.viewer.reset_view()
+        self._fit()
 
     def hide_all(self) -> None:
         """Hide every layer of this plugin and leave the grid; other layers stay as they are."""
@@ -196,6 +196,10 @@ class Presenter:
         for layer in self.viewer.layers:
             if METADATA_KEY in layer.metadata:
                 layer.visible = False
+
+    def _fit(self) -> None:
+        """Fill the canvas with what is visible; larger layers of other recordings do not count."""
+        self.viewer.reset_view(layers=[la for la in self.viewer.layers if la.visible] or None)
 
     def current_frame(self) -> tuple[int, int]:
         """Return the (time, angle) numbers of the frame that is on screen."""
