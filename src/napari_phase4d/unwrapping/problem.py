@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
@@ -22,6 +22,7 @@ DIMS = ("time", "angle", "y", "x")
 PLAIN_DIMS = {2: ("y", "x"), 3: ("time", "y", "x"), 4: DIMS}
 
 Boundary = tuple[int, int]
+T = TypeVar("T")
 
 
 class Problem:
@@ -41,6 +42,9 @@ class Problem:
     mask : array_like of bool, "auto" or None
         Pixels to unwrap; any shape that broadcasts to that of the phase. "auto" finds the object
         in every frame. Default None: all pixels.
+    amplitude : DataArray, array_like or None, optional
+        Amplitude of the field, of the phase's shape; where it fades, the phase is less trusted by
+        methods that can tell.
 
     Raises
     ------
@@ -53,6 +57,7 @@ class Problem:
         phase: xr.DataArray | Any,
         boundary: Boundary | Sequence[Boundary] = (0, 0),
         mask: Any = None,
+        amplitude: Any = None,
     ) -> None:
         self.template = as_phase(phase)
         values = in_full(self.template)
@@ -69,10 +74,12 @@ class Problem:
                 "leave them out with mask=numpy.isfinite(phase)"
             )
             raise ValueError(msg)
+        #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.
+        self.usable = self.mask
         # A copy: the caller's array stays as it was.
         self.wrapped: NDArray[np.float32] = np.where(bad, 0, values).astype(np.float32)
-        self._spatial: NDArray[np.float32] | None = None
-        self._shifts: NDArray[np.intp] | None = None
+        self.amplitude = self._given_amplitude(amplitude, values.shape)
+        self._known: dict[str, Any] = {}
         #: Seconds that the shared first steps took, and which were asked for since last emptied.
         self.seconds: dict[str, float] = {}
         self.used: set[str] = set()
@@ -91,18 +98,32 @@ class Problem:
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.float32]:
         """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
-        self.used.add("spatial")
-        if self._spatial is None:
+        return self.once("spatial", lambda: self._unwrap_frames(progress, cancelled))
+
+    def _unwrap_frames(
+        self, progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> NDArray[np.float32]:
+        """Unwrap all frames, and find the object where that was asked for."""
+        watch = Watch(self.n_frames, "2-D unwrapping", progress, cancelled)
+        found = unwrap_frames(self.wrapped, self.mask, self.first, watch)
+        if self.finds_mask:
+            watch = Watch(self.n_frames, "finding the object", progress, cancelled)
+            self.mask = self.mask & object_masks(found, watch)
+            found = np.where(self.mask, found, np.float32(0))
+        return found
+
+    def once(self, name: str, work: Callable[[], T]) -> T:
+        """Return what ``work()`` returned when it was first asked for by this name.
+
+        Its time is noted in ``seconds``, and that it was asked for in ``used``.
+        """
+        self.used.add(name)
+        if name not in self._known:
             began = time.perf_counter()
-            watch = Watch(self.n_frames, "2-D unwrapping", progress, cancelled)
-            found = unwrap_frames(self.wrapped, self.mask, self.first, watch)
-            if self.finds_mask:
-                watch = Watch(self.n_frames, "finding the object", progress, cancelled)
-                self.mask = self.mask & object_masks(found, watch)
-                found = np.where(self.mask, found, np.float32(0))
-            self._spatial = found
-            self.seconds["spatial"] = time.perf_counter() - began
-        return self._spatial
+            self._known[name] = work()
+            self.seconds[name] = time.perf_counter() - began
+        found: T = self._known[name]
+        return found
 
     def settle_mask(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
@@ -115,18 +136,22 @@ class Problem:
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.intp]:
         """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
-        self.used.add("shifts")
         unwrapped = self.spatial(progress, cancelled)
-        if self._shifts is None:
-            began = time.perf_counter()
-            masks = self.mask
-            if not self.finds_mask:
-                watch = Watch(self.n_frames, "finding the object", progress, cancelled)
-                masks = object_masks(unwrapped, watch)
-            watch = Watch(self.n_frames, "registration", progress, cancelled)
-            self._shifts = centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
-            self.seconds["shifts"] = time.perf_counter() - began
-        return self._shifts
+        return self.once("shifts", lambda: self._register(unwrapped, progress, cancelled))
+
+    def _register(
+        self,
+        unwrapped: NDArray[np.float32],
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+    ) -> NDArray[np.intp]:
+        """Return the shifts that bring the object of every frame to one place."""
+        masks = self.mask
+        if not self.finds_mask:
+            watch = Watch(self.n_frames, "finding the object", progress, cancelled)
+            masks = object_masks(unwrapped, watch)
+        watch = Watch(self.n_frames, "registration", progress, cancelled)
+        return centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
 
     def result(
         self, values: NDArray[np.float32], name: str, attrs: dict[str, Any]
@@ -138,6 +163,26 @@ class Problem:
         result = squeezed.assign_coords(self.template.coords)
         result.attrs = {**self.template.attrs, "units": "rad", **attrs}
         return result.rename(name)
+
+    def _given_amplitude(
+        self, amplitude: Any, shape: tuple[int, ...]
+    ) -> NDArray[np.float32] | None:
+        """Return the amplitude as a share of its view's median, or None."""
+        if amplitude is None:
+            return None
+        if not isinstance(amplitude, xr.DataArray):
+            amplitude = xr.DataArray(np.asarray(amplitude))
+            if amplitude.ndim == self.template.ndim:
+                amplitude = xr.DataArray(amplitude.values, dims=self.template.dims)
+        fits = set(amplitude.dims) == set(self.template.dims)
+        values = in_full(amplitude) if fits else amplitude.values
+        if values.shape != shape or values.dtype.kind not in "fiu":
+            msg = (
+                f"the amplitude is {amplitude.shape} of {amplitude.dtype}; it must be real "
+                f"numbers of the phase's shape {self.template.shape}"
+            )
+            raise ValueError(msg)
+        return relative_amplitude(values)
 
     def _given_mask(self, mask: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Return the mask as given, or all pixels where it is still to be found."""
@@ -164,6 +209,14 @@ class Problem:
             msg = "the mask is empty, so there is nothing to unwrap"
             raise ValueError(msg)
         return found
+
+
+def relative_amplitude(values: NDArray[Any]) -> NDArray[np.float32]:
+    """Return amplitude (time, angle, y, x) as a share of its view's median, NaN as nothing."""
+    known = np.where(np.isfinite(values), values, 0).astype(np.float32)
+    median = np.median(known, axis=(0, 2, 3), keepdims=True)
+    share: NDArray[np.float32] = known / np.where(median > 0, median, np.float32(1))
+    return share
 
 
 def in_full(stack: xr.DataArray) -> NDArray[Any]:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import four_d, volumes
 from napari_phase4d.unwrapping.dilate_erode import dilate_erode
+from napari_phase4d.unwrapping.directional import directional_growing, directional_l1
 from napari_phase4d.unwrapping.laplacian import laplacian
 from napari_phase4d.unwrapping.network_flow import network_flow
 from napari_phase4d.unwrapping.problem import Problem
@@ -62,6 +63,9 @@ class Method:
     working_stacks : float
         Largest memory at one time beyond its input and the shared first step, in sizes of the
         wrapped phase as float32. Measured, and rounded up.
+    finds_object : bool
+        Whether it tells the object from the empty field by itself, so that mask "auto" costs it
+        no other unwrapping first.
     """
 
     label: str
@@ -70,8 +74,10 @@ class Method:
     function: Callable[..., NDArray[np.float32]]
     options: tuple[Option, ...] = ()
     working_stacks: float = 8.0
+    finds_object: bool = False
 
 
+OWN = "This project; energy of weighted whole turns as in Flynn 1997 and Bioucas-Dias 2007"
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -192,6 +198,31 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             network_flow,
             working_stacks=40.0,
         ),
+        "directional-growing": Method(
+            "RGd",
+            OWN,
+            "Joins pixels over time, angle, y and x, first where steps change least along "
+            "themselves.",
+            directional_growing,
+            working_stacks=60.0,
+            finds_object=True,
+        ),
+        "directional-l1": Method(
+            "WL1",
+            OWN,
+            "Whole turns that disagree least with all steps, each weighted by how smooth it is.",
+            directional_l1,
+            (
+                Option(
+                    "one_sided",
+                    True,
+                    "The object is nowhere optically thinner than the empty field round it (or "
+                    "nowhere denser): where the steps can't tell, prefer that.",
+                ),
+            ),
+            working_stacks=80.0,
+            finds_object=True,
+        ),
     }
 )
 
@@ -203,6 +234,8 @@ def unwrap(
     mask: Any = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
+    *,
+    amplitude: Any = None,
     **method_options: Any,
 ) -> xr.DataArray:
     """Unwrap phase over time, angle, y and x.
@@ -220,6 +253,9 @@ def unwrap(
         Pixels to unwrap; the others are 0 in the result. "auto" finds the object.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each step; ``cancelled()`` stops the work.
+    amplitude : DataArray or array_like, optional
+        Amplitude of the field, of the phase's shape; the directional methods trust the phase less
+        where it fades.
     **method_options
         The method's own settings, see ``METHODS[method].options``.
 
@@ -237,7 +273,7 @@ def unwrap(
         If ``cancelled()`` returned True.
     """
     check_method(method, method_options)
-    problem = Problem(phase, boundary, mask)
+    problem = Problem(phase, boundary, mask, amplitude)
     return run_method(problem, method, progress, cancelled, method_options)
 
 
@@ -250,7 +286,8 @@ def run_method(
 ) -> xr.DataArray:
     """Run one method on a problem and note how, in the result's attributes."""
     chosen = {o.name: o.default for o in METHODS[method].options} | dict(options)
-    problem.settle_mask(progress, cancelled)
+    if not METHODS[method].finds_object:
+        problem.settle_mask(progress, cancelled)
     values = METHODS[method].function(problem, progress, cancelled, **chosen)
     attrs = {
         "method": method,

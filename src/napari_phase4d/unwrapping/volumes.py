@@ -13,7 +13,7 @@ from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differe
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.reliability import Edges, grid_edges, grow, second_differences
 
-__all__ = ["region_growing", "spatial_3d"]
+__all__ = ["region_growing", "spatial_3d", "with_levels"]
 
 TURN = 2 * np.pi
 Stack = NDArray[np.float32]
@@ -114,15 +114,49 @@ def levelled(
     whole = problem.finds_mask or mask.all()
     height = -unwrapped if whole else problem.spatial()[:, angles] - unwrapped
     place = rim_of(mask) if whole else mask
+    first = (problem.first[0], problem.first[1] - (angles.start or 0))
+    return with_levels(unwrapped, parts, height, mask, place, first, watch)
+
+
+def with_levels(
+    unwrapped: Stack,
+    parts: NDArray[np.integer],
+    height: Stack,
+    mask: Mask,
+    place: Mask,
+    first: tuple[int, int],
+    watch: Watch,
+) -> Stack:
+    """Add to each part the whole turns that are nearest to its median height.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of shape (time, angle, y, x)
+        Phase in radians, whose parts each have an open multiple of 2 pi.
+    parts : ndarray of int, same shape
+        Number of the part that each pixel belongs to.
+    height : ndarray, same shape
+        What is to be added, in radians, as far as each pixel knows.
+    mask : ndarray of bool, same shape
+        Pixels that count; the others are 0 in the result.
+    place : ndarray of bool, same shape
+        Pixels that are asked: those of the boundary frame, else those of its time, else all of
+        them. A part that has none of them asks all its pixels.
+    first : tuple of int
+        The boundary frame (time, angle); it may lie outside.
+    watch : Watch
+        Stops the work.
+    """
     numbers, compact = np.unique(parts, return_inverse=True)
     labels = np.where(mask, compact.reshape(parts.shape) + 1, 0)
-    t, a = problem.first
-    in_first = np.zeros(problem.wrapped.shape, dtype=bool)
-    in_first[t, a] = True
-    in_time = np.zeros_like(in_first)
+    t, a = first
+    in_time = np.zeros(unwrapped.shape, dtype=bool)
     in_time[t] = True
+    in_first = np.zeros_like(in_time)
+    if 0 <= a < unwrapped.shape[1]:
+        in_first[t, a] = True
     chosen = np.full(len(numbers), np.nan)
-    for places in (in_first[:, angles] & place, in_time[:, angles] & place, place, mask):
+    for places in (in_first & place, in_time & place, place, mask):
         watch.check()
         there = np.where(places, labels, 0)
         found = np.setdiff1d(np.unique(there)[1:], np.flatnonzero(np.isfinite(chosen)) + 1)

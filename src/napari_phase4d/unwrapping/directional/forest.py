@@ -1,0 +1,83 @@
+"""Groups of pixels with whole turns between them: union-find along sorted edges."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.unwrapping.compiling import compiled
+
+__all__ = ["joined"]
+
+Whole = NDArray[np.int32]
+
+
+@compiled
+def joined(
+    first: Whole, second: Whole, turns: Whole, order: NDArray[np.int64], n: int
+) -> tuple[Whole, Whole]:
+    """Join pixels along edges in the given order, as Kruskal does.
+
+    Parameters
+    ----------
+    first, second : ndarray of int
+        The two pixels of every edge.
+    turns : ndarray of int
+        Turns of the second pixel minus those of the first.
+    order : ndarray of int
+        Numbers of the edges to go along, the most trusted first.
+    n : int
+        Number of pixels.
+
+    Returns
+    -------
+    group : ndarray of int, shape (n,)
+        One pixel of its group for every pixel, the same for all of the group.
+    relative : ndarray of int, shape (n,)
+        Turns of each pixel relative to that one.
+    """
+    parent = np.arange(n).astype(np.int32)
+    relative = np.zeros(n, dtype=np.int32)  # to the parent
+    size = np.ones(n, dtype=np.int32)
+    for e in order:
+        # Find both roots, halving the path on the way.
+        a = first[e]
+        to_a = 0
+        while parent[a] != a:
+            up = parent[a]
+            if parent[up] != up:
+                relative[a] += relative[up]
+                parent[a] = parent[up]
+            to_a += relative[a]
+            a = parent[a]
+        b = second[e]
+        to_b = 0
+        while parent[b] != b:
+            up = parent[b]
+            if parent[up] != up:
+                relative[b] += relative[up]
+                parent[b] = parent[up]
+            to_b += relative[b]
+            b = parent[b]
+        if a == b:
+            continue
+        # k(second) - k(first) = turns, with k = root's + way to the root
+        step = turns[e] + to_a - to_b  # k(root b) - k(root a)
+        if size[a] < size[b]:
+            parent[a] = b
+            relative[a] = -step
+            size[b] += size[a]
+        else:
+            parent[b] = a
+            relative[b] = step
+            size[a] += size[b]
+    for i in range(n):
+        root, total = i, 0
+        while parent[root] != root:
+            total += relative[root]
+            root = parent[root]
+        # Point straight at the root; pixels on the way keep their own, which stays right.
+        if root != i:
+            parent[i] = root
+            relative[i] = total
+    return parent, relative
