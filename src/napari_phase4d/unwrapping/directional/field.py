@@ -44,10 +44,11 @@ class Field:
         Wrapped phase in radians less the frames' levels, before frames were moved.
     shifts : ndarray of int, shape (time, angle, 2)
         How frames were moved.
-    box : tuple of slice
-        What of the moved frames holds the object.
-    nodes : ndarray of int, shape of the box
-        Node of every pixel; 0 for those of the empty field.
+    nodes : ndarray of int, shape (time, angle, y, x)
+        Node of every pixel of the moved frames. The pixels of an island of the empty field in one
+        frame share one; 0 is the island that is held.
+    n_islands : int
+        How many nodes are islands of the empty field; they come first.
     steps : Steps
         Steps between nodes.
     values : ndarray of shape (nodes,)
@@ -59,23 +60,19 @@ class Field:
     background: Background
     phase: Stack
     shifts: NDArray[np.intp]
-    box: Box
     nodes: NDArray[np.int32]
+    n_islands: int
     steps: Steps
     values: Stack
     amplitude: Stack | None
 
     def lifted(self, turns: NDArray[np.int32]) -> Stack:
         """Return the phase with the turns of every node added, frames back in place."""
-        full = np.zeros(self.phase.shape, dtype=np.int32)
-        full[self.box] = turns[self.nodes]
-        return self.phase + TURN * moved(full, -self.shifts).astype(np.float32)
+        return self.phase + TURN * self.everywhere(turns).astype(np.float32)
 
     def everywhere(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
         """Return a value of every node on all pixels, frames back in place."""
-        full = np.full(self.phase.shape, values[0], dtype=np.int32)
-        full[self.box] = values[self.nodes]
-        return moved(full, -self.shifts)
+        return moved(values[self.nodes], -self.shifts)
 
 
 def prepare(problem: Problem, watch: Watch) -> Field:
@@ -94,32 +91,63 @@ def prepare(problem: Problem, watch: Watch) -> Field:
 def graph(
     problem: Problem, background: Background, phase: Stack, shifts: NDArray[np.intp]
 ) -> Field:
-    """Number the pixels of the object and list their steps."""
-    empty = moved(background.mask, shifts)
+    """Make a node of every pixel of the object and every island of the empty field."""
+    islands, n_islands = islands_of(background.mask, problem.first)
+    islands = moved(islands, shifts)
     usable = moved(np.ascontiguousarray(problem.usable), shifts)
-    box = box_of(~empty & usable)
-    empty, usable = empty[box], usable[box]
+    empty = islands >= 0
     free = ~empty & usable
-    nodes = np.where(free, np.cumsum(free, dtype=np.int32).reshape(free.shape), 0).astype(np.int32)
-    inside = moved(phase, shifts)[box]
-    amplitude = None
-    if problem.amplitude is not None:
-        amplitude = moved(problem.amplitude, shifts)[box]
-    steps = all_steps(inside, nodes, empty, usable, seams(shifts, phase.shape[2:])[box], amplitude)
+    nodes = np.maximum(islands, 0)
+    n_free = int(np.count_nonzero(free))
+    nodes[free] = np.arange(n_islands, n_islands + n_free, dtype=np.int32)
+    inside = moved(phase, shifts)
+    amplitude = None if problem.amplitude is None else moved(problem.amplitude, shifts)
+    box = box_of(free)
+    steps = all_steps(
+        inside[box],
+        nodes[box],
+        empty[box],
+        usable[box],
+        seams(shifts, phase.shape[2:])[box],
+        None if amplitude is None else amplitude[box],
+    )
 
-    def of_nodes(stack: Stack, empty_value: float) -> Stack:
-        return np.concatenate([np.array([empty_value], dtype=np.float32), stack[free]])
+    def of_nodes(stack: Stack, on_islands: float) -> Stack:
+        return np.concatenate([np.full(n_islands, on_islands, dtype=np.float32), stack[free]])
 
     return Field(
         background,
         phase,
         shifts,
-        box,
         nodes,
+        n_islands,
         steps,
         of_nodes(inside, 0.0),
         None if amplitude is None else of_nodes(amplitude, 1.0),
     )
+
+
+def islands_of(empty: Mask, first: tuple[int, int]) -> tuple[NDArray[np.int32], int]:
+    """Number the islands of the empty field, frame by frame; -1 elsewhere.
+
+    The largest one of the boundary frame is 0; else, or if that frame has none, the largest of
+    all. There is always one number at least, even where no pixel has it.
+    """
+    found = np.full(empty.shape, -1, dtype=np.int32)
+    count = 0
+    for frame in np.ndindex(*empty.shape[:2]):
+        labels, n = ndimage.label(empty[frame])
+        found[frame] = np.where(labels > 0, labels - 1 + count, -1)
+        count += n
+    if count == 0:
+        return found, 1
+    in_first = found[first]
+    asked = in_first if (in_first >= 0).any() else found
+    largest = int(np.argmax(np.bincount(asked[asked >= 0])))
+    swap = np.arange(count + 1, dtype=np.int32)
+    swap[-1] = -1  # where nothing is empty
+    swap[[0, largest]] = swap[[largest, 0]]
+    return swap[found], count
 
 
 def box_of(objects: Mask) -> Box:
@@ -151,8 +179,12 @@ def finished_phase(
     level = border_medians(field.background.level, problem.first)[..., None, None]
     lifted = field.lifted(turns) + level.astype(np.float32)
     unwrapped = congruent(lifted, problem.wrapped)
-    wanted = problem.usable & ~field.background.mask if problem.finds_mask else problem.usable
     label = field.everywhere(parts)
+    wanted = problem.usable
+    if problem.finds_mask:
+        # What was taken for empty, but is not at the level of the empty field, is shown.
+        at_level = field.everywhere(turns) == turns[0]
+        wanted = wanted & ~(field.background.mask & at_level)
     loose = wanted & (label != parts[0])
     if loose.any():
         height = problem.spatial() - unwrapped

@@ -76,14 +76,19 @@ def growing(steps: Steps, n: int) -> tuple[Whole, Whole]:
     return group, relative
 
 
-def regions_of(steps: Steps, alone: NDArray[np.bool_]) -> Regions:
-    """Put the nodes together that certain steps join, but those that are to be left alone."""
+def regions_of(steps: Steps, alone: NDArray[np.bool_], n_islands: int) -> Regions:
+    """Put the nodes together that certain steps join.
+
+    Nodes that are to be left ``alone`` are not joined to anything, and islands of the empty field
+    not to each other: of the many steps between two of them, one may look certain by accident.
+    """
     n = len(alone)
     certain = np.flatnonzero(
         (steps.roughness < CERTAIN)
         & (steps.size < CERTAIN)
         & ~alone[steps.first]
         & ~alone[steps.second]
+        & (np.maximum(steps.first, steps.second) >= n_islands)
     )
     order = certain[np.argsort(steps.roughness[certain], kind="stable")]
     root, relative = joined(steps.first, steps.second, steps.turns, order, n)
@@ -115,7 +120,11 @@ def regions_of(steps: Steps, alone: NDArray[np.bool_]) -> Regions:
 
 
 def least_turns(
-    steps: Steps, start: Whole, check: Callable[[], None], limit: Limit | None = None
+    steps: Steps,
+    start: Whole,
+    check: Callable[[], None],
+    limit: Limit | None = None,
+    n_islands: int = 1,
 ) -> Whole:
     """Return the turns of every node that cost least.
 
@@ -132,12 +141,14 @@ def least_turns(
         Called before every cut; may raise to stop.
     limit : Limit, optional
         What some nodes pay for too few turns.
+    n_islands : int, optional
+        How many of the first nodes are islands of the empty field.
     """
     alone = np.zeros(len(start), dtype=bool)
     if limit is not None:
         # What certain steps have led below the limit is doubted one by one.
         alone = (start < limit.lowest) & (limit.weight > 0)
-    regions = regions_of(steps, alone)
+    regions = regions_of(steps, alone, n_islands)
     n = int(regions.of_node.max()) + 1
     turns = np.zeros(n, dtype=np.int64)
     turns[regions.of_node] = start - regions.relative

@@ -56,7 +56,7 @@ def directional_l1(
     field = problem.once("field", lambda: prepare(problem, watch))
     parts, start = watched(lambda: grown(field), watch)
     watch.step()
-    turns = watched(lambda: least_turns(field.steps, start, watch.check), watch)
+    turns = watched(lambda: least_turns(field.steps, start, watch.check, None, field.n_islands), watch)
     watch.step()
     if one_sided:
         turns = watched(lambda: sided(field, turns, parts, watch), watch)
@@ -88,8 +88,9 @@ def sided(field: Field, turns: Whole, parts: Whole, watch: Watch) -> Whole:
     if positive <= 1 - NEARLY_ALL:
         mirrored = replace(field.steps, turns=-field.steps.turns)
         limit = not_below(-field.values, field, parts)
-        return -least_turns(mirrored, -turns, watch.check, limit)
-    return least_turns(field.steps, turns, watch.check, not_below(field.values, field, parts))
+        return -least_turns(mirrored, -turns, watch.check, limit, field.n_islands)
+    limit = not_below(field.values, field, parts)
+    return least_turns(field.steps, turns, watch.check, limit, field.n_islands)
 
 
 def not_below(values: Stack, field: Field, parts: Whole) -> Limit:
@@ -100,5 +101,5 @@ def not_below(values: Stack, field: Field, parts: Whole) -> Limit:
     if field.amplitude is not None:
         rough += fading(field.amplitude)
     weight = np.where(parts == parts[0], weight_of(rough), 0.0)
-    weight[0] = 0.0
+    weight[: field.n_islands] = 0.0
     return Limit(lowest, weight)
