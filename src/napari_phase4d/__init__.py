@@ -7,6 +7,7 @@ The chain, in the order of use:
 - `Optics`, `open_recording`: the microscope and the hologram video;
 - `power_spectrum`, `find_lobes`, `Lobe`: where the views lie in the Fourier plane;
 - `reconstruct`: wrapped phase and amplitude;
+- `score_boundaries`: which frame is thin enough to start from;
 - `METHODS`, `unwrap`, `compare`: unwrapped phase, and methods side by side;
 - `Recipe`, `run`: all of it in one call;
 - `simulation`: objects with exact phase, and holograms of them.
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from napari_phase4d.pipeline import Recipe, run
     from napari_phase4d.progress import Cancelled
     from napari_phase4d.recording import Recording
-    from napari_phase4d.unwrapping import METHODS, unwrap
+    from napari_phase4d.unwrapping import METHODS, score_boundaries, unwrap
 
 __all__ = [
     "METHODS",
@@ -43,6 +44,7 @@ __all__ = [
     "read_results",
     "reconstruct",
     "run",
+    "score_boundaries",
     "simulation",
     "unwrap",
     "write_phase",
@@ -63,6 +65,7 @@ _HOME = {
     "read_results": "io",
     "reconstruct": "holography",
     "run": "pipeline",
+    "score_boundaries": "unwrapping",
     "unwrap": "unwrapping",
     "write_phase": "io",
 }

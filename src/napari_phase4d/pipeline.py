@@ -47,8 +47,10 @@ __all__ = [
     "write_outcome",
 ]
 
-#: Methods that are run if none are chosen: the paper's own.
+#: The paper's own methods.
 PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
+#: Methods that are run if none are chosen.
+DEFAULT_METHODS = (*PAPER_METHODS, "directional-l1")
 
 
 Options = dict[str, dict[str, bool | int | float | str]]
@@ -115,7 +117,7 @@ class Recipe(BaseModel):
     drift: bool = True
     mask: Literal["auto"] | None = "auto"
     boundary: tuple[tuple[int, int], ...] = ((0, 0),)
-    methods: tuple[str, ...] = PAPER_METHODS
+    methods: tuple[str, ...] = DEFAULT_METHODS
     options: Options = Field(default_factory=dict)
 
     @field_validator("window")
@@ -270,7 +272,9 @@ def run(
         recording, recipe.n_views, angles_deg=recipe.angles_deg
     )
     data = reconstruct_by(recipe, recording, lobes, progress, cancelled)
-    comparison = unwrap_by(recipe, data["phase"], truth, progress, cancelled)
+    comparison = unwrap_by(
+        recipe, data["phase"], truth, progress, cancelled, amplitude=data["amplitude"]
+    )
     used = recipe.changed(lobes=tuple(lobes), optics=recording.optics)
     return Outcome(recording, used, data, comparison)
 
@@ -293,6 +297,8 @@ def unwrap_by(
     truth: xr.DataArray | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
+    *,
+    amplitude: xr.DataArray | None = None,
 ) -> Comparison:
     """Unwrap wrapped phase with a recipe's methods and settings; NaN are left out."""
     known = np.isfinite(phase.values)
@@ -302,6 +308,7 @@ def unwrap_by(
         recipe.boundary,
         truth,
         mask=known if recipe.mask is None and not known.all() else recipe.mask,
+        amplitude=amplitude,
         options=recipe.options,
         progress=progress,
         cancelled=cancelled,

@@ -344,7 +344,9 @@ class Session:
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
         ) -> Outcome:
-            comparison = unwrap_by(recipe, data["phase"], truth, progress, cancelled)
+            comparison = unwrap_by(
+                recipe, data["phase"], truth, progress, cancelled, amplitude=data.get("amplitude")
+            )
             return Outcome(recording, recipe, data, comparison)
 
         def receive(outcome: Outcome) -> None:

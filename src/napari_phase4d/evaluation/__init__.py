@@ -1,6 +1,12 @@
 """How good an unwrapping is: errors against truth, and methods side by side."""
 
 from napari_phase4d.evaluation.comparison import Comparison, compare
+from napari_phase4d.evaluation.confidence import (
+    confidence_of,
+    firmness,
+    slip_warning,
+    unsteadiness,
+)
 from napari_phase4d.evaluation.errors import (
     mean_squared_error,
     wrong_cycle_map,
@@ -15,6 +21,8 @@ __all__ = [
     "best_known",
     "compare",
     "comparison_figure",
+    "confidence_of",
+    "firmness",
     "itoh_margin",
     "mean_squared_error",
     "movie_frames",
@@ -22,6 +30,8 @@ __all__ = [
     "order_verdict",
     "phase_limits",
     "residues",
+    "slip_warning",
+    "unsteadiness",
     "wrong_cycle_map",
     "wrong_cycle_share",
 ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
+from napari_phase4d.evaluation.confidence import REFERENCE, confidence_of, slip_warning
 from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
 from napari_phase4d.evaluation.resources import measured
 from napari_phase4d.progress import CancelledCall, ProgressCall
@@ -30,10 +31,47 @@ class Comparison:
     table : pandas.DataFrame
         One row a method: its label, seconds, peak memory in MB, and against truth, where given,
         the mean squared error in rad^2 and the share of pixels wrong by a turn in percent.
+    problem : Problem
+        What was unwrapped.
     """
 
     results: Mapping[str, xr.DataArray]
     table: pd.DataFrame
+    problem: Problem = field(repr=False)
+
+    def reference(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> xr.DataArray:
+        """Return the result of directional L1, computed now if it was not among the methods."""
+        if REFERENCE in self.results:
+            return self.results[REFERENCE]
+        found: xr.DataArray = self.problem.once(
+            REFERENCE, lambda: run_method(self.problem, REFERENCE, progress, cancelled, {})
+        )
+        return found
+
+    def confidence(
+        self,
+        method: str,
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> xr.DataArray:
+        """Return how far each pixel of a method's result is to be trusted, from 0 to 1.
+
+        See `napari_phase4d.evaluation.confidence_of`. The first call may unwrap by directional
+        L1, which the others are held against.
+        """
+        reference = self.reference(progress, cancelled)
+        return confidence_of(self.results[method], reference, self.problem.relative_amplitude)
+
+    def warnings(self) -> dict[str, str]:
+        """Say of which methods whole objects may be a turn off, and in how many frames."""
+        empty = self.problem.empty_field()
+        said = {
+            method: slip_warning(result, self.reference(), empty)
+            for method, result in self.results.items()
+        }
+        return {method: sentence for method, sentence in said.items() if sentence}
 
 
 def compare(
@@ -43,6 +81,7 @@ def compare(
     truth: xr.DataArray | Any = None,
     *,
     mask: Any = None,
+    amplitude: Any = None,
     options: Mapping[str, Mapping[str, Any]] | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
@@ -55,7 +94,7 @@ def compare(
         Wrapped phase in radians, see `unwrap`.
     methods : sequence of str, optional
         Ids among `METHODS`. Default: all.
-    boundary, mask, progress, cancelled
+    boundary, mask, amplitude, progress, cancelled
         See `unwrap`.
     truth : DataArray or array_like, optional
         Exact phase of the same shape.
@@ -79,7 +118,7 @@ def compare(
     options = options or {}
     for method in (*chosen, *options):
         check_method(method, options.get(method, {}))
-    problem = Problem(phase, boundary, mask)
+    problem = Problem(phase, boundary, mask, amplitude)
     exact = as_truth(truth, problem)
     results: dict[str, xr.DataArray] = {}
     rows = []
@@ -100,7 +139,7 @@ def compare(
             }
         )
     table = pd.DataFrame(rows, index=pd.Index(chosen, name="id"))
-    return Comparison(results, table)
+    return Comparison(results, table, problem)
 
 
 def as_truth(truth: xr.DataArray | Any, problem: Problem) -> xr.DataArray | None:

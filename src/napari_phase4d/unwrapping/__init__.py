@@ -1,5 +1,6 @@
 """Unwrapping methods behind one function."""
 
+from napari_phase4d.unwrapping.boundaries import score_boundaries
 from napari_phase4d.unwrapping.masks import both_ends
 from napari_phase4d.unwrapping.problem import DIMS, Problem
 from napari_phase4d.unwrapping.registry import (
@@ -22,5 +23,6 @@ __all__ = [
     "check_method",
     "label_of",
     "run_method",
+    "score_boundaries",
     "unwrap",
 ]

@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.unwrapping.background import find_background
 from napari_phase4d.unwrapping.masks import object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.spatial import unwrap_frames
@@ -153,9 +154,19 @@ class Problem:
         watch = Watch(self.n_frames, "registration", progress, cancelled)
         return centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
 
-    def result(
-        self, values: NDArray[np.float32], name: str, attrs: dict[str, Any]
-    ) -> xr.DataArray:
+    @property
+    def relative_amplitude(self) -> xr.DataArray | None:
+        """Amplitude as a share of its view's median, in the form of the phase, or None."""
+        if self.amplitude is None:
+            return None
+        return self.result(self.amplitude, "amplitude", {"units": "1"})
+
+    def empty_field(self) -> xr.DataArray:
+        """Return which pixels hold no object, in the form of the phase."""
+        found = self.once("empty", lambda: find_background(self.wrapped).mask)
+        return self.result(found, "empty", {"units": "1"})
+
+    def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""
         full = xr.DataArray(values, dims=DIMS)
         missing = [d for d in DIMS if d not in self.template.dims]
@@ -215,8 +226,7 @@ def relative_amplitude(values: NDArray[Any]) -> NDArray[np.float32]:
     """Return amplitude (time, angle, y, x) as a share of its view's median, NaN as nothing."""
     known = np.where(np.isfinite(values), values, 0).astype(np.float32)
     median = np.median(known, axis=(0, 2, 3), keepdims=True)
-    share: NDArray[np.float32] = known / np.where(median > 0, median, np.float32(1))
-    return share
+    return (known / np.where(median > 0, median, 1)).astype(np.float32)
 
 
 def in_full(stack: xr.DataArray) -> NDArray[Any]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import Watch, watched
-from napari_phase4d.unwrapping.directional.background import (
+from napari_phase4d.unwrapping.background import (
     Background,
     find_background,
     turned,
@@ -128,7 +128,7 @@ def graph(
 
 
 def islands_of(empty: Mask, first: tuple[int, int]) -> tuple[NDArray[np.int32], int]:
-    """Number the islands of the empty field, frame by frame; -1 elsewhere.
+    """Give the islands of the empty field numbers, frame by frame; -1 elsewhere.
 
     The largest one of the boundary frame is 0; else, or if that frame has none, the largest of
     all. There is always one number at least, even where no pixel has it.

@@ -13,6 +13,20 @@ Whole = NDArray[np.int32]
 
 
 @compiled
+def root_of(parent: Whole, relative: Whole, i: int) -> tuple[int, int]:
+    """Return a pixel's root and its turns relative to it, halving the way there."""
+    total = 0
+    while parent[i] != i:
+        up = parent[i]
+        if parent[up] != up:
+            relative[i] += relative[up]
+            parent[i] = parent[up]
+        total += relative[i]
+        i = parent[i]
+    return i, total
+
+
+@compiled
 def joined(
     first: Whole, second: Whole, turns: Whole, order: NDArray[np.int64], n: int
 ) -> tuple[Whole, Whole]:
@@ -40,25 +54,8 @@ def joined(
     relative = np.zeros(n, dtype=np.int32)  # to the parent
     size = np.ones(n, dtype=np.int32)
     for e in order:
-        # Find both roots, halving the path on the way.
-        a = first[e]
-        to_a = 0
-        while parent[a] != a:
-            up = parent[a]
-            if parent[up] != up:
-                relative[a] += relative[up]
-                parent[a] = parent[up]
-            to_a += relative[a]
-            a = parent[a]
-        b = second[e]
-        to_b = 0
-        while parent[b] != b:
-            up = parent[b]
-            if parent[up] != up:
-                relative[b] += relative[up]
-                parent[b] = parent[up]
-            to_b += relative[b]
-            b = parent[b]
+        a, to_a = root_of(parent, relative, first[e])
+        b, to_b = root_of(parent, relative, second[e])
         if a == b:
             continue
         # k(second) - k(first) = turns, with k = root's + way to the root

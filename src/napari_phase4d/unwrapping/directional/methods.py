@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
 from napari_phase4d.unwrapping.directional.field import Field, finished_phase, prepare
-from napari_phase4d.unwrapping.directional.least_turns import (
-    Limit,
-    growing,
-    least_turns,
-    weight_of,
-)
+from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
+from napari_phase4d.unwrapping.directional.regions import grown, regions_of, weight_of
 from napari_phase4d.unwrapping.directional.steps import fading
 from napari_phase4d.unwrapping.problem import Problem
 
@@ -24,20 +18,26 @@ TURN = np.float32(2 * np.pi)
 Stack = NDArray[np.float32]
 Whole = NDArray[np.int32]
 
-#: A pixel lies below the empty field if its phase is under it by this many radians and twice the
-#: noise; each turn below costs as much as a step of so much roughness, in radians, disagreed with.
-BELOW, AS_ROUGH_AS = 0.5, 2.0
-#: An object is denser than what is round it if this share of what differs by half a turn is.
+#: A pixel lies beyond the empty field if its phase does so by this many radians and twice the
+#: noise; each turn beyond costs as much as a step of so much roughness, in radians, that is off.
+BEYOND, AS_ROUGH_AS = 0.5, 2.0
+#: An object lies on one side of the empty field if this share of what is a turn off does.
 NEARLY_ALL = 0.9
 
 
 def directional_growing(
     problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
 ) -> Stack:
-    """Join pixels over time, angle, y and x, first where steps change least along themselves."""
+    """Join pixels over time, angle, y and x, first where steps change least along themselves.
+
+    A step is trusted by how little it differs from the steps before and behind it in its own
+    direction, so that a slope counts as smooth however steep it is; see ``docs/own_method.md``.
+    Region growing (Abdul-Rahman et al. 2007) trusts pixels by second differences in all
+    directions instead.
+    """
     watch = Watch(5, "directional growing", progress, cancelled)
     field = problem.once("field", lambda: prepare(problem, watch))
-    parts, turns = watched(lambda: grown(field), watch)
+    parts, turns = watched(lambda: grown(field.steps, len(field.values)), watch)
     watch.step()
     result = finished_phase(field, turns, parts, problem, watch)
     watch.step()
@@ -51,55 +51,58 @@ def directional_l1(
     *,
     one_sided: bool = True,
 ) -> Stack:
-    """Find the turns that disagree least with all steps, each weighted by its smoothness."""
+    """Find the turns that disagree least with all steps, each weighted by its smoothness.
+
+    With J the turns of a step that Itoh's condition would give and D its roughness in radians,
+    the sum of (0.5 + D)^-6 |k_q - k_p - J| over all steps is made smallest; see
+    ``docs/own_method.md``.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to unwrap.
+    progress, cancelled : callable or None
+        See `unwrap`.
+    one_sided : bool, optional
+        Whether to prefer, where steps can't tell, that the object lies on one side of the empty
+        field: nowhere thinner optically, or nowhere denser. Default True.
+    """
     watch = Watch(6, "directional L1", progress, cancelled)
     field = problem.once("field", lambda: prepare(problem, watch))
-    parts, start = watched(lambda: grown(field), watch)
+    regions = watched(lambda: regions_of(field.steps, len(field.values), field.n_islands), watch)
     watch.step()
-    turns = watched(lambda: least_turns(field.steps, start, watch.check, None, field.n_islands), watch)
+    solver = LeastTurns(regions, watch.check)
+    parts, turns = solver.start()
+    turns = watched(lambda: solver.descend(turns), watch)
     watch.step()
-    if one_sided:
-        turns = watched(lambda: sided(field, turns, parts, watch), watch)
-    result = finished_phase(field, turns, parts, problem, watch)
+    of_node = parts[regions.of_node]
+    limit = side_of_object(field, solver.of_nodes(turns), of_node) if one_sided else None
+    if limit is not None:
+        turns = watched(lambda: solver.descend(turns, limit), watch)
+    found = solver.of_nodes(turns).astype(np.int32)
+    result = finished_phase(field, found, of_node, problem, watch)
     watch.step()
     return result
 
 
-def grown(field: Field) -> tuple[Whole, Whole]:
-    """Return the part that each node belongs to, and its turns; none at the empty field."""
-    parts, turns = growing(field.steps, len(field.values))
-    return parts, turns - np.where(parts == parts[0], turns[0], 0).astype(np.int32)
-
-
-def sided(field: Field, turns: Whole, parts: Whole, watch: Watch) -> Whole:
-    """Solve again with a price on lying on the other side of the empty field than the rest.
+def side_of_object(field: Field, turns: NDArray[np.int64], parts: Whole) -> Limit | None:
+    """Return the price of lying on the other side of the empty field than nearly all else.
 
     Nearly all cells are denser than what they lie in, everywhere. At a rim that is steeper than
     half a turn a pixel, the steps alone can't tell a phase of 5 rad from one of 5 - 2 pi.
     """
+    joined = parts == parts[0]
     unwrapped = field.values + TURN * turns.astype(np.float32)
-    clear = np.abs(unwrapped) > 2 * np.pi
-    clear &= parts == parts[0]
-    if not clear.any():
-        return turns
-    positive = float((unwrapped[clear] > 0).mean())
+    clear = joined & (np.abs(unwrapped) > TURN)
+    positive = float((unwrapped[clear] > 0).mean()) if clear.any() else 0.5
     if 1 - NEARLY_ALL < positive < NEARLY_ALL:
-        return turns
-    if positive <= 1 - NEARLY_ALL:
-        mirrored = replace(field.steps, turns=-field.steps.turns)
-        limit = not_below(-field.values, field, parts)
-        return -least_turns(mirrored, -turns, watch.check, limit, field.n_islands)
-    limit = not_below(field.values, field, parts)
-    return least_turns(field.steps, turns, watch.check, limit, field.n_islands)
-
-
-def not_below(values: Stack, field: Field, parts: Whole) -> Limit:
-    """Return the price on phase below the empty field, where a part is joined to it."""
-    allowed = BELOW + 2 * field.background.noise
-    lowest = np.ceil((-allowed - values) / TURN).astype(np.int32)
-    rough = np.full(len(values), AS_ROUGH_AS, dtype=np.float32)
+        return None
+    side = 1 if positive > 0.5 else -1
+    allowed = BEYOND + 2 * field.background.noise
+    free = side * np.ceil((-allowed - side * field.values.astype(np.float64)) / (2 * np.pi))
+    rough = np.full(len(field.values), AS_ROUGH_AS, dtype=np.float32)
     if field.amplitude is not None:
         rough += fading(field.amplitude)
-    weight = np.where(parts == parts[0], weight_of(rough), 0.0)
+    weight = np.where(joined, weight_of(rough), 0.0)
     weight[: field.n_islands] = 0.0
-    return Limit(lowest, weight)
+    return Limit(free.astype(np.int64), weight, side)

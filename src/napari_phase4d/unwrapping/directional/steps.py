@@ -79,8 +79,8 @@ def all_steps(
         head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(4))
         tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(4))
         difference = phase[tail] - phase[head]
-        turns = np.round(difference / TURN)
-        step = difference - TURN * turns
+        turns = np.round(difference / TURN).astype(np.int32)
+        step = difference - TURN * turns.astype(np.float32)
         rough = roughness(step, axis, empty[head] & empty[tail])
         if amplitude is not None:
             rough += fading(np.minimum(amplitude[head], amplitude[tail]))
@@ -94,11 +94,14 @@ def all_steps(
             (
                 nodes[head][kept],
                 nodes[tail][kept],
-                (-turns[kept]).astype(np.int32),
+                -turns[kept],
                 np.abs(step[kept]),
                 rough[kept],
             )
         )
+    if not parts:
+        none = np.zeros(0, dtype=np.int32)
+        return Steps(none, none, none, none.astype(np.float32), none.astype(np.float32))
     return Steps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
 
 
@@ -128,5 +131,5 @@ def roughness(step: Stack, axis: int, empty: Mask) -> Stack:
     floor = float(change[empty].mean()) if np.count_nonzero(empty) >= ENOUGH else 0.0
     width = [BOX if n >= BOX else 1 for n in step.shape]
     mean = ndimage.uniform_filter(change, width, mode="reflect")
-    rough: Stack = np.sqrt(np.maximum(mean - np.float32(floor), 0)).astype(np.float32)
-    return rough
+    above: Stack = np.maximum(mean - np.float32(floor), np.float32(0)).astype(np.float32)
+    return np.sqrt(above)
