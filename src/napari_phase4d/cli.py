@@ -39,7 +39,7 @@ from napari_phase4d.pipeline import (
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import euglena_sample
-from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.unwrapping import METHODS, score_boundaries
 
 __all__ = ["app", "main"]
 
@@ -147,6 +147,12 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
     console.print(f"  viewing angles {angles} degrees; {int(abs(residues(phase)).sum())} residues")
     for note in phase.attrs.get("notes", ()):
         console.print(f"  [yellow]{escape(note)}[/yellow]")
+    scores = score_boundaries(phase)
+    time, view = scores.attrs["best"]
+    console.print(
+        f"  safest boundary frame {time},{view}: {scores.attrs['basis']} agree on "
+        f"{100 * float(scores[time, view]):.2f} % of the object"
+    )
     need = working_bytes(phase.nbytes, list(METHODS))
     console.print(
         f"A run with all {len(METHODS)} methods needs about {megabytes(need)} of memory."
@@ -173,10 +179,16 @@ def run_command(
     camera_pixel: Annotated[float | None, typer.Option(help="Camera pixel in um.")] = None,
     magnification: Annotated[float | None, typer.Option(help="From sample to camera.")] = None,
     frame_rate: Annotated[float | None, typer.Option(help="Frames per second.")] = None,
+    *,
+    confidence: Annotated[
+        bool, typer.Option(help="Also write how far to trust each pixel of each result.")
+    ] = False,
 ) -> None:
     """Take recordings from file to unwrapped phase, table and recipe."""
     recipe, files = recipe_and_files(inputs)
-    recipe = with_settings(recipe, views, angle, boundary, method, frame_rate)
+    recipe = with_settings(
+        recipe, views, angle, boundary, method, frame_rate, confidence=confidence
+    )
     numbers = {
         "wavelength_um": wavelength,
         "camera_pixel_um": camera_pixel,
@@ -218,11 +230,17 @@ def compare_command(
     method: Annotated[
         list[str] | None, typer.Option(help="Method id; default: all of them.")
     ] = None,
+    *,
+    confidence: Annotated[
+        bool, typer.Option(help="Also write how far to trust each pixel of each result.")
+    ] = False,
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
     all_methods = None if any(p.suffix == ".json" for p in inputs) else list(METHODS)
-    recipe = with_settings(recipe, views, angle, boundary, method or all_methods, None)
+    recipe = with_settings(
+        recipe, views, angle, boundary, method or all_methods, None, confidence=confidence
+    )
     exact = None if truth is None else open_phase(truth)
     if not files and not recipe.recording:
         msg = "give at least one file to compare the methods on"
@@ -281,6 +299,8 @@ def with_settings(
     boundary: str | None,
     methods: Sequence[str] | None,
     frame_rate: float | None,
+    *,
+    confidence: bool = False,
 ) -> Recipe:
     """Return a recipe with what was typed in."""
     changes: dict[str, object] = {
@@ -289,6 +309,7 @@ def with_settings(
         "methods": tuple(methods) if methods else None,
         "frame_rate_hz": frame_rate,
         "boundary": (frame_numbers(boundary),) if boundary else None,
+        "confidence": confidence or None,
     }
     return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
 
@@ -437,6 +458,8 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
     verdict = order_verdict(results, outcome.recipe.boundary[0], exact)
     console.print(f"Of the steps on their way: {words}. {verdict}")
+    for method, sentence in outcome.comparison.warnings().items():
+        console.print(f"[yellow]{METHODS[method].label}: {sentence}[/yellow]")
 
 
 def shown_columns(outcome: Outcome, exact: xr.DataArray | None) -> dict[str, xr.DataArray]:

@@ -94,6 +94,8 @@ class Recipe(BaseModel):
         Ids of the unwrapping methods.
     options : dict
         Method id to that method's options.
+    confidence : bool
+        Whether a map of how far to trust it is written with each result.
 
     Raises
     ------
@@ -119,6 +121,7 @@ class Recipe(BaseModel):
     boundary: tuple[tuple[int, int], ...] = ((0, 0),)
     methods: tuple[str, ...] = DEFAULT_METHODS
     options: Options = Field(default_factory=dict)
+    confidence: bool = False
 
     @field_validator("window")
     @classmethod
@@ -358,6 +361,11 @@ def write_outcome(
         "wrapped" if name == "phase" else str(name): stack
         for name, stack in outcome.reconstruction.data_vars.items()
     } | dict(outcome.comparison.results)
+    if outcome.recipe.confidence:
+        stacks |= {
+            f"confidence_{method}": outcome.comparison.confidence(method, progress, cancelled)
+            for method in outcome.comparison.results
+        }
     watch = Watch(len(stacks), "saving", progress, cancelled)
     written = []
     for name, stack in stacks.items():

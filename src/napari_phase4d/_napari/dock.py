@@ -146,6 +146,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.session.lobes_changed.connect(self._lobes_changed)
         self.session.outcome_changed.connect(self._unwrapped)
         self.session.margin_changed.connect(self._margin_shown)
+        self.session.confidence_changed.connect(self._confidence_shown)
+        self.session.scores_changed.connect(self._suggested)
 
     def _started(self, title: str) -> None:
         self._next_words = ""
@@ -212,6 +214,12 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _margin_shown(self) -> None:
         self._go_on(4, self.compare.words_on_the_steps())
+
+    def _confidence_shown(self) -> None:
+        self._go_on(4, self.compare.words_on_confidence())
+
+    def _suggested(self) -> None:
+        self._go_on(3, self.unwrap.words_on_the_suggestion())
 
     def _go_on(self, step: int, words: str) -> None:
         """Open the next step and say what to do there, also once a job has ended."""

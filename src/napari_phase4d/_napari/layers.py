@@ -123,7 +123,7 @@ def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = Tr
     name : str
         Name in the layer list.
     kind : str
-        "wrapped", "amplitude", "unwrapped", "exact" or "margin".
+        "wrapped", "amplitude", "unwrapped", "exact", "margin" or "confidence".
     visible : bool, optional
         Whether it is shown at once.
     """
@@ -135,6 +135,10 @@ def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = Tr
     if kind == "margin":
         return layer_tuple(
             stack, name, kind, limits=(0.0, 2.0), colormap=MARGIN_COLORMAP, visible=visible
+        )
+    if kind == "confidence":
+        return layer_tuple(
+            stack, name, kind, limits=(0.0, 1.0), colormap="inferno", visible=visible
         )
     colormap = "gray" if kind == "amplitude" else "turbo"
     # A sixteenth of the pixels of some frames tells the range, and does not hold up the window.

@@ -61,6 +61,7 @@ class Presenter:
         session.reconstruction_changed.connect(self.show_phase)
         session.outcome_changed.connect(self.show_outcome)
         session.margin_changed.connect(self.show_margin)
+        session.confidence_changed.connect(self.show_confidence)
 
     def adopt(self, stack: object, layer: Any) -> None:
         """Note that a layer already shows a recording or phase, so that none is added for it."""
@@ -145,6 +146,17 @@ class Presenter:
         layers = [
             self.add(stack_layer(stack, f"step {str(name).replace('_', ' ')}", "margin"))
             for name, stack in margin.data_vars.items()
+        ]
+        self._arrange(layers)
+
+    def show_confidence(self) -> None:
+        """Show how far each result is to be trusted, side by side."""
+        if not self.session.confidence:
+            return
+        self.hide_all()
+        layers = [
+            self.add(stack_layer(stack, f"trust in {METHODS[method].label}", "confidence"))
+            for method, stack in self.session.confidence.items()
         ]
         self._arrange(layers)
 

@@ -15,7 +15,7 @@ from typing import Any
 import xarray as xr
 from psygnal import Signal
 
-from napari_phase4d.evaluation import Comparison, best_known, itoh_margin
+from napari_phase4d.evaluation import REFERENCE, best_known, itoh_margin
 from napari_phase4d.holography import (
     Lobe,
     find_lobes,
@@ -27,6 +27,7 @@ from napari_phase4d.io import open_input, open_recording
 from napari_phase4d.pipeline import Outcome, Recipe, reconstruct_by, unwrap_by
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import score_boundaries
 
 __all__ = ["Plan", "Session", "TruthCall"]
 
@@ -79,6 +80,8 @@ class Session:
     reconstruction_changed = Signal()
     outcome_changed = Signal()
     margin_changed = Signal()
+    confidence_changed = Signal()
+    scores_changed = Signal()
 
     def __init__(self) -> None:
         self.recipe = Recipe()
@@ -91,6 +94,11 @@ class Session:
         self.outcome: Outcome | None = None
         #: How near steps come to the largest that can be unwrapped, see `itoh_margin`.
         self.margin: xr.Dataset | None = None
+        #: How far to trust each result, and what to say of whole objects: method id -> it.
+        self.confidence: dict[str, xr.DataArray] = {}
+        self.warnings: dict[str, str] = {}
+        #: How safe each frame is as boundary condition, see `score_boundaries`.
+        self.scores: xr.DataArray | None = None
         self._truth_for: TruthCall | None = None
         self._phase_recipe = self.recipe
 
@@ -200,8 +208,7 @@ class Session:
         self.spectrum = None
         self.reconstruction = None
         self.truth = None
-        self.outcome = None
-        self.margin = None
+        self._forget_results()
         self._truth_for = truth
         self.recording_changed.emit()
 
@@ -221,9 +228,9 @@ class Session:
                 recording,
                 self.outcome.recipe.changed(**changes),
                 recalibrated(self.outcome.reconstruction, recording),
-                Comparison(
-                    {m: recalibrated(r, recording) for m, r in results.items()},
-                    self.outcome.comparison.table,
+                replace(
+                    self.outcome.comparison,
+                    results={m: recalibrated(r, recording) for m, r in results.items()},
                 ),
             )
         self.calibration_changed.emit()
@@ -352,7 +359,7 @@ class Session:
         def receive(outcome: Outcome) -> None:
             if self.reconstruction is not data:
                 raise ValueError(CHANGED)
-            self.outcome = outcome
+            self.outcome, self.margin, self.confidence = outcome, None, {}
             self.outcome_changed.emit()
 
         return Plan("Unwrapping", work, receive)
@@ -383,6 +390,63 @@ class Session:
             self.margin_changed.emit()
 
         return Plan("Measuring the steps", work, receive, cancellable=False)
+
+    def plan_confidence(self) -> Plan:
+        """Plan to see how far every result is to be trusted.
+
+        Raises
+        ------
+        ValueError
+            If there is no result yet.
+        """
+        outcome = self.needed_outcome()
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> tuple[dict[str, xr.DataArray], dict[str, str]]:
+            comparison = outcome.comparison
+            maps = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
+            return maps, comparison.warnings()
+
+        def receive(found: tuple[dict[str, xr.DataArray], dict[str, str]]) -> None:
+            if self.outcome is not outcome:
+                raise ValueError(CHANGED)
+            self.confidence, self.warnings = found
+            self.confidence_changed.emit()
+
+        return Plan("Weighing the results", work, receive)
+
+    def plan_boundary(self) -> Plan:
+        """Plan to find the frame that is safest to start from.
+
+        Raises
+        ------
+        ValueError
+            If there is no phase yet.
+        """
+        data, outcome = self.needed_reconstruction(), self.outcome
+        results = {} if outcome is None else outcome.comparison.results
+        reference = results.get(REFERENCE)
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> xr.DataArray:
+            return score_boundaries(
+                data["phase"], reference, progress=progress, cancelled=cancelled
+            )
+
+        def receive(scores: xr.DataArray) -> None:
+            if self.reconstruction is not data:
+                raise ValueError(CHANGED)
+            self.scores = scores
+            self.update(boundary=(tuple(scores.attrs["best"]),))
+            self.scores_changed.emit()
+
+        return Plan("Scoring the frames", work, receive)
+
+    def _forget_results(self) -> None:
+        self.outcome = self.margin = self.scores = None
+        self.confidence, self.warnings = {}, {}
 
     def needed_recording(self) -> Recording:
         """Return the recording, or raise ValueError if there is none."""
@@ -416,8 +480,7 @@ class Session:
         n_times, n_angles = data["phase"].shape[:2]
         self.update(boundary=((t, a) if t < n_times and a < n_angles else (0, 0),))
         self.reconstruction = data
-        self.outcome = None  # what was made of an earlier phase; its layers stay
-        self.margin = None
+        self._forget_results()  # what was made of an earlier phase; its layers stay
         self._phase_recipe = recipe
         self.reconstruction_changed.emit()
 

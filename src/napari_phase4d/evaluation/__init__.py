@@ -2,6 +2,7 @@
 
 from napari_phase4d.evaluation.comparison import Comparison, compare
 from napari_phase4d.evaluation.confidence import (
+    REFERENCE,
     confidence_of,
     firmness,
     slip_warning,
@@ -17,6 +18,7 @@ from napari_phase4d.evaluation.itoh import itoh_margin, order_shares, residues
 from napari_phase4d.evaluation.order import best_known, order_verdict
 
 __all__ = [
+    "REFERENCE",
     "Comparison",
     "best_known",
     "compare",

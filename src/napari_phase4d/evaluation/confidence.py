@@ -6,14 +6,14 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-__all__ = ["REFERENCE", "confidence_of", "firmness", "slip_warning", "unsteadiness"]
+__all__ = ["REFERENCE", "confidence_of", "firmness", "slip_warning", "turns_off", "unsteadiness"]
 
 TURN = 2 * np.pi
 #: The method that all others are held against.
 REFERENCE = "directional-l1"
 #: Chance that a pixel of the reference is wrong, as a logistic function of its unsteadiness in
-#: turns: where that is a half, and how fast it falls. Fitted once to the simulated cells of
-#: `simulation.SHAPES` with noise up to 0.7 rad; ``benchmarks/accuracy.py`` prints how well it holds.
+#: turns: where that is a half, and how fast it falls. fitted once to the cells of
+#: `simulation.SHAPES`, noise up to 0.7 rad; ``benchmarks/accuracy.py`` prints how well it holds.
 EVEN_CHANCE, SLOPE = 4.7, 2.3
 #: Smallest share of the median amplitude that counts.
 FAINTEST = 0.05
@@ -78,11 +78,17 @@ def confidence_of(
         share = np.clip(amplitude.values, FAINTEST, 1)
         score = score + (1 / share - 1).astype(np.float32)
     wrong = 1 / (1 + np.exp(-SLOPE * (score - EVEN_CHANCE)))
-    differs = np.round((result.values - reference.values) / TURN) != 0
+    differs = turns_off(result, reference) != 0
     confidence = np.where(differs, wrong, 1 - wrong).astype(np.float32)
     found = result.copy(data=confidence)
     found.attrs = {"of": result.attrs.get("method", ""), "units": "1"}
     return found.rename("confidence")
+
+
+def turns_off(result: xr.DataArray, reference: xr.DataArray) -> NDArray[np.float32]:
+    """Return by how many whole turns two results differ."""
+    off: Stack = np.round((result.values - reference.values) / np.float32(TURN))
+    return off
 
 
 def slip_warning(result: xr.DataArray, reference: xr.DataArray, empty: xr.DataArray) -> str:
@@ -95,7 +101,7 @@ def slip_warning(result: xr.DataArray, reference: xr.DataArray, empty: xr.DataAr
     empty : xarray.DataArray of bool
         The empty field.
     """
-    turns = np.round((result.values - reference.values) / TURN)
+    turns = turns_off(result, reference)
     objects = xr.DataArray(np.where(empty.values, np.nan, turns), dims=result.dims)
     with np.errstate(invalid="ignore"):
         off = [(objects == n).sum(("y", "x")) for n in np.unique(turns) if n != 0]

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import xarray as xr
 
+from napari_phase4d.evaluation.confidence import REFERENCE, turns_off
 from napari_phase4d.evaluation.itoh import order_shares
 from napari_phase4d.unwrapping import METHODS
 
@@ -13,7 +14,7 @@ __all__ = ["best_known", "order_verdict"]
 
 BOTH = ("temporal-angular", "angular-temporal")
 #: Results in the order in which a look at the steps relies on them.
-TRUSTED = (*BOTH, "temporal", "angular")
+TRUSTED = (REFERENCE, *BOTH, "temporal", "angular")
 
 
 def best_known(
@@ -31,7 +32,10 @@ def order_verdict(
     boundary: tuple[int, int] = (0, 0),
     truth: xr.DataArray | None = None,
 ) -> str:
-    """Say in one sentence which of T/A and A/T meets fewer steps beyond half a cycle.
+    """Say in one sentence which of T/A and A/T suits the object better, and why.
+
+    Where the result of directional L1 is known, the one that is nearer to it; else the one that
+    meets fewer steps beyond half a cycle.
 
     A result of T/A looks smooth along the angle, because its last pass made it so, and one of A/T
     along time. Without exact phase, a verdict is therefore given only where both agree on it.
@@ -47,6 +51,8 @@ def order_verdict(
     """
     if truth is None and not all(method in results for method in BOTH):
         return "Run T/A and A/T to see which suits better."
+    if truth is None and REFERENCE in results:
+        return nearer(results)
     stacks = [results[method] for method in BOTH] if truth is None else [truth]
     shares = [order_shares(stack, boundary) for stack in stacks]
     verdicts = {min(s, key=lambda m: s[m]) if len(set(s.values())) > 1 else "" for s in shares}
@@ -56,3 +62,17 @@ def order_verdict(
         return "Which of T/A and A/T suits better can't be told: each favours itself."
     basis = "by the exact phase" if truth is not None else "by the results of both"
     return f"{METHODS[verdicts.pop()].label} suits better, {basis}."
+
+
+def nearer(results: Mapping[str, xr.DataArray]) -> str:
+    """Say which of T/A and A/T differs from the result of directional L1 in fewer pixels."""
+    shares = {m: float((turns_off(results[m], results[REFERENCE]) != 0).mean()) for m in BOTH}
+    first, second = sorted(BOTH, key=lambda m: shares[m])
+    reference = METHODS[REFERENCE].label
+    if shares[first] == shares[second]:
+        return f"T/A and A/T are equally near to {reference}."
+    return (
+        f"{METHODS[first].label} suits better: it differs from {reference} in "
+        f"{100 * shares[first]:.2g} % of the pixels, {METHODS[second].label} in "
+        f"{100 * shares[second]:.2g} %."
+    )

@@ -18,6 +18,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.evaluation import best_known, order_verdict
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["CompareStep"]
 
@@ -66,6 +67,14 @@ class CompareStep(Step):
             lambda: self.jobs.start(self.session.plan_margin()),
         )
         self.column.addWidget(self.margin)
+        self.confidence = self.button(
+            "How far to trust them?",
+            "show_confidence",
+            "Maps of each result's chance to be right, from 0 to 1: dark where it is more likely "
+            "off by a cycle.",
+            lambda: self.jobs.start(self.session.plan_confidence()),
+        )
+        self.column.addWidget(self.confidence)
         self.save = self.button(
             "Save results…",
             "save_results",
@@ -109,6 +118,16 @@ class CompareStep(Step):
         )
         verdict = order_verdict(results, boundary[0], truth)
         return f"Steps beyond half a cycle, by {basis}: {shares}. {verdict}"
+
+    def words_on_confidence(self) -> str:
+        """Say which results are least to be trusted, and where whole objects may have slipped."""
+        maps, warnings = self.session.confidence, self.session.warnings
+        if not maps:
+            return ""
+        doubtful = {m: 100 * float((c.values < 0.5).mean()) for m, c in maps.items()}
+        shares = ", ".join(f"{METHODS[m].label} {share:.2g} %" for m, share in doubtful.items())
+        said = "".join(f" {METHODS[m].label}: {words}." for m, words in warnings.items())
+        return f"Pixels more likely wrong than right: {shares}.{said}"
 
     def _show(self) -> None:
         table = self.session.needed_outcome().comparison.table

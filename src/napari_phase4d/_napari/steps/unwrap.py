@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from magicgui.widgets import CheckBox, ComboBox, SpinBox
+from qtpy.QtWidgets import QHBoxLayout
 
 from napari_phase4d._napari.steps.methods import MethodRow
 from napari_phase4d._napari.steps.step import Step
@@ -44,7 +45,17 @@ class UnwrapStep(Step):
             "Take the frame that the sliders show.",
             self.use_current,
         )
-        self.column.addWidget(self.use_view)
+        self.suggest = self.button(
+            "Suggest",
+            "suggest",
+            "Look for the frame that is safest to start from: that on which two different "
+            "unwrappers agree most.",
+            lambda: self.jobs.start(self.session.plan_boundary()),
+        )
+        both = QHBoxLayout()
+        both.addWidget(self.use_view)
+        both.addWidget(self.suggest)
+        self.column.addLayout(both)
         self.mask = self.field(
             "Mask",
             CheckBox(
@@ -63,6 +74,7 @@ class UnwrapStep(Step):
         self.go = self.button("Run", "run", "Unwrap with all ticked methods.", self.run)
         self.column.addWidget(self.go)
         self.session.reconstruction_changed.connect(self._show)
+        self.session.scores_changed.connect(self._show_suggestion)
 
     def use_current(self) -> None:
         """Take the frame that the sliders show as the thin one."""
@@ -77,6 +89,22 @@ class UnwrapStep(Step):
             options={m: row.changed() for m, row in self.methods.items() if row.changed()},
         )
         self.jobs.start(self.session.plan_unwrapping())
+
+    def words_on_the_suggestion(self) -> str:
+        """Say which frame was suggested and why."""
+        scores = self.session.scores
+        if scores is None:
+            return ""
+        time, angle = scores.attrs["best"]
+        agree = 100 * float(scores.values[time, angle])
+        return (
+            f"Thin frame: time {time}, angle {float(scores['angle'][angle]):g}°. There, "
+            f"{scores.attrs['basis']} agree on {agree:.3g} % of the object."
+        )
+
+    def _show_suggestion(self) -> None:
+        self._show()
+        self.presenter.go_to(*self.session.recipe.boundary[0])
 
     def _boundary_changed(self) -> None:
         """Take the thin frame as typed."""

@@ -115,8 +115,8 @@ class LeastTurns:
         r = self.regions
         if self.limit is None:
             return np.zeros(r.n)
-        paid: Numbers = np.bincount(r.of_node, self.limit.paid(self.of_nodes(turns)), r.n)
-        return paid
+        paid = np.bincount(r.of_node, self.limit.paid(self.of_nodes(turns)), r.n)
+        return paid.astype(np.float64)
 
     def best_move(self, turns: Turns, up: int) -> NDArray[np.bool_]:
         """Return the regions whose move by ``up`` (1 or -1) makes the cost smallest."""
@@ -139,5 +139,4 @@ class LeastTurns:
 
     def summed(self, of_steps: Numbers) -> Numbers:
         """Return the sum over the steps of each pair of regions."""
-        total: Numbers = np.bincount(self.pair, of_steps, len(self.first))
-        return total
+        return np.bincount(self.pair, of_steps, len(self.first)).astype(np.float64)
