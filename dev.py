@@ -65,7 +65,9 @@ def demo(rest: list[str]) -> int:
 def test(rest: list[str]) -> int:
     """Run the tests."""
     setup([])
-    return run_graphical(["-m", "pytest", *rest])
+    # Two processes halve the wait; arguments of one's own are for a closer look.
+    parallel = [] if rest else ["-n", "2"]
+    return run_graphical(["-m", "pytest", *parallel, *rest])
 
 
 def check(rest: list[str]) -> int:

@@ -217,4 +217,7 @@ def test_wrong_commands_end_with_one_sentence(
 
 def test_paper_methods_are_the_papers_five() -> None:
     assert tuple(p4d.METHODS)[:5] == PAPER_METHODS
-    assert json.loads(p4d.Recipe().model_dump_json())["methods"] == list(PAPER_METHODS)
+    assert json.loads(p4d.Recipe().model_dump_json())["methods"] == [
+        *PAPER_METHODS,
+        "directional-l1",
+    ]

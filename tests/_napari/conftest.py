@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
-from qtpy.QtWidgets import QWidget
+from qtpy.QtWidgets import QApplication, QWidget
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -46,6 +46,7 @@ def click(dock: Any, qtbot: Any) -> Callable[[str], None]:
         section = next(s for s in dock.sections if s.isAncestorOf(widget))
         if not section.is_open:
             qtbot.mouseClick(section.heading, Qt.MouseButton.LeftButton)
+        QApplication.processEvents()  # so that a section just opened has its size
         dock.scroll.ensureWidgetVisible(widget)
         assert widget.isVisible()
         # A check box takes clicks on its box, at the left.

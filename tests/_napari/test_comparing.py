@@ -32,7 +32,7 @@ def headings(dock: Any) -> list[str]:
 def test_yeast_by_clicks_with_the_papers_eight_methods(viewer, dock, click) -> None:
     click("try_yeast")
     assert dock.sections[3].is_open
-    for method in ("laplacian", "region-growing", "dilate-erode"):
+    for method in ("laplacian", "region-growing", "dilate-erode", "directional-l1"):
         click(f"method_{method}")
     click("run")
     shown = [layer.name for layer in viewer.layers if layer.visible]
@@ -84,6 +84,7 @@ def test_a_variant_is_named_wherever_its_result_is(viewer, dock, click) -> None:
     row.fields["variant"].value = "phasetools"
     assert row.tick.text() == "RG (PhaseTools)"
     click("method_region-growing")
+    click("method_directional-l1")
     click("run")
     assert viewer.layers[-1].name == "RG (PhaseTools)"
     assert cells(dock)[-1][0] == "RG (PhaseTools)"

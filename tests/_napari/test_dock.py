@@ -22,7 +22,7 @@ from napari_phase4d.io import read_results
 from napari_phase4d.progress import Watch
 
 pytestmark = pytest.mark.gui
-RESULTS = ["2-D", "Angular", "Temporal", "T/A", "A/T"]
+RESULTS = ["2-D", "Angular", "Temporal", "T/A", "A/T", "WL1"]
 
 
 def assert_calibrated(viewer: Any) -> None:
@@ -61,7 +61,7 @@ def test_from_the_sample_to_results_by_clicks(viewer, dock, click, tmp_path: Pat
     data = p4d.reconstruct(dock.session.recording, dock.session.lobes)
     expected = p4d.unwrap(data["phase"], "temporal-angular", mask="auto")
     np.testing.assert_array_equal(viewer.layers["T/A"].data, expected.values)
-    assert dock.compare.table.rowCount() == 5
+    assert dock.compare.table.rowCount() == 6
     click("one_at_a_time")
     assert not viewer.canvas.grid.enabled
     dock.compare.save_to(tmp_path / "out")
@@ -160,10 +160,10 @@ def test_second_run_makes_new_layers(viewer, ready, click) -> None:
     count = len(viewer.layers)
     ready.unwrap.time.value = 3
     click("run")
-    assert len(viewer.layers) == count + 5
+    assert len(viewer.layers) == count + 6
     for name, data in first.items():
         np.testing.assert_array_equal(viewer.layers[name].data, data)
-    assert sum(layer.visible for layer in viewer.layers) == 5
+    assert sum(layer.visible for layer in viewer.layers) == 6
     newest = viewer.layers[-1].metadata[METADATA_KEY]
     assert newest["boundary"] == [[3, 0]]
 

@@ -120,16 +120,16 @@ def roughness(step: Stack, axis: int, empty: Mask) -> Stack:
     over the empty field.
     """
     if step.shape[axis] == 1:
-        change = 2 * np.abs(step)
+        twice = 2 * np.abs(step)
     else:
         between = np.abs(np.diff(step, axis=axis))
         ends = [(int(i == axis), int(i == axis)) for i in range(4)]
         padded = np.pad(between, ends, mode="edge")
         n = step.shape[axis]
-        change = padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
-    change *= change
+        twice = padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
+    change = (twice * twice).astype(np.float32)
     floor = float(change[empty].mean()) if np.count_nonzero(empty) >= ENOUGH else 0.0
     width = [BOX if n >= BOX else 1 for n in step.shape]
     mean = ndimage.uniform_filter(change, width, mode="reflect")
-    above: Stack = np.maximum(mean - np.float32(floor), np.float32(0)).astype(np.float32)
-    return np.sqrt(above)
+    above = np.maximum(mean - np.float32(floor), np.float32(0))
+    return np.sqrt(above).astype(np.float32)
