@@ -87,6 +87,12 @@ def bench(rest: list[str]) -> int:
     return run_graphical(["benchmarks/run.py", *rest])
 
 
+def accuracy(rest: list[str]) -> int:
+    """Measure how right each method is, against exact truth."""
+    setup([])
+    return run([str(python_in_venv()), "benchmarks/accuracy.py", *rest])
+
+
 def docs(rest: list[str]) -> int:
     """Make the pictures of the documents from the real program."""
     setup([])
@@ -192,7 +198,7 @@ def python_in_venv() -> Path:
     return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
-COMMANDS = {f.__name__: f for f in (setup, demo, test, check, bench, docs, napari)}
+COMMANDS = {f.__name__: f for f in (setup, demo, test, check, bench, accuracy, docs, napari)}
 
 if __name__ == "__main__":
     sys.exit(main())

@@ -41,6 +41,18 @@ MARGIN_COLORMAP = Colormap(
     name="steps",
     controls=[0.0, 0.5, 0.505, 1.0],
 )
+#: Yellow where a result is more likely wrong, dark where it is to be trusted.
+TRUST_COLORMAP = Colormap(
+    [(1.0, 0.95, 0.3), (0.9, 0.3, 0.1), (0.35, 0.3, 0.4), (0.06, 0.06, 0.12)],
+    name="trust",
+    controls=[0.0, 0.5, 0.8, 1.0],
+)
+#: Kinds whose contrast and colours do not depend on what is in them.
+FIXED: dict[str, tuple[tuple[float, float], str | Colormap]] = {
+    "wrapped": ((-np.pi, np.pi), "twilight_shifted"),
+    "margin": ((0.0, 2.0), MARGIN_COLORMAP),
+    "confidence": ((0.0, 1.0), TRUST_COLORMAP),
+}
 #: Where a layer's metadata hold what this plugin knows of it.
 METADATA_KEY = "napari-phase4d"
 
@@ -128,18 +140,9 @@ def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = Tr
         Whether it is shown at once.
     """
     values = stack.values
-    if kind == "wrapped":
-        return layer_tuple(
-            stack, name, kind, limits=(-np.pi, np.pi), colormap="twilight_shifted", visible=visible
-        )
-    if kind == "margin":
-        return layer_tuple(
-            stack, name, kind, limits=(0.0, 2.0), colormap=MARGIN_COLORMAP, visible=visible
-        )
-    if kind == "confidence":
-        return layer_tuple(
-            stack, name, kind, limits=(0.0, 1.0), colormap="inferno", visible=visible
-        )
+    if kind in FIXED:
+        limits, colours = FIXED[kind]
+        return layer_tuple(stack, name, kind, limits=limits, colormap=colours, visible=visible)
     colormap = "gray" if kind == "amplitude" else "turbo"
     # A sixteenth of the pixels of some frames tells the range, and does not hold up the window.
     some = values[:: max(1, len(values) // 16), :, ::4, ::4]

@@ -62,6 +62,10 @@ def unwrap_frame(
     A mask may cut the frame into parts that do not touch each other or the border. Their levels
     come from the frame unwrapped whole.
     """
+    if 1 in wrapped.shape:  # scikit-image wants two lines at least
+        twice = [2 if n == 1 else 1 for n in wrapped.shape]
+        doubled, level = unwrap_frame(np.tile(wrapped, twice), np.tile(mask, twice))
+        return doubled[: wrapped.shape[0], : wrapped.shape[1]], level
     edge = border_of(wrapped.shape)
     if mask.all():
         unwrapped = exact(unwrap_phase(wrapped, rng=0), wrapped)

@@ -86,6 +86,7 @@ class CompareStep(Step):
         self.session.recording_changed.connect(self._clear)
         self.session.reconstruction_changed.connect(self._clear)
         self.session.outcome_changed.connect(self._show)
+        self.session.confidence_changed.connect(self._show_warnings)
 
     def save_to(self, folder: str | Path) -> None:
         """Write all results into a folder, in a thread."""
@@ -126,8 +127,19 @@ class CompareStep(Step):
             return ""
         doubtful = {m: 100 * float((c.values < 0.5).mean()) for m, c in maps.items()}
         shares = ", ".join(f"{METHODS[m].label} {share:.2g} %" for m, share in doubtful.items())
-        said = "".join(f" {METHODS[m].label}: {words}." for m, words in warnings.items())
+        said = ""
+        if warnings:
+            slipped = ", ".join(METHODS[m].label for m in warnings)
+            said = f" Whole objects may be a cycle off in some frames of {slipped}; "
+            said += "the table's tooltips say in how many."
         return f"Pixels more likely wrong than right: {shares}.{said}"
+
+    def _show_warnings(self) -> None:
+        """Note at each method in the table whether whole objects may have slipped."""
+        table = self.session.needed_outcome().comparison.table
+        for row, method in enumerate(table.index):
+            words = self.session.warnings.get(str(method), "")
+            self.table.item(row, 0).setToolTip(words[:1].upper() + words[1:])
 
     def _show(self) -> None:
         table = self.session.needed_outcome().comparison.table

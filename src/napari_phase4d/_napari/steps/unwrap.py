@@ -69,10 +69,11 @@ class UnwrapStep(Step):
             method: MethodRow(method, ticked=method in self.session.recipe.methods)
             for method in METHODS
         }
-        for row in self.methods.values():
-            self.column.addWidget(row)
+        # Above the list, so that it is in view on a small screen too.
         self.go = self.button("Run", "run", "Unwrap with all ticked methods.", self.run)
         self.column.addWidget(self.go)
+        for row in self.methods.values():
+            self.column.addWidget(row)
         self.session.reconstruction_changed.connect(self._show)
         self.session.scores_changed.connect(self._show_suggestion)
 

@@ -108,8 +108,7 @@ def all_steps(
 def fading(amplitude: Stack) -> Stack:
     """Return the roughness in radians that counts for amplitude below its median."""
     faint = np.clip(amplitude, np.float32(FAINTEST), np.float32(1))
-    added: Stack = np.float32(FADING) * (1 / faint - 1)
-    return added
+    return (FADING * (1 / faint - 1)).astype(np.float32)
 
 
 def roughness(step: Stack, axis: int, empty: Mask) -> Stack:
@@ -131,5 +130,5 @@ def roughness(step: Stack, axis: int, empty: Mask) -> Stack:
     floor = float(change[empty].mean()) if np.count_nonzero(empty) >= ENOUGH else 0.0
     width = [BOX if n >= BOX else 1 for n in step.shape]
     mean = ndimage.uniform_filter(change, width, mode="reflect")
-    above = np.maximum(mean - np.float32(floor), np.float32(0))
-    return np.sqrt(above).astype(np.float32)
+    rough: Stack = np.sqrt(np.maximum(mean - np.float32(floor), np.float32(0)))
+    return rough

@@ -1,0 +1,333 @@
+"""The project's own methods: their graph, their cuts, and what they find."""
+
+from __future__ import annotations
+
+import itertools
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import sparse
+from scipy.sparse import csgraph
+
+import napari_phase4d as p4d
+from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_noise
+from napari_phase4d.unwrapping.background import find_background, noise_of
+from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
+from napari_phase4d.unwrapping.directional.field import islands_of
+from napari_phase4d.unwrapping.directional.following import follow_object, seams
+from napari_phase4d.unwrapping.directional.forest import joined
+from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
+from napari_phase4d.unwrapping.directional.regions import Regions
+from napari_phase4d.unwrapping.directional.steps import all_steps, roughness
+
+TURN = 2 * np.pi
+CYCLE = TURN**2
+OWN = ("directional-growing", "directional-l1")
+PAPER = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
+
+
+def turns_off(found: xr.DataArray, exact: xr.DataArray) -> np.ndarray:
+    return np.round((found.values - exact.values) / TURN)
+
+
+def squared_error(found: xr.DataArray, exact: xr.DataArray) -> float:
+    return float(CYCLE * np.mean(turns_off(found, exact) ** 2))
+
+
+# ---- what they find -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.5, 0.7])
+@pytest.mark.parametrize("name", ["yeast", "dividing", "translating", "vacuole"])
+def test_nearly_all_pixels_are_right(name: str, noise: float) -> None:
+    exact = budding_yeast() if name == "yeast" else moving_shape(name)
+    data = with_noise(exact, noise, drift_rad=0.2, seed=11)
+    error = squared_error(p4d.unwrap(data["wrapped"], "directional-l1"), data["phase"])
+    papers = [squared_error(p4d.unwrap(data["wrapped"], m), data["phase"]) for m in PAPER]
+    assert error <= {0.0: 0.02, 0.2: 0.02, 0.5: 0.08, 0.7: 0.3}[noise]
+    assert error <= min(papers)
+
+
+@pytest.mark.parametrize("method", OWN)
+def test_result_differs_from_the_input_by_whole_turns(method: str) -> None:
+    data = with_noise(moving_shape("tumbling"), 0.3, drift_rad=0.5, seed=5)
+    wrapped = data["wrapped"]
+    before = wrapped.values.copy()
+    turns = (p4d.unwrap(wrapped, method).values - wrapped.values) / TURN
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
+    np.testing.assert_array_equal(wrapped.values, before)
+
+
+@pytest.mark.parametrize("method", OWN)
+def test_an_object_thinner_than_what_is_round_it(method: str) -> None:
+    data = with_noise(moving_shape("swelling"), 0.3, seed=5)
+    upright = p4d.unwrap(data["wrapped"], method).values
+    mirrored = p4d.unwrap(-data["wrapped"], method).values
+    np.testing.assert_allclose(mirrored, -upright, atol=1e-5)
+    assert upright.max() > 20
+
+
+def test_one_sided_mends_rims_only() -> None:
+    """A rim of 5 rad beside a step that is too steep is taken for 5 - 2 pi without it."""
+    data = budding_yeast()
+    plain = p4d.unwrap(data["wrapped"], "directional-l1", one_sided=False)
+    better = p4d.unwrap(data["wrapped"], "directional-l1")
+    off, less = turns_off(plain, data["phase"]), turns_off(better, data["phase"])
+    assert (off == -1).sum() > 2 * (less == -1).sum()
+    assert (less != 0).sum() < (off != 0).sum()
+    changed = plain.values != better.values
+    assert 0 < changed.mean() < 0.005
+
+
+def test_fading_amplitude_is_told_from_a_step() -> None:
+    """A vortex pair in every frame, at which the field is zero; the amplitude shows where."""
+    data = moving_shape("tumbling")
+    field = np.exp(1j * data["phase"].values)
+    y, x = np.mgrid[:64, :64]
+    for sign, column in ((1, 28.5), (-1, 36.5)):
+        z = (x - column) + 1j * sign * (y - 32.5)
+        field = field * z / np.sqrt(np.abs(z) ** 2 + 6)
+    wrapped = data["wrapped"].copy(data=np.angle(field).astype(np.float32))
+    amplitude = wrapped.copy(data=np.abs(field).astype(np.float32))
+    bright = amplitude.values > 0.5
+    far = data["phase"].copy(data=np.angle(field * np.exp(-1j * data["phase"].values)))
+    exact = data["phase"].values + far.values  # the phase of the pair, away from its cut
+
+    def wrong(**more: object) -> int:
+        found = p4d.unwrap(wrapped, "directional-l1", **more).values
+        return int((np.abs(found - exact) > np.pi)[bright].sum())
+
+    assert wrong(amplitude=amplitude) < 0.7 * wrong()
+
+
+@pytest.mark.parametrize("name", ["swelling", "returning", "vacuole", "bending"])
+def test_without_background_in_view(name: str) -> None:
+    """The field lies inside the cell; the boundary frame gives the level."""
+    exact = moving_shape(name, (96, 96))
+    inside = (exact["phase"].values > 0.3).all((0, 1))
+    rows, columns = np.nonzero(inside)
+    half = min(np.ptp(rows), np.ptp(columns)) // 3
+    y, x = int(rows.mean()), int(columns.mean())
+    cut = exact.isel(y=slice(y - half, y + half), x=slice(x - half, x + half))
+    data = with_noise(cut, 0.3, seed=3)
+    found = p4d.unwrap(data["wrapped"], "directional-l1", boundary=(0, 0))
+    flat = p4d.unwrap(data["wrapped"], "spatial-2d")
+    off = turns_off(found, data["phase"])
+    assert CYCLE * np.var(off) <= 0.02
+    # Its level is that of the thin frame unwrapped by itself.
+    assert np.median(found[0, 0] - flat[0, 0]) == 0
+
+
+def test_a_plateau_taken_for_background_does_not_pull_the_cell_down() -> None:
+    """The border of this crop runs through the cells, where they look as flat as the field."""
+    exact = moving_shape("touching", (96, 96)).isel(y=slice(26, 71), x=slice(26, 71))
+    data = with_noise(exact, 0.5, seed=2)
+    taken = find_background(data["wrapped"].values).mask & (exact["phase"].values > 3)
+    assert taken.sum() > 50
+    assert squared_error(p4d.unwrap(data["wrapped"], "directional-l1"), data["phase"]) < 0.1
+
+
+@pytest.mark.parametrize("method", OWN)
+@pytest.mark.parametrize("sizes", [(1, 1), (1, 4), (2, 1), (2, 2), (20, 1), (20, 2)])
+def test_few_times_and_few_angles(sizes: tuple[int, int], method: str) -> None:
+    data = moving_shape("bending").isel(time=slice(sizes[0]), angle=slice(sizes[1]))
+    found = p4d.unwrap(data["wrapped"], method)
+    assert squared_error(found, data["phase"]) < 0.01
+
+
+@pytest.mark.parametrize("method", OWN)
+@pytest.mark.parametrize("shape", [(1, 1), (1, 9), (9, 1), (2, 2), (3, 3)])
+def test_tiny_frames(shape: tuple[int, int], method: str) -> None:
+    w = np.random.default_rng(1).uniform(-np.pi, np.pi, (2, 2, *shape)).astype(np.float32)
+    turns = (p4d.unwrap(w, method).values - w) / TURN
+    np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
+
+
+@pytest.mark.parametrize("method", OWN)
+def test_what_is_alone_needs_no_other_methods_mask(method: str) -> None:
+    """Run after others, with a mask to be found, it finds the same as alone."""
+    data = with_noise(moving_shape("dividing"), 0.3, seed=4)["wrapped"]
+    alone = p4d.unwrap(data, method, mask="auto")
+    among = p4d.compare(data, ["temporal-angular", method], mask="auto").results[method]
+    np.testing.assert_array_equal(alone.values, among.values)
+    assert (alone.values == 0).mean() > 0.5
+
+
+def test_parts_of_a_mask_keep_to_the_thin_frame() -> None:
+    data = moving_shape("touching", n_times=8)
+    mask = data["phase"].values > 1.5
+    found = p4d.unwrap(data["wrapped"], "directional-l1", mask=mask)
+    assert (found.values[~mask] == 0).all()
+    off = turns_off(found, data["phase"])[mask]
+    assert (off != 0).mean() < 0.01
+
+
+# ---- the empty field ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("noise", [0.02, 0.1, 0.3, 0.6])
+def test_noise_is_measured(noise: float) -> None:
+    data = with_noise(moving_shape("tumbling"), noise, seed=1)
+    assert noise_of(data["wrapped"].values) == pytest.approx(noise, rel=0.15)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 0.7])
+@pytest.mark.parametrize("name", list(SHAPES))
+def test_empty_field_is_found_and_nothing_else(name: str, noise: float) -> None:
+    exact = moving_shape(name)
+    data = with_noise(exact, noise, drift_rad=1.0, seed=7)
+    found = find_background(data["wrapped"].values)
+    empty = exact["phase"].values == 0
+    assert found.mask[empty].mean() > 0.85
+    assert not found.mask[exact["phase"].values > 3].any()
+    level = np.median(np.where(empty, data["phase"].values, np.nan)[..., :2, :], axis=(2, 3))
+    assert np.abs(np.angle(np.exp(1j * (found.level - level)))).max() < 0.1 + noise / 3
+
+
+def test_islands_are_numbered_by_frame() -> None:
+    empty = np.zeros((2, 1, 4, 6), dtype=bool)
+    empty[0, 0, :, :2] = empty[0, 0, :, 3:] = True
+    empty[1, 0] = True
+    numbers, count = islands_of(empty, (0, 0))
+    assert count == 3
+    assert (numbers[~empty] == -1).all()
+    assert (numbers[0, 0, :, 3:] == 0).all()  # the largest of the boundary frame
+    assert sorted({int(numbers[0, 0, 0, 0]), int(numbers[1, 0, 0, 0])}) == [1, 2]
+    assert islands_of(np.zeros((1, 1, 2, 2), dtype=bool), (0, 0))[1] == 1
+
+
+def test_a_moving_object_is_followed() -> None:
+    frame = np.zeros((30, 30), dtype=np.float32)
+    frame[10:16, 4:12] = np.random.default_rng(0).uniform(0.5, 2, (6, 8))
+    ways = [(0, 0), (1, 1), (2, 2), (2, 4), (3, 5)]
+    stack = np.stack([np.roll(frame, way, (0, 1)) for way in ways])[:, None]
+    shifts = follow_object(stack, stack != 0)
+    assert shifts[:, 0].tolist() == [[-dy, -dx] for dy, dx in ways]
+
+
+def test_seams_part_what_came_from_the_other_side() -> None:
+    shifts = np.array([[[1, 0]], [[0, -2]]])
+    numbers = seams(shifts, (4, 5))
+    assert numbers.shape == (2, 1, 4, 5)
+    assert numbers[0, 0, 0, 0] != numbers[0, 0, 1, 0] == numbers[0, 0, 3, 0]
+    assert numbers[1, 0, 0, 2] != numbers[1, 0, 0, 3]
+
+
+# ---- steps and turns ------------------------------------------------------------------------
+
+
+def test_roughness_by_its_formula() -> None:
+    rng = np.random.default_rng(3)
+    step = rng.normal(0, 1, (4, 3, 6, 5)).astype(np.float32)
+    none = np.zeros(step.shape, dtype=bool)
+    change = np.empty(step.shape)
+    for index in np.ndindex(*step.shape):
+        j, n = index[2], step.shape[2]
+        ahead, behind = min(j + 1, n - 1), max(j - 1, 0)
+        line = step[index[0], index[1], :, index[3]]
+        after = abs(line[ahead] - line[j]) if ahead != j else abs(line[j] - line[behind])
+        before = abs(line[j] - line[behind]) if behind != j else after
+        change[index] = after + before
+    mean = np.zeros(step.shape)
+    for offset in itertools.product((-1, 0, 1), repeat=4):
+        near = [
+            np.pad(np.arange(n), 1, mode="symmetric")[1 + o : 1 + o + n]
+            for n, o in zip(step.shape, offset, strict=True)
+        ]
+        mean += change[np.ix_(*near)] ** 2 / 81
+    np.testing.assert_allclose(roughness(step, 2, none), np.sqrt(mean), rtol=1e-4)
+    all_empty = ~none
+    floor = (change**2).mean()
+    expected = np.sqrt(np.maximum(mean - floor, 0))
+    np.testing.assert_allclose(roughness(step, 2, all_empty), expected, atol=1e-3)
+
+
+def test_steps_join_neighbours_only() -> None:
+    rng = np.random.default_rng(4)
+    phase = rng.uniform(-3, 3, (2, 2, 3, 3)).astype(np.float32)
+    nodes = np.arange(phase.size, dtype=np.int32).reshape(phase.shape)
+    yes = np.ones(phase.shape, dtype=bool)
+    steps = all_steps(phase, nodes, ~yes, yes, np.zeros(phase.shape, np.int8), None)
+    assert len(steps.first) == 2 * 9 + 2 * 9 + 4 * 6 + 4 * 6
+    flat = phase.ravel()
+    turns = -np.round((flat[steps.second] - flat[steps.first]) / TURN)
+    np.testing.assert_array_equal(steps.turns, turns)
+    faint = np.full(phase.shape, 0.5, dtype=np.float32)
+    dim = all_steps(phase, nodes, ~yes, yes, np.zeros(phase.shape, np.int8), faint)
+    np.testing.assert_allclose(dim.roughness, steps.roughness + 2, rtol=1e-5)
+
+
+def test_forest_takes_the_smoothest_way() -> None:
+    """The turns along the tree of least roughness, as SciPy finds it."""
+    rng = np.random.default_rng(5)
+    n, m = 60, 200
+    first, second = rng.integers(0, n, (2, m)).astype(np.int32)
+    keep = first != second
+    first, second = first[keep], second[keep]
+    turns = rng.integers(-2, 3, keep.sum()).astype(np.int32)
+    rough = rng.permutation(keep.sum()) + 1.0
+    parts, found = joined(first, second, turns, np.argsort(rough), n)
+    graph = sparse.coo_array((rough, (first, second)), shape=(n, n)).tolil()
+    for a, b, r in zip(first, second, rough, strict=True):  # parallel edges: the smoothest
+        known = [graph[i, j] for i, j in ((a, b), (b, a)) if graph[i, j]]
+        graph[a, b] = min([r, *known])
+    _, expected_parts = csgraph.connected_components(graph.tocsr(), directed=False)
+    assert len(np.unique(parts)) == len(np.unique(expected_parts))
+    chosen = joined(first, second, np.arange(len(first), dtype=np.int32) * 0, np.argsort(rough), n)
+    np.testing.assert_array_equal(chosen[0], parts)
+    agreeing = found[second] - found[first] == turns
+    # Every part is joined by so many steps that agree, the smoothest ones among them.
+    assert agreeing.sum() >= n - len(np.unique(parts))
+    assert agreeing[np.argmin(rough)]
+
+
+def test_cut_is_as_small_as_scipys() -> None:
+    rng = np.random.default_rng(6)
+    for _ in range(20):
+        n = int(rng.integers(2, 25))
+        pairs = [(a, b) for a in range(n) for b in range(a + 1, n) if rng.random() < 0.4]
+        if not pairs:
+            continue
+        first, second = np.array(pairs, dtype=np.int32).T
+        start, head, reverse, place = graph_of_pairs(first, second, n)
+        capacity = np.zeros(2 * len(pairs))
+        forth, back = rng.integers(0, 20, (2, len(pairs)))
+        capacity[place[: len(pairs)]], capacity[place[len(pairs) :]] = forth, back
+        source, sink = rng.integers(0, 20, (2, n))
+        side = sink_side(start, head, reverse, capacity, source.astype(float), sink.astype(float))
+        # What the cut costs is the largest flow.
+        cost = source[side].sum() + sink[~side].sum()
+        cost += forth[~side[first] & side[second]].sum() + back[side[first] & ~side[second]].sum()
+        rows = [*first, *second, *[n] * n, *range(n)]
+        columns = [*second, *first, *range(n), *[n + 1] * n]
+        values = np.array([*forth, *back, *source, *sink], dtype=np.int32)
+        graph = sparse.csr_array((values, (rows, columns)), shape=(n + 2, n + 2))
+        assert cost == csgraph.maximum_flow(graph, n, n + 1).flow_value
+
+
+def test_turns_of_least_cost_are_found() -> None:
+    """Against all of them, on graphs so small that they can be counted."""
+    rng = np.random.default_rng(7)
+    n = 5
+    for trial in range(12):
+        pairs = np.array(list(itertools.combinations(range(n), 2)), dtype=np.int32)
+        turns = rng.integers(-2, 3, len(pairs))
+        weight = rng.uniform(0.1, 1, len(pairs))
+        numbers = np.arange(n, dtype=np.int32)
+        regions = Regions(
+            numbers, np.zeros(n, np.int32), n, pairs[:, 0], pairs[:, 1], turns, weight
+        )
+        limit = None
+        if trial % 2:
+            lowest = rng.integers(-1, 2, n)
+            limit = Limit(lowest, rng.uniform(0, 2, n), int(rng.choice([-1, 1])))
+        solver = LeastTurns(regions, lambda: None)
+        _, start = solver.start()
+        assert start[0] == 0
+        found = solver.descend(start, limit)
+        costs = [
+            solver.cost(np.array([0, *k])) for k in itertools.product(range(-4, 5), repeat=n - 1)
+        ]
+        assert found[0] == 0
+        assert solver.cost(found) == pytest.approx(min(costs))
