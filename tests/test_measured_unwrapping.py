@@ -76,3 +76,24 @@ def test_slab_agrees_with_kamuis_volume(echo: int, head: np.ndarray) -> None:
     theirs = kamui.unwrap_dimensional(slab.astype(np.float64))
     turns = np.round((ours - theirs) / TURN)
     assert (turns == np.median(turns)).all()
+
+
+@pytest.mark.parametrize("method", ["directional-growing", "directional-l1"])
+def test_own_methods_on_radar_interferograms(
+    method: str, interferograms: dict[str, np.ndarray]
+) -> None:
+    """Each pair alone, since pairs are no time series; fewer pixels differ than by 2-D."""
+    valid = interferograms["valid"].astype(bool)
+    wrapped = np.where(valid, interferograms["wrapped"], 0)
+    pairs = zip(wrapped, valid, strict=True)
+    alone = np.stack([p4d.unwrap(frame, method, mask=inside).values for frame, inside in pairs])
+    flat = p4d.unwrap(wrapped, "spatial-2d", mask=valid).values
+    published = interferograms["unwrapped"]
+    assert share_off(alone, published, valid) <= 0.0001 < share_off(flat, published, valid)
+
+
+@pytest.mark.parametrize("method", ["directional-growing", "directional-l1"])
+def test_own_methods_on_echoes(method: str, head: np.ndarray) -> None:
+    found = p4d.unwrap(head, method).values
+    second = np.abs(found[2] - 2 * found[1] + found[0])
+    assert (second < np.pi).mean() >= 0.9984

@@ -21,6 +21,9 @@ Whole = NDArray[np.int32]
 #: A pixel lies beyond the empty field if its phase does so by this many radians and twice the
 #: noise; each turn beyond costs as much as a step of so much roughness, in radians, that is off.
 BEYOND, AS_ROUGH_AS = 0.5, 2.0
+#: Only regions of so few pixels pay, as many as a square of three: the price is for rims, not for
+#: what many steps hold.
+RIM = 9
 #: An object lies on one side of the empty field if this share of what is a turn off does.
 NEARLY_ALL = 0.9
 
@@ -76,7 +79,8 @@ def directional_l1(
     turns = watched(lambda: solver.descend(turns), watch)
     watch.step()
     of_node = parts[regions.of_node]
-    limit = side_of_object(field, solver.of_nodes(turns), of_node) if one_sided else None
+    small = np.bincount(regions.of_node)[regions.of_node] <= RIM
+    limit = side_of_object(field, solver.of_nodes(turns), of_node, small) if one_sided else None
     if limit is not None:
         turns = watched(lambda: solver.descend(turns, limit), watch)
     found = solver.of_nodes(turns).astype(np.int32)
@@ -85,7 +89,9 @@ def directional_l1(
     return result
 
 
-def side_of_object(field: Field, turns: NDArray[np.int64], parts: Whole) -> Limit | None:
+def side_of_object(
+    field: Field, turns: NDArray[np.int64], parts: Whole, small: NDArray[np.bool_]
+) -> Limit | None:
     """Return the price of lying on the other side of the empty field than nearly all else.
 
     Nearly all cells are denser than what they lie in, everywhere. At a rim that is steeper than
@@ -103,6 +109,6 @@ def side_of_object(field: Field, turns: NDArray[np.int64], parts: Whole) -> Limi
     rough = np.full(len(field.values), AS_ROUGH_AS, dtype=np.float32)
     if field.amplitude is not None:
         rough += fading(field.amplitude)
-    weight = np.where(joined, weight_of(rough), 0.0)
+    weight = np.where(joined & small, weight_of(rough), 0.0)
     weight[: field.n_islands] = 0.0
     return Limit(free.astype(np.int64), weight, side)
