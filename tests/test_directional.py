@@ -11,15 +11,17 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 import napari_phase4d as p4d
+from napari_phase4d.progress import Watch
 from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_noise
 from napari_phase4d.unwrapping.background import find_background, noise_of
 from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
-from napari_phase4d.unwrapping.directional.field import islands_of
+from napari_phase4d.unwrapping.directional.field import islands_of, prepare
 from napari_phase4d.unwrapping.directional.following import follow_object, seams
 from napari_phase4d.unwrapping.directional.forest import joined
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
-from napari_phase4d.unwrapping.directional.regions import Regions
+from napari_phase4d.unwrapping.directional.regions import Regions, regions_of
 from napari_phase4d.unwrapping.directional.steps import all_steps, roughness
+from napari_phase4d.unwrapping.problem import Problem
 
 TURN = 2 * np.pi
 CYCLE = TURN**2
@@ -163,6 +165,56 @@ def test_parts_of_a_mask_keep_to_the_thin_frame() -> None:
     assert (off != 0).mean() < 0.01
 
 
+@pytest.mark.parametrize("mask", ["auto", "given"])
+@pytest.mark.parametrize("outside", ["nan", "garbage"])
+def test_what_lies_outside_an_aperture_does_not_count(outside: str, mask: str) -> None:
+    data = with_noise(moving_shape("swelling"), 0.5, seed=2)
+    y, x = np.mgrid[:64, :64] - 31.5
+    inside = np.broadcast_to(np.hypot(y, x) < 0.46 * 64, data["phase"].shape)
+    rng = np.random.default_rng(0)
+    values = rng.uniform(-np.pi, np.pi, inside.shape) if outside == "garbage" else np.nan
+    wrapped = data["wrapped"].copy(data=np.where(inside, data["wrapped"], values).astype("f4"))
+    if mask == "auto" and outside == "garbage":
+        pytest.skip("nothing tells garbage from phase")
+    chosen = inside if mask == "given" else "auto"
+    error = {}
+    for method in (*OWN, "temporal-angular"):
+        found = p4d.unwrap(wrapped, method, mask=chosen)
+        off = np.where(found.values == 0, 0, turns_off(found, data["phase"]))
+        error[method] = CYCLE * np.mean(off[inside] ** 2)
+    assert error["directional-l1"] < 0.05
+    assert error["directional-l1"] < error["temporal-angular"]
+
+
+def test_thin_objects_are_kept() -> None:
+    exact = moving_shape("tumbling")
+    thin = exact["phase"] * (0.6 / exact["phase"].values.max())
+    found = p4d.unwrap(thin, "directional-l1", mask="auto").values
+    assert found[0, 0].sum() == pytest.approx(thin.values[0, 0].sum(), rel=0.02)
+
+
+def test_useless_amplitude_does_no_harm() -> None:
+    data = with_noise(moving_shape("dividing"), 0.2, seed=2)
+    plain = p4d.unwrap(data["wrapped"], "directional-l1").values
+    for value in (0.0, np.nan, np.inf):
+        amplitude = np.full(plain.shape, value)
+        found = p4d.unwrap(data["wrapped"], "directional-l1", amplitude=amplitude).values
+        np.testing.assert_array_equal(found, plain)
+    some = np.where(np.random.default_rng(0).random(plain.shape) < 0.6, np.nan, 100.0)
+    found = p4d.unwrap(data["wrapped"], "directional-l1", amplitude=some)
+    assert squared_error(found, data["phase"]) < 0.2
+
+
+def test_noise_is_taken_off_without_background_in_view() -> None:
+    """Else no step is certain, and the graph is as large as the recording."""
+    exact = moving_shape("swelling", (96, 96)).isel(y=slice(33, 63), x=slice(33, 63))
+    problem = Problem(with_noise(exact, 0.2, seed=1)["wrapped"])
+    field = prepare(problem, Watch(3, ""))
+    assert not field.background.mask.any()
+    regions = regions_of(field.steps, len(field.values), field.n_islands)
+    assert regions.n < 0.01 * len(field.values)
+
+
 # ---- the empty field ------------------------------------------------------------------------
 
 
@@ -236,11 +288,11 @@ def test_roughness_by_its_formula() -> None:
             for n, o in zip(step.shape, offset, strict=True)
         ]
         mean += change[np.ix_(*near)] ** 2 / 81
-    np.testing.assert_allclose(roughness(step, 2, none), np.sqrt(mean), rtol=1e-4)
+    np.testing.assert_allclose(roughness(step, 2, none, ~none, 0.0), np.sqrt(mean), rtol=1e-4)
     all_empty = ~none
     floor = (change**2).mean()
     expected = np.sqrt(np.maximum(mean - floor, 0))
-    np.testing.assert_allclose(roughness(step, 2, all_empty), expected, atol=1e-3)
+    np.testing.assert_allclose(roughness(step, 2, all_empty, all_empty, 0.0), expected, atol=1e-3)
 
 
 def test_steps_join_neighbours_only() -> None:
@@ -248,13 +300,13 @@ def test_steps_join_neighbours_only() -> None:
     phase = rng.uniform(-3, 3, (2, 2, 3, 3)).astype(np.float32)
     nodes = np.arange(phase.size, dtype=np.int32).reshape(phase.shape)
     yes = np.ones(phase.shape, dtype=bool)
-    steps = all_steps(phase, nodes, ~yes, yes, np.zeros(phase.shape, np.int8), None)
+    steps = all_steps(phase, nodes, ~yes, yes, np.zeros(phase.shape, np.int8), None, 0.0)
     assert len(steps.first) == 2 * 9 + 2 * 9 + 4 * 6 + 4 * 6
     flat = phase.ravel()
     turns = -np.round((flat[steps.second] - flat[steps.first]) / TURN)
     np.testing.assert_array_equal(steps.turns, turns)
     faint = np.full(phase.shape, 0.5, dtype=np.float32)
-    dim = all_steps(phase, nodes, ~yes, yes, np.zeros(phase.shape, np.int8), faint)
+    dim = all_steps(phase, nodes, ~yes, yes, np.zeros(phase.shape, np.int8), faint, 0.0)
     np.testing.assert_allclose(dim.roughness, steps.roughness + 2, rtol=1e-5)
 
 

@@ -151,7 +151,7 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
     time, view = scores.attrs["best"]
     console.print(
         f"  safest boundary frame {time},{view}: {scores.attrs['basis']} agree on "
-        f"{100 * float(scores[time, view]):.2f} % of the object"
+        f"{100 * scores.attrs['agreement']:.2f} % of the object"
     )
     need = working_bytes(phase.nbytes, list(METHODS))
     console.print(
@@ -458,8 +458,9 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
     verdict = order_verdict(results, outcome.recipe.boundary[0], exact)
     console.print(f"Of the steps on their way: {words}. {verdict}")
+    labels = outcome.comparison.table["method"]
     for method, sentence in outcome.comparison.warnings().items():
-        console.print(f"[yellow]{METHODS[method].label}: {sentence}[/yellow]")
+        console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
 
 
 def shown_columns(outcome: Outcome, exact: xr.DataArray | None) -> dict[str, xr.DataArray]:

@@ -201,3 +201,30 @@ def test_recipe_of_a_phase_file_runs_again(dock, click, qtbot, tmp_path: Path) -
     again = p4d.run(dock.session.outcome.recipe)
     expected = dock.session.outcome.comparison.results["temporal-angular"]
     np.testing.assert_array_equal(again.comparison.results["temporal-angular"], expected)
+
+
+def test_trust_and_suggestion_by_clicks(viewer, dock, click) -> None:
+    click("try_yeast")
+    click("suggest")
+    assert dock.session.recipe.boundary == ((0, 0),)
+    assert "agree on" in dock.status.text()
+    click("show_confidence")
+    assert "there are no results yet" in dock.status.text()
+    for method in ("angular", "temporal", "angular-temporal"):
+        click(f"method_{method}")
+    click("run")
+    click("show_confidence")
+    shown = [layer for layer in viewer.layers if layer.visible]
+    assert [layer.name for layer in shown] == ["trust in 2-D", "trust in T/A", "trust in WL1"]
+    for layer, method in zip(shown, dock.session.confidence, strict=True):
+        expected = dock.session.outcome.comparison.confidence(method)
+        np.testing.assert_array_equal(layer.data, expected.values)
+        assert layer.contrast_limits == [0, 1]
+        assert layer.axis_labels == AXES
+    words = dock.status.text()
+    assert words.startswith("Pixels more likely wrong than right: 2-D 5")
+    assert "in some frames of 2-D" in words
+    assert "most of the object" in dock.compare.table.item(0, 0).toolTip()
+    click("run")
+    assert dock.session.confidence == {}
+    assert dock.session.warnings == {}

@@ -154,8 +154,9 @@ class Presenter:
         if not self.session.confidence:
             return
         self.hide_all()
+        labels = self.session.needed_outcome().comparison.table["method"]
         layers = [
-            self.add(stack_layer(stack, f"trust in {METHODS[method].label}", "confidence"))
+            self.add(stack_layer(stack, f"trust in {labels[method]}", "confidence"))
             for method, stack in self.session.confidence.items()
         ]
         self._arrange(layers)

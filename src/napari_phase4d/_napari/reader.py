@@ -42,6 +42,8 @@ def read(path: str | list[str]) -> list[LayerTuple]:
 
 def kind_of(attrs: dict[Any, Any]) -> str:
     """Return the kind of a result from its attributes."""
+    if "of" in attrs:
+        return "confidence"
     if "method" in attrs:
         return "unwrapped"
     if attrs.get("exact"):

@@ -359,7 +359,8 @@ class Session:
         def receive(outcome: Outcome) -> None:
             if self.reconstruction is not data:
                 raise ValueError(CHANGED)
-            self.outcome, self.margin, self.confidence = outcome, None, {}
+            self._forget_results()
+            self.outcome = outcome
             self.outcome_changed.emit()
 
         return Plan("Unwrapping", work, receive)

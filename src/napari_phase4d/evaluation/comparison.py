@@ -15,7 +15,14 @@ from napari_phase4d.evaluation.confidence import REFERENCE, confidence_of, slip_
 from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
 from napari_phase4d.evaluation.resources import measured
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import METHODS, Problem, check_method, label_of, run_method
+from napari_phase4d.unwrapping import (
+    METHODS,
+    Problem,
+    border_medians,
+    check_method,
+    label_of,
+    run_method,
+)
 
 __all__ = ["Comparison", "compare"]
 
@@ -62,16 +69,24 @@ class Comparison:
         L1, which the others are held against.
         """
         reference = self.reference(progress, cancelled)
-        return confidence_of(self.results[method], reference, self.problem.relative_amplitude)
+        amplitude = self.problem.relative_amplitude
+        return confidence_of(self.results[method], reference, amplitude, self._level())
 
     def warnings(self) -> dict[str, str]:
         """Say of which methods whole objects may be a turn off, and in how many frames."""
-        empty = self.problem.empty_field()
+        background = self.problem.background()
+        empty = self.problem.result(background.mask, "empty", {"units": "1"})
         said = {
-            method: slip_warning(result, self.reference(), empty)
+            method: slip_warning(result, self.reference(), empty, self._level())
             for method, result in self.results.items()
         }
         return {method: sentence for method, sentence in said.items() if sentence}
+
+    def _level(self) -> xr.DataArray:
+        """Return the phase of the empty field of every frame, in the form of the phase."""
+        level = border_medians(self.problem.background().level, self.problem.first)
+        full = np.broadcast_to(level[..., None, None], self.problem.wrapped.shape)
+        return self.problem.result(full, "level", {"units": "rad"})
 
 
 def compare(
@@ -138,6 +153,7 @@ def compare(
                 **errors(cost.result, exact),
             }
         )
+    problem.forget("field")  # as large as many results, and of no more use
     table = pd.DataFrame(rows, index=pd.Index(chosen, name="id"))
     return Comparison(results, table, problem)
 

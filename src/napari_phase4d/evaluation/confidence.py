@@ -12,9 +12,15 @@ TURN = 2 * np.pi
 #: The method that all others are held against.
 REFERENCE = "directional-l1"
 #: Chance that a pixel of the reference is wrong, as a logistic function of its unsteadiness in
-#: turns: where that is a half, and how fast it falls. fitted once to the cells of
-#: `simulation.SHAPES`, noise up to 0.7 rad; ``benchmarks/accuracy.py`` prints how well it holds.
-EVEN_CHANCE, SLOPE = 4.7, 2.3
+#: turns: where that is a half, and how fast it rises; by whether there are several times and
+#: several angles. Fitted once to the cells of `simulation.SHAPES`, noise up to 0.7 rad;
+#: ``benchmarks/accuracy.py`` prints how well it holds. A frame by itself hardly tells.
+CHANCES = {
+    (True, True): (4.7, 2.3),
+    (True, False): (4.0, 1.9),
+    (False, True): (3.4, 0.45),
+    (False, False): (1.9, 0.87),
+}
 #: Smallest share of the median amplitude that counts.
 FAINTEST = 0.05
 #: Below this firmness a whole object is held to its level by too few steps. Of 2,500 simulated
@@ -51,7 +57,10 @@ def unsteadiness(unwrapped: xr.DataArray) -> xr.DataArray:
 
 
 def confidence_of(
-    result: xr.DataArray, reference: xr.DataArray, amplitude: xr.DataArray | None = None
+    result: xr.DataArray,
+    reference: xr.DataArray,
+    amplitude: xr.DataArray | None = None,
+    level: xr.DataArray | float = 0.0,
 ) -> xr.DataArray:
     """Return the chance, from 0 to 1, that each pixel has the right number of turns.
 
@@ -67,17 +76,21 @@ def confidence_of(
         Unwrapped phase of directional L1 on the same grid; may be ``result`` itself.
     amplitude : xarray.DataArray, optional
         Amplitude on the same grid as a share of its median; half of it counts as one turn.
+    level : xarray.DataArray or float, optional
+        Phase of the empty field of every frame, whose drift is no step of the object.
 
     Returns
     -------
     xarray.DataArray
         float32 on the grid of the result.
     """
-    score = unsteadiness(reference).values
+    score = unsteadiness(without_level(reference, level)).values
+    several = [reference.sizes.get(dim, 1) > 1 for dim in ("time", "angle")]
+    even, slope = CHANCES[several[0], several[1]]
     if amplitude is not None:
         share = np.clip(amplitude.values, FAINTEST, 1)
         score = score + (1 / share - 1).astype(np.float32)
-    wrong = 1 / (1 + np.exp(-SLOPE * (score - EVEN_CHANCE)))
+    wrong = 1 / (1 + np.exp(-slope * (score - even)))
     differs = turns_off(result, reference) != 0
     confidence = np.where(differs, wrong, 1 - wrong).astype(np.float32)
     found = result.copy(data=confidence)
@@ -85,13 +98,30 @@ def confidence_of(
     return found.rename("confidence")
 
 
+def without_level(unwrapped: xr.DataArray, level: xr.DataArray | float) -> xr.DataArray:
+    """Return phase less the level of each frame; what a mask set to 0 stays 0."""
+    if isinstance(level, float):
+        return unwrapped
+    steady = unwrapped.values - level.transpose(*unwrapped.dims, missing_dims="ignore").values
+    masked = (unwrapped.values == 0) & (unwrapped.attrs.get("mask", "none") != "none")
+    return unwrapped.copy(data=np.where(masked, 0, steady).astype(np.float32))
+
+
 def turns_off(result: xr.DataArray, reference: xr.DataArray) -> NDArray[np.float32]:
-    """Return by how many whole turns two results differ."""
+    """Return by how many whole turns two results differ; 0 where one of them was masked."""
     off: Stack = np.round((result.values - reference.values) / np.float32(TURN))
+    for stack in (result, reference):
+        if stack.attrs.get("mask", "none") != "none":
+            off = np.where(stack.values == 0, np.float32(0), off)
     return off
 
 
-def slip_warning(result: xr.DataArray, reference: xr.DataArray, empty: xr.DataArray) -> str:
+def slip_warning(
+    result: xr.DataArray,
+    reference: xr.DataArray,
+    empty: xr.DataArray,
+    level: xr.DataArray | float = 0.0,
+) -> str:
     """Say in one sentence in which frames the whole object may be off by a turn; "" if in none.
 
     Parameters
@@ -100,6 +130,8 @@ def slip_warning(result: xr.DataArray, reference: xr.DataArray, empty: xr.DataAr
         See `confidence_of`.
     empty : xarray.DataArray of bool
         The empty field.
+    level : xarray.DataArray or float, optional
+        See `confidence_of`.
     """
     turns = turns_off(result, reference)
     objects = xr.DataArray(np.where(empty.values, np.nan, turns), dims=result.dims)
@@ -113,7 +145,7 @@ def slip_warning(result: xr.DataArray, reference: xr.DataArray, empty: xr.DataAr
             f"in {n_slipped} of {n_frames} frames most of the object lies a turn off "
             "the result of WL1"
         )
-    loose = int(np.sum(firmness(result, empty).values < LOOSE))
+    loose = int(np.sum(firmness(without_level(result, level), empty).values < LOOSE))
     if loose:
         return (
             f"in {loose} of {n_frames} frames few steps tie the object to its level; "

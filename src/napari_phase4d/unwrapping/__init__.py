@@ -12,6 +12,7 @@ from napari_phase4d.unwrapping.registry import (
     run_method,
     unwrap,
 )
+from napari_phase4d.unwrapping.spatial import border_medians
 
 __all__ = [
     "DIMS",
@@ -19,6 +20,7 @@ __all__ = [
     "Method",
     "Option",
     "Problem",
+    "border_medians",
     "both_ends",
     "check_method",
     "label_of",

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.unwrapping.spatial import border_of
+from napari_phase4d.unwrapping.spatial import BORDER, border_of
 
 __all__ = ["Background", "find_background", "noise_of"]
 
@@ -19,6 +20,8 @@ QUIET = 0.1
 SMOOTHING = (0.7, 1.2)
 #: The empty field lies within this many radians of its level ...
 FLAT = 0.5
+#: ... a frame's border within this many more of its commonest phase ...
+NEAR_LEVEL = 0.3
 #: ... and the smoothed field there is shorter than that of pure noise by at most this.
 SHORTER = 0.06
 #: Share of the border that has to be flat for a frame to show a background.
@@ -29,6 +32,8 @@ FRAME_SHARE = 0.9
 SMALLEST = 12
 #: Times and angles that the field of noisy frames is averaged over.
 BOX = 3
+#: Share of the weight of a window below which a mean counts as nothing.
+LEAST_WEIGHT = 1e-3
 #: Bins of the histogram of phases in which a frame's level is looked for, and its sharpness.
 BINS, SHARPNESS = 72, 4.0
 
@@ -57,17 +62,33 @@ class Background:
     noise: float
 
 
-def noise_of(wrapped: Stack) -> float:
+def noise_of(wrapped: Stack, usable: Mask | None = None) -> float:
     """Return the standard deviation of the noise in radians, from second differences.
 
     The median of the wrapped second differences along y or x, whichever is smaller; for white
     noise it is 0.6745 sqrt(6) standard deviations.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    usable : ndarray of bool, optional
+        Pixels that count; default all.
     """
     found = []
     for axis in (-1, -2):
-        if wrapped.shape[axis] >= 3:
-            step = turned(np.diff(wrapped, axis=axis))
-            second = np.abs(turned(np.diff(step, axis=axis)))
+        if wrapped.shape[axis] < 3:
+            continue
+        step = turned(np.diff(wrapped, axis=axis))
+        second = np.abs(turned(np.diff(step, axis=axis)))
+        if usable is not None:
+            last = wrapped.ndim + axis
+            thrice = [
+                usable[(slice(None),) * last + (slice(i, i + second.shape[axis]),)]
+                for i in range(3)
+            ]
+            second = second[thrice[0] & thrice[1] & thrice[2]]
+        if second.size:
             found.append(float(np.median(second)) / 0.6745 / np.sqrt(6))
     return min(found, default=0.0)
 
@@ -78,21 +99,27 @@ def turned(phase: NDArray[np.floating]) -> Stack:
     return wrapped
 
 
-def find_background(wrapped: Stack) -> Background:
+def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
     """Find the empty field of every frame, and its level.
 
     Parameters
     ----------
     wrapped : ndarray of shape (time, angle, y, x)
         Wrapped phase in radians.
+    usable : ndarray of bool, optional
+        Pixels that may be looked at; default all. The border is then theirs.
     """
-    noise = noise_of(wrapped)
+    if usable is None or usable.all():
+        usable = None
+    noise = noise_of(wrapped, usable)
     width = SMOOTHING[int(noise >= QUIET)]
-    smooth = smoothed(wrapped, width)
+    weights = np.float32(1) if usable is None else usable.astype(np.float32)
+    field = weights * np.exp(1j * wrapped).astype(np.complex64)
+    length, phase = mean_field(field, weights, lambda part: gaussian(part, width))
     left = noise / (2 * np.sqrt(np.pi) * width)  # noise that smoothing leaves
     shortest = np.exp(-(noise**2) / 2) - 2 * left  # length of the field where it is flat
-    length, phase = np.abs(smooth), np.angle(smooth)
-    level, has_background = levels(phase, length, shortest - SHORTER, FLAT + 0.3 + 2 * left)
+    within = FLAT + NEAR_LEVEL + 2 * left
+    level, has_background = levels(phase, length, usable, shortest - SHORTER, within)
     if has_background.mean() >= FRAME_SHARE:
         level = filled(level, has_background)
         phase = turned(phase - level[..., None, None].astype(np.float32))
@@ -101,14 +128,44 @@ def find_background(wrapped: Stack) -> Background:
         has_background[:] = False
         level[:] = 0
     if noise >= QUIET:
-        length, phase, left = averaged(length, phase, left)
+        # The empty field is the same at neighbouring times and angles, a cell that moves or turns
+        # is not; with less noise, a plateau inside the cell is less often taken for empty.
+        sizes = [BOX if n >= BOX else 1 for n in wrapped.shape[:2]] + [1, 1]
+        field = weights * length * np.exp(1j * phase)
+        length, phase = mean_field(field, weights, lambda part: box_mean(part, sizes))
+        left /= float(np.sqrt(np.prod(sizes)))
         shortest = np.exp(-(noise**2) / 2) - 2 * left
     enough = shortest - (SHORTER if noise < QUIET else 0)
     flat = (np.abs(phase) < FLAT + 2 * left) & (length > enough)
     mask = np.zeros(wrapped.shape, dtype=bool)
     for frame in zip(*np.nonzero(has_background), strict=True):
-        mask[frame] = joined_to_border(flat[frame], quiet=noise < QUIET)
+        inside = None if usable is None else usable[frame]
+        mask[frame] = joined_to_border(flat[frame], inside, quiet=noise < QUIET)
     return Background(mask, level, noise)
+
+
+def gaussian(part: Stack, width: float) -> Stack:
+    """Smooth over y and x."""
+    widths = (0.0, 0.0, width, width)
+    found: Stack = ndimage.gaussian_filter(part, widths, mode="nearest", truncate=2.5)
+    return found
+
+
+def box_mean(part: Stack, sizes: Sequence[int]) -> Stack:
+    """Average over a box."""
+    found: Stack = ndimage.uniform_filter(part, sizes, mode="nearest")
+    return found
+
+
+def mean_field(
+    field: NDArray[np.complex64], weights: Stack | np.float32, smooth: Callable[[Stack], Stack]
+) -> tuple[Stack, Stack]:
+    """Return length and phase of a smoothed field, over the pixels that have a weight only."""
+    real, imaginary = smooth(field.real), smooth(field.imag)
+    length = np.hypot(real, imaginary)
+    if np.ndim(weights):
+        length /= np.maximum(smooth(np.asarray(weights)), LEAST_WEIGHT)
+    return length.astype(np.float32), np.arctan2(imaginary, real).astype(np.float32)
 
 
 def filled(level: NDArray[np.float64], known: Mask) -> NDArray[np.float64]:
@@ -118,50 +175,18 @@ def filled(level: NDArray[np.float64], known: Mask) -> NDArray[np.float64]:
     return found
 
 
-def smoothed(wrapped: Stack, width: float) -> NDArray[np.complex64]:
-    """Return the field exp(i phase), smoothed over y and x."""
-    widths = (0.0, 0.0, width, width)
-    parts = [
-        ndimage.gaussian_filter(part, widths, mode="nearest", truncate=2.5)
-        for part in (np.cos(wrapped), np.sin(wrapped))
-    ]
-    field: NDArray[np.complex64] = parts[0] + np.complex64(1j) * parts[1]
-    return field
-
-
-def averaged(length: Stack, phase: Stack, left: float) -> tuple[Stack, Stack, float]:
-    """Average the smoothed field over neighbouring times and angles.
-
-    The empty field is the same there, a cell that moves or turns is not; what noise is left
-    becomes smaller, so that a plateau inside the cell is less often taken for empty.
-
-    Returns
-    -------
-    length, phase : ndarray
-        Of the averaged field.
-    left : float
-        Noise that is left, in radians.
-    """
-    sizes = [BOX if n >= BOX else 1 for n in phase.shape[:2]] + [1, 1]
-    real, imaginary = (
-        ndimage.uniform_filter(length * part(phase), sizes, mode="nearest")
-        for part in (np.cos, np.sin)
-    )
-    left /= float(np.sqrt(np.prod(sizes)))
-    return np.hypot(real, imaginary), np.arctan2(imaginary, real), left
-
-
 def levels(
-    phase: Stack, length: Stack, shortest: float, within: float
+    phase: Stack, length: Stack, usable: Mask | None, shortest: float, within: float
 ) -> tuple[NDArray[np.float64], Mask]:
     """Return the phase that most of each frame's border has, and whether that is enough of it."""
     edge = border_of(phase.shape[2:])
-    on_border, usable = phase[..., edge], length[..., edge] > shortest
     grid = np.linspace(-np.pi, np.pi, BINS, endpoint=False)
     level = np.zeros(phase.shape[:2])
     share = np.zeros(phase.shape[:2])
     for frame in np.ndindex(*level.shape):
-        values = on_border[frame][usable[frame]].astype(np.float64)
+        if usable is not None:
+            edge = rim(usable[frame], BORDER)
+        values = phase[frame][edge & (length[frame] > shortest)].astype(np.float64)
         if len(values) == 0:
             continue
         likeness = np.exp(SHARPNESS * (np.cos(grid[:, None] - values) - 1)).sum(axis=1)
@@ -174,18 +199,35 @@ def levels(
     return level, share > BORDER_SHARE
 
 
-def joined_to_border(flat: Mask, *, quiet: bool) -> Mask:
+def rim(usable: Mask, width: int) -> Mask:
+    """Mark the outermost pixels of those that are usable."""
+    found: Mask = usable & ~ndimage.binary_erosion(usable, CROSS, width, border_value=0)
+    return found
+
+
+def joined_to_border(flat: Mask, usable: Mask | None, *, quiet: bool) -> Mask:
     """Return what of the flat pixels of a frame is joined to its border by more than a thread."""
     structure = CROSS if quiet else SQUARE
+    edge = np.zeros_like(flat)
+    edge[[0, -1]] = edge[:, [0, -1]] = True
+    if usable is not None:
+        edge = rim(usable, 1)
+        # Beyond its border the field counts as going on, as it does beyond the frame's.
+        flat = flat | ~usable
     padded = np.pad(flat, 2, mode="edge")
     opened = ndimage.binary_opening(padded, structure)[2:-2, 2:-2]
+    if usable is not None:
+        opened &= usable
     labels, count = ndimage.label(opened)
     if count == 0:
         return np.zeros_like(flat)
     touching = np.zeros(count + 1, dtype=bool)
-    for side in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
-        touching[side] = True
+    touching[labels[edge]] = True
     touching &= np.bincount(labels.ravel(), minlength=count + 1) >= SMALLEST
     touching[0] = False
     found: Mask = touching[labels]
-    return found if quiet else ndimage.binary_erosion(found, CROSS, border_value=1)
+    if quiet:
+        return found
+    kept = found if usable is None else found | ~usable
+    eroded: Mask = ndimage.binary_erosion(kept, CROSS, border_value=1) & found
+    return eroded

@@ -11,7 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.unwrapping.background import find_background
+from napari_phase4d.unwrapping.background import Background, find_background
 from napari_phase4d.unwrapping.masks import object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.spatial import unwrap_frames
@@ -161,10 +161,13 @@ class Problem:
             return None
         return self.result(self.amplitude, "amplitude", {"units": "1"})
 
-    def empty_field(self) -> xr.DataArray:
-        """Return which pixels hold no object, in the form of the phase."""
-        found = self.once("empty", lambda: find_background(self.wrapped).mask)
-        return self.result(found, "empty", {"units": "1"})
+    def background(self) -> Background:
+        """Return the empty field of every frame, and its level."""
+        return self.once("background", lambda: find_background(self.wrapped, self.usable))
+
+    def forget(self, name: str) -> None:
+        """Let go of what was computed by this name."""
+        self._known.pop(name, None)
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""
@@ -223,10 +226,18 @@ class Problem:
 
 
 def relative_amplitude(values: NDArray[Any]) -> NDArray[np.float32]:
-    """Return amplitude (time, angle, y, x) as a share of its view's median, NaN as nothing."""
-    known = np.where(np.isfinite(values), values, 0).astype(np.float32)
-    median = np.median(known, axis=(0, 2, 3), keepdims=True)
-    return (known / np.where(median > 0, median, 1)).astype(np.float32)
+    """Return amplitude (time, angle, y, x) as a share of its view's median.
+
+    NaN counts as no amplitude; a view without any is taken as bright everywhere.
+    """
+    share = np.ones(values.shape, dtype=np.float32)
+    for angle in range(values.shape[1]):
+        view = values[:, angle]
+        known = np.isfinite(view)
+        bright = view[known & (view > 0)]
+        if bright.size:
+            share[:, angle] = np.where(known, view, 0) / np.median(bright)
+    return share
 
 
 def in_full(stack: xr.DataArray) -> NDArray[Any]:

@@ -77,7 +77,7 @@ class Method:
     finds_object: bool = False
 
 
-OWN = "This project; energy of weighted whole turns as in Flynn 1997 and Bioucas-Dias 2007"
+OWN = "This project, see docs/own_method.md"
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -293,6 +293,8 @@ def run_method(
         "method": method,
         "options": chosen,
         "boundary": [list(b) for b in problem.boundaries],
+        "mask": "auto" if problem.finds_mask else "given" if not problem.mask.all() else "none",
+        "amplitude": problem.amplitude is not None,
     }
     return problem.result(values, method, attrs)
 

@@ -18,7 +18,6 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.evaluation import best_known, order_verdict
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["CompareStep"]
 
@@ -125,11 +124,12 @@ class CompareStep(Step):
         maps, warnings = self.session.confidence, self.session.warnings
         if not maps:
             return ""
+        labels = self.session.needed_outcome().comparison.table["method"]
         doubtful = {m: 100 * float((c.values < 0.5).mean()) for m, c in maps.items()}
-        shares = ", ".join(f"{METHODS[m].label} {share:.2g} %" for m, share in doubtful.items())
+        shares = ", ".join(f"{labels[m]} {share:.2g} %" for m, share in doubtful.items())
         said = ""
         if warnings:
-            slipped = ", ".join(METHODS[m].label for m in warnings)
+            slipped = ", ".join(labels[m] for m in warnings)
             said = f" Whole objects may be a cycle off in some frames of {slipped}; "
             said += "the table's tooltips say in how many."
         return f"Pixels more likely wrong than right: {shares}.{said}"

@@ -97,7 +97,7 @@ class UnwrapStep(Step):
         if scores is None:
             return ""
         time, angle = scores.attrs["best"]
-        agree = 100 * float(scores.values[time, angle])
+        agree = 100 * scores.attrs["agreement"]
         return (
             f"Thin frame: time {time}, angle {float(scores['angle'][angle]):g}°. There, "
             f"{scores.attrs['basis']} agree on {agree:.3g} % of the object."

@@ -8,14 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.progress import Watch, watched
-from napari_phase4d.unwrapping.background import (
-    Background,
-    find_background,
-    turned,
-)
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
+from napari_phase4d.unwrapping.background import Background, turned
 from napari_phase4d.unwrapping.directional.following import follow_object, seams
 from napari_phase4d.unwrapping.directional.steps import Steps, all_steps
+from napari_phase4d.unwrapping.masks import object_masks
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registration import moved
 from napari_phase4d.unwrapping.spatial import border_medians
@@ -77,11 +74,10 @@ class Field:
 
 def prepare(problem: Problem, watch: Watch) -> Field:
     """Find the empty field, put the object in place, and list the steps (takes three steps)."""
-    wrapped = problem.wrapped
-    background = watched(lambda: find_background(wrapped), watch)
+    background = watched(problem.background, watch)
     watch.step()
-    phase = turned(wrapped - background.level[..., None, None].astype(np.float32))
-    shifts = watched(lambda: follow_object(phase, ~background.mask), watch)
+    phase = turned(problem.wrapped - background.level[..., None, None].astype(np.float32))
+    shifts = watched(lambda: follow_object(phase, ~background.mask & problem.usable), watch)
     watch.step()
     field = watched(lambda: graph(problem, background, phase, shifts), watch)
     watch.step()
@@ -110,6 +106,7 @@ def graph(
         usable[box],
         seams(shifts, phase.shape[2:])[box],
         None if amplitude is None else amplitude[box],
+        background.noise,
     )
 
     def of_nodes(stack: Stack, on_islands: float) -> Stack:
@@ -169,29 +166,34 @@ def finished_phase(
     turns: NDArray[np.int32],
     parts: NDArray[np.int32],
     problem: Problem,
-    watch: Watch,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
 ) -> Stack:
     """Return the unwrapped phase, congruent with the wrapped phase; 0 where it is not wanted.
 
     Parts that no step joins to the empty field take their level from the two-dimensional
-    unwrapping of the boundary frame.
+    unwrapping of the boundary frame. A mask that was to be found is found in this result.
     """
+    watch = Watch(problem.n_frames, "finding the object", progress, cancelled)
     level = border_medians(field.background.level, problem.first)[..., None, None]
-    lifted = field.lifted(turns) + level.astype(np.float32)
-    unwrapped = congruent(lifted, problem.wrapped)
+    unwrapped = watched(
+        lambda: congruent(field.lifted(turns) + level.astype(np.float32), problem.wrapped), watch
+    )
     label = field.everywhere(parts)
-    wanted = problem.usable
-    if problem.finds_mask:
-        # What was taken for empty, but is not at the level of the empty field, is shown.
-        at_level = field.everywhere(turns) == turns[0]
-        wanted = wanted & ~(field.background.mask & at_level)
-    loose = wanted & (label != parts[0])
+    loose = problem.usable & (label != parts[0])
     if loose.any():
-        height = problem.spatial() - unwrapped
-        placed = with_levels(
-            unwrapped, label, height, loose, loose & problem.mask, problem.first, watch
+        height = problem.spatial(progress, cancelled) - unwrapped
+        asked = loose & problem.mask
+        placed = watched(
+            lambda: with_levels(unwrapped, label, height, loose, asked, problem.first, watch),
+            watch,
         )
         unwrapped = np.where(loose, placed, unwrapped)
+    wanted = problem.usable
+    if problem.finds_mask:
+        # Each frame about zero, so that an aperture's outside, which is 0, is no step.
+        about_zero = np.where(problem.usable, unwrapped - level.astype(np.float32), np.float32(0))
+        wanted = wanted & object_masks(about_zero, watch)
     return np.where(wanted, unwrapped, np.float32(0))
 
 

@@ -17,13 +17,16 @@ __all__ = ["directional_growing", "directional_l1"]
 TURN = np.float32(2 * np.pi)
 Stack = NDArray[np.float32]
 Whole = NDArray[np.int32]
+Turns = NDArray[np.int64]
 
 #: A pixel lies beyond the empty field if its phase does so by this many radians and twice the
 #: noise; each turn beyond costs as much as a step of so much roughness, in radians, that is off.
 BEYOND, AS_ROUGH_AS = 0.5, 2.0
-#: Only regions of so few pixels pay, as many as a square of three: the price is for rims, not for
+#: Only regions of so few pixels pay, as many as a cube of three: the price is for rims, not for
 #: what many steps hold.
-RIM = 9
+RIM = 27
+#: Largest share of the object's pixels that the price may move.
+MOST = 0.5
 #: An object lies on one side of the empty field if this share of what is a turn off does.
 NEARLY_ALL = 0.9
 
@@ -38,13 +41,20 @@ def directional_growing(
     Region growing (Abdul-Rahman et al. 2007) trusts pixels by second differences in all
     directions instead.
     """
-    watch = Watch(5, "directional growing", progress, cancelled)
-    field = problem.once("field", lambda: prepare(problem, watch))
-    parts, turns = watched(lambda: grown(field.steps, len(field.values)), watch)
+    field = prepared(problem, progress, cancelled)
+    watch = Watch(1, "directional growing", progress, cancelled)
+    n = len(field.values)
+    parts, turns = watched(lambda: grown(field.steps, n, field.n_islands), watch)
     watch.step()
-    result = finished_phase(field, turns, parts, problem, watch)
-    watch.step()
-    return result
+    return finished_phase(field, turns, parts, problem, progress, cancelled)
+
+
+def prepared(
+    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> Field:
+    """Return what both methods start from, computed once for a problem."""
+    watch = Watch(3, "weighing the steps", progress, cancelled)
+    return problem.once("field", lambda: prepare(problem, watch))
 
 
 def directional_l1(
@@ -70,27 +80,40 @@ def directional_l1(
         Whether to prefer, where steps can't tell, that the object lies on one side of the empty
         field: nowhere thinner optically, or nowhere denser. Default True.
     """
-    watch = Watch(6, "directional L1", progress, cancelled)
-    field = problem.once("field", lambda: prepare(problem, watch))
+    field = prepared(problem, progress, cancelled)
+    watch = Watch(3, "directional L1", progress, cancelled)
     regions = watched(lambda: regions_of(field.steps, len(field.values), field.n_islands), watch)
     watch.step()
-    solver = LeastTurns(regions, watch.check)
-    parts, turns = solver.start()
-    turns = watched(lambda: solver.descend(turns), watch)
+    solver = watched(lambda: LeastTurns(regions, watch.check), watch)
+    parts, start = watched(solver.start, watch)
+    plain = watched(lambda: solver.descend(start), watch)
     watch.step()
     of_node = parts[regions.of_node]
-    small = np.bincount(regions.of_node)[regions.of_node] <= RIM
-    limit = side_of_object(field, solver.of_nodes(turns), of_node, small) if one_sided else None
-    if limit is not None:
-        turns = watched(lambda: solver.descend(turns, limit), watch)
-    found = solver.of_nodes(turns).astype(np.int32)
-    result = finished_phase(field, found, of_node, problem, watch)
+    turns = solver.of_nodes(plain)
+    if one_sided:
+        turns = watched(lambda: on_one_side(field, solver, plain, of_node), watch)
     watch.step()
-    return result
+    return finished_phase(field, turns.astype(np.int32), of_node, problem, progress, cancelled)
+
+
+def on_one_side(field: Field, solver: LeastTurns, plain: Turns, parts: Whole) -> Turns:
+    """Return the turns of every node, after lying on the wrong side has had its price."""
+    before = solver.of_nodes(plain)
+    sizes = np.bincount(solver.regions.of_node)
+    small = sizes[solver.regions.of_node] <= RIM
+    limit = side_of_object(field, before, parts, small)
+    if limit is None:
+        return before
+    after = solver.of_nodes(solver.descend(plain, limit))
+    object_ = parts == parts[0]
+    object_[: field.n_islands] = False
+    moved = (after != before)[object_]
+    # If most of it moves, the side was mistaken.
+    return before if moved.mean() > MOST else after
 
 
 def side_of_object(
-    field: Field, turns: NDArray[np.int64], parts: Whole, small: NDArray[np.bool_]
+    field: Field, turns: Turns, parts: Whole, small: NDArray[np.bool_]
 ) -> Limit | None:
     """Return the price of lying on the other side of the empty field than nearly all else.
 

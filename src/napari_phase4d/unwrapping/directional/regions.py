@@ -63,8 +63,11 @@ def smoothest_first(roughness: NDArray[np.float32]) -> NDArray[np.int64]:
     return order
 
 
-def grown(steps: Steps, n: int) -> tuple[Whole, Whole]:
+def grown(steps: Steps, n: int, n_islands: int) -> tuple[Whole, Whole]:
     """Go along the steps, smoothest first, as Kruskal does.
+
+    Before all others come the steps between islands of the empty field, those first whose
+    majority is largest: one step that looks smooth by accident is not to tie an island to a cell.
 
     Parameters
     ----------
@@ -72,6 +75,8 @@ def grown(steps: Steps, n: int) -> tuple[Whole, Whole]:
         Steps between nodes.
     n : int
         Number of nodes.
+    n_islands : int
+        How many of the first nodes are islands of the empty field.
 
     Returns
     -------
@@ -80,9 +85,21 @@ def grown(steps: Steps, n: int) -> tuple[Whole, Whole]:
     turns : ndarray of int
         Turns of every node; 0 for node 0.
     """
+    between = np.flatnonzero(np.maximum(steps.first, steps.second) < n_islands)
+    a, b = steps.first[between], steps.second[between]
+    turns = steps.turns[between].astype(np.int64)
+    nodes = np.arange(n, dtype=np.int32)
+    votes = merged(nodes, nodes * 0, n, (a, b, turns, weight_of(steps.roughness[between])))
+    heaviest_first = np.argsort(-votes.weight, kind="stable")
     order = smoothest_first(steps.roughness)
-    parts, turns = joined(steps.first, steps.second, steps.turns, order, n)
-    return parts, turns - np.where(parts == parts[0], turns[0], 0).astype(np.int32)
+    parts, turns_of = joined(
+        np.concatenate([votes.first[heaviest_first], steps.first[order]]),
+        np.concatenate([votes.second[heaviest_first], steps.second[order]]),
+        np.concatenate([votes.turns[heaviest_first].astype(np.int32), steps.turns[order]]),
+        np.arange(len(votes.first) + len(order)),
+        n,
+    )
+    return parts, turns_of - np.where(parts == parts[0], turns_of[0], 0).astype(np.int32)
 
 
 def regions_of(steps: Steps, n: int, n_islands: int) -> Regions:

@@ -15,6 +15,11 @@ TURN = np.float32(2 * np.pi)
 BOX = 3
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
+#: Mean of D^2 for white noise of one radian: 12 + 2 * 4.7 where there are two changes, which share
+#: two thirds of their noise, and 4 * 2 where there is a single step.
+OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
+#: Share of the weight of a box below which a mean counts as nothing.
+LEAST_WEIGHT = 1e-3
 #: Amplitude, as a share of its median, below which fading does not grow; and the roughness in
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
@@ -53,6 +58,7 @@ def all_steps(
     usable: Mask,
     seams: NDArray[np.int8],
     amplitude: Stack | None,
+    noise: float,
 ) -> Steps:
     """Return the steps along time, angle, y and x whose ends are not the same node.
 
@@ -70,6 +76,8 @@ def all_steps(
         Neighbours of different numbers are none.
     amplitude : ndarray of float or None
         Amplitude as a share of its median.
+    noise : float
+        Standard deviation of the phase's noise in radians, for where no empty field is in view.
     """
     parts = []
     for axis in range(4):
@@ -81,15 +89,11 @@ def all_steps(
         difference = phase[tail] - phase[head]
         turns = np.round(difference / TURN).astype(np.int32)
         step = difference - TURN * turns.astype(np.float32)
-        rough = roughness(step, axis, empty[head] & empty[tail])
+        valid = usable[head] & usable[tail] & (seams[head] == seams[tail])
+        rough = roughness(step, axis, empty[head] & empty[tail], valid, noise)
         if amplitude is not None:
             rough += fading(np.minimum(amplitude[head], amplitude[tail]))
-        kept = (
-            (nodes[head] != nodes[tail])
-            & usable[head]
-            & usable[tail]
-            & (seams[head] == seams[tail])
-        )
+        kept = valid & (nodes[head] != nodes[tail])
         parts.append(
             (
                 nodes[head][kept],
@@ -111,24 +115,48 @@ def fading(amplitude: Stack) -> Stack:
     return (FADING * (1 / faint - 1)).astype(np.float32)
 
 
-def roughness(step: Stack, axis: int, empty: Mask) -> Stack:
+def roughness(step: Stack, axis: int, empty: Mask, valid: Mask, noise: float) -> Stack:
     """Return how much steps change along their own axis, averaged over a box, less the noise.
 
     D = |g(j+1) - g(j)| + |g(j) - g(j-1)|, where a missing neighbour counts as the other one, and
-    2 |g| where there is one step only; the root of the mean of D^2 over the box, less its mean
-    over the empty field.
+    2 |g| where there is none; the root of the mean of D^2 over the valid steps of the box, less
+    what noise alone makes of it: its mean over the empty field, else that of white noise.
     """
     if step.shape[axis] == 1:
-        twice = 2 * np.abs(step)
+        twice, of_noise = 2 * np.abs(step), OF_ONE_STEP
     else:
-        between = np.abs(np.diff(step, axis=axis))
-        ends = [(int(i == axis), int(i == axis)) for i in range(4)]
-        padded = np.pad(between, ends, mode="edge")
-        n = step.shape[axis]
-        twice = padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
+        twice, of_noise = change_on_both_sides(step, axis, valid), OF_TWO_CHANGES
     change = (twice * twice).astype(np.float32)
-    floor = float(change[empty].mean()) if np.count_nonzero(empty) >= ENOUGH else 0.0
+    known = empty & valid
+    floor = of_noise * noise**2
+    if np.count_nonzero(known) >= ENOUGH:
+        floor = float(change[known].mean())
     width = [BOX if n >= BOX else 1 for n in step.shape]
-    mean = ndimage.uniform_filter(change, width, mode="reflect")
+    if valid.all():
+        mean = ndimage.uniform_filter(change, width, mode="reflect")
+    else:
+        weight = valid.astype(np.float32)
+        counted = ndimage.uniform_filter(weight, width, mode="reflect")
+        mean = ndimage.uniform_filter(change * weight, width, mode="reflect")
+        mean /= np.maximum(counted, np.float32(LEAST_WEIGHT))
     rough: Stack = np.sqrt(np.maximum(mean - np.float32(floor), np.float32(0)))
     return rough
+
+
+def change_on_both_sides(step: Stack, axis: int, valid: Mask) -> Stack:
+    """Return |g(j+1) - g(j)| + |g(j) - g(j-1)|, a missing one replaced by the other."""
+    between = np.abs(np.diff(step, axis=axis))
+    n = step.shape[axis]
+    ends = [(int(i == axis), int(i == axis)) for i in range(4)]
+    if valid.all():
+        padded = np.pad(between, ends, mode="edge")
+        both: Stack = padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
+        return both
+    head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(4))
+    tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(4))
+    there = np.pad(valid[head] & valid[tail], ends)
+    padded = np.pad(between, ends) * there
+    total = padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
+    count = there.take(range(n), axis).astype(np.int8) + there.take(range(1, n + 1), axis)
+    changed = np.choose(count, [2 * np.abs(step), 2 * total, total])
+    return changed.astype(np.float32)
