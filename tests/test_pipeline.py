@@ -109,7 +109,7 @@ def test_run_follows_the_recipe(small_video, tmp_path: Path) -> None:
     lobes = p4d.find_lobes(small_video, 2)
     data = p4d.reconstruct(small_video, lobes)
     xr.testing.assert_identical(outcome.reconstruction, data)
-    expected = p4d.unwrap(data["phase"], "temporal", (1, 0))
+    expected = p4d.unwrap(data["phase"], "temporal", (1, 0), amplitude=data["amplitude"])
     xr.testing.assert_identical(outcome.comparison.results["temporal"], expected)
     written = write_outcome(outcome, tmp_path)
     assert {p.name for p in written} == {
