@@ -114,8 +114,7 @@ def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
     noise = noise_of(wrapped, usable)
     width = SMOOTHING[int(noise >= QUIET)]
     weights = np.float32(1) if usable is None else usable.astype(np.float32)
-    field = weights * np.exp(1j * wrapped).astype(np.complex64)
-    length, phase = mean_field(field, weights, lambda part: gaussian(part, width))
+    length, phase = mean_field(weights, wrapped, weights, lambda part: gaussian(part, width))
     left = noise / (2 * np.sqrt(np.pi) * width)  # noise that smoothing leaves
     shortest = np.exp(-(noise**2) / 2) - 2 * left  # length of the field where it is flat
     within = FLAT + NEAR_LEVEL + 2 * left
@@ -131,8 +130,9 @@ def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
         # The empty field is the same at neighbouring times and angles, a cell that moves or turns
         # is not; with less noise, a plateau inside the cell is less often taken for empty.
         sizes = [BOX if n >= BOX else 1 for n in wrapped.shape[:2]] + [1, 1]
-        field = weights * length * np.exp(1j * phase)
-        length, phase = mean_field(field, weights, lambda part: box_mean(part, sizes))
+        length, phase = mean_field(
+            weights * length, phase, weights, lambda part: box_mean(part, sizes)
+        )
         left /= float(np.sqrt(np.prod(sizes)))
         shortest = np.exp(-(noise**2) / 2) - 2 * left
     enough = shortest - (SHORTER if noise < QUIET else 0)
@@ -158,14 +158,17 @@ def box_mean(part: Stack, sizes: Sequence[int]) -> Stack:
 
 
 def mean_field(
-    field: NDArray[np.complex64], weights: Stack | np.float32, smooth: Callable[[Stack], Stack]
+    length: Stack | np.float32,
+    phase: Stack,
+    weights: Stack | np.float32,
+    smooth: Callable[[Stack], Stack],
 ) -> tuple[Stack, Stack]:
     """Return length and phase of a smoothed field, over the pixels that have a weight only."""
-    real, imaginary = smooth(field.real), smooth(field.imag)
-    length = np.hypot(real, imaginary)
+    real, imaginary = smooth(length * np.cos(phase)), smooth(length * np.sin(phase))
+    mean = np.hypot(real, imaginary)
     if np.ndim(weights):
-        length /= np.maximum(smooth(np.asarray(weights)), LEAST_WEIGHT)
-    return length.astype(np.float32), np.arctan2(imaginary, real).astype(np.float32)
+        mean /= np.maximum(smooth(np.asarray(weights)), LEAST_WEIGHT)
+    return mean.astype(np.float32), np.arctan2(imaginary, real).astype(np.float32)
 
 
 def filled(level: NDArray[np.float64], known: Mask) -> NDArray[np.float64]:
@@ -181,6 +184,7 @@ def levels(
     """Return the phase that most of each frame's border has, and whether that is enough of it."""
     edge = border_of(phase.shape[2:])
     grid = np.linspace(-np.pi, np.pi, BINS, endpoint=False)
+    likeness = np.exp(SHARPNESS * (np.cos(grid[:, None] - grid) - 1))
     level = np.zeros(phase.shape[:2])
     share = np.zeros(phase.shape[:2])
     for frame in np.ndindex(*level.shape):
@@ -189,8 +193,8 @@ def levels(
         values = phase[frame][edge & (length[frame] > shortest)].astype(np.float64)
         if len(values) == 0:
             continue
-        likeness = np.exp(SHARPNESS * (np.cos(grid[:, None] - values) - 1)).sum(axis=1)
-        mode = grid[np.argmax(likeness)]
+        bins = np.round((values + np.pi) * (BINS / TURN)).astype(np.intp) % BINS
+        mode = grid[np.argmax(likeness @ np.bincount(bins, minlength=BINS))]
         off = turned(values - mode)
         near = np.abs(off) < within
         if near.any():
