@@ -97,6 +97,19 @@ def demo(
         console.print(f"  {path.name}")
 
 
+# Options that several commands have.
+Views = Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")]
+Angles = Annotated[
+    list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
+]
+Boundary = Annotated[
+    str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
+]
+Confidence = Annotated[
+    bool, typer.Option(help="Also write how far to trust each pixel of each result.")
+]
+
+
 @app.command()
 def info(
     file: Annotated[
@@ -165,13 +178,9 @@ def run_command(
         list[Path], typer.Argument(help="Hologram videos; a .json among them is the recipe.")
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_output"),
-    views: Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")] = None,
-    angle: Annotated[
-        list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
-    ] = None,
-    boundary: Annotated[
-        str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
-    ] = None,
+    views: Views = None,
+    angle: Angles = None,
+    boundary: Boundary = None,
     method: Annotated[
         list[str] | None, typer.Option(help="Method id; may be given several times.")
     ] = None,
@@ -180,9 +189,7 @@ def run_command(
     magnification: Annotated[float | None, typer.Option(help="From sample to camera.")] = None,
     frame_rate: Annotated[float | None, typer.Option(help="Frames per second.")] = None,
     *,
-    confidence: Annotated[
-        bool, typer.Option(help="Also write how far to trust each pixel of each result.")
-    ] = False,
+    confidence: Confidence = False,
 ) -> None:
     """Take recordings from file to unwrapped phase, table and recipe."""
     recipe, files = recipe_and_files(inputs)
@@ -220,20 +227,14 @@ def compare_command(
     truth: Annotated[
         Path | None, typer.Option(help="Exact or published phase on the same grid.")
     ] = None,
-    views: Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")] = None,
-    angle: Annotated[
-        list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
-    ] = None,
-    boundary: Annotated[
-        str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
-    ] = None,
+    views: Views = None,
+    angle: Angles = None,
+    boundary: Boundary = None,
     method: Annotated[
         list[str] | None, typer.Option(help="Method id; default: all of them.")
     ] = None,
     *,
-    confidence: Annotated[
-        bool, typer.Option(help="Also write how far to trust each pixel of each result.")
-    ] = False,
+    confidence: Confidence = False,
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
