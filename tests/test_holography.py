@@ -8,7 +8,7 @@ import pytest
 import napari_phase4d as p4d
 from helpers import wrap
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings
-from napari_phase4d.holography.background import background_offset, fit_background
+from napari_phase4d.holography.background import background_offset, fit_background, flat_share
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 
@@ -234,3 +234,109 @@ def test_constant_and_single_frames_are_no_trouble() -> None:
     assert np.isfinite(data["phase"].values).all()
     np.testing.assert_allclose(data["amplitude"].values, 0, atol=1e-5)
     assert np.isfinite(p4d.power_spectrum(flat).values).all()
+
+
+def plainly_demodulated(frame: np.ndarray, lobe: Lobe, window: str) -> np.ndarray:
+    """One lobe by a full transform in float64, cut out and moved pixel by pixel."""
+    spectrum = np.fft.fft2(frame.astype(np.float64) - frame.mean(dtype=np.float64))
+    demodulate = Demodulator(frame.shape, [lobe], window)
+    steps = [np.round(np.fft.fftfreq(m, 1 / m)).astype(int) for m in demodulate.output_shape]
+    centre = [round(k * n) for k, n in zip(lobe.carrier, frame.shape, strict=True)]
+    rows, columns = (c + s for c, s in zip(centre, steps, strict=True))
+    ky, kx = rows[:, None] / frame.shape[0], columns[None, :] / frame.shape[1]
+    rho = np.hypot(ky - lobe.carrier[0], kx - lobe.carrier[1]) / lobe.radius
+    block = spectrum[np.ix_(rows % frame.shape[0], columns % frame.shape[1])]
+    field = np.fft.ifft2(block * WINDOWS[window](rho)) * block.size / frame.size
+    y, x = (np.arange(m) * n / m for m, n in zip(block.shape, frame.shape, strict=True))
+    rest = [k - c / n for k, c, n in zip(lobe.carrier, centre, frame.shape, strict=True)]
+    field *= np.exp(-2j * np.pi * (rest[0] * y[:, None] + rest[1] * x[None, :]))
+    return field.conj() if lobe.flip else field
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2", np.float32])
+@pytest.mark.parametrize("shape", [(96, 128), (97, 128), (300, 131), (133, 101)])
+@pytest.mark.parametrize(
+    "carriers",
+    [
+        [(0.2, 0.21), (-0.21, 0.19)],  # shared columns, one wrapping to ky < 0
+        [(0.19, -0.23), (-0.2, -0.21)],  # read from the conjugate side
+        [(0.3, 0.1), (-0.1, 0.35), (0.02, -0.28)],  # three, side by side and on both sides
+        [(0.31, 0.01), (-0.3, -0.02)],  # across kx = 0
+        [(0.2, 0.47), (-0.2, -0.46), (0.48, 0.2)],  # across the edges of the spectrum
+        [(0.03, 0.02)],  # over the zero frequency
+    ],
+)
+def test_fields_are_those_of_a_plain_transform(
+    carriers: list[tuple[float, float]], shape: tuple[int, int], dtype: str
+) -> None:
+    """Pruned transforms in float32 give what a full one in float64 gives."""
+    rng = np.random.default_rng(1)
+    speckle = rng.normal(128, 30, shape) + sum(fringes(shape, k) - 100 for k in carriers)
+    peak = 60000 if np.dtype(dtype).itemsize == 2 else 255
+    frame = np.clip(speckle / 255 * peak, 0, peak).astype(dtype)
+    lobes = [Lobe(k, 0.09, flip=bool(i % 2)) for i, k in enumerate(carriers)]
+    for window in ("disk", "smooth-disk"):
+        for field, lobe in zip(Demodulator(shape, lobes, window)(frame), lobes, strict=True):
+            expected = plainly_demodulated(frame, lobe, window)
+            assert field.dtype == np.complex64
+            largest = np.abs(expected).max()
+            np.testing.assert_allclose(field, expected, atol=2e-6 * largest)
+            bright = np.abs(expected) > 0.05 * largest
+            assert np.abs(np.angle(field * expected.conj())[bright]).max() < 1e-4
+
+
+def test_widest_lobes_are_those_of_a_plain_transform() -> None:
+    frame = np.random.default_rng(2).normal(size=(65, 78)).astype(np.float32)
+    for carrier in [(0.5, 0.5), (-0.4, -0.3), (0.0, 0.0)]:
+        lobe = Lobe(carrier, 0.5)
+        (field,) = Demodulator(frame.shape, [lobe], "gaussian")(frame)
+        np.testing.assert_allclose(field, plainly_demodulated(frame, lobe, "gaussian"), atol=1e-6)
+
+
+def test_frame_of_another_size_is_refused() -> None:
+    with pytest.raises(ValueError, match=r"the frame is \(64, 65\) pixels, but the lobes"):
+        Demodulator((64, 64), [Lobe((0.2, 0.2), 0.1)])(np.zeros((64, 65), np.uint8))
+
+
+@pytest.mark.parametrize("offset", [0.0, 1.3, 3.1, -3.1])
+def test_background_offset_is_found_across_the_jump_at_pi(offset: float) -> None:
+    """The mode, then the mean within narrower and narrower limits, as plain numbers give it."""
+    rng = np.random.default_rng(4)
+    noise = rng.normal(0, 0.3, (90, 120))
+    noise[30:60, 30:60] += np.linspace(0, 9, 30)
+    field = (np.exp(1j * (noise + offset)) * rng.uniform(0.5, 1, noise.shape)).astype(np.complex64)
+    expected = offset
+    for limit in (1.0, 0.6, 0.5, 0.5, 0.5):
+        near = np.abs(wrap(np.angle(field) - expected)) < limit
+        expected = np.angle(field[near].sum())
+    found = background_offset(field)
+    assert -np.pi <= found <= np.pi
+    assert abs(wrap(found - expected)) < 5e-3
+    share = np.mean(np.abs(wrap(np.angle(field) - found)) < 0.8)
+    assert flat_share(np.angle(field), found) == pytest.approx(share, abs=1e-4)
+
+
+def test_reconstruction_equals_its_plain_formula(small_video) -> None:
+    """Written into the result by threads, without changing what a frame alone gives."""
+    lobes = p4d.find_lobes(small_video, 2, angles_deg=(-7, 21))
+    data = p4d.reconstruct(small_video, lobes, reference=0, background="none")
+    frames = small_video.holograms.values
+    for t, v in np.ndindex(len(frames), 2):
+        lobe = sorted(lobes, key=lambda lobe: lobe.angle_deg)[v]
+        field, empty = (plainly_demodulated(frames[i], lobe, "smooth-disk") for i in (t, 0))
+        floor = 0.05 * np.median(np.abs(empty))
+        field = field * empty.conj() / np.maximum(np.abs(empty), floor) ** 2
+        field *= np.exp(-1j * background_offset(field.astype(np.complex64)))
+        found = data["phase"].values[t, v]
+        assert np.abs(found).max() <= np.float32(np.pi)
+        bright = np.abs(field) > 0.1
+        assert np.abs(wrap(found - np.angle(field))[bright]).max() < 1e-4
+        np.testing.assert_allclose(data["amplitude"].values[t, v], np.abs(field), atol=1e-4)
+
+
+def test_raw_frames_are_the_camera_numbers() -> None:
+    grey = np.arange(3 * 16 * 16).reshape(3, 16, 16)
+    raw = p4d.open_recording(grey.astype(">u2")).raw_frame(2)
+    assert raw.dtype == np.dtype(">u2")
+    np.testing.assert_array_equal(raw, grey[2])
+    assert p4d.open_recording(grey.astype(np.float64)).raw_frame(1).dtype == np.float32

@@ -15,14 +15,23 @@ from napari_phase4d.holography.windows import WINDOWS, window_reach
 
 __all__ = ["Demodulator"]
 
+#: Rows transformed at a time; they and their transform stay in the cache of one core.
+BLOCK_ROWS = 128
+
+Indices = NDArray[np.intp]
+Area = tuple[slice, slice]
+
 
 @dataclass(frozen=True)
 class Cut:
-    """Where one lobe lies in the half spectrum, in the order of the small inverse transform."""
+    """Where one lobe lies in the transformed columns, and what to do with it.
 
-    rows: NDArray[np.intp]
-    columns: NDArray[np.intp]
-    mirrored: NDArray[np.bool_]
+    ``pieces`` pair places in the lobe's block with places in the columns. The block runs from
+    the lowest frequency to the highest, and ``ramp`` makes up for its zero being in the middle.
+    ``window`` holds one factor for each real and one for each imaginary part.
+    """
+
+    pieces: list[tuple[Area, Area]]
     window: NDArray[np.float32]
     ramp: NDArray[np.complex64]
     flip: bool
@@ -31,9 +40,10 @@ class Cut:
 class Demodulator:
     """Cuts all lobes out of one real Fourier transform of a frame.
 
-    One `rfft2` in float32 serves all views. Each lobe is cut out with its window, moved to zero
-    frequency, and transformed back on a grid just large enough for it; the part of the carrier
-    below one spectral pixel is taken off by a phase ramp. All views share one output grid.
+    One transform in float32 serves all views, and along y only the columns that hold lobes are
+    computed. Each lobe is cut out with its window, moved to zero frequency, and transformed back
+    on a grid just large enough for it; the part of the carrier below one spectral pixel is taken
+    off by a phase ramp. All views share one output grid. Several threads may use one demodulator.
 
     Parameters
     ----------
@@ -73,54 +83,109 @@ class Demodulator:
             self.shape[0] / self.output_shape[0],
             self.shape[1] / self.output_shape[1],
         )
+        held = [half_columns(self._frequencies(lobe)[1], self.shape[1]) for lobe in lobes]
+        self._columns: Indices = np.unique([columns for columns, _ in held])
+        self._copies = runs(np.arange(len(self._columns)), self._columns)
         self._cuts = [self._cut(lobe, window) for lobe in lobes]
-        self._scale = np.float32(math.prod(self.output_shape) / math.prod(self.shape))
 
-    def __call__(self, frame: NDArray[np.float32]) -> NDArray[np.complex64]:
-        """Return the fields of all views, shape (view, y, x), complex64."""
-        half = scipy.fft.rfft2(frame - frame.mean(dtype=np.float64).astype(np.float32))
+    def __call__(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
+        """Return the fields of all views.
+
+        Parameters
+        ----------
+        frame : ndarray of shape (y, x)
+            Grey values of any real type; it is best to leave integers as they are.
+
+        Returns
+        -------
+        ndarray of shape (view, y, x)
+            complex64.
+        """
+        if frame.shape != self.shape:
+            msg = f"the frame is {frame.shape} pixels, but the lobes are set for {self.shape}"
+            raise ValueError(msg)
+        spectrum = scipy.fft.fft(self._transformed_rows(frame), axis=0, overwrite_x=True)
+        if self._columns[0] == 0:
+            spectrum[0, 0] = 0  # the mean grey value is no part of any fringes
         fields = np.empty((len(self._cuts), *self.output_shape), dtype=np.complex64)
         for field, cut in zip(fields, self._cuts, strict=True):
-            block = cut_out(half, cut) * cut.window
-            np.multiply(scipy.fft.ifft2(block, overwrite_x=True), cut.ramp, out=field)
-            field *= self._scale
+            block = np.empty(self.output_shape, dtype=np.complex64)
+            for place, source in cut.pieces:
+                block[place] = spectrum[source]
+            parts = block.view(np.float32)
+            parts *= cut.window
+            back = scipy.fft.ifft2(block, overwrite_x=True, norm="forward")
+            np.multiply(back, cut.ramp, out=field)
             if cut.flip:
                 np.conjugate(field, out=field)
         return fields
 
+    def _transformed_rows(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
+        """Return the transform along x, of which only the columns with lobes are kept."""
+        height, width = self.shape
+        kept = np.empty((height, len(self._columns)), dtype=np.complex64)
+        buffer = np.empty((min(BLOCK_ROWS, height), width), dtype=np.float32)
+        for top in range(0, height, BLOCK_ROWS):
+            rows = slice(top, min(top + BLOCK_ROWS, height))
+            grey = buffer[: rows.stop - top]
+            grey[:] = frame[rows]
+            half = scipy.fft.rfft(grey, axis=1, overwrite_x=True)
+            for place, source in self._copies:
+                kept[rows, place] = half[:, source]
+        return kept
+
+    def _frequencies(self, lobe: Lobe) -> tuple[Indices, Indices]:
+        """Return the rows and columns of the full spectrum that a lobe's block holds."""
+        rows, columns = (
+            (round(k * n) + np.arange(m) - m // 2) % n
+            for k, n, m in zip(lobe.carrier, self.shape, self.output_shape, strict=True)
+        )
+        return rows, columns
+
     def _cut(self, lobe: Lobe, window: str) -> Cut:
-        """Prepare indices, window and ramp of one lobe."""
-        offsets, indices, ramps = [], [], []
+        """Prepare pieces, window and ramp of one lobe."""
+        offsets, ramps = [], []
         for k, n, m in zip(lobe.carrier, self.shape, self.output_shape, strict=True):
             centre = round(k * n)
-            steps = np.round(scipy.fft.fftfreq(m, 1 / m)).astype(int)
-            indices.append((centre + steps) % n)
-            offsets.append((centre + steps) / n - k)
-            position = np.arange(m) * (n / m)
-            ramps.append(np.exp(-2j * np.pi * (k - centre / n) * position))
+            offsets.append((centre + np.arange(m) - m // 2) / n - k)
+            turns = (k - centre / n) * (n / m) + (m // 2) / m
+            ramps.append(np.exp(-2j * np.pi * turns * np.arange(m)) / n)
+        rows, columns = self._frequencies(lobe)
+        sources, mirrored = half_columns(columns, self.shape[1])
         rho = np.hypot(offsets[0][:, None], offsets[1][None, :]) / lobe.radius
-        width = self.shape[1]
-        mirrored = indices[1] > width // 2
-        return Cut(
-            rows=indices[0],
-            columns=np.where(mirrored, width - indices[1], indices[1]),
-            mirrored=mirrored,
-            window=WINDOWS[window](rho).astype(np.float32),
-            ramp=np.outer(*ramps).astype(np.complex64),
-            flip=lobe.flip,
-        )
+        factors = np.repeat(WINDOWS[window](rho), 2, axis=1).astype(np.float32)
+        factors[:, 1::2][:, mirrored] *= -1  # F(-k) = F(k)*
+        pieces = []
+        for side in (False, True):
+            across = np.flatnonzero(mirrored == side)
+            for x, from_x in runs(across, np.searchsorted(self._columns, sources[across])):
+                opposite = -rows % self.shape[0] if side else rows
+                for y, from_y in runs(np.arange(len(rows)), opposite):
+                    pieces.append(((y, x), (from_y, from_x)))
+        return Cut(pieces, factors, np.outer(*ramps).astype(np.complex64), lobe.flip)
 
 
-def cut_out(half: NDArray[np.complex64], cut: Cut) -> NDArray[np.complex64]:
-    """Return a lobe's block; columns with kx < 0 come from the conjugate F(-k) = F(k)*."""
-    if not cut.mirrored.any():
-        return half[cut.rows[:, None], cut.columns[None, :]]
-    block = np.empty((len(cut.rows), len(cut.columns)), dtype=half.dtype)
-    direct = ~cut.mirrored
-    block[:, direct] = half[cut.rows[:, None], cut.columns[None, direct]]
-    opposite = (-cut.rows) % half.shape[0]
-    block[:, cut.mirrored] = half[opposite[:, None], cut.columns[None, cut.mirrored]].conj()
-    return block
+def half_columns(columns: Indices, width: int) -> tuple[Indices, NDArray[np.bool_]]:
+    """Return which columns of the half spectrum kx >= 0 to read, and which of them mirrored."""
+    mirrored = columns > width // 2
+    return np.where(mirrored, width - columns, columns), mirrored
+
+
+def runs(places: Indices, sources: Indices) -> list[tuple[slice, slice]]:
+    """Return pairs of slices that copy what is at ``sources`` to the ascending ``places``."""
+    if not len(places):
+        return []
+    breaks = np.flatnonzero((np.diff(places) != 1) | (np.abs(np.diff(sources)) != 1)) + 1
+    pairs = zip(np.split(places, breaks), np.split(sources, breaks), strict=True)
+    return [(as_slice(place), as_slice(source)) for place, source in pairs]
+
+
+def as_slice(run: Indices) -> slice:
+    """Return the slice of a run of neighbours, in either direction."""
+    first, last = int(run[0]), int(run[-1])
+    if first <= last:
+        return slice(first, last + 1)
+    return slice(first, last - 1 if last else None, -1)
 
 
 def grid_length(reach: float, n: int) -> int:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -90,23 +90,22 @@ def reconstruct(
         raise TypeError(msg)
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, window)
-    watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)
-    divide = divider(rec, demodulate, reference, watch)
-    surfaces = static_surfaces(rec, demodulate, divide, BACKGROUND_ORDERS[background], watch)
-    turn = np.exp(-1j * surfaces).astype(np.complex64)
-
-    def work(index: int) -> tuple[NDArray[np.float32], NDArray[np.float32], list[float]]:
-        fields = divide(demodulate(rec.frame(index))) * turn
-        shares = [remove_offset(field) for field in fields] if drift else []
-        return np.angle(fields), np.abs(fields), shares
-
+    factor = corrections(rec, demodulate, reference, BACKGROUND_ORDERS[background], cancelled)
     stack_shape = (rec.n_frames, len(lobes), *demodulate.output_shape)
     phase = np.empty(stack_shape, dtype=np.float32)
     amplitude = np.empty(stack_shape, dtype=np.float32)
-    lowest_share = 1.0
-    for t, (p, a, shares) in enumerate(in_threads(work, range(rec.n_frames), watch)):
-        phase[t], amplitude[t] = p, a
-        lowest_share = min([lowest_share, *shares])
+
+    def work(index: int) -> float:
+        fields = demodulate(rec.raw_frame(index))
+        fields *= factor
+        np.abs(fields, out=amplitude[index])
+        np.arctan2(fields.imag, fields.real, out=phase[index])
+        if not drift:
+            return 1.0
+        return min(remove_offset(*view) for view in zip(fields, phase[index], strict=True))
+
+    watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)
+    lowest_share = min(in_threads(work, range(rec.n_frames), watch))
     attrs = {
         "wavelength_um": rec.optics.wavelength_um,
         "recording": rec.name,
@@ -130,56 +129,88 @@ def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:
     return ordered, angles
 
 
-def remove_offset(field: NDArray[np.complex64]) -> float:
-    """Turn a field so that its background has phase zero, if it shows enough of one.
+def remove_offset(field: NDArray[np.complex64], phase: NDArray[np.float32]) -> float:
+    """Set the background of a wrapped phase to zero, if its field shows enough of one.
 
     Returns
     -------
     float
         Share of the pixels that look like background.
     """
-    offset = background_offset(field)
-    share = flat_share(field, offset)
+    offset = background_offset(field, phase)
+    share = flat_share(phase, offset)
     if share >= ENOUGH_BACKGROUND:
-        field *= np.complex64(np.exp(-1j * offset))
+        phase -= offset
+        phase[phase <= -np.pi] += 2 * np.pi
+        phase[phase > np.pi] -= 2 * np.pi
     return share
 
 
-Divide = Callable[[NDArray[np.complex64]], NDArray[np.complex64]]
+def corrections(
+    rec: Recording,
+    demodulate: Demodulator,
+    reference: Reference,
+    order: int,
+    cancelled: CancelledCall | None,
+) -> NDArray[np.complex64]:
+    """Return what to multiply the fields of all frames by, shape (view, y, x) or (1, 1, 1).
+
+    It divides by the reference and takes off the phase that the empty field has in all frames.
+    """
+    factor = np.ones((1, 1, 1), dtype=np.complex64)
+    by_median = isinstance(reference, str) and reference == "median"
+    if order or by_median:
+        static = static_fields(rec, demodulate, cancelled)
+    if by_median:
+        factor = inverse(median_fields(static))
+    elif reference is not None:
+        factor = inverse(demodulate(reference_frame(rec, reference)))
+    if order:
+        static *= factor
+        surfaces = np.stack([fit_background(view, order) for view in static.swapaxes(0, 1)])
+        factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
+    return factor
 
 
-def divider(rec: Recording, demodulate: Demodulator, reference: Reference, watch: Watch) -> Divide:
-    """Return the function that divides fields by those of the reference."""
-    if reference is None:
-        return lambda fields: fields
-    fields = reference_fields(rec, demodulate, reference, watch)
+def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Return 1 / the fields of a reference, held small where the reference is dark."""
     amplitude = np.abs(fields)
     darkest = DARKEST_REFERENCE * np.median(amplitude, axis=(1, 2), keepdims=True)
     if not (darkest > 0).all():
         msg = "the reference shows no fringes in at least one lobe; choose another reference"
         raise ValueError(msg)
-    inverse = (fields.conj() / np.maximum(amplitude, darkest) ** 2).astype(np.complex64)
-    return lambda fields: fields * inverse
+    result: NDArray[np.complex64] = fields.conj() / np.maximum(amplitude, darkest) ** 2
+    return result
 
 
-def reference_fields(
-    rec: Recording, demodulate: Demodulator, reference: Reference, watch: Watch
+def static_fields(
+    rec: Recording, demodulate: Demodulator, cancelled: CancelledCall | None
 ) -> NDArray[np.complex64]:
-    """Return the fields of the reference, shape (view, y, x)."""
-    if isinstance(reference, str) and reference == "median":
-        return median_fields(rec, demodulate, watch)
+    """Return the fields of some frames, spread over the recording, (frame, view, y, x)."""
+    indices = rec.sample_indices(STATIC_FRAMES)
+    watch = Watch(len(indices), "look at the background", None, cancelled)
+    return np.stack(list(in_threads(lambda i: demodulate(rec.raw_frame(i)), indices, watch)))
+
+
+def median_fields(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Return the median over time of fields, whose constant phases are aligned in place."""
+    overlap = np.einsum("avyx,vyx->av", stack, stack[0].conj())
+    stack *= np.exp(-1j * np.angle(overlap)).astype(np.complex64)[..., None, None]
+    middle: NDArray[np.complex64] = (
+        np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0)
+    ).astype(np.complex64)
+    return middle
+
+
+def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]:
+    """Return the frame of the reference: the mean, if it is a recording of several."""
     if isinstance(reference, (int, np.integer)):
         if not -rec.n_frames <= reference < rec.n_frames:
             msg = (
                 f"reference frame {reference} does not exist; {rec.name} has {rec.n_frames} frames"
             )
             raise ValueError(msg)
-        return demodulate(rec.frame(int(reference) % rec.n_frames))
-    return demodulate(reference_frame(rec, reference))
-
-
-def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.float32]:
-    """Return the frame of a reference recording: its mean, if it has several."""
+        return rec.raw_frame(int(reference) % rec.n_frames)
     if isinstance(reference, Recording):
         recording = reference
     elif isinstance(reference, (str, Path)):
@@ -197,38 +228,6 @@ def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.float32]
     for frame in recording.frames():
         total += frame
     return (total / recording.n_frames).astype(np.float32)
-
-
-def median_fields(rec: Recording, demodulate: Demodulator, watch: Watch) -> NDArray[np.complex64]:
-    """Return the median over time of fields whose constant phases have been aligned."""
-    stack = np.stack(static_fields(rec, demodulate, lambda f: f, watch))
-    overlap = np.einsum("avyx,vyx->av", stack, stack[0].conj())
-    stack *= np.exp(-1j * np.angle(overlap)).astype(np.complex64)[..., None, None]
-    middle: NDArray[np.complex64] = (
-        np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0)
-    ).astype(np.complex64)
-    return middle
-
-
-def static_fields(
-    rec: Recording, demodulate: Demodulator, divide: Divide, watch: Watch
-) -> list[NDArray[np.complex64]]:
-    """Return the fields of some frames, spread over the recording."""
-    fields = []
-    for index in rec.sample_indices(STATIC_FRAMES):
-        watch.check()
-        fields.append(divide(demodulate(rec.frame(index))))
-    return fields
-
-
-def static_surfaces(
-    rec: Recording, demodulate: Demodulator, divide: Divide, order: int, watch: Watch
-) -> NDArray[np.float32]:
-    """Return the phase that the empty field of each view has in all frames, (view, y, x)."""
-    if order == 0:
-        return np.zeros((1, 1, 1), dtype=np.float32)
-    fields = np.stack(static_fields(rec, demodulate, divide, watch), axis=1)
-    return np.stack([fit_background(view, order) for view in fields])
 
 
 def lobe_note(lobe: Lobe) -> dict[str, object]:
