@@ -124,15 +124,20 @@ class Pages:
         OSError
             If the page can't be decoded.
         """
-        with self._lock:
-            try:
-                return np.asarray(self._series.asarray(key=index))
-            except (OSError, ValueError, RuntimeError, zlib.error, struct.error) as error:
-                msg = f"frame {index} of {self.path.name} can't be decoded ({error})"
-                raise OSError(msg) from error
+        try:
+            with self._lock:
+                page = self._series[index]
+            if page is None:
+                msg = "the file does not hold it"
+                raise ValueError(msg)
+            # The lock guards the file alone, so that several threads can decode.
+            return np.asarray(page.asarray(lock=self._lock))
+        except (OSError, ValueError, RuntimeError, zlib.error, struct.error) as error:
+            msg = f"frame {index} of {self.path.name} can't be decoded ({error})"
+            raise OSError(msg) from error
 
     def _open(self) -> None:
-        self._lock = threading.Lock()
+        self._lock = threading.RLock()
         self._file = tifffile.TiffFile(self.path)
         self._series = self._file.series[0]
 
