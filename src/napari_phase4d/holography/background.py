@@ -21,8 +21,10 @@ OFFSET_LIMITS_RAD = (1.0, 0.6, 0.5)
 BINS = 72
 #: Finer bins in each of them, in which the median near the peak is found.
 FINE_BINS = 64
-#: How far round the peak the median is taken, in radians.
-PEAK_REACH_RAD = 0.5
+#: How many of them on either side of the peak the median is taken from: 0.5 rad.
+PEAK_REACH = round(0.5 / (2 * np.pi) * BINS * FINE_BINS)
+#: What smooths the histogram.
+KERNEL = np.exp(-0.5 * (np.arange(-4, 5) / 2.0) ** 2)
 #: How far from the background's phase a pixel counts as background, in radians.
 FLAT_RAD = 0.8
 #: Below this share of background pixels nothing is fitted or removed.
@@ -110,24 +112,23 @@ def mode_phase(phase: NDArray[np.float32] | NDArray[np.float64]) -> float:
     histogram: partitioning the pixels would take several times as long.
     """
     n_fine = BINS * FINE_BINS
-    places = ((phase + np.pi) * (n_fine / (2 * np.pi))).astype(np.intp)
+    width = 2 * np.pi / n_fine
+    places = ((phase + np.pi) * (1 / width)).astype(np.intp)
     fine = np.bincount(places.ravel(), minlength=n_fine + 1)
     fine[-2] += fine[-1]  # the phase pi itself
-    fine = fine[:-1]
-    counts = fine.reshape(BINS, FINE_BINS).sum(axis=1)
-    kernel = np.exp(-0.5 * (np.arange(-4, 5) / 2.0) ** 2)
-    smooth = np.convolve(np.concatenate([counts[-4:], counts, counts[:4]]), kernel, "valid")
-    middle = int(smooth.argmax()) * FINE_BINS + FINE_BINS // 2
-    peak = middle * (2 * np.pi / n_fine) - np.pi
-    return peak + median_round(np.roll(fine, n_fine // 2 - middle))
+    counts = fine[:-1].reshape(BINS, FINE_BINS).sum(axis=1)
+    smooth = np.convolve(np.concatenate([counts[-4:], counts, counts[:4]]), KERNEL, "valid")
+    start = int(smooth.argmax()) * FINE_BINS + FINE_BINS // 2 - PEAK_REACH
+    near = fine[:-1].take(np.arange(start, start + 2 * PEAK_REACH), mode="wrap")
+    return (start + middle(near)) * width - np.pi
 
 
-def median_round(fine: NDArray[np.integer]) -> float:
-    """Return the median of the phases within `PEAK_REACH_RAD` of a fine histogram's middle."""
-    below = np.concatenate([[0], np.cumsum(fine)])
-    edges = np.linspace(-np.pi, np.pi, len(below))
-    low, high = np.interp([-PEAK_REACH_RAD, PEAK_REACH_RAD], edges, below)
-    return float(np.interp((low + high) / 2, below, edges)) if high > low else 0.0
+def middle(counts: NDArray[np.integer]) -> float:
+    """Return the bin, and how far into it, at which half of the counts are reached."""
+    below = np.concatenate([[0], np.cumsum(counts)])
+    if not below[-1]:
+        return len(counts) / 2
+    return float(np.interp(below[-1] / 2, below, np.arange(len(below))))
 
 
 def wrapped(phase: NDArray[Real]) -> NDArray[Real]:
