@@ -2,13 +2,27 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Iterator
+
 import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography import Lobe
+from napari_phase4d.progress import THREADS
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import Sample, euglena_sample
+
+
+@pytest.fixture(autouse=True)
+def threads_end() -> Iterator[None]:
+    """Let work that was cancelled come to its end, so that no other test pays for it."""
+    yield
+    for thread in threading.enumerate():
+        if thread.name.startswith(THREADS):
+            thread.join(timeout=20)
+            assert not thread.is_alive(), f"{thread.name} goes on after it was cancelled"
 
 
 @pytest.fixture(scope="session")

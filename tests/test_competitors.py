@@ -13,12 +13,6 @@ from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
 from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
-from napari_phase4d.unwrapping.reliability import (
-    grid_edges,
-    grow,
-    half_stencil,
-    second_differences,
-)
 
 TURN = 2 * np.pi
 
@@ -83,11 +77,6 @@ def test_laplacian_as_phasetools_has_it() -> None:
         p4d.unwrap(w, "laplacian", variant="other")
 
 
-def test_stencils_have_the_published_numbers_of_pairs() -> None:
-    assert [len(half_stencil((5,) * n)) for n in (2, 3, 4)] == [4, 13, 40]
-    assert len(half_stencil((1, 2, 5, 5))) == 4
-
-
 def kruskal(w: np.ndarray, edges: tuple, cost: np.ndarray) -> np.ndarray:
     """Join groups pixel by pixel, as Herraez et al. describe it."""
     turns, group = np.zeros(w.size, int), np.arange(w.size)
@@ -100,19 +89,6 @@ def kruskal(w: np.ndarray, edges: tuple, cost: np.ndarray) -> np.ndarray:
             turns[moved] -= int(np.round(step / TURN))
             group[moved] = group[a]
     return (flat + TURN * turns).reshape(w.shape)
-
-
-@pytest.mark.parametrize("shape", [(9, 8), (4, 6, 5), (3, 3, 5, 4)])
-def test_growing_is_kruskals_order(shape: tuple[int, ...]) -> None:
-    w = wrapped(noisy_bump(shape, 1.2, seed=3))
-    mask = np.ones(shape, dtype=bool)
-    edges = grid_edges(mask)
-    cost = np.random.default_rng(1).random(len(edges[0]))
-    found, parts = grow(w, edges, cost)
-    expected = kruskal(w, edges, cost)
-    turns = (found - expected) / TURN
-    np.testing.assert_allclose(turns, np.round(turns.flat[0]), atol=1e-5)
-    assert (parts == parts.flat[0]).all()
 
 
 @pytest.mark.parametrize("sigma", [0.3, 0.6, 0.8])
@@ -169,22 +145,6 @@ def test_progress_and_cancel(method: str) -> None:
     assert seen[-1][0] == seen[-1][1]
     with pytest.raises(p4d.Cancelled):
         p4d.unwrap(w, method, cancelled=lambda: True)
-
-
-def test_border_pixels_are_the_least_reliable() -> None:
-    w = wrapped(noisy_bump((20, 20), 0.2))
-    found = second_differences(w, np.ones(w.shape, dtype=bool))
-    edge = np.ones(w.shape, dtype=bool)
-    edge[1:-1, 1:-1] = False
-    assert found[edge].min() > found[~edge].max()
-    i, j = 7, 9  # one pixel by hand
-    pairs = [(0, 1), (1, 0), (1, 1), (1, -1)]
-    turned = lambda d: np.angle(np.exp(1j * d))  # noqa: E731
-    expected = sum(
-        (turned(w[i - a, j - b] - w[i, j]) - turned(w[i, j] - w[i + a, j + b])) ** 2
-        for a, b in pairs
-    )
-    assert found[i, j] == pytest.approx(expected, rel=1e-4)
 
 
 def published_unreliability(w: np.ndarray, index: tuple[int, ...]) -> float:

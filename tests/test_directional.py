@@ -17,7 +17,6 @@ from napari_phase4d.unwrapping.background import find_background, noise_of
 from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
 from napari_phase4d.unwrapping.directional.field import islands_of, prepare
 from napari_phase4d.unwrapping.directional.following import follow_object, seams
-from napari_phase4d.unwrapping.directional.forest import joined
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, regions_of
 from napari_phase4d.unwrapping.directional.steps import all_steps, roughness
@@ -308,30 +307,6 @@ def test_steps_join_neighbours_only() -> None:
     faint = np.full(phase.shape, 0.5, dtype=np.float32)
     dim = all_steps(phase, nodes, ~yes, yes, np.zeros(phase.shape, np.int8), faint, 0.0)
     np.testing.assert_allclose(dim.roughness, steps.roughness + 2, rtol=1e-5)
-
-
-def test_forest_takes_the_smoothest_way() -> None:
-    """The turns along the tree of least roughness, as SciPy finds it."""
-    rng = np.random.default_rng(5)
-    n, m = 60, 200
-    first, second = rng.integers(0, n, (2, m)).astype(np.int32)
-    keep = first != second
-    first, second = first[keep], second[keep]
-    turns = rng.integers(-2, 3, keep.sum()).astype(np.int32)
-    rough = rng.permutation(keep.sum()) + 1.0
-    parts, found = joined(first, second, turns, np.argsort(rough), n)
-    graph = sparse.coo_array((rough, (first, second)), shape=(n, n)).tolil()
-    for a, b, r in zip(first, second, rough, strict=True):  # parallel edges: the smoothest
-        known = [graph[i, j] for i, j in ((a, b), (b, a)) if graph[i, j]]
-        graph[a, b] = min([r, *known])
-    _, expected_parts = csgraph.connected_components(graph.tocsr(), directed=False)
-    assert len(np.unique(parts)) == len(np.unique(expected_parts))
-    chosen = joined(first, second, np.arange(len(first), dtype=np.int32) * 0, np.argsort(rough), n)
-    np.testing.assert_array_equal(chosen[0], parts)
-    agreeing = found[second] - found[first] == turns
-    # Every part is joined by so many steps that agree, the smoothest ones among them.
-    assert agreeing.sum() >= n - len(np.unique(parts))
-    assert agreeing[np.argmin(rough)]
 
 
 def test_cut_is_as_small_as_scipys() -> None:

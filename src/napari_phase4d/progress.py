@@ -18,6 +18,9 @@ CancelledCall = Callable[[], bool]
 #: Seconds between two looks at ``cancelled()`` while an item is computed.
 LOOK_UP_S = 0.1
 
+#: What the names of the threads begin with.
+THREADS = "phase4d"
+
 T = TypeVar("T")
 R = TypeVar("R")
 
@@ -75,7 +78,7 @@ def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iter
     workers = os.cpu_count() or 1
     waiting: deque[Future[R]] = deque()
     watch.check()
-    pool = ThreadPoolExecutor(workers)
+    pool = ThreadPoolExecutor(workers, THREADS)
     try:
         for item in items:
             waiting.append(pool.submit(work, item))
@@ -93,7 +96,7 @@ def watched(work: Callable[[], R], watch: Watch) -> R:
     When cancelled, the work ends by itself and its result is dropped.
     """
     watch.check()
-    pool = ThreadPoolExecutor(1)
+    pool = ThreadPoolExecutor(1, THREADS)
     try:
         future = pool.submit(work)
         while not future.done():

@@ -2,20 +2,65 @@
 
 from __future__ import annotations
 
+import functools
+import warnings
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any, TypeVar, cast
 
-__all__ = ["compiled"]
+__all__ = ["can_compile", "compiled"]
 
 F = TypeVar("F", bound=Callable[..., Any])
+
+HERE = Path(__file__).parent
 
 
 def compiled(function: F) -> F:
     """Compile a function when it is first called, and keep the result on disk.
 
     Compiled functions leave the interpreter's lock, so that frames can be worked on in threads.
-    The plain function is the attribute ``py_func``.
+    Without numba, the function stays as it is.
     """
-    import numba
-
+    try:
+        import numba
+    except ImportError:
+        return function
+    drop_outdated()
     return cast("F", numba.njit(cache=True, nogil=True)(function))
+
+
+@functools.cache
+def can_compile() -> bool:
+    """Say whether functions can be compiled here; if not, warn once and say why."""
+    try:
+        import numba
+
+        return bool(numba.njit(cache=True)(one_more)(1) == 2)
+    except Exception as error:  # whatever it is, there is another way
+        reason = f"{type(error).__name__}: {error}".splitlines()[0]
+        warnings.warn(
+            f"numba can't compile here ({reason}); unwrapping takes the slower way round",
+            RuntimeWarning,
+            stacklevel=2,
+        )
+        return False
+
+
+def one_more(number: int) -> int:
+    """Return a number plus one, to see whether compiling works."""
+    return number + 1
+
+
+@functools.cache
+def drop_outdated() -> None:
+    """Delete compiled functions that are older than any of the sources.
+
+    numba looks at the file of the function itself, not at those of functions that it calls.
+    """
+    newest = max(path.stat().st_mtime for path in HERE.rglob("*.py"))
+    for path in HERE.rglob("__pycache__/*.nb[ic]"):
+        try:
+            if path.stat().st_mtime < newest:
+                path.unlink()
+        except OSError:
+            continue  # somebody else was quicker, or it is not ours to delete

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.unwrapping.combined import unwrap_line
+from napari_phase4d.unwrapping.growing import coherence
 from napari_phase4d.unwrapping.problem import Boundary, Problem
 from napari_phase4d.unwrapping.registration import moved
+from napari_phase4d.unwrapping.spatial import unwrap_frames
 
 __all__ = ["angular", "angular_temporal", "spatial_2d", "temporal", "temporal_angular"]
 
@@ -19,10 +21,28 @@ Stack = NDArray[np.float32]
 
 
 def spatial_2d(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+    problem: Problem,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    reliability: str = "herraez",
 ) -> Stack:
-    """Unwrap each frame by itself (step 1 of T/A and A/T)."""
-    return problem.spatial(progress, cancelled).copy()
+    """Unwrap each frame by itself (step 1 of T/A and A/T).
+
+    Parameters
+    ----------
+    problem : Problem
+        What to unwrap.
+    progress, cancelled : callable or None
+        See `unwrap`.
+    reliability : str, optional
+        What is joined first: "herraez", pixels of small second differences (default, and what
+        the paper's methods start from), or "coherence", steps that are like those round them.
+    """
+    if reliability == "herraez":
+        return problem.spatial(progress, cancelled).copy()
+    watch = Watch(problem.n_frames, "2-D unwrapping", progress, cancelled)
+    return unwrap_frames(problem.wrapped, problem.mask, problem.first, watch, coherence)
 
 
 def chained(

@@ -14,13 +14,42 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.reliability import Edges
+from napari_phase4d.unwrapping.growing import grow_list
 
-__all__ = ["memory_edges", "penalised_differences"]
+__all__ = ["grown_as_phasetools", "memory_edges", "penalised_differences"]
+
+#: (first pixel, second pixel) of every edge, as flat indices.
+Edges = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 TURN = 2 * np.pi
 #: Penalty of a pair of opposite neighbours of which one, or both, are missing.
 ONE_MISSING, BOTH_MISSING = 2.0, 4.0
+
+
+def grown_as_phasetools(
+    wrapped: NDArray[np.float32], mask: NDArray[np.bool_], threshold: float
+) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
+    """Return the phase in radians, and the part that each pixel belongs to.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    mask : ndarray of bool, same shape
+        Pixels to join.
+    threshold : float
+        Step in radians beyond which a turn is added.
+    """
+    phase = np.mod(wrapped, np.float32(TURN))
+    unreliability = penalised_differences(wrapped, mask).ravel()
+    first, second = memory_edges(mask)
+    step = phase.ravel()[second] - phase.ravel()[first]
+    jumps = (step < -threshold).astype(np.int32) - (step > threshold)
+    # Infinite where a pixel is alone, which has no edges.
+    cost = unreliability[first] + unreliability[second]
+    parts, turns, _ = grow_list(first, second, jumps, cost, phase.size)
+    unwrapped = phase + np.float32(TURN) * turns.reshape(phase.shape)
+    return unwrapped, parts.reshape(phase.shape)
 
 
 def penalised_differences(

@@ -107,6 +107,15 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "Herraez et al. 2002, Appl. Opt. 41, 7437",
             "Each frame by itself, most reliable pixels first.",
             four_d.spatial_2d,
+            (
+                Option(
+                    "reliability",
+                    "herraez",
+                    '"herraez", as published: pixels whose phase bends least first; "coherence": '
+                    "steps first that are like those round them, better on steep or noisy phase.",
+                    ("herraez", "coherence"),
+                ),
+            ),
         ),
         "angular": Method(
             "Angular",

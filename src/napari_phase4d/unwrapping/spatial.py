@@ -5,9 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
-from skimage.restoration import unwrap_phase
 
 from napari_phase4d.progress import Watch, in_threads
+from napari_phase4d.unwrapping.growing import (
+    CostsOf,
+    PerThread,
+    Workspace,
+    grow_grid,
+    second_differences,
+)
 
 __all__ = ["border_medians", "unwrap_frames"]
 
@@ -21,6 +27,7 @@ def unwrap_frames(
     mask: NDArray[np.bool_],
     first: tuple[int, int],
     watch: Watch,
+    costs_of: CostsOf = second_differences,
 ) -> NDArray[np.float32]:
     """Unwrap every frame by reliability sorting (Herraez et al. 2002, [14] in the paper).
 
@@ -38,54 +45,92 @@ def unwrap_frames(
         The boundary frame (time, angle).
     watch : Watch
         Counts frames.
+    costs_of : callable, optional
+        What the steps of a frame cost, see `grow_grid`; default the published reliability.
     """
     n_times, n_angles = wrapped.shape[:2]
     indices = [(t, a) for t in range(n_times) for a in range(n_angles)]
     unwrapped = np.empty_like(wrapped)
     border = np.empty((n_times, n_angles))
+    own = PerThread()
 
-    def work(index: tuple[int, int]) -> tuple[NDArray[np.float32], float]:
-        return unwrap_frame(wrapped[index], mask[index])
+    def work(index: tuple[int, int]) -> None:
+        _, border[index] = unwrap_frame(
+            wrapped[index], mask[index], costs_of, own.workspace, unwrapped[index]
+        )
 
-    for index, (frame, level) in zip(indices, in_threads(work, indices, watch), strict=True):
-        unwrapped[index], border[index] = frame, level
-    turns = np.round((border_medians(border, first) - border) / TURN).astype(np.float32)
-    unwrapped += np.float32(TURN) * turns[..., None, None]
-    return np.where(mask, unwrapped, np.float32(0))
+    for _ in in_threads(work, indices, watch):
+        pass
+    turns = np.round((border_medians(border, first) - border) / TURN).astype(np.int32)
+    for index in np.argwhere(turns):
+        frame = unwrapped[tuple(index)]
+        lift(frame, wrapped[tuple(index)], turns[tuple(index)])
+        frame[~mask[tuple(index)]] = 0
+    return unwrapped
 
 
 def unwrap_frame(
-    wrapped: NDArray[np.float32], mask: NDArray[np.bool_]
+    wrapped: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    costs_of: CostsOf = second_differences,
+    work: Workspace | None = None,
+    out: NDArray[np.float32] | None = None,
 ) -> tuple[NDArray[np.float32], float]:
-    """Unwrap one frame and return it with the level of its border.
+    """Unwrap one frame, into ``out`` if given, and return it with the level of its border.
 
     A mask may cut the frame into parts that do not touch each other or the border. Their levels
     come from the frame unwrapped whole.
     """
-    if 1 in wrapped.shape:  # scikit-image wants two lines at least
-        twice = [2 if n == 1 else 1 for n in wrapped.shape]
-        doubled, level = unwrap_frame(np.tile(wrapped, twice), np.tile(mask, twice))
-        return doubled[: wrapped.shape[0], : wrapped.shape[1]], level
-    edge = border_of(wrapped.shape)
-    if mask.all():
-        unwrapped = exact(unwrap_phase(wrapped, rng=0), wrapped)
-        return unwrapped, float(np.median(unwrapped[edge]))
+    out = np.empty_like(wrapped) if out is None else out
     if not mask.any():
-        return np.zeros_like(wrapped), 0.0
-    masked = np.ma.masked_array(wrapped, ~mask)
-    inside = exact(np.ma.getdata(unwrap_phase(masked, rng=0)), wrapped)
-    whole = unwrap_phase(wrapped, rng=0)
-    parts, count = ndimage.label(mask)
-    offsets = ndimage.median(whole - inside, parts, np.arange(1, count + 1))
-    turns = np.concatenate([[0.0], np.round(np.asarray(offsets) / TURN)]).astype(np.float32)
-    return inside + np.float32(TURN) * turns[parts], float(np.median(whole[edge]))
+        out[:] = 0
+        return out, 0.0
+    turns, parts = grow_grid(wrapped, None, costs_of, work)
+    add_turns(wrapped, turns, out)
+    level = float(np.median(border_values(out)))
+    if mask.all():
+        return out, level
+    if parts is not None:  # where residues are, the mask may lead another way
+        whole = turns.copy()
+        turns, parts = grow_grid(wrapped, mask, costs_of, work)
+        if parts is not None:
+            add_turns(wrapped, turns + nearest_turns(whole - turns, parts, mask), out)
+    out[~mask] = 0
+    return out, level
 
 
-def exact(unwrapped: NDArray[np.floating], wrapped: NDArray[np.float32]) -> NDArray[np.float32]:
-    """Return the wrapped phase plus whole turns, free of rounding on the way."""
-    turns = np.round((unwrapped - wrapped) / TURN).astype(np.float32)
-    result: NDArray[np.float32] = wrapped + np.float32(TURN) * turns
-    return result
+def add_turns(
+    wrapped: NDArray[np.float32], turns: NDArray[np.int32], out: NDArray[np.float32]
+) -> None:
+    """Write wrapped phase plus whole turns."""
+    np.multiply(turns, np.float32(TURN), out=out, casting="unsafe")
+    out += wrapped
+
+
+def lift(unwrapped: NDArray[np.float32], wrapped: NDArray[np.float32], turns: np.integer) -> None:
+    """Add whole turns to an unwrapped frame, free of rounding on the way."""
+    present = np.round((unwrapped - wrapped) / np.float32(TURN)).astype(np.int32)
+    add_turns(wrapped, present + np.int32(turns), unwrapped)
+
+
+def nearest_turns(
+    difference: NDArray[np.int32], parts: NDArray[np.int32], mask: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Return for every pixel the median difference in its part; 0 outside the mask."""
+    numbers, place = np.unique(parts[mask], return_inverse=True)
+    labels = np.zeros(parts.shape, dtype=np.int32)
+    labels[mask] = place + 1
+    medians = ndimage.median(difference, labels, np.arange(1, len(numbers) + 1))
+    return np.append(0, np.round(medians)).astype(np.int32)[labels]
+
+
+def border_values(frame: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return the pixels at the border of a frame."""
+    if min(frame.shape) <= 2 * BORDER:
+        return frame.ravel()
+    rows = frame[BORDER:-BORDER]
+    pieces = (frame[:BORDER], frame[-BORDER:], rows[:, :BORDER], rows[:, -BORDER:])
+    return np.concatenate([piece.ravel() for piece in pieces])
 
 
 def border_of(shape: tuple[int, ...]) -> NDArray[np.bool_]:

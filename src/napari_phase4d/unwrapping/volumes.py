@@ -9,15 +9,16 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
-from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
+from napari_phase4d.unwrapping.growing import Workspace, grow_grid
+from napari_phase4d.unwrapping.phasetools import grown_as_phasetools
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.reliability import Edges, grid_edges, grow, second_differences
 
-__all__ = ["region_growing", "spatial_3d", "with_levels"]
+__all__ = ["all_of", "region_growing", "spatial_3d", "with_levels"]
 
 TURN = 2 * np.pi
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Parts = NDArray[np.int32] | None
 
 
 def region_growing(
@@ -47,21 +48,19 @@ def region_growing(
         Only with "phasetools": step in radians beyond which a turn is added; published default
         3.14.
     """
-    watch = Watch(3, "region growing", progress, cancelled)
+    watch = Watch(2, "region growing", progress, cancelled)
     if variant == "textbook":
-        return grown(problem, slice(None), watch)
+        return grown(problem, slice(None), Workspace(), watch)
     if not 0 < rga_threshold < TURN:
         msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
         raise ValueError(msg)
-    return grown(
-        problem,
-        slice(None),
-        watch,
-        phase=np.mod(problem.wrapped, np.float32(TURN)),
-        unreliability_of=penalised_differences,
-        edges_of=memory_edges,
-        largest_step=rga_threshold,
+    unwrapped, parts = watched(
+        lambda: grown_as_phasetools(problem.wrapped, problem.mask, rga_threshold), watch
     )
+    watch.step()
+    result = levelled(unwrapped, parts, problem, slice(None), watch)
+    watch.step()
+    return result
 
 
 def spatial_3d(
@@ -69,40 +68,28 @@ def spatial_3d(
 ) -> Stack:
     """Join pixels over time, y and x for each angle by itself, most reliable edges first."""
     n_angles = problem.wrapped.shape[1]
-    watch = Watch(3 * n_angles, "3-D reliability sorting", progress, cancelled)
+    watch = Watch(2 * n_angles, "3-D reliability sorting", progress, cancelled)
+    work = Workspace()
     result = np.empty_like(problem.wrapped)
     for angle in range(n_angles):
         one = slice(angle, angle + 1)
-        result[:, one] = grown(problem, one, watch)
+        result[:, one] = grown(problem, one, work, watch)
     return result
 
 
-def grown(
-    problem: Problem,
-    angles: slice,
-    watch: Watch,
-    *,
-    phase: Stack | None = None,
-    unreliability_of: Callable[[Stack, Mask], NDArray[np.floating]] = second_differences,
-    edges_of: Callable[[Mask], Edges] = grid_edges,
-    largest_step: float = np.pi,
-) -> Stack:
+def grown(problem: Problem, angles: slice, work: Workspace, watch: Watch) -> Stack:
     """Unwrap the frames of some angles by region growing and level every part."""
-    wrapped = (problem.wrapped if phase is None else phase)[:, angles]
-    mask = problem.mask[:, angles]
-    unreliability = watched(lambda: unreliability_of(wrapped, mask).ravel(), watch)
+    wrapped, mask = problem.wrapped[:, angles], problem.mask[:, angles]
+    turns, parts = watched(lambda: grow_grid(wrapped, mask, work=work, check=watch.check), watch)
+    unwrapped = wrapped + np.float32(TURN) * turns
     watch.step()
-    edges = watched(lambda: edges_of(mask), watch)
-    cost = unreliability[edges[0]].astype(np.float64) + unreliability[edges[1]]
-    watch.step()
-    unwrapped, parts = watched(lambda: grow(wrapped, edges, cost, largest_step), watch)
     result = levelled(unwrapped, parts, problem, angles, watch)
     watch.step()
     return result
 
 
 def levelled(
-    unwrapped: Stack, parts: NDArray[np.intp], problem: Problem, angles: slice, watch: Watch
+    unwrapped: Stack, parts: Parts, problem: Problem, angles: slice, watch: Watch
 ) -> Stack:
     """Choose each part's open multiple of 2 pi.
 
@@ -111,59 +98,78 @@ def levelled(
     unwrapping, which looks at whole frames. The boundary frame decides for the parts in it.
     """
     mask = problem.mask[:, angles]
-    whole = problem.finds_mask or mask.all()
-    height = -unwrapped if whole else problem.spatial()[:, angles] - unwrapped
-    place = rim_of(mask) if whole else mask
     first = (problem.first[0], problem.first[1] - (angles.start or 0))
-    return with_levels(unwrapped, parts, height, mask, place, first, watch)
+    if problem.finds_mask or mask.all():
+        return with_levels(unwrapped, parts, None, mask, rim_of, first, watch)
+    reference = problem.spatial()[:, angles]
+    return with_levels(unwrapped, parts, reference, mask, all_of, first, watch)
 
 
 def with_levels(
     unwrapped: Stack,
-    parts: NDArray[np.integer],
-    height: Stack,
+    parts: Parts,
+    reference: Stack | None,
     mask: Mask,
-    place: Mask,
+    asked: Callable[[Mask], Mask],
     first: tuple[int, int],
     watch: Watch,
 ) -> Stack:
-    """Add to each part the whole turns that are nearest to its median height.
+    """Add to each part the whole turns that bring it nearest to a reference.
 
     Parameters
     ----------
     unwrapped : ndarray of shape (time, angle, y, x)
         Phase in radians, whose parts each have an open multiple of 2 pi.
-    parts : ndarray of int, same shape
-        Number of the part that each pixel belongs to.
-    height : ndarray, same shape
-        What is to be added, in radians, as far as each pixel knows.
+    parts : ndarray of int, same shape, or None
+        Number of the part that each pixel belongs to; None if all are one.
+    reference : ndarray, same shape, or None
+        Phase in radians; None for zero.
     mask : ndarray of bool, same shape
         Pixels that count; the others are 0 in the result.
-    place : ndarray of bool, same shape
-        Pixels that are asked: those of the boundary frame, else those of its time, else all of
-        them. A part that has none of them asks all its pixels.
+    asked : callable
+        Returns the pixels of some frames' mask that are asked: those of the boundary frame, else
+        those of its time, else all of them. A part that has none of them asks all its pixels.
     first : tuple of int
         The boundary frame (time, angle); it may lie outside.
     watch : Watch
         Stops the work.
     """
-    numbers, compact = np.unique(parts, return_inverse=True)
-    labels = np.where(mask, compact.reshape(parts.shape) + 1, 0)
-    t, a = first
-    in_time = np.zeros(unwrapped.shape, dtype=bool)
-    in_time[t] = True
-    in_first = np.zeros_like(in_time)
-    if 0 <= a < unwrapped.shape[1]:
-        in_first[t, a] = True
-    chosen = np.full(len(numbers), np.nan)
-    for places in (in_first & place, in_time & place, place, mask):
+    labels = None if parts is None else numbered_inside(parts, mask)
+    turns = np.full(2 if labels is None else int(labels.max()) + 1, np.nan)
+    turns[0] = 0  # outside the mask
+    t, a = slice(first[0], first[0] + 1), slice(max(first[1], 0), max(first[1] + 1, 0))
+    for frames, places_of in (((t, a), asked), ((t,), asked), ((), asked), ((), all_of)):
+        if np.isfinite(turns).all():
+            break
         watch.check()
-        there = np.where(places, labels, 0)
-        found = np.setdiff1d(np.unique(there)[1:], np.flatnonzero(np.isfinite(chosen)) + 1)
+        places = places_of(mask[frames])
+        height = -unwrapped[frames][places]
+        if reference is not None:
+            height += reference[frames][places]
+        of_part = np.ones(height.shape, dtype=int) if labels is None else labels[frames][places]
+        found = np.flatnonzero(np.isnan(turns) & (np.bincount(of_part, minlength=len(turns)) > 0))
         if len(found):
-            chosen[found - 1] = ndimage.median(height, there, found)
-    turns = np.concatenate([[0.0], np.round(np.nan_to_num(chosen) / TURN)]).astype(np.float32)
-    return np.where(mask, unwrapped + np.float32(TURN) * turns[labels], np.float32(0))
+            turns[found] = np.round(np.asarray(ndimage.median(height, of_part, found)) / TURN)
+    lift = (np.float32(TURN) * turns).astype(np.float32)
+    result = unwrapped + (lift[1] if labels is None else lift[labels])
+    if not mask.all():
+        result[~mask] = 0
+    return result
+
+
+def numbered_inside(parts: NDArray[np.int32], mask: Mask) -> NDArray[np.int32]:
+    """Give the parts inside a mask numbers from 1, without gaps; 0 outside."""
+    present = np.zeros(int(parts.max()) + 1, dtype=bool)
+    present[parts[mask]] = True
+    number = np.cumsum(present, dtype=np.int32)
+    labels: NDArray[np.int32] = number[parts]
+    labels[~mask] = 0
+    return labels
+
+
+def all_of(mask: Mask) -> Mask:
+    """Return the mask itself."""
+    return mask
 
 
 def rim_of(mask: Mask) -> Mask:

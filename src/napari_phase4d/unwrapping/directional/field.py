@@ -16,7 +16,7 @@ from napari_phase4d.unwrapping.masks import object_masks
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registration import moved
 from napari_phase4d.unwrapping.spatial import border_medians
-from napari_phase4d.unwrapping.volumes import with_levels
+from napari_phase4d.unwrapping.volumes import all_of, with_levels
 
 __all__ = ["Field", "finished_phase", "prepare"]
 
@@ -182,10 +182,9 @@ def finished_phase(
     label = field.everywhere(parts)
     loose = problem.usable & (label != parts[0])
     if loose.any():
-        height = problem.spatial(progress, cancelled) - unwrapped
-        asked = loose & problem.mask
+        whole = problem.spatial(progress, cancelled)
         placed = watched(
-            lambda: with_levels(unwrapped, label, height, loose, asked, problem.first, watch),
+            lambda: with_levels(unwrapped, label, whole, loose, all_of, problem.first, watch),
             watch,
         )
         unwrapped = np.where(loose, placed, unwrapped)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
-from napari_phase4d.unwrapping.directional.forest import joined
 from napari_phase4d.unwrapping.directional.regions import Regions
+from napari_phase4d.unwrapping.growing import grow_list
 
 __all__ = ["LeastTurns", "Limit"]
 
@@ -75,8 +75,7 @@ class LeastTurns:
     def start(self) -> tuple[NDArray[np.int32], Turns]:
         """Return the part of each region, and turns to start with: heaviest steps first."""
         r = self.regions
-        order = np.argsort(-r.weight, kind="stable")
-        parts, turns = joined(r.first, r.second, r.turns.astype(np.int32), order, r.n)
+        parts, turns, _ = grow_list(r.first, r.second, r.turns, -r.weight, r.n)
         level = turns[self.held] + r.relative[0]  # node 0 is to have none
         return parts, turns.astype(np.int64) - level
 

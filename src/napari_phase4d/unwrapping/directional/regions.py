@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.directional.forest import joined
 from napari_phase4d.unwrapping.directional.steps import Steps
+from napari_phase4d.unwrapping.growing import grow_list
 
 __all__ = ["Regions", "grown", "regions_of", "weight_of"]
 
@@ -16,8 +16,6 @@ __all__ = ["Regions", "grown", "regions_of", "weight_of"]
 SOFTENING, POWER = 0.5, 6
 #: Steps smoother and smaller than this, in radians, are never doubted: their ends move together.
 CERTAIN = 1.0
-#: Roughness is sorted in so many levels for each radian, up to the largest 16-bit number.
-LEVELS = 2000
 
 Whole = NDArray[np.int32]
 
@@ -53,16 +51,6 @@ def weight_of(roughness: NDArray[np.floating]) -> NDArray[np.float64]:
     return weight
 
 
-def smoothest_first(roughness: NDArray[np.float32]) -> NDArray[np.int64]:
-    """Return the order of steps by their roughness, to a two-thousandth of a radian.
-
-    Whole numbers of 16 bits are sorted several times as fast as floats.
-    """
-    levels = np.minimum(roughness * LEVELS, np.iinfo(np.uint16).max).astype(np.uint16)
-    order: NDArray[np.int64] = np.argsort(levels, kind="stable")
-    return order
-
-
 def grown(steps: Steps, n: int, n_islands: int) -> tuple[Whole, Whole]:
     """Go along the steps, smoothest first, as Kruskal does.
 
@@ -81,7 +69,7 @@ def grown(steps: Steps, n: int, n_islands: int) -> tuple[Whole, Whole]:
     Returns
     -------
     parts : ndarray of int
-        Part that each node belongs to, as one of its nodes.
+        Number of the part that each node belongs to.
     turns : ndarray of int
         Turns of every node; 0 for node 0.
     """
@@ -90,13 +78,11 @@ def grown(steps: Steps, n: int, n_islands: int) -> tuple[Whole, Whole]:
     turns = steps.turns[between].astype(np.int64)
     nodes = np.arange(n, dtype=np.int32)
     votes = merged(nodes, nodes * 0, n, (a, b, turns, weight_of(steps.roughness[between])))
-    heaviest_first = np.argsort(-votes.weight, kind="stable")
-    order = smoothest_first(steps.roughness)
-    parts, turns_of = joined(
-        np.concatenate([votes.first[heaviest_first], steps.first[order]]),
-        np.concatenate([votes.second[heaviest_first], steps.second[order]]),
-        np.concatenate([votes.turns[heaviest_first].astype(np.int32), steps.turns[order]]),
-        np.arange(len(votes.first) + len(order)),
+    parts, turns_of, _ = grow_list(
+        np.concatenate([votes.first, steps.first]),
+        np.concatenate([votes.second, steps.second]),
+        np.concatenate([votes.turns.astype(np.int32), steps.turns]),
+        np.concatenate([-votes.weight, steps.roughness]),
         n,
     )
     return parts, turns_of - np.where(parts == parts[0], turns_of[0], 0).astype(np.int32)
@@ -113,11 +99,13 @@ def regions_of(steps: Steps, n: int, n_islands: int) -> Regions:
         & (steps.size < CERTAIN)
         & (np.maximum(steps.first, steps.second) >= n_islands)
     )
-    order = certain[smoothest_first(steps.roughness[certain])]
-    root, relative = joined(steps.first, steps.second, steps.turns, order, n)
-    is_root = root == np.arange(n, dtype=np.int32)
-    number = np.cumsum(is_root, dtype=np.int32) - np.int32(1)
-    region = number[root]
+    region, relative, n_regions = grow_list(
+        steps.first[certain],
+        steps.second[certain],
+        steps.turns[certain],
+        steps.roughness[certain],
+        n,
+    )
     a, b = region[steps.first], region[steps.second]
     across = np.flatnonzero(a != b)
     first, second = steps.first[across], steps.second[across]
@@ -125,7 +113,7 @@ def regions_of(steps: Steps, n: int, n_islands: int) -> Regions:
     return merged(
         region,
         relative,
-        int(is_root.sum()),
+        n_regions,
         (a[across], b[across], turns, weight_of(steps.roughness[across])),
     )
 

@@ -1,0 +1,22 @@
+"""Region growing: joining pixels along the cheapest steps first (reliability sorting).
+
+`grow_grid` does it on grids of one to four dimensions, `grow_list` on any list of steps. Both run
+compiled where that is possible, and give the same result where it is not.
+"""
+
+from __future__ import annotations
+
+from napari_phase4d.unwrapping.growing.costs import Costs, coherence, second_differences
+from napari_phase4d.unwrapping.growing.growth import CostsOf, grow_grid, grow_list
+from napari_phase4d.unwrapping.growing.workspace import PerThread, Workspace
+
+__all__ = [
+    "Costs",
+    "CostsOf",
+    "PerThread",
+    "Workspace",
+    "coherence",
+    "grow_grid",
+    "grow_list",
+    "second_differences",
+]

@@ -1,0 +1,118 @@
+"""Growing regions on grids and on lists of steps, compiled or not."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.unwrapping import compiling
+from napari_phase4d.unwrapping.growing import boruvka, plain
+from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
+from napari_phase4d.unwrapping.growing.grid import grown_turns
+from napari_phase4d.unwrapping.growing.rows import Phase, Whole, full_shape
+from napari_phase4d.unwrapping.growing.smooth import integrated
+from napari_phase4d.unwrapping.growing.workspace import Workspace
+
+__all__ = ["CostsOf", "grow_grid", "grow_list"]
+
+#: ``costs_of(wrapped, mask, work)`` gives the costs of a grid's steps.
+CostsOf = Callable[[Phase, NDArray[np.bool_] | None, Workspace], Costs]
+
+
+def grow_grid(
+    wrapped: Phase,
+    mask: NDArray[np.bool_] | None = None,
+    costs_of: CostsOf = second_differences,
+    work: Workspace | None = None,
+    check: Callable[[], None] = boruvka.nothing,
+) -> tuple[Whole, Whole | None]:
+    """Return the turns that joining neighbours along the cheapest steps first gives every pixel.
+
+    Parameters
+    ----------
+    wrapped : ndarray of float32
+        Wrapped phase in radians; one to four dimensions, the last two y and x.
+    mask : ndarray of bool, same shape, optional
+        Pixels to join; default all.
+    costs_of : callable, optional
+        ``costs_of(wrapped, mask, work)`` gives the costs of the steps; default
+        `second_differences`, the reliability of Herraez et al. 2002.
+    work : Workspace, optional
+        Memory to work in; the results lie in it until it is used again.
+    check : callable, optional
+        Called between stages; may raise to stop.
+
+    Returns
+    -------
+    turns : ndarray of int32, same shape
+        Turns to add; every separate part has its own open number.
+    parts : ndarray of int32, same shape, or None
+        Number of the part that each pixel belongs to; those outside the mask are parts of their
+        own. None if all belong together.
+    """
+    work = Workspace() if work is None else work
+    wrapped = np.ascontiguousarray(wrapped)
+    if mask is not None:
+        mask = None if mask.all() else np.ascontiguousarray(mask)
+    shape = full_shape(wrapped.shape)
+    rows = wrapped.reshape(-1, shape[3])
+    if mask is None:
+        turns = smooth_turns(rows, wrapped.shape, work)
+        if turns is not None:
+            return turns.reshape(wrapped.shape), None
+    check()
+    costs = costs_of(wrapped, mask, work)
+    check()
+    if compiling.can_compile():
+        turns, parts = grown_turns(rows, costs, work, check)
+    else:
+        turns, parts = plain.grown_grid(rows, *costs.arguments)
+    return turns.reshape(wrapped.shape), parts.reshape(wrapped.shape)
+
+
+def smooth_turns(rows: Phase, shape: tuple[int, ...], work: Workspace) -> Whole | None:
+    """Return the turns of every pixel of a grid without residues, else None."""
+    if not compiling.can_compile():
+        return plain.integrated(rows.reshape(shape))
+    turns: Whole = work.array("turns", rows.shape, np.int32)
+    return turns if integrated(rows, full_shape(shape), np.pi, turns) else None
+
+
+def grow_list(
+    first: NDArray[np.integer],
+    second: NDArray[np.integer],
+    steps: NDArray[np.integer],
+    cost: NDArray[np.floating],
+    n: int,
+    check: Callable[[], None] = boruvka.nothing,
+) -> tuple[Whole, Whole, int]:
+    """Join nodes along the cheapest of a list of steps first.
+
+    Parameters
+    ----------
+    first, second : ndarray of int, shape (n_steps,)
+        The two nodes of every step.
+    steps : ndarray of int, shape (n_steps,)
+        Turns of the second node minus those of the first.
+    cost : ndarray of float, shape (n_steps,)
+        Finite cost of every step; equal ones are taken in their order.
+    n : int
+        Number of nodes.
+    check : callable, optional
+        Called between rounds; may raise to stop.
+
+    Returns
+    -------
+    parts : ndarray of int32, shape (n,)
+        Number of the part that each node belongs to, in the order of their first nodes.
+    turns : ndarray of int32, shape (n,)
+        Turns of every node relative to the first of its part.
+    n_parts : int
+        Number of parts.
+    """
+    if compiling.can_compile():  # on copies: the lists are worked in
+        a, b, turns = (np.array(column, dtype=np.int32) for column in (first, second, steps))
+        return boruvka.join_cheapest(a, b, turns, np.array(cost, dtype=np.float64), n, check)
+    return plain.joined_list(first, second, steps, cost, n)

@@ -1,0 +1,406 @@
+"""Region growing: the exact result of joining along the cheapest steps first, in quick ways."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from functools import partial
+
+import numpy as np
+import pytest
+from scipy.ndimage import gaussian_filter
+from skimage.restoration import unwrap_phase
+
+import napari_phase4d as p4d
+from napari_phase4d.unwrapping import compiling
+from napari_phase4d.unwrapping.growing import (
+    Workspace,
+    coherence,
+    grid,
+    grow_grid,
+    grow_list,
+    plain,
+    second_differences,
+)
+from napari_phase4d.unwrapping.growing.joining import joined
+from napari_phase4d.unwrapping.growing.marks import mark_cheap, mark_cheapest_of_each
+from napari_phase4d.unwrapping.growing.reliability import BORDER, half_stencil
+from napari_phase4d.unwrapping.growing.residues import residue_limit
+from napari_phase4d.unwrapping.growing.rows import full_shape
+from napari_phase4d.unwrapping.growing.smooth import integrated
+
+TURN = 2 * np.pi
+#: Like scikit-image: pixels at all faces of a volume are the least reliable.
+AT_ALL_FACES = partial(second_differences, bounded=(1, 2))
+
+
+def wrap(phase: np.ndarray) -> np.ndarray:
+    return np.angle(np.exp(1j * phase)).astype(np.float32)
+
+
+def scene(kind: str, shape: tuple[int, ...] = (128, 160), seed: int = 0) -> np.ndarray:
+    """Wrapped phase of smooth cells, of steep ones, of noise, or of frames hard to unwrap."""
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[: shape[-2], : shape[-1]]
+    if kind == "spiral":  # a vortex: no way round it closes
+        return np.broadcast_to(np.arctan2(y - 60.3, x - 70.2).astype(np.float32), shape).copy()
+    if kind == "random":
+        return rng.uniform(-np.pi, np.pi, shape).astype(np.float32)
+    sigma, peak = {"smooth": (0.1, 12), "noisy": (0.6, 12), "steep": (0.2, 60), "hard": (0.9, 12)}[
+        kind
+    ]
+    height = np.zeros(shape)
+    for cy, cx, r in ((0.35, 0.4, 0.25), (0.65, 0.6, 0.2)):
+        rho = ((y - cy * shape[-2]) ** 2 + (x - cx * shape[-1]) ** 2) / (r * shape[-2]) ** 2
+        height = np.maximum(height, peak * np.exp(-2 * rho))
+    return wrap(height + rng.normal(0, sigma, shape))
+
+
+KINDS = ("smooth", "noisy", "steep", "hard", "spiral", "random")
+
+
+def differing(turns: np.ndarray, wrapped: np.ndarray, peer: np.ndarray) -> np.ndarray:
+    """Mark pixels whose turns differ from those of a peer by more than one number for all."""
+    off = turns - np.round((peer - wrapped) / TURN).astype(int)
+    values, counts = np.unique(off, return_counts=True)
+    return off != values[np.argmax(counts)]
+
+
+# ---- against an independent program ----------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_frame_is_scikit_images(kind: str, seed: int) -> None:
+    """Equal but for pixels at the frame's border, whose order is left to chance there."""
+    wrapped = scene(kind, seed=seed)
+    turns, _ = grow_grid(wrapped)
+    wrong = differing(turns, wrapped, unwrap_phase(wrapped, rng=0))
+    assert not wrong[1:-1, 1:-1].any()
+    assert wrong.mean() < 1e-3
+
+
+@pytest.mark.parametrize("kind", ["smooth", "noisy", "hard"])
+def test_a_volume_is_scikit_images(kind: str) -> None:
+    """Equal but for pixels at the faces, whose order is left to chance there."""
+    wrapped = scene(kind, (7, 60, 70))
+    turns, _ = grow_grid(wrapped, None, AT_ALL_FACES)
+    wrong = differing(turns, wrapped, unwrap_phase(wrapped, rng=0))
+    assert not wrong[1:-1, 1:-1, 1:-1].any()
+    assert wrong.mean() < 3e-3
+    assert kind == "hard" or not wrong.any()
+
+
+def test_a_masked_frame_is_scikit_images() -> None:
+    wrapped = scene("noisy")
+    y, x = np.indices(wrapped.shape)
+    mask = np.hypot(y - 64, x - 80) < 55
+    turns, parts = grow_grid(wrapped, mask)
+    peer = unwrap_phase(np.ma.masked_array(wrapped, ~mask), rng=0)
+    assert not differing(turns, wrapped, np.ma.getdata(peer))[mask].any()
+    assert parts is not None
+    assert len(np.unique(parts[mask])) == 1
+
+
+# ---- against joining pixel by pixel ----------------------------------------------------------
+
+
+def kruskal(
+    first: np.ndarray, second: np.ndarray, steps: np.ndarray, cost: np.ndarray, n: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Join nodes one step after the other; return parts and turns."""
+    turns, group = np.zeros(n, int), np.arange(n)
+    for i in np.argsort(cost, kind="stable"):
+        a, b = first[i], second[i]
+        if group[a] != group[b]:
+            moved = group == group[b]
+            turns[moved] += turns[a] + steps[i] - turns[b]
+            group[moved] = group[a]
+    return group, turns
+
+
+def same_up_to_parts(parts: np.ndarray, turns: np.ndarray, other: np.ndarray) -> bool:
+    """Say whether turns differ by one number in each part."""
+    off = turns - other
+    return all(np.ptp(off[parts == p]) == 0 for p in np.unique(parts))
+
+
+@pytest.mark.parametrize("shape", [(7,), (9, 8), (4, 6, 5), (3, 3, 5, 4), (2, 1, 6, 5)])
+def test_growing_is_kruskals_order(shape: tuple[int, ...]) -> None:
+    for seed in range(5):
+        wrapped = scene("random", shape, seed) if len(shape) > 1 else wrap(np.arange(7) * 2.5)
+        mask = np.random.default_rng(seed).random(shape) > 0.15
+        for chosen in (None, mask):
+            costs = second_differences(wrapped, chosen, Workspace())
+            first, second, cost = plain.steps_in_order(*costs.arguments)
+            steps = plain.jumps(wrapped.ravel()[first], wrapped.ravel()[second])
+            group, expected = kruskal(first, second, steps, cost, wrapped.size)
+            turns, parts = grow_grid(wrapped, chosen)
+            assert same_up_to_parts(group, turns.ravel(), expected)
+            if parts is not None:  # the same parts as well
+                pairs = np.unique(np.stack([parts.ravel(), group]), axis=1)
+                assert pairs.shape[1] == len(np.unique(group)) == len(np.unique(parts))
+
+
+def test_lists_of_steps_with_equal_costs_go_in_their_order() -> None:
+    rng = np.random.default_rng(3)
+    for _ in range(20):
+        n, m = 40, 150
+        first, second = rng.integers(0, n, (2, m))
+        steps, cost = rng.integers(-2, 3, m), rng.integers(-3, 4, m).astype(float)
+        parts, turns, n_parts = grow_list(first, second, steps, cost, n)
+        group, expected = kruskal(first, second, steps, cost, n)
+        assert n_parts == len(np.unique(group)) == parts.max() + 1
+        assert same_up_to_parts(group, turns, expected)
+        for part in range(n_parts):  # relative to the first of each part
+            assert turns[np.flatnonzero(parts == part)[0]] == 0
+
+
+# ---- without a compiler ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", [(40, 50), (5, 20, 24), (4, 3, 12, 14)])
+@pytest.mark.parametrize("kind", ["smooth", "noisy", "hard", "random"])
+def test_the_slower_way_is_equal(
+    kind: str, shape: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wrapped = scene(kind, shape)
+    mask = np.random.default_rng(0).random(shape) > 0.1
+    ways = [second_differences, *([coherence] if len(shape) == 2 else [])]
+    for chosen, costs_of in itertools.product((None, mask), ways):
+        turns, parts = grow_grid(wrapped, chosen, costs_of)
+        with monkeypatch.context() as patch:
+            patch.setattr(compiling, "can_compile", lambda: False)
+            plain_turns, plain_parts = grow_grid(wrapped, chosen, costs_of)
+        if parts is None:
+            assert np.ptp(turns - plain_turns) == 0
+        else:
+            assert plain_parts is not None
+            np.testing.assert_array_equal(parts, plain_parts)
+            assert same_up_to_parts(parts, turns, plain_turns)
+
+
+def test_all_that_grows_works_without_a_compiler(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrapped = np.stack([[scene("noisy", (24, 30), s) for s in (0, 1)]] * 4)
+    methods = ("spatial-2d", "spatial-3d", "region-growing", "directional-growing")
+    compiled = {m: p4d.unwrap(wrapped, m).values for m in methods}
+    monkeypatch.setattr(compiling, "can_compile", lambda: False)
+    for method, expected in compiled.items():
+        found = p4d.unwrap(wrapped, method).values
+        np.testing.assert_allclose(found, expected, atol=1e-5, err_msg=method)
+
+
+def test_a_compiler_that_fails_is_named_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    import numba
+
+    def fail(**_: object) -> None:
+        msg = "no LLVM here"
+        raise RuntimeError(msg)
+
+    monkeypatch.setattr(numba, "njit", fail)
+    compiling.can_compile.cache_clear()
+    try:
+        with pytest.warns(RuntimeWarning, match="numba can't compile here .*no LLVM here"):
+            assert not compiling.can_compile()
+        assert not compiling.can_compile()  # no second warning
+    finally:
+        compiling.can_compile.cache_clear()
+
+
+# ---- the single kernels ----------------------------------------------------------------------
+
+
+def test_stencils_have_the_published_numbers_of_pairs() -> None:
+    assert [len(half_stencil((5,) * n)) for n in (2, 3, 4)] == [4, 13, 40]
+    assert len(half_stencil((1, 2, 5, 5))) == 4
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_unreliability_is_the_published_sum(
+    compiled: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compiling, "can_compile", lambda: compiled)
+    wrapped = scene("hard", (5, 9, 11))
+    mask = np.random.default_rng(1).random(wrapped.shape) > 0.2
+    found = second_differences(wrapped, mask, Workspace()).point.reshape(wrapped.shape)
+    w = wrapped.astype(float)
+    for t, y, x in np.ndindex(*wrapped.shape):
+        at = np.array((t, y, x))
+        total, count = 0.0, 0
+        for offset in itertools.product((-1, 0, 1), repeat=3):
+            if offset <= (0, 0, 0):
+                continue
+            ahead, behind = tuple(at + offset), tuple(at - offset)
+            inside = all(
+                (np.array(p) >= 0).all() and (p < np.array(w.shape)).all() for p in (ahead, behind)
+            )
+            if inside and mask[ahead] and mask[behind]:
+                steps = (w[behind] - w[t, y, x], w[t, y, x] - w[ahead])
+                before, after = (np.angle(np.exp(1j * step)) for step in steps)
+                total += (before - after) ** 2
+                count += 1
+        if not mask[t, y, x]:
+            assert np.isinf(found[t, y, x])
+        elif y in (0, 8) or x in (0, 10) or not count:
+            assert found[t, y, x] == BORDER
+        else:
+            assert found[t, y, x] == pytest.approx(total * 13 / count, rel=1e-9)
+
+
+def test_one_pass_is_enough_without_residues_and_stops_at_one() -> None:
+    wrapped = scene("smooth", (3, 2, 40, 30))
+    rows, shape = wrapped.reshape(-1, 30), full_shape(wrapped.shape)
+    turns = np.empty(rows.shape, np.int32)
+    assert integrated(rows, shape, np.pi, turns)
+    truth = wrapped.astype(float)
+    for axis in range(4):
+        truth = np.unwrap(truth, axis=axis)
+    assert np.ptp(turns.reshape(wrapped.shape) - np.round((truth - wrapped) / TURN)) == 0
+
+
+@pytest.mark.parametrize("plane", list(itertools.combinations(range(4), 2)))
+def test_a_vortex_in_any_plane_is_seen(plane: tuple[int, int]) -> None:
+    shape = (4, 4, 6, 6)
+    a, b = (np.indices(shape)[axis] - shape[axis] / 2 + 0.6 for axis in plane)
+    wrapped = np.arctan2(a, b).astype(np.float32).reshape(-1, shape[3])
+    assert not integrated(wrapped, shape, np.pi, np.empty(wrapped.shape, np.int32))
+
+
+def residues_by_hand(w: np.ndarray, cost: dict) -> float:
+    """The least, over all loops of four steps that don't close, of the dearest step."""
+    least = np.inf
+    for index in np.ndindex(*w.shape):
+        for i, j in itertools.combinations(range(w.ndim), 2):
+            corner = [np.array(index) for _ in range(4)]
+            corner[1][i] += 1
+            corner[2][i] += 1
+            corner[2][j] += 1
+            corner[3][j] += 1
+            if any((c >= w.shape).any() for c in corner):
+                continue
+            loop = [tuple(c) for c in (*corner, corner[0])]
+            steps = [plain.jumps(w[a], w[b]) for a, b in itertools.pairwise(loop)]
+            if sum(int(s) for s in steps):
+                edges = [tuple(sorted(pair)) for pair in itertools.pairwise(loop)]
+                least = min(least, max(cost[a] + cost[b] for a, b in edges))
+    return least
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 9, 8), (1, 4, 5, 6), (3, 3, 4, 4)])
+def test_the_limit_is_that_of_the_cheapest_residue(shape: tuple[int, int, int, int]) -> None:
+    rng = np.random.default_rng(4)
+    wrapped = wrap(rng.normal(0, 1.3, shape))
+    point = rng.random((wrapped.size // shape[3], shape[3]))
+    none = np.empty((0, 0, 0))
+    rows = wrapped.reshape(point.shape)
+    cost = {index: point.reshape(shape)[index] for index in np.ndindex(*shape)}
+    found = residue_limit(rows, np.pi, point, none, shape, rows.size)
+    assert found == pytest.approx(residues_by_hand(wrapped, cost))
+    assert residue_limit(rows, np.pi, point, none, shape, 0) == -np.inf
+
+
+def test_steps_that_disagree_are_seen_when_joined() -> None:
+    wrapped = scene("spiral", (20, 24))
+    wrapped = np.arctan2(*(np.mgrid[:20, :24] - np.array([9.4, 11.6])[:, None, None])).astype(
+        np.float32
+    )
+    shape = full_shape(wrapped.shape)
+    marks = np.full(wrapped.shape, 4 + 8, np.uint8)
+    marks[:, -1] &= 4
+    group, turns = np.empty(wrapped.shape, np.int32), np.empty(wrapped.shape, np.int32)
+    assert joined(wrapped, shape, np.pi, marks, group, turns) == -1
+
+
+def test_a_loop_round_a_hole_makes_the_limit_fall() -> None:
+    """All loops of four close but those in a dear hole, round which the phase turns once."""
+    y, x = np.mgrid[:40, :40] - 19.5
+    wrapped = np.arctan2(y, x).astype(np.float32)
+    hole = np.hypot(y, x) < 8
+    rng = np.random.default_rng(0)
+    wrapped[hole] = rng.uniform(-3, 3, hole.sum())
+    turns, _ = grow_grid(wrapped)
+    wrong = differing(turns, wrapped, unwrap_phase(wrapped, rng=0))
+    assert not wrong[1:-1, 1:-1].any()
+
+
+def test_marks_are_the_cheap_steps_and_the_cheapest_of_each() -> None:
+    rng = np.random.default_rng(2)
+    point = rng.random((6, 7))
+    shape, none = full_shape((6, 7)), np.empty((0, 0, 0))
+    down, right = point[:-1] + point[1:], point[:, :-1] + point[:, 1:]
+    marks = np.zeros((6, 7), np.uint8)
+    mark_cheapest_of_each(point, none, shape, 0.0, marks)
+    expected = np.zeros((6, 7), np.uint8)
+    for i, j in np.ndindex(6, 7):
+        around = [
+            (down[i - 1, j], (i - 1, j), 4) if i else None,
+            (right[i, j - 1], (i, j - 1), 8) if j else None,
+            (right[i, j], (i, j), 8) if j < 6 else None,
+            (down[i, j], (i, j), 4) if i < 5 else None,
+        ]
+        _, at, bit = min(a for a in around if a)
+        expected[at] |= bit
+    np.testing.assert_array_equal(marks, expected)
+    marks[:] = 0
+    mark_cheap(point, none, shape, 1.0, marks)
+    np.testing.assert_array_equal((marks[:, :-1] & 8) > 0, right < 1)
+    assert not (((marks[:-1] & 4) > 0) & (down >= 1)).any()
+    # Left out are only those that close a square of cheap steps.
+    left_out = (down < 1) & ((marks[:-1] & 4) == 0)
+    assert (right[:-1] < 1)[left_out[:, 1:]].all()
+    assert (right[1:] < 1)[left_out[:, 1:]].all()
+    assert not left_out[:, 0].any()
+
+
+def test_memory_used_again_leaves_no_traces() -> None:
+    work = Workspace()
+    large, small = scene("hard", (60, 70)), scene("noisy", (30, 20))
+    for frame in (large, small, large, small):
+        turns, _ = grow_grid(frame, work=work)
+        np.testing.assert_array_equal(turns, grow_grid(frame)[0])
+
+
+def test_growing_stops_when_asked_to() -> None:
+    asked = iter([False, False, True])
+
+    def check() -> None:
+        if next(asked):
+            raise p4d.Cancelled
+
+    with pytest.raises(p4d.Cancelled):
+        grow_grid(scene("hard"), check=check)
+
+
+def test_the_cheaper_steps_first_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrapped = scene("random", (60, 70))
+    turns = grow_grid(wrapped)[0].copy()
+    monkeypatch.setattr(grid, "MANY_LEFT", 2.0)
+    np.testing.assert_array_equal(turns, grow_grid(wrapped)[0])
+
+
+def test_frames_come_out_the_same_however_many_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    wrapped = np.stack([[scene("hard", (50, 60), s)] for s in range(8)])
+    found = [p4d.unwrap(wrapped, "spatial-2d").values for _ in range(3)]
+    assert threading.active_count() < 50
+    for other in found[1:]:
+        np.testing.assert_array_equal(found[0], other)
+
+
+# ---- the other reliability -------------------------------------------------------------------
+
+
+def test_coherence_follows_slopes_that_second_differences_lose() -> None:
+    """Share of wrong pixels on steep cells with noise, against exact truth."""
+    wrong: dict[str, list[float]] = {"herraez": [], "coherence": []}
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        y, x = np.mgrid[:200, :200]
+        rho = ((y - 100) / 60) ** 2 + ((x - 100) / 50) ** 2
+        height = gaussian_filter(45 * np.sqrt(np.clip(1 - rho, 0, None)), 1.5)
+        truth = height + rng.normal(0, 0.3, rho.shape)
+        for name, shares in wrong.items():
+            found = p4d.unwrap(wrap(truth), "spatial-2d", reliability=name).values
+            off = np.round((found - truth) / TURN)
+            shares.append(float((off != np.median(off[rho > 1.2])).mean()))
+    assert np.mean(wrong["herraez"]) > 0.002
+    assert np.mean(wrong["coherence"]) < 0.5 * np.mean(wrong["herraez"])
