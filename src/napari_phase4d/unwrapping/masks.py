@@ -47,17 +47,43 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
     noise = 1.4826 * float(np.median(np.abs(edge - level)))
     height = np.abs(ndimage.gaussian_filter(unwrapped - level, 1.0))
     threshold = max(SHARE_OF_PEAK * float(np.quantile(height, 0.995)), DEVIATIONS * noise, 1e-3)
-    mask = ndimage.binary_fill_holes(height > threshold)
-    labels, count = ndimage.label(mask)
-    if count:
-        sizes = np.bincount(labels.ravel())
-        large = sizes >= SMALLEST_SHARE * mask.size
-        large[0] = False
-        mask = large[labels]
+    mask = without_specks(without_holes(height > threshold))
     if not mask.any() or mask[border_of(mask.shape)].mean() > LARGEST_BORDER_SHARE:
         return np.ones(mask.shape, dtype=bool)
-    widened: NDArray[np.bool_] = ndimage.binary_dilation(mask, iterations=WIDEN)
-    return widened
+    return widened(mask)
+
+
+def without_holes(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Fill what the border of the frame can't be reached from."""
+    outside, count = ndimage.label(~mask)
+    hole = np.ones(count + 1, dtype=bool)
+    for line in (outside[0], outside[-1], outside[:, 0], outside[:, -1]):
+        hole[line] = False
+    hole[0] = True  # the mask itself
+    filled: NDArray[np.bool_] = hole[outside]
+    return filled
+
+
+def without_specks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Leave out blobs that are too small to be an object."""
+    labels, count = ndimage.label(mask)
+    if count == 0:
+        return mask
+    large = np.bincount(labels.ravel()) >= SMALLEST_SHARE * mask.size
+    large[0] = False
+    return mask if large[1:].all() else large[labels]
+
+
+def widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Widen a mask by some pixels up, down and to the sides."""
+    for _ in range(WIDEN):
+        wider = mask.copy()
+        wider[1:] |= mask[:-1]
+        wider[:-1] |= mask[1:]
+        wider[:, 1:] |= mask[:, :-1]
+        wider[:, :-1] |= mask[:, 1:]
+        mask = wider
+    return mask
 
 
 def both_ends(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:

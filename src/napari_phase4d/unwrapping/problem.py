@@ -65,25 +65,29 @@ class Problem:
         self.boundaries = checked_boundaries(boundary, values.shape[:2])
         self.finds_mask = isinstance(mask, str)
         self.mask = self._given_mask(mask, values.shape)
-        bad = ~np.isfinite(values)
-        if self.finds_mask:
-            self.mask = ~bad
-        elif (bad & self.mask).any():
-            count = int((bad & self.mask).sum())
-            msg = (
-                f"the phase holds {count} NaN or infinite pixels; "
-                "leave them out with mask=numpy.isfinite(phase)"
-            )
-            raise ValueError(msg)
+        # A copy: the caller's array stays as it was.
+        self.wrapped: NDArray[np.float32] = np.array(values, dtype=np.float32, order="C")
+        if not all(np.isfinite(frames).all() for frames in self.wrapped):
+            self._leave_out(~np.isfinite(self.wrapped))
         #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.
         self.usable = self.mask
-        # A copy: the caller's array stays as it was.
-        self.wrapped: NDArray[np.float32] = np.where(bad, 0, values).astype(np.float32)
         self.amplitude = self._given_amplitude(amplitude, values.shape)
         self._known: dict[str, Any] = {}
         #: Seconds that the shared first steps took, and which were asked for since last emptied.
         self.seconds: dict[str, float] = {}
         self.used: set[str] = set()
+
+    def _leave_out(self, bad: NDArray[np.bool_]) -> None:
+        """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
+        count = int((bad & self.mask).sum())
+        if count and not self.finds_mask:
+            msg = (
+                f"the phase holds {count} NaN or infinite pixels; "
+                "leave them out with mask=numpy.isfinite(phase)"
+            )
+            raise ValueError(msg)
+        self.mask = self.mask & ~bad
+        self.wrapped[bad] = 0
 
     @property
     def first(self) -> Boundary:

@@ -13,6 +13,7 @@ from napari_phase4d.unwrapping.growing import (
     Workspace,
     grow_grid,
     second_differences,
+    smooth_turns,
 )
 
 __all__ = ["border_medians", "unwrap_frames"]
@@ -85,15 +86,17 @@ def unwrap_frame(
     if not mask.any():
         out[:] = 0
         return out, 0.0
-    turns, parts = grow_grid(wrapped, None, costs_of, work)
+    work = Workspace() if work is None else work
+    smooth = smooth_turns(wrapped, work)
+    turns = grow_grid(wrapped, None, costs_of, work)[0] if smooth is None else smooth
     add_turns(wrapped, turns, out)
     level = float(np.median(border_values(out)))
     if mask.all():
         return out, level
-    if parts is not None:  # where residues are, the mask may lead another way
+    if smooth is None:  # where residues are, the mask may lead another way
         whole = turns.copy()
         turns, parts = grow_grid(wrapped, mask, costs_of, work)
-        if parts is not None:
+        if parts is not None:  # a mask that leaves pixels out leaves several
             add_turns(wrapped, turns + nearest_turns(whole - turns, parts, mask), out)
     out[~mask] = 0
     return out, level

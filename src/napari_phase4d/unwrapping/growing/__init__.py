@@ -7,7 +7,7 @@ compiled where that is possible, and give the same result where it is not.
 from __future__ import annotations
 
 from napari_phase4d.unwrapping.growing.costs import Costs, coherence, second_differences
-from napari_phase4d.unwrapping.growing.growth import CostsOf, grow_grid, grow_list
+from napari_phase4d.unwrapping.growing.growth import CostsOf, grow_grid, grow_list, smooth_turns
 from napari_phase4d.unwrapping.growing.workspace import PerThread, Workspace
 
 __all__ = [
@@ -19,4 +19,5 @@ __all__ = [
     "grow_grid",
     "grow_list",
     "second_differences",
+    "smooth_turns",
 ]

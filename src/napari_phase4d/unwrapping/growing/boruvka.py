@@ -22,6 +22,45 @@ def nothing() -> None:
 
 
 @compiled
+def leave_out_alone(first: Whole, second: Whole, n: int) -> Whole:
+    """Give groups that have steps new numbers, in both lists; return which they are."""
+    place = np.full(n, -1, dtype=np.int32)
+    for e in range(len(first)):
+        place[first[e]] = 0
+        place[second[e]] = 0
+    count = 0
+    for i in range(n):
+        if place[i] == 0:
+            place[i] = count
+            count += 1
+    for e in range(len(first)):
+        first[e], second[e] = place[first[e]], place[second[e]]
+    which = np.empty(count, dtype=np.int32)
+    for i in range(n):
+        if place[i] >= 0:
+            which[place[i]] = i
+    return which
+
+
+@compiled
+def among_all(
+    which: Whole, of_some: Whole, turns_of_some: Whole, group: Whole, turns: Whole
+) -> int:
+    """Return how many groups are left when some of all have been joined to each other."""
+    for i in range(len(group)):
+        group[i] = i
+        turns[i] = 0
+    first = np.full(len(which), -1, dtype=np.int32)
+    for k in range(len(which)):
+        part = of_some[k]
+        if first[part] < 0:
+            first[part] = which[k]
+        group[which[k]] = first[part]
+        turns[which[k]] = turns_of_some[k]
+    return number(group, turns)
+
+
+@compiled
 def cheapest_steps(first: Whole, second: Whole, cost: Floats, n: int) -> Whole:
     """Return the number of each group's cheapest step; -1 where it has none."""
     cheapest = np.full(n, np.inf)
@@ -107,12 +146,14 @@ def join_cheapest(
     n_parts : int
         Number of parts.
     """
+    with_steps = leave_out_alone(first, second, n)
     rounds = []
+    left = len(with_steps)
     while True:
         check()
-        which = cheapest_steps(first, second, cost, n)
-        group, turns = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int32)
-        n = join_along(which, first, second, steps, group, turns)
+        which = cheapest_steps(first, second, cost, left)
+        group, turns = np.empty(left, dtype=np.int32), np.empty(left, dtype=np.int32)
+        left = join_along(which, first, second, steps, group, turns)
         rounds.append((group, turns))
         kept = keep_between(first, second, steps, cost, group, turns)
         first, second, steps, cost = first[:kept], second[:kept], steps[:kept], cost[:kept]
@@ -121,4 +162,6 @@ def join_cheapest(
     for outer in reversed(rounds[:-1]):
         pass_on(*outer, *rounds.pop())
         rounds[-1] = outer
-    return (*rounds[0], n)
+    part, relative = np.empty(n, dtype=np.int32), np.empty(n, dtype=np.int32)
+    n_parts = among_all(with_steps, *rounds[0], part, relative)
+    return part, relative, n_parts

@@ -47,7 +47,7 @@ SAMPLE = 37
 
 def grown_turns(
     wrapped: Phase, costs: Costs, work: Workspace, check: Callable[[], None] = nothing
-) -> tuple[Whole, Whole]:
+) -> tuple[Whole, Whole | None]:
     """Return the turns that joining along the cheapest steps first gives every pixel.
 
     Parameters
@@ -65,8 +65,9 @@ def grown_turns(
     -------
     turns : ndarray of int32, shape (rows, nx)
         Turns to add; every separate part has its own open number.
-    parts : ndarray of int32, shape (rows, nx)
+    parts : ndarray of int32, shape (rows, nx), or None
         Number of the part that each pixel belongs to; those left out are parts of their own.
+        None if all belong together.
     """
     group = work.array("group", wrapped.shape, np.int32)
     turns = work.array("turns", wrapped.shape, np.int32)
@@ -79,7 +80,7 @@ def grown_turns(
         if len(listed[0]):
             of_group, turns_of_group, n = join_cheapest(*listed, n, check)
             pass_on(group.ravel(), turns.ravel(), of_group, turns_of_group)
-    return turns, group
+    return turns, group if n > 1 else None
 
 
 def joined_at_once(

@@ -15,7 +15,7 @@ from napari_phase4d.unwrapping.growing.rows import Phase, Whole, full_shape
 from napari_phase4d.unwrapping.growing.smooth import integrated
 from napari_phase4d.unwrapping.growing.workspace import Workspace
 
-__all__ = ["CostsOf", "grow_grid", "grow_list"]
+__all__ = ["CostsOf", "grow_grid", "grow_list", "smooth_turns"]
 
 #: ``costs_of(wrapped, mask, work)`` gives the costs of a grid's steps.
 CostsOf = Callable[[Phase, NDArray[np.bool_] | None, Workspace], Costs]
@@ -56,28 +56,39 @@ def grow_grid(
     wrapped = np.ascontiguousarray(wrapped)
     if mask is not None:
         mask = None if mask.all() else np.ascontiguousarray(mask)
-    shape = full_shape(wrapped.shape)
-    rows = wrapped.reshape(-1, shape[3])
     if mask is None:
-        turns = smooth_turns(rows, wrapped.shape, work)
+        turns = smooth_turns(wrapped, work)
         if turns is not None:
-            return turns.reshape(wrapped.shape), None
+            return turns, None
     check()
     costs = costs_of(wrapped, mask, work)
     check()
+    rows = wrapped.reshape(-1, wrapped.shape[-1])
     if compiling.can_compile():
         turns, parts = grown_turns(rows, costs, work, check)
     else:
         turns, parts = plain.grown_grid(rows, *costs.arguments)
-    return turns.reshape(wrapped.shape), parts.reshape(wrapped.shape)
+    if parts is not None:
+        parts = parts.reshape(wrapped.shape)
+    return turns.reshape(wrapped.shape), parts
 
 
-def smooth_turns(rows: Phase, shape: tuple[int, ...], work: Workspace) -> Whole | None:
-    """Return the turns of every pixel of a grid without residues, else None."""
+def smooth_turns(wrapped: Phase, work: Workspace) -> Whole | None:
+    """Return the turns of every pixel of a grid if it has no residues, else None.
+
+    Parameters
+    ----------
+    wrapped : ndarray of float32
+        Wrapped phase in radians; one to four dimensions.
+    work : Workspace
+        Memory to work in; the result lies in it until it is used again.
+    """
     if not compiling.can_compile():
-        return plain.integrated(rows.reshape(shape))
+        return plain.integrated(wrapped)
+    shape = full_shape(wrapped.shape)
+    rows = np.ascontiguousarray(wrapped).reshape(-1, shape[3])
     turns: Whole = work.array("turns", rows.shape, np.int32)
-    return turns if integrated(rows, full_shape(shape), np.pi, turns) else None
+    return turns.reshape(wrapped.shape) if integrated(rows, shape, np.pi, turns) else None
 
 
 def grow_list(

@@ -88,12 +88,14 @@ def integrated(wrapped: Phase) -> Whole | None:
     return turns
 
 
-def grown_grid(wrapped: Phase, point: Floats, steps: Floats, shape: Shape) -> tuple[Whole, Whole]:
+def grown_grid(
+    wrapped: Phase, point: Floats, steps: Floats, shape: Shape
+) -> tuple[Whole, Whole | None]:
     """Return turns and parts of a grid (rows, nx) from the list of all its steps."""
     first, second, cost = steps_in_order(point, steps, shape)
     flat = wrapped.ravel()
-    parts, turns, _ = joined_list(first, second, jumps(flat[first], flat[second]), cost, flat.size)
-    return turns.reshape(wrapped.shape), parts.reshape(wrapped.shape)
+    parts, turns, n = joined_list(first, second, jumps(flat[first], flat[second]), cost, flat.size)
+    return turns.reshape(wrapped.shape), parts.reshape(wrapped.shape) if n > 1 else None
 
 
 def steps_in_order(point: Floats, steps: Floats, shape: Shape) -> tuple[Whole, Whole, Floats]:
