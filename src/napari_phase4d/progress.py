@@ -8,7 +8,15 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from typing import TypeVar
 
-__all__ = ["Cancelled", "CancelledCall", "ProgressCall", "Watch", "in_threads", "watched"]
+__all__ = [
+    "Cancelled",
+    "CancelledCall",
+    "ProgressCall",
+    "Watch",
+    "in_threads",
+    "on_all_cores",
+    "watched",
+]
 
 #: ``progress(done, total, message)``
 ProgressCall = Callable[[int, int, str], None]
@@ -88,6 +96,13 @@ def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iter
             yield finished(waiting, watch)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def on_all_cores(work: Callable[[T], object], items: Iterable[T]) -> None:
+    """Do some work on every item, on as many threads as there are cores, and wait for all."""
+    with ThreadPoolExecutor(os.cpu_count() or 1, THREADS) as pool:
+        for _ in pool.map(work, items):
+            pass
 
 
 def watched(work: Callable[[], R], watch: Watch) -> R:

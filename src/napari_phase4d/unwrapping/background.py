@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from napari_phase4d.progress import on_all_cores
 from napari_phase4d.unwrapping.spatial import BORDER, border_of
 
 __all__ = ["Background", "find_background", "noise_of"]
@@ -28,6 +29,8 @@ SHORTER = 0.06
 BORDER_SHARE = 0.4
 #: Share of the frames that have to show one for it to be levelled frame by frame.
 FRAME_SHARE = 0.9
+#: The noise is measured on about so many pixels: every so manieth time of longer recordings.
+ENOUGH_PIXELS = 1_000_000
 #: Smaller islands at the border, in pixels, are no background.
 SMALLEST = 12
 #: Times and angles that the field of noisy frames is averaged over.
@@ -75,6 +78,10 @@ def noise_of(wrapped: Stack, usable: Mask | None = None) -> float:
     usable : ndarray of bool, optional
         Pixels that count; default all.
     """
+    if wrapped.size > ENOUGH_PIXELS and wrapped.ndim == 4:
+        some = np.s_[:: 1 + wrapped.size // ENOUGH_PIXELS]
+        wrapped = wrapped[some]
+        usable = None if usable is None else usable[some]
     found = []
     for axis in (-1, -2):
         if wrapped.shape[axis] < 3:
@@ -114,7 +121,7 @@ def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
     noise = noise_of(wrapped, usable)
     width = SMOOTHING[int(noise >= QUIET)]
     weights = np.float32(1) if usable is None else usable.astype(np.float32)
-    length, phase = mean_field(weights, wrapped, weights, lambda part: gaussian(part, width))
+    length, phase = smoothed_field(wrapped, usable, width)
     left = noise / (2 * np.sqrt(np.pi) * width)  # noise that smoothing leaves
     shortest = np.exp(-(noise**2) / 2) - 2 * left  # length of the field where it is flat
     within = FLAT + NEAR_LEVEL + 2 * left
@@ -138,17 +145,29 @@ def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
     enough = shortest - (SHORTER if noise < QUIET else 0)
     flat = (np.abs(phase) < FLAT + 2 * left) & (length > enough)
     mask = np.zeros(wrapped.shape, dtype=bool)
-    for frame in zip(*np.nonzero(has_background), strict=True):
+
+    def work(frame: tuple[int, ...]) -> None:
         inside = None if usable is None else usable[frame]
         mask[frame] = joined_to_border(flat[frame], inside, quiet=noise < QUIET)
+
+    on_all_cores(work, list(zip(*np.nonzero(has_background), strict=True)))
     return Background(mask, level, noise)
 
 
-def gaussian(part: Stack, width: float) -> Stack:
-    """Smooth over y and x."""
-    widths = (0.0, 0.0, width, width)
-    found: Stack = ndimage.gaussian_filter(part, widths, mode="nearest", truncate=2.5)
-    return found
+def smoothed_field(wrapped: Stack, usable: Mask | None, width: float) -> tuple[Stack, Stack]:
+    """Return length and phase of the field smoothed over y and x, frame by frame."""
+    length, phase = np.empty_like(wrapped), np.empty_like(wrapped)
+
+    def smooth(part: Stack) -> Stack:
+        found: Stack = ndimage.gaussian_filter(part, width, mode="nearest", truncate=2.5)
+        return found
+
+    def work(frame: tuple[int, ...]) -> None:
+        weights = np.float32(1) if usable is None else usable[frame].astype(np.float32)
+        length[frame], phase[frame] = mean_field(weights, wrapped[frame], weights, smooth)
+
+    on_all_cores(work, list(np.ndindex(*wrapped.shape[:2])))
+    return length, phase
 
 
 def box_mean(part: Stack, sizes: Sequence[int]) -> Stack:

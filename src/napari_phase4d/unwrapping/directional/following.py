@@ -7,6 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.registration import centre
 
 __all__ = ["follow_object", "seams"]
@@ -79,16 +80,41 @@ def likeness(
     cosine: NDArray[np.float32], sine: NDArray[np.float32], objects: Mask, k: int, step: Shifts
 ) -> float:
     """Return the mean cosine of the difference between frame k, moved, and the one before."""
-    shift = (int(step[0]), int(step[1]))
+    both = (cosine[k], sine[k], objects[k], cosine[k - 1], sine[k - 1], objects[k - 1])
+    total, count = product_of_moved(*both, int(step[0]), int(step[1]))
+    return total / count if count else 1.0
 
-    def moved(values: NDArray[np.generic]) -> NDArray[np.generic]:
-        return np.roll(values, shift, axis=(-2, -1)) if any(shift) else values
 
-    either = moved(objects[k]) | objects[k - 1]
-    if not either.any():
-        return 1.0
-    product_ = moved(cosine[k]) * cosine[k - 1] + moved(sine[k]) * sine[k - 1]
-    return float(product_[either].mean())
+@compiled
+def product_of_moved(
+    cosine: NDArray[np.float32],
+    sine: NDArray[np.float32],
+    mask: Mask,
+    cosine_before: NDArray[np.float32],
+    sine_before: NDArray[np.float32],
+    mask_before: Mask,
+    down: int,
+    right: int,
+) -> tuple[float, int]:
+    """Return the sum of the cosines of phase differences, where either mask is, and their number.
+
+    The first field and mask (view, y, x) are moved, round the edges of the field.
+    """
+    n_views, height, width = mask.shape
+    total, count = 0.0, 0
+    left = right % width
+    for view in range(n_views):
+        for y in range(height):
+            row = (y - down) % height
+            for start, stop, shift in ((left, width, -left), (0, left, width - left)):
+                c, s = cosine[view, row], sine[view, row]
+                m = mask[view, row]
+                for x in range(start, stop):
+                    if m[x + shift] or mask_before[view, y, x]:
+                        total += c[x + shift] * cosine_before[view, y, x]
+                        total += s[x + shift] * sine_before[view, y, x]
+                        count += 1
+    return total, count
 
 
 def seams(shifts: Shifts, shape: tuple[int, int]) -> NDArray[np.int8]:

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
+
+from napari_phase4d.progress import on_all_cores
 
 __all__ = ["Steps", "all_steps", "fading"]
 
@@ -79,11 +83,9 @@ def all_steps(
     noise : float
         Standard deviation of the phase's noise in radians, for where no empty field is in view.
     """
-    parts = []
-    for axis in range(4):
-        n = phase.shape[axis]
-        if n < 2:
-            continue
+    parts: dict[int, tuple[Any, ...]] = {}
+
+    def work(axis: int) -> None:
         head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(4))
         tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(4))
         difference = phase[tail] - phase[head]
@@ -94,19 +96,15 @@ def all_steps(
         if amplitude is not None:
             rough += fading(np.minimum(amplitude[head], amplitude[tail]))
         kept = valid & (nodes[head] != nodes[tail])
-        parts.append(
-            (
-                nodes[head][kept],
-                nodes[tail][kept],
-                -turns[kept],
-                np.abs(step[kept]),
-                rough[kept],
-            )
-        )
+        ends = nodes[head][kept], nodes[tail][kept]
+        parts[axis] = (*ends, -turns[kept], np.abs(step[kept]), rough[kept])
+
+    on_all_cores(work, [axis for axis in range(4) if phase.shape[axis] > 1])
     if not parts:
         none = np.zeros(0, dtype=np.int32)
         return Steps(none, none, none, none.astype(np.float32), none.astype(np.float32))
-    return Steps(*(np.concatenate(columns) for columns in zip(*parts, strict=True)))
+    in_order = [parts[axis] for axis in sorted(parts)]
+    return Steps(*(np.concatenate(columns) for columns in zip(*in_order, strict=True)))
 
 
 def fading(amplitude: Stack) -> Stack:
@@ -144,19 +142,23 @@ def roughness(step: Stack, axis: int, empty: Mask, valid: Mask, noise: float) ->
 
 
 def change_on_both_sides(step: Stack, axis: int, valid: Mask) -> Stack:
-    """Return |g(j+1) - g(j)| + |g(j) - g(j-1)|, a missing one replaced by the other."""
-    between = np.abs(np.diff(step, axis=axis))
+    """Return |g(j+1) - g(j)| + |g(j) - g(j-1)|, a missing one replaced by the other.
+
+    2 |g| where both are missing.
+    """
     n = step.shape[axis]
-    ends = [(int(i == axis), int(i == axis)) for i in range(4)]
-    if valid.all():
-        padded = np.pad(between, ends, mode="edge")
-        both: Stack = padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
-        return both
-    head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(4))
-    tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(4))
-    there = np.pad(valid[head] & valid[tail], ends)
-    padded = np.pad(between, ends) * there
-    total = padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
-    count = there.take(range(n), axis).astype(np.int8) + there.take(range(1, n + 1), axis)
-    changed = np.choose(count, [2 * np.abs(step), 2 * total, total])
-    return changed.astype(np.float32)
+    lines = (math.prod(step.shape[:axis]), n, math.prod(step.shape[axis + 1 :]))
+    change = np.zeros(lines, dtype=np.float32)
+    count = np.zeros(lines, dtype=np.int8)
+    along, known = step.reshape(lines), np.ascontiguousarray(valid).reshape(lines)
+    between = np.abs(along[:, 1:] - along[:, :-1])
+    both = known[:, 1:] & known[:, :-1]
+    between *= both
+    change[:, 1:] += between
+    change[:, :-1] += between
+    count[:, 1:] += both
+    count[:, :-1] += both
+    change[count == 1] *= 2
+    alone = count == 0
+    change[alone] = 2 * np.abs(along[alone])
+    return change.reshape(step.shape)
