@@ -5,6 +5,7 @@ from __future__ import annotations
 import itertools
 import threading
 import time
+from functools import partial
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ from scipy.fft import dct
 from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
+from napari_phase4d.evaluation.resources import measured
 from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
 
 TURN = 2 * np.pi
@@ -243,11 +245,23 @@ def test_work_that_is_stopped_half_way_ends_at_once() -> None:
     assert 0.1 < time.monotonic() - began < 1.1
 
 
-def test_methods_stay_within_the_memory_they_name() -> None:
-    w = wrapped(noisy_bump((10, 1, 90, 90), 0.5))
-    p4d.compare(w[:2])  # so that no import or compilation is measured
+@pytest.mark.parametrize("shape", [(10, 1, 90, 90), (6, 3, 80, 70)])
+def test_methods_stay_within_the_memory_they_name(shape: tuple[int, ...]) -> None:
+    w = wrapped(noisy_bump(shape, 0.5))
+    p4d.compare(w[:2], list(p4d.METHODS))  # so that no import or compilation is measured
     for mask in (None, "auto"):
-        table = p4d.compare(w, mask=mask).table
+        p4d.compare(w[:, :, :50], list(p4d.METHODS), mask=mask)
+        table = p4d.compare(w, list(p4d.METHODS), mask=mask).table
         for method, row in table.iterrows():
             needed = row["peak_mb"] * 2**20 / w.nbytes
             assert needed <= p4d.METHODS[str(method)].working_stacks, method
+
+
+def test_growing_needs_little_memory_as_volumes_grow() -> None:
+    """Unwrapping takes at most 12 sizes of its input; so does an input twice as large."""
+    for n_times in (6, 12):
+        w = wrapped(noisy_bump((n_times, 3, 110, 120), 0.6))
+        p4d.unwrap(w[:3], "region-growing")
+        for method in ("spatial-2d", "temporal-angular", "region-growing", "spatial-3d"):
+            cost = measured(partial(p4d.unwrap, w, method))
+            assert cost.peak_mb * 2**20 <= 12 * w.nbytes, method

@@ -47,7 +47,7 @@ def grown_as_phasetools(
     jumps = (step < -threshold).astype(np.int32) - (step > threshold)
     # Infinite where a pixel is alone, which has no edges.
     cost = unreliability[first] + unreliability[second]
-    parts, turns, _ = grow_list(first, second, jumps, cost, phase.size)
+    parts, turns, _ = grow_list(first, second, jumps, cost, phase.size, overwrite=True)
     unwrapped = phase + np.float32(TURN) * turns.reshape(phase.shape)
     return unwrapped, parts.reshape(phase.shape)
 

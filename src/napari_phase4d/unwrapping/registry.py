@@ -73,7 +73,7 @@ class Method:
     summary: str
     function: Callable[..., NDArray[np.float32]]
     options: tuple[Option, ...] = ()
-    working_stacks: float = 8.0
+    working_stacks: float = 5.0
     finds_object: bool = False
 
 
@@ -156,7 +156,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     "rounded", False, "Add whole turns to the wrapped phase, the nearest to it."
                 ),
             ),
-            working_stacks=10.0,
+            working_stacks=8.0,
         ),
         "region-growing": Method(
             "RG",
@@ -171,7 +171,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     'Only with "phasetools": step in radians beyond which a turn is added.',
                 ),
             ),
-            working_stacks=90.0,
+            working_stacks=10.0,
         ),
         "dilate-erode": Method(
             "DE",
@@ -191,21 +191,21 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     "Largest second difference over three frames, in radians, of a valid pixel.",
                 ),
             ),
-            working_stacks=10.0,
+            working_stacks=9.0,
         ),
         "spatial-3d": Method(
             "3-D",
             "Abdul-Rahman et al. 2007, Appl. Opt. 46, 6623",
             "Joins pixels over time, y and x for each angle, most reliable edges first.",
             volumes.spatial_3d,
-            working_stacks=75.0,
+            working_stacks=10.0,
         ),
         "network-flow": Method(
             "Flow",
             "Pepe & Lanari 2006, IEEE Trans. Geosci. Remote Sens. 44, 2374; after Costantini",
             "Fewest whole turns that close all loops: over time and angle, then in each frame.",
             network_flow,
-            working_stacks=40.0,
+            working_stacks=36.0,
         ),
         "directional-growing": Method(
             "RGd",
@@ -213,7 +213,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "Joins pixels over time, angle, y and x, first where steps change least along "
             "themselves.",
             directional_growing,
-            working_stacks=60.0,
+            working_stacks=42.0,
             finds_object=True,
         ),
         "directional-l1": Method(
@@ -229,7 +229,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     "nowhere denser): where the steps can't tell, prefer that.",
                 ),
             ),
-            working_stacks=80.0,
+            working_stacks=28.0,
             finds_object=True,
         ),
     }

@@ -9,9 +9,10 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
-from napari_phase4d.unwrapping.growing import Workspace, grow_grid
+from napari_phase4d.unwrapping.growing import grow_grid
 from napari_phase4d.unwrapping.phasetools import grown_as_phasetools
 from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.spatial import add_turns
 
 __all__ = ["all_of", "region_growing", "spatial_3d", "with_levels"]
 
@@ -50,7 +51,7 @@ def region_growing(
     """
     watch = Watch(2, "region growing", progress, cancelled)
     if variant == "textbook":
-        return grown(problem, slice(None), Workspace(), watch)
+        return grown(problem, slice(None), watch)
     if not 0 < rga_threshold < TURN:
         msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
         raise ValueError(msg)
@@ -69,19 +70,20 @@ def spatial_3d(
     """Join pixels over time, y and x for each angle by itself, most reliable edges first."""
     n_angles = problem.wrapped.shape[1]
     watch = Watch(2 * n_angles, "3-D reliability sorting", progress, cancelled)
-    work = Workspace()
     result = np.empty_like(problem.wrapped)
     for angle in range(n_angles):
         one = slice(angle, angle + 1)
-        result[:, one] = grown(problem, one, work, watch)
+        result[:, one] = grown(problem, one, watch)
     return result
 
 
-def grown(problem: Problem, angles: slice, work: Workspace, watch: Watch) -> Stack:
+def grown(problem: Problem, angles: slice, watch: Watch) -> Stack:
     """Unwrap the frames of some angles by region growing and level every part."""
     wrapped, mask = problem.wrapped[:, angles], problem.mask[:, angles]
-    turns, parts = watched(lambda: grow_grid(wrapped, mask, work=work, check=watch.check), watch)
-    unwrapped = wrapped + np.float32(TURN) * turns
+    turns, parts = watched(lambda: grow_grid(wrapped, mask, check=watch.check), watch)
+    unwrapped = np.empty(wrapped.shape, dtype=np.float32)
+    add_turns(wrapped, turns, unwrapped)
+    del turns
     watch.step()
     result = levelled(unwrapped, parts, problem, angles, watch)
     watch.step()

@@ -84,6 +84,7 @@ def grown(steps: Steps, n: int, n_islands: int) -> tuple[Whole, Whole]:
         np.concatenate([votes.turns.astype(np.int32), steps.turns]),
         np.concatenate([-votes.weight, steps.roughness]),
         n,
+        overwrite=True,
     )
     return parts, turns_of - np.where(parts == parts[0], turns_of[0], 0).astype(np.int32)
 
@@ -105,6 +106,7 @@ def regions_of(steps: Steps, n: int, n_islands: int) -> Regions:
         steps.turns[certain],
         steps.roughness[certain],
         n,
+        overwrite=True,
     )
     a, b = region[steps.first], region[steps.second]
     across = np.flatnonzero(a != b)

@@ -52,6 +52,7 @@ def grow_grid(
         Number of the part that each pixel belongs to; those outside the mask are parts of their
         own. None if all belong together.
     """
+    once = work is None
     work = Workspace() if work is None else work
     wrapped = np.ascontiguousarray(wrapped)
     if mask is not None:
@@ -68,6 +69,8 @@ def grow_grid(
         turns, parts = grown_turns(rows, costs, work, check)
     else:
         turns, parts = plain.grown_grid(rows, *costs.arguments)
+    if once:
+        work.keep_only()
     if parts is not None:
         parts = parts.reshape(wrapped.shape)
     return turns.reshape(wrapped.shape), parts
@@ -98,6 +101,8 @@ def grow_list(
     cost: NDArray[np.floating],
     n: int,
     check: Callable[[], None] = boruvka.nothing,
+    *,
+    overwrite: bool = False,
 ) -> tuple[Whole, Whole, int]:
     """Join nodes along the cheapest of a list of steps first.
 
@@ -113,6 +118,8 @@ def grow_list(
         Number of nodes.
     check : callable, optional
         Called between rounds; may raise to stop.
+    overwrite : bool, optional
+        Whether the lists may be worked in, which saves their copies. Default False.
 
     Returns
     -------
@@ -123,7 +130,11 @@ def grow_list(
     n_parts : int
         Number of parts.
     """
-    if compiling.can_compile():  # on copies: the lists are worked in
-        a, b, turns = (np.array(column, dtype=np.int32) for column in (first, second, steps))
-        return boruvka.join_cheapest(a, b, turns, np.array(cost, dtype=np.float64), n, check)
+    if compiling.can_compile():
+        copy = None if overwrite else True
+        a, b, turns = (
+            np.array(column, dtype=np.int32, copy=copy) for column in (first, second, steps)
+        )
+        costs = np.array(cost, dtype=np.float64, copy=copy)
+        return boruvka.join_cheapest(a, b, turns, costs, n, check)
     return plain.joined_list(first, second, steps, cost, n)

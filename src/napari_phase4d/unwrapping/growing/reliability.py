@@ -53,8 +53,9 @@ def unreliability_of_rows(
     """
     count = np.empty(shape[3])
     for row in range(len(wrapped)):
-        out[row] = 0
-        count[:] = 0
+        for x in range(len(count)):
+            out[row, x] = 0
+            count[x] = 0
         if shape[3] > 2 and not at_bounded_end(row, shape, ends):
             add_row(wrapped, mask, shape, pairs, row, out[row], count)
         for x in range(len(count)):
@@ -72,19 +73,23 @@ def add_row(
 ) -> None:
     """Add the squared second differences in a row, and count them."""
     nx = shape[3]
+    inner, counted = total[1 : nx - 1], count[1 : nx - 1]
+    here = wrapped[row, 1 : nx - 1]
     for k in range(len(pairs)):
-        ahead, behind = row_at(row, pairs[k], shape), row_at(row, -pairs[k], shape)
+        dt, da, dy, dx = pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3]
+        ahead, behind = row_at(row, dt, da, dy, shape), row_at(row, -dt, -da, -dy, shape)
         if ahead < 0 or behind < 0:
             continue
-        dx = pairs[k, 3]
-        a, b = slice(1 - dx, nx - 1 - dx), slice(1 + dx, nx - 1 + dx)
-        before, after = wrapped[behind, a], wrapped[ahead, b]
+        before = wrapped[behind, 1 - dx : nx - 1 - dx]
+        after = wrapped[ahead, 1 + dx : nx - 1 + dx]
         if mask.size:
-            seen = mask[behind, a] & mask[ahead, b]
-            add_seen(before, wrapped[row, 1:-1], after, seen, total[1:-1], count[1:-1])
+            seen_before = mask[behind, 1 - dx : nx - 1 - dx]
+            seen_after = mask[ahead, 1 + dx : nx - 1 + dx]
+            add_seen(before, here, after, seen_before, seen_after, inner, counted)
         else:
-            add_pair(before, wrapped[row, 1:-1], after, total[1:-1])
-            count[1:-1] += 1
+            add_pair(before, here, after, inner)
+            for x in range(len(counted)):
+                counted[x] += 1
 
 
 @compiled
@@ -115,12 +120,18 @@ def add_pair(before: Phase, here: Phase, after: Phase, total: Floats) -> None:
 
 @compiled
 def add_seen(
-    before: Phase, here: Phase, after: Phase, seen: Mask, total: Floats, count: Floats
+    before: Phase,
+    here: Phase,
+    after: Phase,
+    seen_before: Mask,
+    seen_after: Mask,
+    total: Floats,
+    count: Floats,
 ) -> None:
-    """Add the squared second differences between three rows, where they are seen."""
+    """Add the squared second differences between three rows, where both ends are seen."""
     for x in range(len(here)):
         change = second_difference(before[x], here[x], after[x])
-        if seen[x]:
+        if seen_before[x] and seen_after[x]:
             total[x] += change * change
             count[x] += 1
 
@@ -137,10 +148,10 @@ def at_bounded_end(row: int, shape: Shape, ends: Mask) -> bool:
 
 
 @compiled
-def row_at(row: int, offset: Pairs, shape: Shape) -> int:
+def row_at(row: int, dt: int, da: int, dy: int, shape: Shape) -> int:
     """Return the row at an offset along the first three axes, or -1 outside the grid."""
     n0, n1, n2, _ = shape
-    t, a, y = row // (n1 * n2) + offset[0], (row // n2) % n1 + offset[1], row % n2 + offset[2]
+    t, a, y = row // (n1 * n2) + dt, (row // n2) % n1 + da, row % n2 + dy
     if t < 0 or t >= n0 or a < 0 or a >= n1 or y < 0 or y >= n2:
         return -1
-    return int((t * n1 + a) * n2 + y)
+    return (t * n1 + a) * n2 + y

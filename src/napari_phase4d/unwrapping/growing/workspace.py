@@ -30,6 +30,10 @@ class Workspace:
             held = self._held[name] = np.empty(size, dtype=dtype)
         return held[:size].reshape(shape)
 
+    def keep_only(self, *names: str) -> None:
+        """Let go of all arrays but some."""
+        self._held = {name: array for name, array in self._held.items() if name in names}
+
 
 class PerThread(threading.local):
     """A workspace of each thread's own."""
