@@ -37,6 +37,7 @@ def unwrap_line(
     *,
     split: bool = True,
     check: Check = nothing,
+    out: NDArray[np.float32] | None = None,
 ) -> NDArray[np.float32]:
     """Unwrap a sequence of maps outwards from its optically thin ones.
 
@@ -55,13 +56,17 @@ def unwrap_line(
         paragraph of section 2). Default True.
     check : callable, optional
         Called before every map; may raise to stop the work.
+    out : ndarray, same shape, optional
+        Where the result goes; may be ``initial`` itself.
 
     Returns
     -------
     ndarray of shape (n, y, x)
         Unwrapped phase in radians, congruent with ``wrapped`` inside the mask.
     """
-    result = np.empty_like(wrapped)
+    result = np.empty_like(wrapped) if out is None else out
+    if np.may_share_memory(result, initial):
+        initial = initial.copy()
     pieces = pieces_between(starts, len(wrapped), profile=None)
     follow(pieces, wrapped, initial, mask, result, check)
     if not split or len(wrapped) < 3:
@@ -88,10 +93,10 @@ def follow(
         result[start] = np.where(mask[start], initial[start], np.float32(0))
         for k in range(start + 1, piece.stop):
             check()
-            result[k] = next_map(result[k - 1], wrapped[k], initial[k], mask[k])
+            next_map(result[k - 1], wrapped[k], initial[k], mask[k], result[k])
         for k in range(start - 1, piece.first - 1, -1):
             check()
-            result[k] = next_map(result[k + 1], wrapped[k], initial[k], mask[k])
+            next_map(result[k + 1], wrapped[k], initial[k], mask[k], result[k])
 
 
 def next_map(
@@ -99,8 +104,13 @@ def next_map(
     wrapped: NDArray[np.float32],
     initial: NDArray[np.float32],
     mask: NDArray[np.bool_],
-) -> NDArray[np.float32]:
-    """Return the next map of a sequence (steps 2 to 4)."""
-    turns = np.round((before - wrapped) / TURN)
-    along = wrapped + TURN * turns
-    return np.where(mask, np.maximum(initial, along), np.float32(0))
+    out: NDArray[np.float32],
+) -> None:
+    """Write the next map of a sequence (steps 2 to 4)."""
+    np.subtract(before, wrapped, out=out)
+    out /= TURN
+    np.round(out, out=out)
+    out *= TURN
+    out += wrapped
+    np.maximum(out, initial, out=out)
+    out *= mask

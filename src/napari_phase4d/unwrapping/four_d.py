@@ -63,11 +63,21 @@ def chained(
     if registration:
         shifts = problem.shifts(progress, cancelled)
     wrapped, mask = moved(problem.wrapped, shifts), moved(problem.mask, shifts)
-    result = moved(initial, shifts)
+    before = moved(initial, shifts)
+    result = np.empty_like(before)
     for dim in order:
-        result = one_pass(
-            dim, wrapped, result, mask, problem.boundaries, progress, cancelled, split=split
+        one_pass(
+            dim,
+            wrapped,
+            before,
+            mask,
+            result,
+            problem.boundaries,
+            progress,
+            cancelled,
+            split=split,
         )
+        before = result
     return moved(result, -shifts)
 
 
@@ -76,26 +86,31 @@ def one_pass(
     wrapped: Stack,
     initial: Stack,
     mask: NDArray[np.bool_],
+    result: Stack,
     boundaries: list[Boundary],
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
     *,
     split: bool,
-) -> Stack:
+) -> None:
     """Apply the building block to every line of frames along time or angle."""
     lines = list(lines_along(dim, wrapped.shape, boundaries))
     watch = Watch(len(lines), f"unwrapping along {dim}", progress, cancelled)
-    result = np.empty_like(wrapped)
 
-    def work(line: tuple[tuple[slice | int, slice | int], list[int]]) -> Stack:
+    def work(line: tuple[tuple[slice | int, slice | int], list[int]]) -> None:
         index, starts = line
-        return unwrap_line(
-            wrapped[index], initial[index], mask[index], starts, split=split, check=watch.check
+        unwrap_line(
+            wrapped[index],
+            initial[index],
+            mask[index],
+            starts,
+            split=split,
+            check=watch.check,
+            out=result[index],
         )
 
-    for (index, _), unwrapped in zip(lines, in_threads(work, lines, watch), strict=True):
-        result[index] = unwrapped
-    return result
+    for _ in in_threads(work, lines, watch):
+        pass
 
 
 def lines_along(

@@ -47,10 +47,27 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
     noise = 1.4826 * float(np.median(np.abs(edge - level)))
     height = np.abs(ndimage.gaussian_filter(unwrapped - level, 1.0))
     threshold = max(SHARE_OF_PEAK * float(np.quantile(height, 0.995)), DEVIATIONS * noise, 1e-3)
-    mask = without_specks(without_holes(height > threshold))
-    if not mask.any() or mask[border_of(mask.shape)].mean() > LARGEST_BORDER_SHARE:
-        return np.ones(mask.shape, dtype=bool)
-    return widened(mask)
+    above = height > threshold
+    part = part_around(above)
+    smallest = SMALLEST_SHARE * above.size
+    above[part] = without_specks(without_holes(above[part]), smallest)
+    if not above.any() or above[border_of(above.shape)].mean() > LARGEST_BORDER_SHARE:
+        return np.ones(above.shape, dtype=bool)
+    above[part] = widened(above[part])
+    found: NDArray[np.bool_] = above
+    return found
+
+
+def part_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:
+    """Return the part of a frame that holds a mask, with room to widen it."""
+    rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
+    if not len(rows):
+        return slice(0, 1), slice(0, 1)
+    room = WIDEN + 1
+    return (
+        slice(max(rows[0] - room, 0), rows[-1] + room + 1),
+        slice(max(columns[0] - room, 0), columns[-1] + room + 1),
+    )
 
 
 def without_holes(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -64,12 +81,12 @@ def without_holes(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return filled
 
 
-def without_specks(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Leave out blobs that are too small to be an object."""
+def without_specks(mask: NDArray[np.bool_], smallest: float) -> NDArray[np.bool_]:
+    """Leave out blobs of fewer pixels, which are too small to be an object."""
     labels, count = ndimage.label(mask)
     if count == 0:
         return mask
-    large = np.bincount(labels.ravel()) >= SMALLEST_SHARE * mask.size
+    large = np.bincount(labels.ravel()) >= smallest
     large[0] = False
     return mask if large[1:].all() else large[labels]
 

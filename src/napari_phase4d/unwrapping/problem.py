@@ -65,8 +65,8 @@ class Problem:
         self.boundaries = checked_boundaries(boundary, values.shape[:2])
         self.finds_mask = isinstance(mask, str)
         self.mask = self._given_mask(mask, values.shape)
-        # A copy: the caller's array stays as it was.
-        self.wrapped: NDArray[np.float32] = np.array(values, dtype=np.float32, order="C")
+        # The caller's own array, where it fits: nobody writes into it.
+        self.wrapped: NDArray[np.float32] = np.ascontiguousarray(values, dtype=np.float32)
         if not all(np.isfinite(frames).all() for frames in self.wrapped):
             self._leave_out(~np.isfinite(self.wrapped))
         #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.
@@ -87,7 +87,7 @@ class Problem:
             )
             raise ValueError(msg)
         self.mask = self.mask & ~bad
-        self.wrapped[bad] = 0
+        self.wrapped = np.where(bad, np.float32(0), self.wrapped)
 
     @property
     def first(self) -> Boundary:
@@ -114,7 +114,7 @@ class Problem:
         if self.finds_mask:
             watch = Watch(self.n_frames, "finding the object", progress, cancelled)
             self.mask = self.mask & object_masks(found, watch)
-            found = np.where(self.mask, found, np.float32(0))
+            found[~self.mask] = 0
         return found
 
     def once(self, name: str, work: Callable[[], T]) -> T:
