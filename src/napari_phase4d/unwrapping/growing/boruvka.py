@@ -66,13 +66,11 @@ def cheapest_steps(first: Whole, second: Whole, cost: Floats, n: int) -> Whole:
     cheapest = np.full(n, np.inf)
     which = np.full(n, -1, dtype=np.int32)
     for e in range(len(cost)):
-        a, b, c = first[e], second[e], cost[e]
-        if c < cheapest[a]:
-            cheapest[a] = c
-            which[a] = e
-        if c < cheapest[b]:
-            cheapest[b] = c
-            which[b] = e
+        c = cost[e]
+        for end in (first[e], second[e]):
+            cheaper = c < cheapest[end]
+            cheapest[end] = c if cheaper else cheapest[end]
+            which[end] = e if cheaper else which[end]
     return which
 
 
@@ -99,10 +97,10 @@ def keep_between(
     kept = 0
     for e in range(len(cost)):
         a, b = first[e], second[e]
-        if group[a] != group[b]:
-            steps[kept] = steps[e] + turns[a] - turns[b]
-            first[kept], second[kept], cost[kept] = group[a], group[b], cost[e]
-            kept += 1
+        # Written in any case, and overwritten by the next if it was not to be kept.
+        steps[kept] = steps[e] + turns[a] - turns[b]
+        first[kept], second[kept], cost[kept] = group[a], group[b], cost[e]
+        kept += int(group[a] != group[b])
     return kept
 
 

@@ -71,10 +71,9 @@ def number(parent: Whole, turns: Whole) -> int:
     count = np.int32(0)
     for i in range(len(parent)):
         up = parent[i]
-        if up == i:
-            parent[i] = count
-            count += np.int32(1)
-        else:  # the one before has its number already
-            turns[i] += turns[up]
-            parent[i] = parent[up]
+        is_root = up == i
+        known = parent[up]  # the one before has its number already
+        turns[i] += turns[up]  # a root has none
+        parent[i] = count if is_root else known
+        count += np.int32(is_root)
     return int(count)
