@@ -63,8 +63,10 @@ def demo(rest: list[str]) -> int:
 
 
 def test(rest: list[str]) -> int:
-    """Run the tests."""
+    """Run the tests; with --quick only those that need no window and take no long time."""
     setup([])
+    if rest == ["--quick"]:
+        return run_graphical(["-m", "pytest", "-n", "2", "-m", "not gui and not slow"])
     # Two processes halve the wait; arguments of one's own are for a closer look.
     parallel = [] if rest else ["-n", "2"]
     return run_graphical(["-m", "pytest", *parallel, *rest])

@@ -29,6 +29,7 @@ from napari_phase4d._napari.steps import (
     UnwrapStep,
 )
 from napari_phase4d._napari.steps.section import Section
+from napari_phase4d.unwrapping import warm_up_elsewhere
 
 __all__ = ["Phase4DDock"]
 
@@ -62,6 +63,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._build()
         self._listen()
         self.say("Open a recording, or try a sample.")
+        warm_up_elsewhere()
 
     def reset_choices(self, event: Any = None) -> None:
         """Let napari tell that layers were added or removed."""

@@ -13,6 +13,7 @@ from napari_phase4d.unwrapping.registry import (
     unwrap,
 )
 from napari_phase4d.unwrapping.spatial import border_medians
+from napari_phase4d.unwrapping.warming import warm_up_elsewhere
 
 __all__ = [
     "DIMS",
@@ -27,4 +28,5 @@ __all__ = [
     "run_method",
     "score_boundaries",
     "unwrap",
+    "warm_up_elsewhere",
 ]

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-__all__ = ["can_compile", "compiled"]
+__all__ = ["can_compile", "compiled", "is_on_disk"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -44,6 +44,15 @@ def can_compile() -> bool:
             stacklevel=2,
         )
         return False
+
+
+def is_on_disk(function: Callable[..., Any]) -> bool:
+    """Say whether a compiled function has been kept on disk; True where nothing is compiled."""
+    stats = getattr(function, "stats", None)
+    if stats is None:
+        return True
+    name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
+    return any(Path(stats.cache_path).glob(name))
 
 
 def one_more(number: int) -> int:

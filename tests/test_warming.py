@@ -1,0 +1,32 @@
+"""Compiling ahead of the first use."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+SCRIPT = """
+from napari_phase4d.unwrapping.compiling import is_on_disk
+from napari_phase4d.unwrapping.directional.cut import sink_side
+from napari_phase4d.unwrapping.growing.smooth import integrated
+from napari_phase4d.unwrapping.warming import warm_up_elsewhere
+
+assert not is_on_disk(integrated)
+process = warm_up_elsewhere()
+assert process.wait(120) == 0
+assert is_on_disk(integrated)
+assert is_on_disk(sink_side)
+assert warm_up_elsewhere() is process  # once is enough
+warm_up_elsewhere.cache_clear()
+assert warm_up_elsewhere() is None  # nothing is left to do
+"""
+
+
+@pytest.mark.slow
+def test_another_process_compiles_once_for_all(tmp_path: Path) -> None:
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    subprocess.run([sys.executable, "-c", SCRIPT], check=True, env=environment, timeout=180)
