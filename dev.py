@@ -84,8 +84,16 @@ def check(rest: list[str]) -> int:
 
 
 def bench(rest: list[str]) -> int:
-    """Measure speed as ratios to other programs in the same run."""
+    """Measure speed as ratios to other programs in the same run; --track saves and compares."""
     setup([])
+    pip = [str(python_in_venv()), "-m", "pip", "install", "-qq", "--group", "bench"]
+    subprocess.run(pip, check=True, cwd=ROOT)
+    if rest == ["--track"]:
+        saved = ["--benchmark-autosave", "--benchmark-compare", "--benchmark-columns=median,iqr"]
+        where = ["--rootdir=benchmarks", "-p", "no:cacheprovider"]
+        return run(
+            [str(python_in_venv()), "-m", "pytest", *where, "benchmarks/test_tracking.py", *saved]
+        )
     return run_graphical(["benchmarks/run.py", *rest])
 
 

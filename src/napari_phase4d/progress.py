@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import os
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from itertools import islice
 from typing import TypeVar
 
 __all__ = [
@@ -26,6 +28,10 @@ CancelledCall = Callable[[], bool]
 #: Seconds between two looks at ``cancelled()`` while an item is computed.
 LOOK_UP_S = 0.1
 
+#: Quick items are handed to threads several at a time, of about so many seconds together ...
+BATCH_S = 0.005
+#: ... and no more than this, since their results wait in memory.
+LARGEST_BATCH = 16
 #: What the names of the threads begin with.
 THREADS = "phase4d"
 
@@ -84,18 +90,34 @@ def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iter
     under way end by themselves and their results are dropped.
     """
     workers = os.cpu_count() or 1
-    waiting: deque[Future[R]] = deque()
+    waiting: deque[Future[tuple[list[R], float]]] = deque()
+    source, size = iter(items), 1
     watch.check()
     pool = ThreadPoolExecutor(workers, THREADS)
     try:
-        for item in items:
-            waiting.append(pool.submit(work, item))
+        while batch := list(islice(source, size)):
+            waiting.append(pool.submit(timed, work, batch))
             if len(waiting) >= 2 * workers:
-                yield finished(waiting, watch)
+                results, seconds = finished(waiting.popleft(), watch)
+                size = max(1, min(int(len(results) * BATCH_S / max(seconds, 1e-9)), LARGEST_BATCH))
+                yield from counted(results, watch)
         while waiting:
-            yield finished(waiting, watch)
+            yield from counted(finished(waiting.popleft(), watch)[0], watch)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
+
+
+def timed(work: Callable[[T], R], batch: list[T]) -> tuple[list[R], float]:
+    """Return what some items give, and the seconds that it took."""
+    began = time.perf_counter()
+    return [work(item) for item in batch], time.perf_counter() - began
+
+
+def counted(results: list[R], watch: Watch) -> Iterator[R]:
+    """Yield results, noting a step for each."""
+    for result in results:
+        watch.step()
+        yield result
 
 
 def on_all_cores(work: Callable[[T], object], items: Iterable[T]) -> None:
@@ -113,21 +135,14 @@ def watched(work: Callable[[], R], watch: Watch) -> R:
     watch.check()
     pool = ThreadPoolExecutor(1, THREADS)
     try:
-        future = pool.submit(work)
-        while not future.done():
-            wait([future], timeout=LOOK_UP_S)
-            watch.check()
-        return future.result()
+        return finished(pool.submit(work), watch)
     finally:
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def finished(waiting: deque[Future[R]], watch: Watch) -> R:
-    """Return the oldest result and note the step."""
-    future = waiting.popleft()
+def finished(future: Future[R], watch: Watch) -> R:
+    """Return a result when it is there, looking up meanwhile whether to stop."""
     while not future.done():
         wait([future], timeout=LOOK_UP_S)
         watch.check()
-    result = future.result()
-    watch.step()
-    return result
+    return future.result()
