@@ -90,7 +90,7 @@ def bench(rest: list[str]) -> int:
     subprocess.run(pip, check=True, cwd=ROOT)
     if rest == ["--track"]:
         saved = ["--benchmark-autosave", "--benchmark-compare", "--benchmark-columns=median,iqr"]
-        where = ["--rootdir=benchmarks", "-p", "no:cacheprovider"]
+        where = ["--rootdir=benchmarks", "--import-mode=prepend", "-p", "no:cacheprovider"]
         return run(
             [str(python_in_venv()), "-m", "pytest", *where, "benchmarks/test_tracking.py", *saved]
         )

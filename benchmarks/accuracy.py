@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import statistics
 import sys
-import time
-import tracemalloc
 from collections.abc import Callable, Iterator
 from itertools import pairwise
 from typing import Any
@@ -213,31 +211,6 @@ def crops() -> None:
     )
 
 
-def cost() -> None:
-    """Seconds over those of the two-dimensional step, and memory."""
-    heading("Cost: median of 5", "size noise 2-D-(s) RGd/2-D WL1/2-D bytes/voxel(WL1)")
-    for size in (48, 96, 160, 256):
-        for noise in (0.0, 0.2, 0.5):
-            data = with_noise(budding_yeast((size, size)), noise, seed=1)["wrapped"]
-            seconds = [median_seconds(data, method) for method in ("spatial-2d", *OWN)]
-            tracemalloc.start()
-            p4d.unwrap(data, "directional-l1")
-            peak = tracemalloc.get_traced_memory()[1] / data.size
-            tracemalloc.stop()
-            ratios = (f"{s / seconds[0]:.1f}" for s in seconds[1:])
-            line(size, noise, f"{seconds[0]:.3f}", *ratios, f"{peak:.0f}")
-
-
-def median_seconds(data: xr.DataArray, method: str) -> float:
-    p4d.unwrap(data[:2], method)
-    times = []
-    for _ in range(5):
-        began = time.perf_counter()
-        p4d.unwrap(data, method)
-        times.append(time.perf_counter() - began)
-    return statistics.median(times)
-
-
 def area_under_curve(score: np.ndarray, wrong: np.ndarray) -> float:
     """Return how often a wrong pixel scores higher than a right one."""
     ranks, n = rankdata(score), int(wrong.sum())
@@ -300,7 +273,7 @@ def boundaries() -> None:
     print(f"\nFewest wrong pixels: {right[0]} and {right[1]} of {count}")
 
 
-QUESTIONS = (ideal, optics, crops, cost, confidence, boundaries)
+QUESTIONS = (ideal, optics, crops, confidence, boundaries)
 
 
 def main() -> None:

@@ -108,6 +108,7 @@ def command(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(line, capture_output=True, text=True, cwd=cwd, check=False)
 
 
+@pytest.mark.slow
 def test_compare_on_the_command_line(tmp_path: Path) -> None:
     write_phase(tmp_path / "wrapped.ome.tif", YEAST["wrapped"])
     write_phase(tmp_path / "exact.ome.tif", YEAST["phase"])
@@ -130,6 +131,7 @@ def test_compare_on_the_command_line(tmp_path: Path) -> None:
     assert unwrapped.shape == YEAST["phase"].shape
 
 
+@pytest.mark.slow
 def test_compare_takes_several_files_and_chosen_methods(tmp_path: Path) -> None:
     for name in ("one", "two"):
         np.save(tmp_path / f"{name}.npy", YEAST["wrapped"].values[:2])
@@ -149,6 +151,7 @@ def test_compare_takes_several_files_and_chosen_methods(tmp_path: Path) -> None:
         (("wrapped.npy", "--boundary", "7,0"), "does not exist"),
     ],
 )
+@pytest.mark.slow
 def test_wrong_comparisons_end_with_one_sentence(
     tmp_path: Path, arguments: tuple, sentence: str
 ) -> None:
@@ -220,6 +223,7 @@ def test_missing_pixels_are_left_out(tmp_path: Path, mask: str | None) -> None:
         )
 
 
+@pytest.mark.slow
 def test_one_bad_file_does_not_stop_the_others(tmp_path: Path) -> None:
     np.save(tmp_path / "good.npy", YEAST["wrapped"].values[:2])
     (tmp_path / "bad.npy").write_bytes(b"nothing")

@@ -163,6 +163,7 @@ def test_info_says_what_a_file_holds(video_file: Path) -> None:
     assert "needs about" in found.stdout
 
 
+@pytest.mark.slow
 def test_run_goes_from_file_to_results_and_again_from_its_recipe(video_file: Path) -> None:
     folder = video_file.parent
     first = command(
@@ -182,6 +183,7 @@ def test_run_goes_from_file_to_results_and_again_from_its_recipe(video_file: Pat
     xr.testing.assert_identical(result, again)
 
 
+@pytest.mark.slow
 def test_batch_gives_every_file_a_folder(video_file: Path) -> None:
     folder = video_file.parent
     copy = folder / "second.tif"
@@ -203,6 +205,7 @@ def test_batch_gives_every_file_a_folder(video_file: Path) -> None:
         (("run", "video.tif", "--magnification", "-1"), "magnification must be a number above 0"),
     ],
 )
+@pytest.mark.slow
 def test_wrong_commands_end_with_one_sentence(
     video_file: Path, arguments: tuple, sentence: str
 ) -> None:

@@ -54,6 +54,7 @@ def test_boundary_frame_is_free_of_error(found: Reproduction) -> None:
         assert np.abs(found.yeast[title].values[0, 0] - exact).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_everything_is_written(found: Reproduction, tmp_path: Path) -> None:
     written = write_reproduction(found, tmp_path)
     assert [p.name for p in written[:3]] == ["table.csv", "figure_2.png", "figure_4.png"]
