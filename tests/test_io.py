@@ -45,6 +45,17 @@ def test_compressed_tiff_is_read_one_frame_at_a_time(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rec.frame(3), FRAMES[3].astype(np.float32))
 
 
+def test_frames_written_one_by_one_are_all_there(tmp_path: Path) -> None:
+    frames = np.random.default_rng(0).integers(0, 4000, (5, 20, 24)).astype(np.uint16)
+    path = tmp_path / "single.tif"
+    with tifffile.TiffWriter(path) as file:
+        for frame in frames:
+            file.write(frame, contiguous=False)
+    found = p4d.open_recording(path)
+    np.testing.assert_array_equal(found.holograms.values, frames)
+    np.testing.assert_array_equal(found.raw_frame(3), frames[3])
+
+
 def test_imagej_tiff_tells_pixel_and_frame_rate(tmp_path: Path) -> None:
     tifffile.imwrite(
         tmp_path / "ij.tif", FRAMES, imagej=True, resolution=(4, 4),

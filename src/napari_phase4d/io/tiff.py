@@ -42,13 +42,15 @@ def read_tiff(path: Path) -> Video:
     try:
         with tifffile.TiffFile(path) as tif:
             series = tif.series[0]
-            axes = series.axes
-            shape = series.shape
+            axes, shape = series.axes, series.shape
+            single = single_frames(tif)
+            if single:
+                axes, shape = f"T{axes}", (len(single), *shape)
             colour = "S" in axes and shape[axes.index("S")] in (3, 4)
             check_complete(tif, path)
             facts = ome_facts(tif) if tif.is_ome else imagej_facts(tif)
             dtype = series.dtype
-            contiguous = series.dataoffset is not None
+            contiguous = series.dataoffset is not None and not single
     except (tifffile.TiffFileError, struct.error, IndexError, KeyError, ValueError) as error:
         msg = f"{path.name} can't be read as a TIFF file; it may be cut short or damaged ({error})"
         raise OSError(msg) from error
@@ -57,6 +59,19 @@ def read_tiff(path: Path) -> Video:
         slice(None) if n > 1 or a in "YX" else 0 for n, a in zip(shape, axes, strict=True)
     )
     return Video(frames[keep], colour=colour, **facts)
+
+
+def single_frames(tif: tifffile.TiffFile) -> list[Any]:
+    """Return the pages of a file whose frames were written one by one, else none.
+
+    Such a file describes every frame as a series of its own.
+    """
+    if tif.is_ome or tif.is_imagej or len(tif.series) < 2:
+        return []
+    kinds = {(series.shape, series.dtype, len(series.levels)) for series in tif.series}
+    if len(kinds) > 1 or any(len(series.pages) != 1 for series in tif.series):
+        return []
+    return [series.pages[0] for series in tif.series]
 
 
 def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
@@ -114,7 +129,7 @@ class Pages:
     @property
     def shape(self) -> tuple[int, ...]:
         """Shape of one page."""
-        return tuple(int(n) for n in self._series.keyframe.shape)
+        return tuple(int(n) for n in self._file.series[0].keyframe.shape)
 
     def read(self, index: int) -> NDArray[Any]:
         """Return one page.
@@ -139,7 +154,7 @@ class Pages:
     def _open(self) -> None:
         self._lock = threading.RLock()
         self._file = tifffile.TiffFile(self.path)
-        self._series = self._file.series[0]
+        self._series = single_frames(self._file) or self._file.series[0]
 
     def __getstate__(self) -> dict[str, Any]:
         return {"path": self.path}
