@@ -404,3 +404,12 @@ def test_coherence_follows_slopes_that_second_differences_lose() -> None:
             shares.append(float((off != np.median(off[rho > 1.2])).mean()))
     assert np.mean(wrong["herraez"]) > 0.002
     assert np.mean(wrong["coherence"]) < 0.5 * np.mean(wrong["herraez"])
+
+
+def test_the_other_reliability_is_named_with_its_result() -> None:
+    wrapped = scene("noisy", (30, 40))
+    options = {"spatial-2d": {"reliability": "coherence"}}
+    table = p4d.compare(wrapped, ["spatial-2d"], options=options).table
+    assert table.loc["spatial-2d", "method"] == "2-D (coherence)"
+    with pytest.raises(ValueError, match="reliability must be one of herraez, coherence"):
+        p4d.unwrap(wrapped, "spatial-2d", reliability="other")

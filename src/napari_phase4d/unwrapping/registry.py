@@ -99,6 +99,9 @@ VARIANT = Option(
     ("textbook", "phasetools"),
 )
 
+#: How choices are called on screen, where not by their own name.
+SPOKEN = {"phasetools": "PhaseTools"}
+
 #: Method id -> Method.
 METHODS: Mapping[str, Method] = MappingProxyType(
     {
@@ -309,9 +312,14 @@ def run_method(
 
 
 def label_of(method: str, options: Mapping[str, Any]) -> str:
-    """Return a method's short name, with its variant where that is not the textbook's."""
+    """Return a method's short name, with what was chosen where that is not the default."""
+    chosen = [
+        SPOKEN.get(str(options[o.name]), str(options[o.name]))
+        for o in METHODS[method].options
+        if o.choices and options.get(o.name, o.default) != o.default
+    ]
     label = METHODS[method].label
-    return f"{label} (PhaseTools)" if options.get("variant") == "phasetools" else label
+    return f"{label} ({', '.join(chosen)})" if chosen else label
 
 
 def check_method(method: str, options: Mapping[str, Any]) -> None:
