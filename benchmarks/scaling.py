@@ -96,7 +96,7 @@ SCRIPTS = {
 
 def first_use_lines() -> Iterator[str]:
     """Seconds of a fresh interpreter, before and after the kernels have been compiled once."""
-    yield "| a fresh Python | first time (s) | later (s) |"
+    yield "| a fresh Python | first time (s), measured once | later (s) |"
     yield "|---|---|---|"
     with tempfile.TemporaryDirectory() as cache:
         environment = {**os.environ, "NUMBA_CACHE_DIR": cache}

@@ -119,7 +119,7 @@ def volume_rows() -> Iterator[Row]:
         off = turns - np.round((unwrap_phase(volume, rng=0) - volume) / TURN)
         share = float((off != np.median(off))[1:-1, 1:-1, 1:-1].mean())
         goal = ">= 12" if noise == 0.5 else ""
-        what = f"3-D (19, 256, 256), noise {noise} rad"
+        what = f"3-D (19, 256, 256) with scikit-image's rule for the faces, noise {noise} rad"
         yield Row(what, ours, "scikit-image 3-D", theirs, goal, same(share))
 
 

@@ -340,3 +340,22 @@ def test_raw_frames_are_the_camera_numbers() -> None:
     assert raw.dtype == np.dtype(">u2")
     np.testing.assert_array_equal(raw, grey[2])
     assert p4d.open_recording(grey.astype(np.float64)).raw_frame(1).dtype == np.float32
+
+
+@pytest.mark.parametrize("level", [100, 2000, 60000])
+def test_frames_without_fringes_have_no_phase(level: int) -> None:
+    frames = np.full((3, 200, 240), level, np.uint16)
+    lobes = [Lobe((0.19, 0.21), 0.08), Lobe((-0.21, 0.19), 0.08)]
+    rec = p4d.open_recording(frames)
+    assert not p4d.reconstruct(rec, lobes)["amplitude"].values.any()
+    with pytest.raises(ValueError, match="the reference shows no fringes"):
+        p4d.reconstruct(rec, lobes, reference=frames[0])
+
+
+def test_weak_fringes_on_a_bright_field_keep_their_phase() -> None:
+    y, x = np.mgrid[:512, :640]
+    fringes = 5 * np.cos(2 * np.pi * (0.2 * y + 0.02 * x) + np.exp(-((x - 300) ** 2) / 5000))
+    demodulate = Demodulator((512, 640), [Lobe((0.2, 0.02), 0.015)])
+    weak = demodulate((fringes + 50000).astype(np.float32))
+    alone = demodulate((fringes + 50000).astype(np.float32) - np.float32(50000))
+    assert np.abs(np.angle(weak * alone.conj()))[0, 5:-5, 5:-5].max() < 1e-5

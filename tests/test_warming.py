@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from napari_phase4d.unwrapping import warming
+
 SCRIPT = """
 from napari_phase4d.unwrapping.compiling import is_on_disk
 from napari_phase4d.unwrapping.directional.cut import sink_side
@@ -30,3 +32,16 @@ assert warm_up_elsewhere() is None  # nothing is left to do
 def test_another_process_compiles_once_for_all(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     subprocess.run([sys.executable, "-c", SCRIPT], check=True, env=environment, timeout=180)
+
+
+@pytest.mark.parametrize("executable", [None, "", "/nowhere/python"])
+def test_a_program_without_an_interpreter_goes_on(
+    executable: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(warming, "is_on_disk", lambda _: False)
+    monkeypatch.setattr(sys, "executable", executable)
+    warming.warm_up_elsewhere.cache_clear()
+    try:
+        assert warming.warm_up_elsewhere() is None
+    finally:
+        warming.warm_up_elsewhere.cache_clear()

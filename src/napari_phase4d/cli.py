@@ -166,7 +166,7 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
         f"  safest boundary frame {time},{view}: {scores.attrs['basis']} agree on "
         f"{100 * scores.attrs['agreement']:.2f} % of the object"
     )
-    need = working_bytes(phase.nbytes, list(METHODS))
+    need = working_bytes(phase.nbytes, list(METHODS), frame=phase[0, 0].nbytes)
     console.print(
         f"A run with all {len(METHODS)} methods needs about {megabytes(need)} of memory."
     )

@@ -6,6 +6,7 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,7 +34,7 @@ from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS, check_method
+from napari_phase4d.unwrapping import METHODS, STACKS_OF_A_FRAME, check_method
 
 __all__ = [
     "Outcome",
@@ -383,10 +384,11 @@ def needed_bytes(recording: Recording, lobes: list[Lobe], methods: Sequence[str]
     height, width = Demodulator(recording.frame_shape, lobes).output_shape
     stack = 4 * recording.n_frames * len(lobes) * height * width
     # Phase and amplitude stay; the transforms of the frames in work do not.
-    return 2 * stack + working_bytes(stack, methods) + int(64 * np.prod(recording.frame_shape))
+    unwrapping = working_bytes(stack, methods, frame=4 * height * width)
+    return 2 * stack + unwrapping + int(64 * np.prod(recording.frame_shape))
 
 
-def working_bytes(stack: int, methods: Sequence[str]) -> int:
+def working_bytes(stack: int, methods: Sequence[str], *, frame: int) -> int:
     """Return about how much memory unwrapping needs, in bytes, beyond the wrapped phase.
 
     Parameters
@@ -395,7 +397,10 @@ def working_bytes(stack: int, methods: Sequence[str]) -> int:
         Bytes of the wrapped phase as float32.
     methods : sequence of str
         Ids of the methods to run, one after the other.
+    frame : int
+        Bytes of one frame of it.
     """
     largest = max((METHODS[m].working_stacks for m in methods), default=0)
+    of_threads = (os.cpu_count() or 1) * STACKS_OF_A_FRAME * frame
     # The two-dimensional step and every result stay.
-    return int(stack * (2 + len(methods) + largest))
+    return int(stack * (2 + len(methods) + largest) + of_threads)

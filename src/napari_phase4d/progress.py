@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import Future, ThreadPoolExecutor, wait
+from dataclasses import dataclass
 from itertools import islice
-from typing import TypeVar
+from typing import Generic, TypeVar
 
 __all__ = [
     "Cancelled",
@@ -31,12 +33,16 @@ LOOK_UP_S = 0.1
 #: Quick items are handed to threads several at a time, of about so many seconds together ...
 BATCH_S = 0.005
 #: ... and no more than this, since their results wait in memory.
-LARGEST_BATCH = 16
+LARGEST_BATCH = 8
 #: What the names of the threads begin with.
 THREADS = "phase4d"
 
 T = TypeVar("T")
 R = TypeVar("R")
+
+
+def nothing() -> None:
+    """Let work go on: what is called between its parts where nobody wants to stop it."""
 
 
 class Cancelled(Exception):  # noqa: N818 - it reports a wish, not an error
@@ -90,34 +96,56 @@ def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iter
     under way end by themselves and their results are dropped.
     """
     workers = os.cpu_count() or 1
-    waiting: deque[Future[tuple[list[R], float]]] = deque()
+    waiting: deque[Future[Batch[R]]] = deque()
     source, size = iter(items), 1
+    stopped = threading.Event()
     watch.check()
     pool = ThreadPoolExecutor(workers, THREADS)
     try:
         while batch := list(islice(source, size)):
-            waiting.append(pool.submit(timed, work, batch))
+            waiting.append(pool.submit(done_batch, work, batch, stopped))
             if len(waiting) >= 2 * workers:
-                results, seconds = finished(waiting.popleft(), watch)
-                size = max(1, min(int(len(results) * BATCH_S / max(seconds, 1e-9)), LARGEST_BATCH))
-                yield from counted(results, watch)
+                done = finished(waiting.popleft(), watch)
+                yield from counted(done, watch)
+                size = max(1, min(int(BATCH_S / max(done.seconds_each, 1e-9)), LARGEST_BATCH))
         while waiting:
-            yield from counted(finished(waiting.popleft(), watch)[0], watch)
+            yield from counted(finished(waiting.popleft(), watch), watch)
     finally:
+        stopped.set()
         pool.shutdown(wait=False, cancel_futures=True)
 
 
-def timed(work: Callable[[T], R], batch: list[T]) -> tuple[list[R], float]:
-    """Return what some items give, and the seconds that it took."""
+@dataclass
+class Batch(Generic[R]):
+    """What some items gave, the mean time of one, and the error that ended them, if any."""
+
+    results: list[R]
+    seconds_each: float
+    error: Exception | None = None
+
+
+def done_batch(work: Callable[[T], R], items: list[T], stopped: threading.Event) -> Batch[R]:
+    """Work on some items one after the other, until told to stop."""
     began = time.perf_counter()
-    return [work(item) for item in batch], time.perf_counter() - began
+    done = Batch[R]([], 0.0)
+    try:
+        for item in items:
+            if stopped.is_set():
+                break
+            done.results.append(work(item))
+    except Exception as error:  # raised where the results are waited for
+        done.error = error
+    done.seconds_each = (time.perf_counter() - began) / max(len(done.results), 1)
+    return done
 
 
-def counted(results: list[R], watch: Watch) -> Iterator[R]:
-    """Yield results, noting a step for each."""
-    for result in results:
+def counted(done: Batch[R], watch: Watch) -> Iterator[R]:
+    """Yield the results of a batch, noting a step for each; then raise what ended it."""
+    for result in done.results:
         watch.step()
         yield result
+    if done.error is not None:
+        raise done.error
 
 
 def on_all_cores(work: Callable[[T], object], items: Iterable[T]) -> None:

@@ -15,6 +15,8 @@ from napari_phase4d.holography.windows import WINDOWS, window_reach
 
 __all__ = ["Demodulator"]
 
+#: The grey level is taken from every so manieth row and column.
+LEVEL_STEP = 16
 #: Rows transformed at a time; they and their transform stay in the cache of one core.
 BLOCK_ROWS = 128
 
@@ -125,10 +127,12 @@ class Demodulator:
         height, width = self.shape
         kept = np.empty((height, len(self._columns)), dtype=np.complex64)
         buffer = np.empty((min(BLOCK_ROWS, height), width), dtype=np.float32)
+        # Next to a large mean, single precision would lose weak fringes.
+        level = np.float32(frame[::LEVEL_STEP, ::LEVEL_STEP].mean(dtype=np.float64))
         for top in range(0, height, BLOCK_ROWS):
             rows = slice(top, min(top + BLOCK_ROWS, height))
             grey = buffer[: rows.stop - top]
-            grey[:] = frame[rows]
+            np.subtract(frame[rows], level, out=grey, casting="unsafe")
             half = scipy.fft.rfft(grey, axis=1, overwrite_x=True)
             for place, source in self._copies:
                 kept[rows, place] = half[:, source]

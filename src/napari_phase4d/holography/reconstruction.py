@@ -159,12 +159,12 @@ def corrections(
     """
     factor = np.ones((1, 1, 1), dtype=np.complex64)
     by_median = isinstance(reference, str) and reference == "median"
+    if reference is not None and not by_median:
+        factor = inverse(demodulate(reference_frame(rec, reference)))
     if order or by_median:
         static = static_fields(rec, demodulate, cancelled)
     if by_median:
         factor = inverse(median_fields(static))
-    elif reference is not None:
-        factor = inverse(demodulate(reference_frame(rec, reference)))
     if order:
         static *= factor
         surfaces = np.stack([fit_background(view, order) for view in static.swapaxes(0, 1)])

@@ -5,6 +5,7 @@ from napari_phase4d.unwrapping.masks import both_ends
 from napari_phase4d.unwrapping.problem import DIMS, Problem
 from napari_phase4d.unwrapping.registry import (
     METHODS,
+    STACKS_OF_A_FRAME,
     Method,
     Option,
     check_method,
@@ -18,6 +19,7 @@ from napari_phase4d.unwrapping.warming import warm_up_elsewhere
 __all__ = [
     "DIMS",
     "METHODS",
+    "STACKS_OF_A_FRAME",
     "Method",
     "Option",
     "Problem",

@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.progress import nothing
 from napari_phase4d.unwrapping.pieces import (
     Piece,
     pieces_between,
@@ -23,10 +24,6 @@ __all__ = ["unwrap_line"]
 
 TURN = np.float32(2 * np.pi)
 Check = Callable[[], None]
-
-
-def nothing() -> None:
-    """Let the work go on."""
 
 
 def unwrap_line(

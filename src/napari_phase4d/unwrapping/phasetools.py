@@ -14,7 +14,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.growing import grow_list
+from napari_phase4d.unwrapping.growing import grow_list, jumps
 
 __all__ = ["grown_as_phasetools", "memory_edges", "penalised_differences"]
 
@@ -43,11 +43,10 @@ def grown_as_phasetools(
     phase = np.mod(wrapped, np.float32(TURN))
     unreliability = penalised_differences(wrapped, mask).ravel()
     first, second = memory_edges(mask)
-    step = phase.ravel()[second] - phase.ravel()[first]
-    jumps = (step < -threshold).astype(np.int32) - (step > threshold)
-    # Infinite where a pixel is alone, which has no edges.
+    steps = jumps(phase.ravel()[first], phase.ravel()[second], threshold)
+    # Infinite where a pixel has no neighbour; such a step is taken last.
     cost = unreliability[first] + unreliability[second]
-    parts, turns, _ = grow_list(first, second, jumps, cost, phase.size, overwrite=True)
+    parts, turns, _ = grow_list(first, second, steps, cost, phase.size, overwrite=True)
     unwrapped = phase + np.float32(TURN) * turns.reshape(phase.shape)
     return unwrapped, parts.reshape(phase.shape)
 

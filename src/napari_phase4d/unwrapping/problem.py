@@ -66,7 +66,7 @@ class Problem:
         self.finds_mask = isinstance(mask, str)
         self.mask = self._given_mask(mask, values.shape)
         # The caller's own array, where it fits: nobody writes into it.
-        self.wrapped: NDArray[np.float32] = np.ascontiguousarray(values, dtype=np.float32)
+        self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
         if not all(np.isfinite(frames).all() for frames in self.wrapped):
             self._leave_out(~np.isfinite(self.wrapped))
         #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.

@@ -10,6 +10,7 @@ import sys
 import numpy as np
 
 from napari_phase4d.unwrapping.compiling import is_on_disk
+from napari_phase4d.unwrapping.directional.cut import sink_side
 from napari_phase4d.unwrapping.growing.smooth import integrated
 from napari_phase4d.unwrapping.registry import METHODS, unwrap
 
@@ -22,7 +23,7 @@ def warm_up() -> None:
     """Run every method on a little phase, which compiles what it needs and keeps it on disk."""
     noise = np.random.default_rng(0).uniform(-3, 3, (3, 2, 24, 24)).astype(np.float32)
     for method in METHODS:
-        unwrap(noise, method, mask="auto")
+        unwrap(noise, method)
 
 
 @functools.cache
@@ -32,7 +33,8 @@ def warm_up_elsewhere() -> subprocess.Popen[bytes] | None:
     Compiling holds the interpreter's lock for ten seconds or so, in which a window of this
     process could not be used.
     """
-    if is_on_disk(integrated):
+    done = all(is_on_disk(kernel) for kernel in (integrated, sink_side))
+    if done or not sys.executable or getattr(sys, "frozen", False):
         return None
     try:
         return subprocess.Popen(

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from napari_phase4d.unwrapping.growing.costs import Costs, coherence, second_differences
 from napari_phase4d.unwrapping.growing.growth import CostsOf, grow_grid, grow_list, smooth_turns
+from napari_phase4d.unwrapping.growing.plain import jumps
 from napari_phase4d.unwrapping.growing.workspace import PerThread, Workspace
 
 __all__ = [
@@ -18,6 +19,7 @@ __all__ = [
     "coherence",
     "grow_grid",
     "grow_list",
+    "jumps",
     "second_differences",
     "smooth_turns",
 ]

@@ -10,15 +10,12 @@ from collections.abc import Callable
 
 import numpy as np
 
+from napari_phase4d.progress import nothing
 from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.growing.groups import join, number
 from napari_phase4d.unwrapping.growing.rows import Floats, Whole
 
 __all__ = ["join_cheapest"]
-
-
-def nothing() -> None:
-    """Let the work go on."""
 
 
 @compiled
@@ -68,7 +65,7 @@ def cheapest_steps(first: Whole, second: Whole, cost: Floats, n: int) -> Whole:
     for e in range(len(cost)):
         c = cost[e]
         for end in (first[e], second[e]):
-            cheaper = c < cheapest[end]
+            cheaper = (c < cheapest[end]) | (which[end] < 0)  # infinite ones come last
             cheapest[end] = c if cheaper else cheapest[end]
             which[end] = e if cheaper else which[end]
     return which
@@ -130,7 +127,7 @@ def join_cheapest(
     steps : ndarray of int32, shape (n_steps,)
         Turns of the second minus those of the first; overwritten.
     cost : ndarray of float64, shape (n_steps,)
-        Finite cost of every step; overwritten.
+        Cost of every step, infinite ones last; overwritten.
     n : int
         Number of groups.
     check : callable, optional

@@ -71,18 +71,24 @@ def second_differences(
         Axes of the full shape (0, 1, 2 for time, angle, y) at whose ends pixels are the least
         reliable; along x they always are. At the ends of other axes, the sum over the pairs that
         exist is scaled to all pairs. Default: only y.
+
+    Notes
+    -----
+    Next to pixels that the mask leaves out, single frames are as unreliable as at their border,
+    as in scikit-image; in more dimensions the sum over the pairs that exist stands for all.
     """
     shape = full_shape(wrapped.shape)
     rows = wrapped.reshape(-1, shape[3])
     pairs = np.array(half_stencil(shape), dtype=np.int64).reshape(-1, 4)
     ends = np.array([axis in bounded for axis in range(3)])
+    scaled = sum(n > 1 for n in shape) > 2
     point = work.array("point", rows.shape, np.float64)
     if compiling.can_compile():
         inside = NO_MASK if mask is None else mask.reshape(rows.shape)
-        unreliability_of_rows(rows, inside, shape, pairs, ends, point)
+        unreliability_of_rows(rows, inside, shape, pairs, ends, scaled, point)
     else:
         inside = np.ones(shape, dtype=bool) if mask is None else mask.reshape(shape)
-        of_grid = plain.unreliability(rows.reshape(shape), inside, pairs, ends)
+        of_grid = plain.unreliability(rows.reshape(shape), inside, pairs, ends, scaled=scaled)
         point[:] = of_grid.reshape(rows.shape)
     return Costs(shape, point)
 

@@ -19,8 +19,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from napari_phase4d.progress import nothing
 from napari_phase4d.unwrapping.growing.between import count_between, list_between
-from napari_phase4d.unwrapping.growing.boruvka import join_cheapest, nothing, pass_on
+from napari_phase4d.unwrapping.growing.boruvka import join_cheapest, pass_on
 from napari_phase4d.unwrapping.growing.costs import Costs
 from napari_phase4d.unwrapping.growing.joining import joined
 from napari_phase4d.unwrapping.growing.marks import mark_cheap, mark_cheapest_of_each
@@ -112,7 +113,8 @@ def joined_at_once(
 def cheaper_cost(costs: Costs) -> float:
     """Return the cost below which about the wanted share of all steps lies."""
     dims = sum(n > 1 for n in costs.shape)
-    some = costs.steps.ravel()[::SAMPLE] if costs.steps.size else 2 * costs.point.ravel()[::SAMPLE]
+    every = SAMPLE if costs.shape[3] % SAMPLE else SAMPLE + 2  # not the same columns in all rows
+    some = costs.steps.ravel()[::every] if costs.steps.size else 2 * costs.point.ravel()[::every]
     known = some[np.isfinite(some)]
     return float(np.quantile(known, CHEAPER_SHARE[dims])) if known.size else np.inf
 

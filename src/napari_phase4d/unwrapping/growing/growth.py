@@ -7,6 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.progress import nothing
 from napari_phase4d.unwrapping import compiling
 from napari_phase4d.unwrapping.growing import boruvka, plain
 from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
@@ -17,6 +18,8 @@ from napari_phase4d.unwrapping.growing.workspace import Workspace
 
 __all__ = ["CostsOf", "grow_grid", "grow_list", "smooth_turns"]
 
+#: Pixels and steps are numbered with 32 bits.
+LARGEST = 2**31 - 1
 #: ``costs_of(wrapped, mask, work)`` gives the costs of a grid's steps.
 CostsOf = Callable[[Phase, NDArray[np.bool_] | None, Workspace], Costs]
 
@@ -26,7 +29,7 @@ def grow_grid(
     mask: NDArray[np.bool_] | None = None,
     costs_of: CostsOf = second_differences,
     work: Workspace | None = None,
-    check: Callable[[], None] = boruvka.nothing,
+    check: Callable[[], None] = nothing,
 ) -> tuple[Whole, Whole | None]:
     """Return the turns that joining neighbours along the cheapest steps first gives every pixel.
 
@@ -52,11 +55,13 @@ def grow_grid(
         Number of the part that each pixel belongs to; those outside the mask are parts of their
         own. None if all belong together.
     """
+    check_size(wrapped.size)
     once = work is None
     work = Workspace() if work is None else work
-    wrapped = np.ascontiguousarray(wrapped)
+    # Kernels are compiled for arrays in order that may be written to; copies only where needed.
+    wrapped = np.require(wrapped, np.float32, ["C", "W"])
     if mask is not None:
-        mask = None if mask.all() else np.ascontiguousarray(mask)
+        mask = None if mask.all() else np.require(mask, bool, ["C", "W"])
     if mask is None:
         turns = smooth_turns(wrapped, work)
         if turns is not None:
@@ -76,6 +81,13 @@ def grow_grid(
     return turns.reshape(wrapped.shape), parts
 
 
+def check_size(n: int) -> None:
+    """Raise ValueError for more pixels or steps than have numbers."""
+    if n > LARGEST:
+        msg = f"{n} pixels or steps are too many to grow at once; at most {LARGEST} are possible"
+        raise ValueError(msg)
+
+
 def smooth_turns(wrapped: Phase, work: Workspace) -> Whole | None:
     """Return the turns of every pixel of a grid if it has no residues, else None.
 
@@ -89,7 +101,7 @@ def smooth_turns(wrapped: Phase, work: Workspace) -> Whole | None:
     if not compiling.can_compile():
         return plain.integrated(wrapped)
     shape = full_shape(wrapped.shape)
-    rows = np.ascontiguousarray(wrapped).reshape(-1, shape[3])
+    rows = np.require(wrapped, np.float32, ["C", "W"]).reshape(-1, shape[3])
     turns: Whole = work.array("turns", rows.shape, np.int32)
     return turns.reshape(wrapped.shape) if integrated(rows, shape, np.pi, turns) else None
 
@@ -100,7 +112,7 @@ def grow_list(
     steps: NDArray[np.integer],
     cost: NDArray[np.floating],
     n: int,
-    check: Callable[[], None] = boruvka.nothing,
+    check: Callable[[], None] = nothing,
     *,
     overwrite: bool = False,
 ) -> tuple[Whole, Whole, int]:
@@ -113,7 +125,7 @@ def grow_list(
     steps : ndarray of int, shape (n_steps,)
         Turns of the second node minus those of the first.
     cost : ndarray of float, shape (n_steps,)
-        Finite cost of every step; equal ones are taken in their order.
+        Cost of every step; equal ones are taken in their order, infinite ones last.
     n : int
         Number of nodes.
     check : callable, optional
@@ -130,6 +142,7 @@ def grow_list(
     n_parts : int
         Number of parts.
     """
+    check_size(len(cost))
     if compiling.can_compile():
         copy = None if overwrite else True
         a, b, turns = (

@@ -16,7 +16,9 @@ HALF, TURN = np.pi, 2 * np.pi
 Mask = NDArray[np.bool_]
 
 
-def unreliability(wrapped: Phase, mask: Mask, pairs: NDArray[np.int64], ends: Mask) -> Floats:
+def unreliability(
+    wrapped: Phase, mask: Mask, pairs: NDArray[np.int64], ends: Mask, *, scaled: bool
+) -> Floats:
     """Return the unreliability of every pixel of a grid, see `second_differences`.
 
     Parameters
@@ -29,6 +31,8 @@ def unreliability(wrapped: Phase, mask: Mask, pairs: NDArray[np.int64], ends: Ma
         One offset of each pair of opposite neighbours.
     ends : ndarray of bool, shape (3,)
         Axes at whose ends pixels are the least reliable.
+    scaled : bool
+        Whether the sum over some pairs is scaled to all; else such a pixel is the least reliable.
     """
     total, count = np.zeros(wrapped.shape), np.zeros(wrapped.shape)
     for offset in pairs:
@@ -39,12 +43,13 @@ def unreliability(wrapped: Phase, mask: Mask, pairs: NDArray[np.int64], ends: Ma
         seen = mask[behind] & mask[ahead]
         total[centre] += np.where(seen, change * change, 0)
         count[centre] += seen
-    for axis in (*np.flatnonzero(ends), 3):
+    bounded = [axis for axis in range(3) if ends[axis] and wrapped.shape[axis] > 1]
+    for axis in (*bounded, 3):
         for end in (0, -1):
             count[(slice(None),) * axis + (end,)] = 0
     scale = len(pairs) / np.maximum(count, 1)
     total = np.where(count == len(pairs), total, total * scale)
-    total[count == 0] = BORDER
+    total[(count == 0) | (count < (0 if scaled else len(pairs)))] = BORDER
     total[~mask] = np.inf
     return total
 
@@ -60,10 +65,10 @@ def wrap(step: Floats) -> Floats:
     return inside
 
 
-def jumps(before: NDArray[np.floating], after: NDArray[np.floating]) -> Whole:
+def jumps(before: NDArray[np.floating], after: NDArray[np.floating], half: float = HALF) -> Whole:
     """Return the turns to add after each step so that it is no larger than half a turn."""
     step = after.astype(np.float64) - before
-    return (step < -HALF).astype(np.int32) - (step > HALF)
+    return (step < -half).astype(np.int32) - (step > half)
 
 
 def integrated(wrapped: Phase) -> Whole | None:

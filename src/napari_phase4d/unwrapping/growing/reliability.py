@@ -32,7 +32,13 @@ def half_stencil(shape: tuple[int, ...]) -> list[tuple[int, ...]]:
 
 @compiled
 def unreliability_of_rows(
-    wrapped: Phase, mask: Mask, shape: Shape, pairs: Pairs, ends: Mask, out: Floats
+    wrapped: Phase,
+    mask: Mask,
+    shape: Shape,
+    pairs: Pairs,
+    ends: Mask,
+    scaled: bool,
+    out: Floats,
 ) -> None:
     """Write the unreliability of all rows.
 
@@ -48,6 +54,8 @@ def unreliability_of_rows(
         One offset of each pair of opposite neighbours.
     ends : ndarray of bool, shape (3,)
         Axes at whose ends pixels are the least reliable.
+    scaled : bool
+        Whether the sum over some pairs is scaled to all; else such a pixel is the least reliable.
     out : ndarray of float64, shape (rows, nx)
         Where the unreliability goes; infinite outside the mask.
     """
@@ -59,7 +67,7 @@ def unreliability_of_rows(
         if shape[3] > 2 and not at_bounded_end(row, shape, ends):
             add_row(wrapped, mask, shape, pairs, row, out[row], count)
         for x in range(len(count)):
-            if count[x] == 0:
+            if count[x] == 0 or (count[x] < len(pairs) and not scaled):
                 out[row, x] = BORDER
             elif count[x] != len(pairs):
                 out[row, x] *= len(pairs) / count[x]
