@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 
 ROUNDS = 5
-PACKAGES = ("numpy", "scipy", "scikit-image", "numba", "qpretrieve")
+PACKAGES = ("numpy", "scipy", "scikit-image", "numba", "qpretrieve", "pyfftw")
 
 
 @dataclass(frozen=True)
