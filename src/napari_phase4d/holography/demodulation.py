@@ -132,7 +132,8 @@ class Demodulator:
         for top in range(0, height, BLOCK_ROWS):
             rows = slice(top, min(top + BLOCK_ROWS, height))
             grey = buffer[: rows.stop - top]
-            np.subtract(frame[rows], level, out=grey, casting="unsafe")
+            grey[:] = frame[rows]
+            grey -= level
             half = scipy.fft.rfft(grey, axis=1, overwrite_x=True)
             for place, source in self._copies:
                 kept[rows, place] = half[:, source]

@@ -40,7 +40,8 @@ def spatial_2d(
         the paper's methods start from), or "coherence", steps that are like those round them.
     """
     if reliability == "herraez":
-        return problem.spatial(progress, cancelled).copy()
+        found = problem.spatial(progress, cancelled)
+        return found if problem.for_one_method else found.copy()
     watch = Watch(problem.n_frames, "2-D unwrapping", progress, cancelled)
     return unwrap_frames(problem.wrapped, problem.mask, problem.first, watch, coherence)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 import time
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
@@ -10,7 +11,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
 from napari_phase4d.unwrapping.background import Background, find_background
 from napari_phase4d.unwrapping.masks import object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
@@ -67,12 +68,14 @@ class Problem:
         self.mask = self._given_mask(mask, values.shape)
         # The caller's own array, where it fits: nobody writes into it.
         self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
-        if not all(np.isfinite(frames).all() for frames in self.wrapped):
+        if not all_finite(self.wrapped):
             self._leave_out(~np.isfinite(self.wrapped))
         #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.
         self.usable = self.mask
         self.amplitude = self._given_amplitude(amplitude, values.shape)
         self._known: dict[str, Any] = {}
+        #: Whether one method alone is run, which may then give away what others would share.
+        self.for_one_method = False
         #: Seconds that the shared first steps took, and which were asked for since last emptied.
         self.seconds: dict[str, float] = {}
         self.used: set[str] = set()
@@ -227,6 +230,18 @@ class Problem:
             msg = "the mask is empty, so there is nothing to unwrap"
             raise ValueError(msg)
         return found
+
+
+def all_finite(stack: NDArray[np.float32]) -> bool:
+    """Say whether a stack holds neither NaN nor infinite values."""
+    bad = threading.Event()
+
+    def look(frames: NDArray[np.float32]) -> None:
+        if not np.isfinite(frames).all():
+            bad.set()
+
+    on_all_cores(look, stack)
+    return not bad.is_set()
 
 
 def relative_amplitude(values: NDArray[Any]) -> NDArray[np.float32]:

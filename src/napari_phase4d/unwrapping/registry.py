@@ -293,6 +293,7 @@ def unwrap(
     """
     check_method(method, method_options)
     problem = Problem(phase, boundary, mask, amplitude)
+    problem.for_one_method = True
     return run_method(problem, method, progress, cancelled, method_options)
 
 
