@@ -74,31 +74,27 @@ def list_between(
         Where the groups, the turns between them and the costs go, as many as `count_between`
         says.
     """
-    costs, places = np.empty(shape[3]), np.empty(shape[3], dtype=np.int32)
+    nx = shape[3]
+    costs, places = np.empty(nx), np.empty(nx, dtype=np.int32)
     listed = 0
     for row in range(len(wrapped)):
-        for axis in range(3):
-            before = row_before(row, axis, shape)
+        for axis in range(4):
+            dx = int(axis == 3)  # along x, a row is compared with itself one pixel further
+            before = row if dx else row_before(row, axis, shape)
             if before < 0:
                 continue
-            costs_across(point, steps, axis, before, row, costs)
-            n = differing_places(group[before], group[row], costs, below, places)
-            for k in range(n):
+            if dx:
+                costs_along(point, steps, row, costs[:-1])
+            else:
+                costs_across(point, steps, axis, before, row, costs)
+            one, other = group[before, : nx - dx], group[row, dx:]
+            for k in range(differing_places(one, other, costs, below, places)):
                 x = places[k]
-                step = jump(wrapped[before, x], wrapped[row, x], half)
-                first[listed], second[listed] = group[before, x], group[row, x]
-                between[listed] = step + turns[before, x] - turns[row, x]
+                step = jump(wrapped[before, x], wrapped[row, x + dx], half)
+                first[listed], second[listed] = one[x], other[x]
+                between[listed] = step + turns[before, x] - turns[row, x + dx]
                 cost[listed] = costs[x]
                 listed += 1
-        costs_along(point, steps, row, costs[:-1])
-        n = differing_places(group[row, :-1], group[row, 1:], costs, below, places)
-        for k in range(n):
-            x = places[k]
-            step = jump(wrapped[row, x], wrapped[row, x + 1], half)
-            first[listed], second[listed] = group[row, x], group[row, x + 1]
-            between[listed] = step + turns[row, x] - turns[row, x + 1]
-            cost[listed] = costs[x]
-            listed += 1
 
 
 @compiled

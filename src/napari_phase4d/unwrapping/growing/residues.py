@@ -55,7 +55,8 @@ def residue_limit(
             before = row_before(row, axis, shape)
             if before < 0:
                 continue
-            found = open_loops_with_x(wrapped[before], here, half, loops[:-1])
+            above = wrapped[before]
+            found = open_loops(above[:-1], above[1:], here[:-1], here[1:], half, loops[:-1])
             if found:
                 count += found
                 costs_along(point, steps, before, costs[0, :-1])
@@ -68,9 +69,7 @@ def residue_limit(
                 if side < 0:
                     continue
                 corner = row_before(before, other, shape)
-                found = open_loops(
-                    wrapped[corner], wrapped[before], wrapped[side], here, half, loops
-                )
+                found = open_loops(wrapped[corner], above, wrapped[side], here, half, loops)
                 if found:
                     count += found
                     costs_across(point, steps, axis, before, row, costs[0])
@@ -81,22 +80,6 @@ def residue_limit(
         if count > most:
             return -np.inf
     return limit
-
-
-@compiled
-def open_loops_with_x(before: Phase, here: Phase, half: float, loops: Whole) -> int:
-    """Write the sums of the loops between two rows; return how many are not zero."""
-    next_before, next_here = before[1:], here[1:]
-    seen = np.int32(0)
-    for x in range(len(loops)):
-        loops[x] = (
-            jump(before[x], next_before[x], half)
-            + jump(next_before[x], next_here[x], half)
-            - jump(here[x], next_here[x], half)
-            - jump(before[x], here[x], half)
-        )
-        seen += np.int32(loops[x] != 0)
-    return int(seen)
 
 
 @compiled
