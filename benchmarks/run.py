@@ -13,7 +13,7 @@ from pathlib import Path
 import holography
 import scaling
 import unwrapping
-from measuring import Row, machine, table
+from measuring import Row, machine, table, taken_by_host
 
 TABLES = Path(__file__).parents[1] / "docs" / "tables" / "speed.md"
 
@@ -49,12 +49,19 @@ def main(names: list[str]) -> int:
     if unknown:
         print(f"There is no table {unknown[0]!r}; there are {', '.join(PARTS)}.")
         return 2
+    before = taken_by_host()
     print(machine())
     written = [machine()]
     for name in names or PARTS:
         heading, part = PARTS[name]
         print(f"\n### {heading}\n", flush=True)
         written.append(f"### {heading}\n\n{printed(part())}")
+    steal, used = (after - was for after, was in zip(taken_by_host(), before, strict=True))
+    written.append(
+        f"Of the processor time wanted, the host of this (virtual) machine took "
+        f"{100 * steal / max(used, 1):.0f} % for others meanwhile."
+    )
+    print(f"\n{written[-1]}")
     if not names:
         TABLES.parent.mkdir(exist_ok=True)
         TABLES.write_text("\n\n".join(written) + "\n")

@@ -21,6 +21,7 @@ METHODS = ("spatial-2d", "temporal-angular", "laplacian", "region-growing", "dir
 #: (time, angle, y, x) that the others are multiples of.
 SMALLEST = (8, 3, 128, 128)
 NOISE = 0.5
+YTICKS = (10, 20, 50, 100, 200, 500, 1000)
 PICTURE = Path(__file__).parents[1] / "docs" / "pictures" / "speed_growth.png"
 
 
@@ -74,10 +75,11 @@ def draw_growth(points: dict[str, dict[str, list[float]]]) -> None:
         for method, costs in points.items():
             ax.plot((1, 2, 4), costs[dim], "o-", label=p4d.METHODS[method].label)
         ax.set(xscale="log", yscale="log", xticks=(1, 2, 4), xticklabels=("1x", "2x", "4x"))
+        ax.set(yticks=YTICKS, yticklabels=YTICKS, ylim=(YTICKS[0], YTICKS[-1]))
         ax.set_title(f"longer in {dim}" if dim != "pixels" else "more pixels")
         ax.minorticks_off()
     axes[0].set_ylabel("ns a voxel")
-    axes[-1].legend(fontsize=8)
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside right center", fontsize=8)
     figure.savefig(PICTURE, dpi=110)
 
 
