@@ -106,7 +106,8 @@ def add_turns(
     wrapped: NDArray[np.float32], turns: NDArray[np.int32], out: NDArray[np.float32]
 ) -> None:
     """Write wrapped phase plus whole turns."""
-    np.multiply(turns, np.float32(TURN), out=out, casting="unsafe")
+    out[:] = turns
+    out *= np.float32(TURN)
     out += wrapped
 
 
