@@ -8,6 +8,7 @@ from pathlib import Path
 import kamui
 import numpy as np
 import pytest
+from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
 from helpers import measured
@@ -38,6 +39,18 @@ def test_radar_interferograms(method: str, interferograms: dict[str, np.ndarray]
     wrapped = np.where(valid, interferograms["wrapped"], 0)
     found = p4d.unwrap(wrapped, method, mask=valid).values
     assert share_off(found, interferograms["unwrapped"], valid) <= 0.005
+
+
+@pytest.mark.parametrize(
+    "name", ["hologram_cell.npz", "single_holo.tif", "paramecium_oa_oof.npz", "pydhm_RBC.jpg"]
+)
+def test_phase_of_measured_holograms_is_unwrapped_as_by_scikit_image(name: str) -> None:
+    """The same turns in every pixel inside the border."""
+    rec = p4d.open_recording(measured(f"offaxis/{name}"))
+    wrapped = p4d.reconstruct(rec, p4d.find_lobes(rec, 1)).phase.values[0, 0]
+    ours = p4d.unwrap(wrapped, "spatial-2d").values
+    turns = np.round((ours - unwrap_phase(wrapped, rng=0)) / (2 * np.pi))[1:-1, 1:-1]
+    assert np.ptp(turns) == 0
 
 
 def nifti(path: Path) -> np.ndarray:

@@ -11,7 +11,7 @@ from napari_phase4d.unwrapping.growing import (
     CostsOf,
     PerThread,
     Workspace,
-    grow_grid,
+    grow_through_residues,
     second_differences,
     smooth_turns,
 )
@@ -88,14 +88,16 @@ def unwrap_frame(
         return out, 0.0
     work = Workspace() if work is None else work
     smooth = smooth_turns(wrapped, work)
-    turns = grow_grid(wrapped, None, costs_of, work)[0] if smooth is None else smooth
+    turns = smooth
+    if turns is None:
+        turns, _ = grow_through_residues(wrapped, None, costs_of, work)
     add_turns(wrapped, turns, out)
     level = float(np.median(border_values(out)))
     if mask.all():
         return out, level
     if smooth is None:  # where residues are, the mask may lead another way
         whole = turns.copy()
-        turns, parts = grow_grid(wrapped, mask, costs_of, work)
+        turns, parts = grow_through_residues(wrapped, mask, costs_of, work)
         if parts is not None:  # a mask that leaves pixels out leaves several
             add_turns(wrapped, turns + nearest_turns(whole - turns, parts, mask), out)
     out[~mask] = 0

@@ -7,7 +7,13 @@ compiled where that is possible, and give the same result where it is not.
 from __future__ import annotations
 
 from napari_phase4d.unwrapping.growing.costs import Costs, coherence, second_differences
-from napari_phase4d.unwrapping.growing.growth import CostsOf, grow_grid, grow_list, smooth_turns
+from napari_phase4d.unwrapping.growing.growth import (
+    CostsOf,
+    grow_grid,
+    grow_list,
+    grow_through_residues,
+    smooth_turns,
+)
 from napari_phase4d.unwrapping.growing.plain import jumps
 from napari_phase4d.unwrapping.growing.workspace import PerThread, Workspace
 
@@ -19,6 +25,7 @@ __all__ = [
     "coherence",
     "grow_grid",
     "grow_list",
+    "grow_through_residues",
     "jumps",
     "second_differences",
     "smooth_turns",

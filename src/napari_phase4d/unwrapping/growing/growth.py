@@ -16,7 +16,7 @@ from napari_phase4d.unwrapping.growing.rows import Phase, Whole, full_shape
 from napari_phase4d.unwrapping.growing.smooth import integrated
 from napari_phase4d.unwrapping.growing.workspace import Workspace
 
-__all__ = ["CostsOf", "grow_grid", "grow_list", "smooth_turns"]
+__all__ = ["CostsOf", "grow_grid", "grow_list", "grow_through_residues", "smooth_turns"]
 
 #: Pixels and steps are numbered with 32 bits.
 LARGEST = 2**31 - 1
@@ -55,18 +55,31 @@ def grow_grid(
         Number of the part that each pixel belongs to; those outside the mask are parts of their
         own. None if all belong together.
     """
-    check_size(wrapped.size)
-    once = work is None
+    own = work is None
     work = Workspace() if work is None else work
+    turns = smooth_turns(wrapped, work) if mask is None or mask.all() else None
+    if turns is not None:
+        return turns, None
+    check()
+    turns, parts = grow_through_residues(wrapped, mask, costs_of, work, check)
+    if own:
+        work.keep_only()
+    return turns, parts
+
+
+def grow_through_residues(
+    wrapped: Phase,
+    mask: NDArray[np.bool_] | None,
+    costs_of: CostsOf,
+    work: Workspace,
+    check: Callable[[], None] = nothing,
+) -> tuple[Whole, Whole | None]:
+    """Do the same as `grow_grid`, for a grid that is known to have residues or a mask."""
+    check_size(wrapped.size)
     # Kernels are compiled for arrays in order that may be written to; copies only where needed.
     wrapped = np.require(wrapped, np.float32, ["C", "W"])
     if mask is not None:
         mask = None if mask.all() else np.require(mask, bool, ["C", "W"])
-    if mask is None:
-        turns = smooth_turns(wrapped, work)
-        if turns is not None:
-            return turns, None
-    check()
     costs = costs_of(wrapped, mask, work)
     check()
     rows = wrapped.reshape(-1, wrapped.shape[-1])
@@ -74,8 +87,6 @@ def grow_grid(
         turns, parts = grown_turns(rows, costs, work, check)
     else:
         turns, parts = plain.grown_grid(rows, *costs.arguments)
-    if once:
-        work.keep_only()
     if parts is not None:
         parts = parts.reshape(wrapped.shape)
     return turns.reshape(wrapped.shape), parts
