@@ -7,6 +7,7 @@ import os
 import platform
 import statistics
 import time
+import tracemalloc
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -145,3 +146,13 @@ def table(rows: Iterator[Row]) -> str:
         print(row, flush=True)
         lines.append(str(row))
     return "\n".join(lines)
+
+
+def peak_bytes(work: Callable[[], object]) -> int:
+    """Return the largest memory of some work that leaves no thread behind, to the byte."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()

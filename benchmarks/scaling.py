@@ -11,11 +11,10 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from measuring import median_seconds
+from measuring import median_seconds, peak_bytes
 from scenes import moving_cells
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation.resources import measured
 
 METHODS = ("spatial-2d", "temporal-angular", "laplacian", "region-growing", "directional-l1")
 #: (time, angle, y, x) that the others are multiples of.
@@ -48,8 +47,7 @@ def growth_lines() -> Iterator[str]:
                 p4d.unwrap(volume, method)
                 seconds = median_seconds(partial(p4d.unwrap, volume, method))
                 costs.append(1e9 * seconds / volume.size)
-                peak = measured(partial(p4d.unwrap, volume, method)).peak_mb
-                memory.append(peak * 2**20 / volume.size)
+                memory.append(peak_bytes(partial(p4d.unwrap, volume, method)) / volume.size)
             points.setdefault(method, {})[dim] = costs
             shares = " | ".join(f"{c / costs[0]:.2f} times" for c in costs[1:])
             yield (

@@ -8,12 +8,11 @@ from concurrent.futures import ProcessPoolExecutor, ThreadPoolExecutor
 from functools import partial
 
 import numpy as np
-from measuring import ROUNDS, Row, median_seconds, paired, touch_memory
+from measuring import ROUNDS, Row, median_seconds, paired, peak_bytes, touch_memory
 from scenes import FRAMES, TURN, frame, hard_frames, moving_cells, phase_of, wrapped
 from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation.resources import measured
 from napari_phase4d.simulation import budding_yeast, with_noise
 from napari_phase4d.unwrapping.growing import Workspace, grow_grid, second_differences
 from napari_phase4d.unwrapping.spatial import unwrap_frame
@@ -132,10 +131,10 @@ def growing_lines() -> Iterator[str]:
         grow_grid(volume)
         touch_memory(2)
         seconds = median_seconds(partial(grow_grid, volume, None))
-        cost = measured(partial(grow_grid, volume, None))
+        memory = peak_bytes(partial(grow_grid, volume, None))
         yield (
             f"| noise {noise} rad | {1e9 * seconds / volume.size:.0f} "
-            f"| {cost.peak_mb * 2**20 / volume.size:.0f} | <= 110, <= 40 |"
+            f"| {memory / volume.size:.0f} | <= 110, <= 40 |"
         )
 
 

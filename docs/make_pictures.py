@@ -55,9 +55,9 @@ def main() -> None:
         press(dock.unwrap.run)
         dock.presenter.go_to(11, 5)
         picture("6_yeast")
-        press(lambda: dock.jobs.start(dock.session.plan_margin()))
+        press(dock.compare.show_margin)
         picture("7_steps")
-        press(lambda: dock.jobs.start(dock.session.plan_confidence()))
+        press(dock.compare.show_confidence)
         picture("8_trust")
     finally:
         viewer.close()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import tracemalloc
 from collections.abc import Iterator
 
 import pytest
@@ -15,14 +16,27 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.sample import Sample, euglena_sample
 
 
-@pytest.fixture(autouse=True)
-def threads_end() -> Iterator[None]:
-    """Let work that was cancelled come to its end, so that no other test pays for it."""
-    yield
+def join_threads() -> None:
     for thread in threading.enumerate():
         if thread.name.startswith(THREADS):
             thread.join(timeout=20)
             assert not thread.is_alive(), f"{thread.name} goes on after it was cancelled"
+
+
+@pytest.fixture(autouse=True)
+def threads_end() -> Iterator[None]:
+    """Let work that was cancelled come to its end, so that no other test pays for it."""
+    yield
+    join_threads()
+
+
+@pytest.fixture
+def traced_memory() -> Iterator[None]:
+    """Let `measured` count memory to the byte; nothing else may run when this ends."""
+    tracemalloc.start()
+    yield
+    join_threads()
+    tracemalloc.stop()
 
 
 @pytest.fixture(scope="session")

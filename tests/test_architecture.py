@@ -18,15 +18,17 @@ ALLOWED = {
     "optics": set(),
     "progress": set(),
     "recording": {"optics"},
-    "io": {"optics", "recording"},
+    "io": {"optics", "recording", "progress"},
     "holography": {"optics", "recording", "progress"},
     "unwrapping": {"progress"},
-    "evaluation": {"progress", "unwrapping"},
+    "evaluation": {"optics", "progress", "unwrapping"},
     "simulation": {"optics", "recording"},
     "sample": {"optics", "recording", "simulation"},
     "pipeline": {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
+        "sample",
     },
+    "scripting": {"optics", "holography", "unwrapping", "pipeline"},
     "reproduction": {
         "progress", "io", "evaluation", "unwrapping", "pipeline", "sample", "simulation",
     },
@@ -37,7 +39,7 @@ ALLOWED = {
     "__main__": {"cli"},
     "_napari": {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
-        "pipeline", "sample",
+        "pipeline", "sample", "scripting",
     },
 }  # fmt: skip
 GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}

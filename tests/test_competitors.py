@@ -248,6 +248,7 @@ def test_work_that_is_stopped_half_way_ends_at_once() -> None:
 
 @pytest.mark.parametrize("noise", [0.3, 0.7])
 @pytest.mark.parametrize("shape", [(10, 1, 90, 90), (6, 3, 80, 70)])
+@pytest.mark.usefixtures("traced_memory")
 def test_methods_stay_within_the_memory_they_name(shape: tuple[int, ...], noise: float) -> None:
     w = wrapped(noisy_bump(shape, noise))
     some = np.random.default_rng(0).random(w.shape) < 0.5
@@ -264,6 +265,7 @@ def test_methods_stay_within_the_memory_they_name(shape: tuple[int, ...], noise:
             assert row["peak_mb"] * 2**20 / w.nbytes <= stacks + frames, method
 
 
+@pytest.mark.usefixtures("traced_memory")
 def test_growing_needs_little_memory_as_volumes_grow() -> None:
     """Unwrapping takes at most 12 sizes of its input; so does an input twice as large."""
     for n_times in (6, 12):

@@ -7,7 +7,7 @@ import pytest
 
 import napari_phase4d as p4d
 from helpers import wrap
-from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings
+from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings, stray_terms
 from napari_phase4d.holography.background import background_offset, fit_background, flat_share
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -218,14 +218,91 @@ def test_lobes_outside_the_spectrum_are_refused(arguments: tuple, sentence: str)
         Lobe(*arguments)
 
 
-def test_overlaps_are_said_in_words() -> None:
-    good = [Lobe((0.19, 0.21), 0.09), Lobe((-0.21, 0.19), 0.09, 1.0)]
-    assert lobe_warnings(good) == []
-    assert any("zero order" in w for w in lobe_warnings(good, zero_order_radius=0.25))
-    assert any("Views 1 and 2 overlap" in w for w in lobe_warnings([good[0], good[0]]))
-    assert any("conjugate" in w for w in lobe_warnings([Lobe((0.05, 0.0), 0.1)]))
-    beat = Lobe((0.4, 0.02), 0.05)
-    assert any("interfere with each other" in w for w in lobe_warnings([*good, beat]))
+NEAR, FAR = "make it smaller or move it away.", "make them smaller or move them apart."
+ZERO_ORDER = "Circle 1 overlaps the zero order: make it smaller or move it outwards."
+EDGE = "Circle 1 reaches beyond the edge of the spectrum: make it smaller or move it inwards."
+OWN = "Circle 1 overlaps its own conjugate (dashed): make it smaller or move it inwards."
+
+
+@pytest.mark.parametrize(
+    ("circles", "sentences"),
+    [
+        ([(0.19, 0.21, 0.0943), (-0.21, 0.19, 0.0943)], []),  # side by side without a gap
+        ([(0.2, 0.1, 0.42 * np.hypot(0.2, 0.1))], []),  # as near as the finder goes
+        ([(0.25, 0.0, 0.249)], [ZERO_ORDER]),
+        ([(0.2, 0.1, 0.45 * np.hypot(0.2, 0.1))], [ZERO_ORDER]),
+        ([(0.45, 0.2, 0.06)], [EDGE]),
+        ([(0.1, -0.44, 0.06)], []),  # up to the edge
+        ([(0.48, 0.0, 0.019)], []),
+        ([(0.49, 0.0, 0.015)], [EDGE, OWN]),
+        ([(0.3, 0.1, 0.05), (0.3, 0.19, 0.05)], [f"Circle 1 overlaps circle 2: {FAR}"]),
+        ([(0.3, 0.1, 0.05), (-0.3, -0.19, 0.05)],
+         [f"Circle 1 overlaps the conjugate (dashed) of circle 2: {FAR}"]),
+        ([(0.3, 0.1, 0.05), (0.3, 0.19, 0.05), (0.22, 0.15, 0.05), (0.36, 0.16, 0.05)],
+         [f"Circle 1 overlaps circles 2, 3 and 4: {FAR}",
+          f"Circle 2 overlaps circles 3 and 4: {FAR}"]),
+        ([(0.19, 0.21, 0.09), (-0.21, 0.19, 0.09), (0.4, 0.02, 0.05)],
+         ["Circle 2 lies on the beat of circles 1 and 3: it may be no view of its own; "
+          "move or remove it.",
+          "Circle 3 lies on the beat of circles 1 and 2: it may be no view of its own; "
+          "move or remove it."]),
+        # Where one is nearly the difference of two, so is one of these of the others.
+        ([(0.3, 0.0, 0.05), (0.13, 0.3, 0.05), (0.26, -0.26, 0.05)],
+         [f"Circle 2 overlaps the beat of circles 1 and 3: {NEAR}",
+          f"Circle 3 overlaps the beat of circles 1 and 2: {NEAR}"]),
+        # The beat, at (0.77, -0.15), is folded back to (-0.23, -0.15).
+        ([(0.42, 0.05, 0.03), (-0.35, 0.2, 0.03), (0.23, 0.21, 0.03)],
+         [f"Circle 1 overlaps the beat of circles 2 and 3: {NEAR}",
+          f"Circle 3 overlaps the beat of circles 1 and 2: {NEAR}"]),
+    ],
+)  # fmt: skip
+def test_overlaps_are_said_in_words(circles: list, sentences: list[str]) -> None:
+    lobes = [Lobe((ky, kx), r, float(i)) for i, (ky, kx, r) in enumerate(circles)]
+    assert lobe_warnings(lobes) == sentences
+
+
+def test_angles_that_are_the_same_are_said_in_words() -> None:
+    places = [(0.3, 0.0), (0.0, 0.3), (0.3, 0.3), (-0.3, 0.3), (0.15, 0.4), (-0.15, 0.4)]
+    alike = [Lobe(k, 0.01, angle) for k, angle in zip(places, (5, 5, 0, 5, -2, 0), strict=True)]
+    assert [w for w in lobe_warnings(alike) if "angle" in w] == [
+        "Circles 1, 2 and 4 have the same angle (5°): type in their angles, or all views will be "
+        "numbered.",
+        "Circles 3 and 6 have the same angle (0°): type in their angles, or all views will be "
+        "numbered.",
+    ]
+    assert lobe_warnings([]) == []
+
+
+def test_six_views_have_one_sentence_a_circle_and_trouble() -> None:
+    six = [Lobe((0.02 * i, 0.3), 0.12, float(i)) for i in range(6)]
+    found = lobe_warnings(six)
+    assert len(found) == len(set(found))
+    for i in range(1, 6):
+        assert sum(w.startswith(f"Circle {i} overlaps circle") for w in found) == 1
+    assert len(found) <= 4 * 6
+
+
+def test_stray_terms_are_where_two_disks_correlate() -> None:
+    """Their place and reach, against the correlation of two disks of pixels."""
+    n = 200
+    ky, kx = np.fft.fftfreq(n)[:, None], np.fft.fftfreq(n)[None, :]
+    lobes = [Lobe((0.15, 0.2), 0.05), Lobe((-0.2, 0.25), 0.08), Lobe((0.35, -0.25), 0.03)]
+    disks = [np.hypot(ky - lobe.carrier[0], kx - lobe.carrier[1]) <= lobe.radius for lobe in lobes]
+    zero_order, *beats = stray_terms(lobes)
+    assert zero_order.pair is None
+    assert [beat.pair for beat in beats] == [(0, 1), (0, 2), (1, 2)]
+    for term, i, j in [(zero_order, 1, 1), *((beat, *beat.pair) for beat in beats)]:
+        product = np.fft.ifft2(disks[i]) * np.fft.ifft2(disks[j]).conj()
+        correlation = np.fft.fft2(product).real * n**2
+        y, x = np.nonzero(correlation > 0.5)
+        offsets = [ky[y, 0] - term.centre[0], kx[0, x] - term.centre[1]]
+        distance = np.hypot(*(d - np.round(d) for d in offsets))
+        assert distance.max() == pytest.approx(term.radius, abs=1.5 / n)
+
+
+def test_what_a_finder_accepts_is_without_warning(lobes, small_video) -> None:
+    assert lobe_warnings(lobes) == []
+    assert lobe_warnings(p4d.find_lobes(small_video, 2)) == []
 
 
 def test_constant_and_single_frames_are_no_trouble() -> None:

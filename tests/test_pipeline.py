@@ -224,3 +224,11 @@ def test_paper_methods_are_the_papers_five() -> None:
         *PAPER_METHODS,
         "directional-l1",
     ]
+
+
+def test_times_come_back_from_the_frame_rate() -> None:
+    frames = np.zeros((40, 16, 16), np.uint8)
+    for rate in np.random.default_rng(0).uniform(0.1, 300, 200):
+        rec = p4d.open_recording(frames, frame_rate_hz=float(rate))
+        again = p4d.open_recording(frames, frame_rate_hz=rec.frame_rate_hz)
+        np.testing.assert_array_equal(again.times_s, rec.times_s)

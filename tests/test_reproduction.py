@@ -62,6 +62,7 @@ def test_everything_is_written(found: Reproduction, tmp_path: Path) -> None:
     movies = written[3:]
     assert [int(p.name.split("_")[1]) for p in movies] == list(range(1, 15))
     assert len(iio.imread(movies[0])) == 19
+    assert all(n % 2 == 0 for n in iio.imread(movies[0]).shape[1:3])
     frames = iio.imread(movies[-1])
     assert len(frames) == 40
     assert (frames[0] != frames[-1]).any()

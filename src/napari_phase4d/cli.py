@@ -20,16 +20,19 @@ from napari_phase4d.evaluation import (
     best_known,
     comparison_figure,
     itoh_margin,
+    named_results,
     order_shares,
     order_verdict,
     residues,
+    telling_frames,
 )
 from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
-from napari_phase4d.io import open_input, open_phase
+from napari_phase4d.io import open_phase
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     Outcome,
     Recipe,
+    found_anywhere,
     needed_bytes,
     open_by,
     run,
@@ -79,7 +82,11 @@ def demo(
         return
     console.print("Simulating a hologram video: a euglena, two views, 40 frames ...")
     sample = euglena_sample()
-    recipe = Recipe(angles_deg=sample.angles_deg, boundary=(sample.boundary,))
+    recipe = Recipe(
+        recording=sample.recording.source,
+        angles_deg=sample.angles_deg,
+        boundary=(sample.boundary,),
+    )
     with bar() as progress:
         plain = run(recipe, sample.recording, progress=progress)
         truth = sample.truth(plain.reconstruction["phase"])
@@ -88,7 +95,7 @@ def demo(
     print_table(outcome.comparison.table)
     written = write_outcome(outcome, out)
     picture = out / "comparison.png"
-    comparison_figure(shown_columns(outcome, truth), shown_frames(outcome), picture)
+    write_figure(outcome, truth, picture)
     from napari_phase4d._napari.demo import picture_of_the_window
 
     screenshot = picture_of_the_window(out / "window.png")
@@ -113,13 +120,17 @@ Confidence = Annotated[
 @app.command()
 def info(
     file: Annotated[
-        Path, typer.Argument(help="Hologram video: TIFF, folder of images, NPY, NPZ.")
+        Path,
+        typer.Argument(
+            help="Hologram video: TIFF, folder of images, NPY, NPZ; or sample:euglena, "
+            "sample:yeast."
+        ),
     ],
     views: Annotated[int, typer.Option(help="Number of views to look for, 1 to 6.")] = 2,
     dataset: Annotated[str | None, typer.Option(help="Which array of an NPZ file.")] = None,
 ) -> None:
     """Say what a recording holds, where its lobes are, and what a run would need."""
-    recording = open_input(file, dataset=dataset)
+    recording = open_by(Recipe(recording=str(file), dataset=dataset))
     if isinstance(recording, xr.DataArray):
         print_phase(file, recording)
         return
@@ -207,7 +218,7 @@ def run_command(
     else:
         batch(
             lambda file, folder: process(
-                recipe.changed(recording=str(file.resolve())), typed, folder
+                recipe.changed(recording=found_anywhere(file)), typed, folder
             ),
             files,
             out,
@@ -250,14 +261,14 @@ def compare_command(
     def compare_one(file: Path, folder: Path) -> None:
         with bar() as progress:
             outcome = run(
-                recipe.changed(recording=str(file.resolve())), truth=exact, progress=progress
+                recipe.changed(recording=found_anywhere(file)), truth=exact, progress=progress
             )
         print_notes(outcome)
         print_table(outcome.comparison.table)
         print_itoh(outcome, exact)
         written = write_outcome(outcome, folder)
         picture = folder / "comparison.png"
-        comparison_figure(shown_columns(outcome, exact), shown_frames(outcome), picture)
+        write_figure(outcome, exact, picture)
         console.print(f"{len(written) + 1} files written to [bold]{folder.resolve()}[/bold]")
 
     batch(compare_one, files or [Path(recipe.recording)], out)
@@ -338,7 +349,8 @@ def result_folders(files: Sequence[Path], out: Path) -> list[Path]:
     folders: list[Path] = []
     for file in files:
         candidates = (
-            out / f"{file.stem}{end}" for end in ("", *(f"_{i}" for i in range(2, 10**6)))
+            out / f"{file.stem.replace(':', '_')}{end}"
+            for end in ("", *(f"_{i}" for i in range(2, 10**6)))
         )
         folders.append(next(c for c in candidates if c not in folders))
     return folders
@@ -464,20 +476,10 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
         console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
 
 
-def shown_columns(outcome: Outcome, exact: xr.DataArray | None) -> dict[str, xr.DataArray]:
-    """Return what the picture shows: truth if it is known, and every result."""
-    labels = outcome.comparison.table["method"]
-    columns = {labels[m]: result for m, result in outcome.comparison.results.items()}
-    return columns if exact is None else {"exact": exact, **columns}
-
-
-def shown_frames(outcome: Outcome) -> list[tuple[int, int]]:
-    """Return the frames for the picture: the thin one, half way, and the last from both ends."""
-    phase = outcome.reconstruction["phase"]
-    last, far = phase.sizes["time"] - 1, phase.sizes["angle"] - 1
-    t, a = outcome.recipe.boundary[0]
-    frames = [(t % (last + 1), a % (far + 1)), (last // 2, 0), (last, 0), (last, far)]
-    return list(dict.fromkeys(frames))
+def write_figure(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> None:
+    """Write a picture of all results at some frames."""
+    frames = telling_frames(outcome.reconstruction["phase"], outcome.recipe.boundary[0])
+    comparison_figure(named_results(outcome.comparison, exact), frames, path)
 
 
 def megabytes(size: int) -> str:

@@ -7,7 +7,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -34,11 +35,13 @@ from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
+from napari_phase4d.sample import is_sample, open_sample
 from napari_phase4d.unwrapping import METHODS, STACKS_OF_A_FRAME, check_method
 
 __all__ = [
     "Outcome",
     "Recipe",
+    "found_anywhere",
     "needed_bytes",
     "open_by",
     "reconstruct_by",
@@ -63,8 +66,8 @@ class Recipe(BaseModel):
     Parameters
     ----------
     recording : str
-        File or folder of the hologram video, or a file of wrapped phase; empty if it is given to
-        `run` directly.
+        File or folder of the hologram video, a file of wrapped phase, or a sample,
+        "sample:euglena" or "sample:yeast"; empty if it is given to `run` directly.
     dataset : str, optional
         Which array of a file that holds several.
     content : str
@@ -229,12 +232,15 @@ class Outcome:
         Wrapped ``phase``, dims (time, angle, y, x); and ``amplitude``, where it is known.
     comparison : Comparison
         Unwrapped phase of every method, and the table.
+    truth : xarray.DataArray, optional
+        Exact phase on the reconstruction's grid, where it is known.
     """
 
     recording: Recording | None
     recipe: Recipe
     reconstruction: xr.Dataset
     comparison: Comparison
+    truth: xr.DataArray | None = None
 
 
 def run(
@@ -270,7 +276,7 @@ def run(
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
         comparison = unwrap_by(recipe, opened, truth, progress, cancelled)
-        return Outcome(None, recipe, xr.Dataset({"phase": opened}), comparison)
+        return Outcome(None, recipe, xr.Dataset({"phase": opened}), comparison, truth)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
         recording, recipe.n_views, angles_deg=recipe.angles_deg
@@ -280,11 +286,19 @@ def run(
         recipe, data["phase"], truth, progress, cancelled, amplitude=data["amplitude"]
     )
     used = recipe.changed(lobes=tuple(lobes), optics=recording.optics)
-    return Outcome(recording, used, data, comparison)
+    return Outcome(recording, used, data, comparison, truth)
 
 
 def open_by(recipe: Recipe) -> Recording | xr.DataArray:
-    """Open the file that a recipe names: holograms, or wrapped phase."""
+    """Open the file or sample that a recipe names: holograms, or wrapped phase.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If there is no such file or sample, or it can't be read.
+    """
+    if is_sample(recipe.recording):
+        return open_sample(recipe.recording, recipe.optics, recipe.frame_rate_hz)
     return open_input(
         recipe.recording,
         recipe.optics,
@@ -295,6 +309,17 @@ def open_by(recipe: Recipe) -> Recording | xr.DataArray:
     )
 
 
+def found_anywhere(source: str | Path) -> str:
+    """Return a recording's name as it holds in every folder: files get their whole path.
+
+    Names of samples, and of files that are not there, stay as they are.
+    """
+    if str(source) and not is_sample(str(source)):
+        with suppress(OSError, ValueError):  # not there, or no name of a file at all
+            return str(Path(source).resolve(strict=True))
+    return str(source)
+
+
 def unwrap_by(
     recipe: Recipe,
     phase: xr.DataArray,
@@ -303,8 +328,12 @@ def unwrap_by(
     cancelled: CancelledCall | None = None,
     *,
     amplitude: xr.DataArray | None = None,
+    finished: Callable[[str, Comparison], None] | None = None,
 ) -> Comparison:
-    """Unwrap wrapped phase with a recipe's methods and settings; NaN are left out."""
+    """Unwrap wrapped phase with a recipe's methods and settings; NaN are left out.
+
+    ``finished`` is told each method and the comparison so far, see `compare`.
+    """
     known = np.isfinite(phase.values)
     return compare(
         phase,
@@ -316,6 +345,7 @@ def unwrap_by(
         options=recipe.options,
         progress=progress,
         cancelled=cancelled,
+        finished=finished,
     )
 
 
@@ -350,6 +380,9 @@ def write_outcome(
 ) -> list[Path]:
     """Write phase, amplitude, every result, the table and the recipe into a folder.
 
+    Where they are there, the exact phase is written too, and how far to trust each result. All
+    stacks are OME-TIFF with their pixel, times and angles, see `write_phase`.
+
     Raises
     ------
     OSError
@@ -357,24 +390,33 @@ def write_outcome(
     Cancelled
         If ``cancelled()`` returned True; the files written by then are whole.
     """
-    folder = Path(folder)
+    folder, comparison = Path(folder), outcome.comparison
     stacks = {
         "wrapped" if name == "phase" else str(name): stack
         for name, stack in outcome.reconstruction.data_vars.items()
-    } | dict(outcome.comparison.results)
+    } | dict(comparison.results)
+    if outcome.truth is not None:
+        stacks["exact"] = exact_phase(outcome.truth, outcome.reconstruction["phase"])
     if outcome.recipe.confidence:
-        stacks |= {
-            f"confidence_{method}": outcome.comparison.confidence(method, progress, cancelled)
-            for method in outcome.comparison.results
-        }
+        trust = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
+        stacks |= {f"confidence_{method}": stack for method, stack in trust.items()}
+        comparison = comparison.with_suspicion(trust)
     watch = Watch(len(stacks), "saving", progress, cancelled)
     written = []
     for name, stack in stacks.items():
         written.append(write_phase(folder / f"{name}.ome.tif", stack))
         watch.step()
-    written.append(write_table(folder / "table.csv", outcome.comparison.table))
+    written.append(write_table(folder / "table.csv", comparison.table))
     written.append(outcome.recipe.to_file(folder / "recipe.json"))
     return written
+
+
+def exact_phase(truth: Any, phase: xr.DataArray) -> xr.DataArray:
+    """Return truth with the axes and places of wrapped phase, noted to be exact."""
+    is_named = isinstance(truth, xr.DataArray)
+    exact = phase.copy(data=truth.transpose(*phase.dims).values if is_named else truth)
+    exact.attrs = {**(truth.attrs if is_named else {}), "units": "rad", "exact": True}
+    return exact.rename("exact")
 
 
 def needed_bytes(recording: Recording, lobes: list[Lobe], methods: Sequence[str]) -> int:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
@@ -54,7 +55,13 @@ class Recording:
         """Mean frames per second, None for a single frame or for frames of one time."""
         times = self.times_s
         span = float(times[-1] - times[0])
-        return (len(times) - 1) / span if span > 0 else None
+        if span <= 0:
+            return None
+        rate = (len(times) - 1) / span
+        # Of the neighbouring numbers, the one that gives the same times again to the last bit.
+        near = (rate, math.nextafter(rate, math.inf), math.nextafter(rate, 0))
+        numbers = np.arange(len(times))
+        return next((r for r in near if np.array_equal(numbers / r, times)), rate)
 
     def calibrated(
         self, optics: Optics | None = None, frame_rate_hz: float | None = None

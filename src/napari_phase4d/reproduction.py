@@ -168,8 +168,8 @@ def write_reproduction(
         written.append(folder / f"{name}.png")
         watch.step()
     for name, title, stack, limits in chosen:
-        pictures = movie_frames(stack, title, limits)
-        written.append(write_movie(folder / f"{name}.gif", pictures))
+        pictures = movie_frames(angles_of(stack), limits, title=title)
+        written.append(write_movie(folder / f"{name}.gif", pictures, cancelled=cancelled))
         watch.step()
     return written
 
@@ -185,3 +185,9 @@ def movies_of(
             plain = title.lower().replace("/", "").replace(" ", "_")
             yield f"visualization_{number:02d}_{plain}", title, stack, limits
             number += 1
+
+
+def angles_of(stack: xr.DataArray) -> Stacks:
+    """Return the views of a stack as columns of a movie, side by side as in the paper."""
+    angles = stack["angle"].values
+    return {f"{angle:g}°": stack.isel(angle=[i]) for i, angle in enumerate(angles)}

@@ -1,8 +1,12 @@
-"""Sample recordings and phases: simulated, so that their exact phase is known."""
+"""Sample recordings and phases: simulated, so that their exact phase is known.
+
+Each has a name, "sample:euglena" and "sample:yeast", that stands in a recipe where the name of a
+file would. It is simulated anew from fixed seeds, with the same numbers every time.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import xarray as xr
 
@@ -10,7 +14,19 @@ from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.simulation import budding_yeast, multiplexed_video, swimming_euglena
 
-__all__ = ["Sample", "euglena_sample", "yeast_sample"]
+__all__ = [
+    "SAMPLES",
+    "SAMPLE_PREFIX",
+    "Sample",
+    "euglena_sample",
+    "is_sample",
+    "open_sample",
+    "yeast_sample",
+]
+
+#: What the names of samples begin with, and all of them.
+SAMPLE_PREFIX = "sample:"
+SAMPLES = ("sample:euglena", "sample:yeast")
 
 #: What a layer of the sample notes, so that it is known again.
 EUGLENA = "euglena"
@@ -69,9 +85,44 @@ def euglena_sample() -> Sample:
     recording = multiplexed_video(
         exact["phase"], optics, drift_rad=DRIFT_RAD, name="euglena hologram video"
     )
-    return Sample(recording)
+    return Sample(replace(recording, source=SAMPLES[0]))
 
 
 def yeast_sample() -> xr.Dataset:
     """Simulate the other sample: a budding yeast's ``phase``, exact, and ``wrapped``."""
-    return budding_yeast()
+    data = budding_yeast()
+    data["wrapped"].attrs["source"] = SAMPLES[1]
+    return data
+
+
+def is_sample(source: str) -> bool:
+    """Say whether a recording's name is meant as that of a sample, known or not."""
+    return source.startswith(SAMPLE_PREFIX)
+
+
+def open_sample(
+    source: str, optics: Optics | None = None, frame_rate_hz: float | None = None
+) -> Recording | xr.DataArray:
+    """Return the recording, or the wrapped phase, that a sample's name stands for.
+
+    Parameters
+    ----------
+    source : str
+        "sample:euglena" for a hologram video, "sample:yeast" for wrapped phase.
+    optics, frame_rate_hz : Optics, float, optional
+        Microscope and frames per second to take a hologram video for recorded with. Default:
+        those that it was simulated with. Wrapped phase has its own pixel and times.
+
+    Raises
+    ------
+    ValueError
+        If there is no such sample.
+    """
+    if source == SAMPLES[0]:
+        recording = euglena_sample().recording
+        as_simulated = optics is None and frame_rate_hz is None
+        return recording if as_simulated else recording.calibrated(optics, frame_rate_hz)
+    if source == SAMPLES[1]:
+        return yeast_sample()["wrapped"]
+    msg = f"there is no sample {source!r}; the samples are {' and '.join(SAMPLES)}"
+    raise ValueError(msg)

@@ -46,6 +46,11 @@ def click(dock: Any, qtbot: Any) -> Callable[[str], None]:
         section = next(s for s in dock.sections if s.isAncestorOf(widget))
         if not section.is_open:
             qtbot.mouseClick(section.heading, Qt.MouseButton.LeftButton)
+        tabs = dock.compare.tabs
+        for number in range(tabs.count()):
+            if tabs.widget(number).isAncestorOf(widget) and tabs.currentIndex() != number:
+                place = tabs.tabBar().tabRect(number).center()
+                qtbot.mouseClick(tabs.tabBar(), Qt.MouseButton.LeftButton, pos=place)
         QApplication.processEvents()  # so that a section just opened has its size
         dock.scroll.ensureWidgetVisible(widget)
         assert widget.isVisible()

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.layers import AXES, METADATA_KEY
+from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
 from napari_phase4d.evaluation import itoh_margin, order_shares
 from napari_phase4d.io import read_results, write_phase
 from napari_phase4d.sample import yeast_sample
@@ -19,13 +19,13 @@ PAPERS_EIGHT = ["2-D", "Angular", "Temporal", "T/A", "A/T", "LBE", "RG", "DE"]
 
 
 def cells(dock: Any) -> list[list[str]]:
-    table = dock.compare.table
+    table = dock.compare.figures.table
     columns = range(table.columnCount())
     return [[table.item(r, c).text() for c in columns] for r in range(table.rowCount())]
 
 
 def headings(dock: Any) -> list[str]:
-    table = dock.compare.table
+    table = dock.compare.figures.table
     return [table.horizontalHeaderItem(c).text() for c in range(table.columnCount())]
 
 
@@ -144,7 +144,7 @@ def test_steps_for_holograms_say_that_this_is_phase(dock, click, button: str) ->
     click("try_yeast")
     click(button)
     assert "this is wrapped phase, not a hologram video" in dock.status.text()
-    assert not dock.recording.wavelength_nm.enabled
+    assert not dock.recording.numbers["wavelength_nm"].enabled
     click("drift")  # settings of steps that are done without
     click("run")
     assert dock.session.outcome is not None
@@ -155,8 +155,8 @@ def test_a_video_after_phase_starts_afresh(viewer, dock, click, small_video) -> 
     click("run")
     dock.session.set_recording(small_video)
     assert dock.session.truth is None
-    assert dock.recording.wavelength_nm.enabled
-    assert dock.compare.table.rowCount() == 0
+    assert dock.recording.numbers["wavelength_nm"].enabled
+    assert dock.compare.figures.table.rowCount() == 0
     assert [layer.name for layer in viewer.layers if layer.visible] == [small_video.name]
 
 
@@ -173,7 +173,7 @@ def test_back_to_the_video_by_its_layer(viewer, dock, click) -> None:
 def test_truth_of_the_sample_does_not_depend_on_what_is_typed_in(viewer, dock, click) -> None:
     viewer.open_sample("napari-phase4d", "euglena")
     dock.recording.layer.value = viewer.layers[0]
-    dock.recording.magnification.value = 30
+    dock.recording.numbers["magnification"].value = 30
     click("try_yeast")
     dock.recording.layer.value = viewer.layers[0]
     click("find_lobes")
@@ -188,7 +188,7 @@ def test_what_was_measured_of_an_earlier_phase_is_forgotten(viewer, dock, click)
     assert [layer.name for layer in viewer.layers].count("exact") == 1
     dock.session.set_phase(yeast_sample()["wrapped"])
     assert dock.session.outcome is None
-    assert dock.compare.table.rowCount() == 0
+    assert dock.compare.figures.table.rowCount() == 0
     click("show_margin")
     assert "there are no results yet" in dock.status.text()
 
@@ -224,7 +224,7 @@ def test_trust_and_suggestion_by_clicks(viewer, dock, click) -> None:
     words = dock.status.text()
     assert words.startswith("Pixels more likely wrong than right: 2-D 5")
     assert "in some frames of 2-D" in words
-    assert "most of the object" in dock.compare.table.item(0, 0).toolTip()
+    assert "most of the object" in dock.compare.figures.table.item(0, 0).toolTip()
     click("run")
     assert dock.session.confidence == {}
     assert dock.session.warnings == {}

@@ -16,8 +16,8 @@ from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
 from helpers import measured, wrap
-from napari_phase4d._napari.layers import AXES, METADATA_KEY
-from napari_phase4d._napari.session import Plan
+from napari_phase4d._napari.session import Plan, plan_reconstruction
+from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
 from napari_phase4d.io import read_results
 from napari_phase4d.progress import Watch
 
@@ -44,7 +44,7 @@ def test_from_the_sample_to_results_by_clicks(viewer, dock, click, tmp_path: Pat
     click("reconstruct")
     assert viewer.layers[-1].name.startswith("wrapped phase")
     click("use_view")
-    assert (dock.unwrap.time.value, dock.unwrap.angle.value) == (0, 0)
+    assert dock.session.recipe.boundary == ((0, 0),)
     click("run")
     assert dock.session.recipe.boundary == ((0, 0),)
     shown = [layer.name for layer in viewer.layers if layer.visible]
@@ -61,10 +61,10 @@ def test_from_the_sample_to_results_by_clicks(viewer, dock, click, tmp_path: Pat
     data = p4d.reconstruct(dock.session.recording, dock.session.lobes)
     expected = p4d.unwrap(data["phase"], "temporal-angular", mask="auto")
     np.testing.assert_array_equal(viewer.layers["T/A"].data, expected.values)
-    assert dock.compare.table.rowCount() == 6
-    click("one_at_a_time")
+    assert dock.compare.figures.table.rowCount() == 6
+    click("leave_grid")
     assert not viewer.canvas.grid.enabled
-    dock.compare.save_to(tmp_path / "out")
+    dock.compare.share.save_to(tmp_path / "out")
     wait_for(dock)
     np.testing.assert_array_equal(
         read_results(tmp_path / "out" / "temporal-angular.ome.tif").values, expected.values
@@ -84,8 +84,8 @@ def wait_for(dock: Any, seconds: float = 60) -> None:
 def ready(dock, small_video):
     """Return the dock with a small video, its lobes and phase."""
     dock.session.set_recording(small_video)
-    dock.session.plan_lobes().run()
-    dock.session.plan_reconstruction().run()
+    dock.session.find_lobes()
+    dock.session.reconstruct()
     return dock
 
 
@@ -158,7 +158,7 @@ def test_second_run_makes_new_layers(viewer, ready, click) -> None:
     click("run")
     first = {layer.name: layer.data.copy() for layer in viewer.layers}
     count = len(viewer.layers)
-    ready.unwrap.time.value = 3
+    ready.session.update(boundary=((3, 0),))
     click("run")
     assert len(viewer.layers) == count + 6
     for name, data in first.items():
@@ -194,7 +194,7 @@ def test_users_layers_stay_as_they_are(viewer, dock, click, small_video) -> None
 
 
 def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) -> None:
-    plan = ready.session.plan_reconstruction()
+    plan = plan_reconstruction(ready.session)
     result = plan.work()
     other = small_video.calibrated(p4d.Optics(magnification=20))
     ready.session.set_recording(other)
@@ -207,11 +207,11 @@ def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) ->
 
 def test_angles_and_results_do_not_pass_to_the_next_recording(dock, small_video) -> None:
     dock.session.set_recording(small_video, angles_deg=(-7, 21))
-    dock.session.plan_lobes().run()
+    dock.session.find_lobes()
     assert [lobe.angle_deg for lobe in dock.session.lobes] == [-7, 21]
     dock.session.set_recording(small_video.calibrated())
     assert dock.session.lobes == []
-    dock.session.plan_lobes().run()
+    dock.session.find_lobes()
     assert [lobe.angle_deg for lobe in dock.session.lobes] == [0, 1]
 
 
@@ -256,7 +256,7 @@ def test_spectrum_shows_by_itself_and_gives_way(dock, qtbot, click, small_video)
     assert "find the lobes" in dock.status.text()
     assert dock.session.lobes == []
     dock.session.set_recording(small_video.calibrated())
-    dock.recording.magnification.value = 30  # leaves the frames as they are
+    dock.recording.numbers["magnification"].value = 30  # leaves the frames as they are
     qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=10_000)
     dock.session.set_recording(small_video.calibrated())
     click("find_lobes")  # at once, while the spectrum is still being computed
@@ -264,7 +264,7 @@ def test_spectrum_shows_by_itself_and_gives_way(dock, qtbot, click, small_video)
 
 
 def test_wheel_does_not_change_a_field_that_is_not_in_use(ready) -> None:
-    box = ready.recording.magnification.native
+    box = ready.recording.numbers["magnification"].native
     ready.show_step(0)
     box.clearFocus()
     centre = QPointF(box.rect().center())
@@ -274,18 +274,17 @@ def test_wheel_does_not_change_a_field_that_is_not_in_use(ready) -> None:
         False,
     )  # fmt: skip
     QApplication.sendEvent(box, event)
-    assert ready.recording.magnification.value == 60
+    assert ready.recording.numbers["magnification"].value == 60
 
 
 def test_thin_frame_stays_with_its_view(ready, click) -> None:
     """The thin frame is kept when the phase is made anew, also if the views change places."""
-    ready.unwrap.time.value, ready.unwrap.angle.value = 4, 1
+    ready.session.update(boundary=((4, 1),))
     click("reconstruct")
     assert ready.session.recipe.boundary == ((4, 1),)
     ready.lobes.table.item(0, 3).setText("50")  # the first view becomes the second
     click("reconstruct")
     assert ready.session.recipe.boundary == ((4, 0),)
-    assert (ready.unwrap.time.value, ready.unwrap.angle.value) == (4, 0)
 
 
 def test_finding_again_keeps_what_the_user_typed(ready, click) -> None:
@@ -462,12 +461,12 @@ def test_current_view_is_read_in_world_coordinates(viewer, ready) -> None:
 
 def test_microscope_changes_the_scale_of_what_follows(viewer, ready) -> None:
     before = {layer.name: np.asarray(layer.scale[2:]) for layer in viewer.layers}
-    ready.recording.magnification.value = 30.0
+    ready.recording.numbers["magnification"].value = 30.0
     assert ready.session.recipe.optics.magnification == 30
     after = {layer.name: np.asarray(layer.scale[2:]) for layer in viewer.layers}
     for name, scale in before.items():
         np.testing.assert_allclose(after[name], 2 * scale)
-    ready.recording.frame_rate_hz.value = 12.0
+    ready.recording.numbers["frame_rate_hz"].value = 12.0
     assert [layer.scale[0] for layer in viewer.layers] == pytest.approx([1 / 12] * 3)
     assert tuple(viewer.dims.nsteps[:2]) == (6, 2)
     step = 2 * 5.2 / 60 * ready.session.reconstruction.attrs["pixel_ratio"][1]

@@ -13,8 +13,8 @@ from napari.layers import Layer
 from npe2 import PluginManifest
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.layers import AXES
 from napari_phase4d._napari.reader import get_reader
+from napari_phase4d._napari.viewing.layers import AXES
 from napari_phase4d.io import write_phase
 
 ROOT = Path(__file__).resolve().parents[2]

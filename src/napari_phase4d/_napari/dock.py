@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Any
 
 from napari.viewer import Viewer
-from qtpy.QtCore import QEvent, QObject, Qt
-from qtpy.QtGui import QShowEvent
+from qtpy.QtCore import QEvent, QObject, Qt, QTimer
+from qtpy.QtGui import QDragEnterEvent, QDropEvent, QShowEvent
 from qtpy.QtWidgets import (
     QFrame,
     QHBoxLayout,
@@ -18,9 +19,9 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from napari_phase4d._napari.following import Following
 from napari_phase4d._napari.jobs import Jobs
-from napari_phase4d._napari.presenter import Presenter
-from napari_phase4d._napari.session import Session
+from napari_phase4d._napari.session import Session, step_states
 from napari_phase4d._napari.steps import (
     CompareStep,
     LobesStep,
@@ -28,7 +29,9 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
-from napari_phase4d._napari.steps.section import Section
+from napari_phase4d._napari.time_left import TimeLeft, in_words
+from napari_phase4d._napari.viewing.presenter import Presenter
+from napari_phase4d._napari.widgets.section import Section
 from napari_phase4d.unwrapping import warm_up_elsewhere
 
 __all__ = ["Phase4DDock"]
@@ -36,6 +39,9 @@ __all__ = ["Phase4DDock"]
 WIDTH = 380
 #: Readable on napari's dark and light themes.
 WRONG_STYLE = "color: #e8594a; font-weight: bold;"
+#: What is done unasked begins so long after the last thing that the user did.
+QUIET_AFTER_MS = 150
+FIRST_WORDS = "Open a recording, or try the sample."
 
 
 class Phase4DDock(QWidget):  # type: ignore[misc]
@@ -51,6 +57,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         super().__init__()
         self.session = Session()
         self._next_words = ""
+        self._time_left = TimeLeft()
+        #: Titles of what failed unasked, which is not tried again.
+        self._failed_unasked: list[str] = []
         self.jobs = Jobs(self)
         self.presenter = Presenter(napari_viewer, self.session)
         parts = (self.session, self.jobs, self.presenter)
@@ -60,14 +69,22 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.unwrap = UnwrapStep(*parts)
         self.compare = CompareStep(*parts)
         self.steps = (self.recording, self.lobes, self.phase, self.unwrap, self.compare)
+        self._quiet = QTimer(self)
+        self._quiet.setSingleShot(True)
+        self._quiet.setInterval(QUIET_AFTER_MS)
+        self._quiet.timeout.connect(self._work_unasked)
         self._build()
         self._listen()
-        self.say("Open a recording, or try a sample.")
+        self.following = Following(napari_viewer, self.steps)
+        self.setAcceptDrops(True)
+        self.say(FIRST_WORDS)
         warm_up_elsewhere()
 
     def reset_choices(self, event: Any = None) -> None:
         """Let napari tell that layers were added or removed."""
         self.recording.reset_choices()
+        self.compare.reset_choices()
+        self.following.watch_regions(self.compare.trace.region_drawn)
 
     def say(self, sentence: str, *, wrong: bool = False) -> None:
         """Show one sentence at the foot of the dock."""
@@ -81,6 +98,12 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             section.set_open(i == number)
         self.scroll.ensureWidgetVisible(self.sections[number], 0, 0)
 
+    def close_down(self) -> None:
+        """Stop what is running and let go of the viewer."""
+        self._quiet.stop()
+        self.jobs.close()
+        self.following.stop()
+
     def showEvent(self, event: QShowEvent | None) -> None:  # noqa: N802 - Qt's name
         """Watch the window that the dock is in, to stop work when it closes."""
         super().showEvent(event)
@@ -89,21 +112,35 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
         """Stop what is running when the window closes."""
         if event is not None and event.type() == QEvent.Type.Close:
-            self.jobs.cancel()
+            self.close_down()
         return False
 
     def changeEvent(self, event: QEvent | None) -> None:  # noqa: N802
         """Stop what is running when the dock is taken out of its window."""
         super().changeEvent(event)
         if event is not None and event.type() == QEvent.Type.ParentChange and not self.parent():
-            self.jobs.cancel()
+            self.close_down()
+
+    def dragEnterEvent(self, event: QDragEnterEvent | None) -> None:  # noqa: N802
+        """Accept one file or folder."""
+        if event is not None and len(dropped_paths(event)) == 1:
+            event.acceptProposedAction()
+
+    def dropEvent(self, event: QDropEvent | None) -> None:  # noqa: N802
+        """Open what is dropped on the dock: a recording, phase, or a recipe."""
+        if event is not None:
+            (path,) = dropped_paths(event)
+            event.acceptProposedAction()
+            self.recording.guarded(lambda: self.recording.open_path(path))
 
     def _build(self) -> None:
         column = QVBoxLayout(self)
         column.setContentsMargins(4, 4, 4, 4)
+        column.setSpacing(3)
         inner = QWidget()
         sections = QVBoxLayout(inner)
         sections.setContentsMargins(0, 0, 0, 0)
+        sections.setSpacing(2)
         self.sections: list[Section] = []
         for step in self.steps:
             section = Section(step.title, step)
@@ -121,7 +158,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.progress.setObjectName("progress")
         self.cancel = QPushButton("Cancel")
         self.cancel.setObjectName("cancel")
-        self.cancel.setToolTip("Stop what is running; finished results stay.")
+        self.cancel.setToolTip("Stop what is running within a second; finished results stay.")
         self.cancel.clicked.connect(self._cancel)
         row.addWidget(self.progress)
         row.addWidget(self.cancel)
@@ -138,18 +175,32 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def _listen(self) -> None:
         for step in self.steps:
             step.failed.connect(lambda sentence: self.say(sentence, wrong=True))
+            step.said.connect(self._say_last)
         self.jobs.started.connect(self._started)
         self.jobs.progressed.connect(self._progressed)
         self.jobs.finished.connect(self._finished)
         self.jobs.cancelled.connect(self._cancelled)
         self.jobs.failed.connect(self._failed)
-        self.session.recording_changed.connect(self._recording_opened)
-        self.session.reconstruction_changed.connect(self._reconstructed)
-        self.session.lobes_changed.connect(self._lobes_changed)
-        self.session.outcome_changed.connect(self._unwrapped)
-        self.session.margin_changed.connect(self._margin_shown)
-        self.session.confidence_changed.connect(self._confidence_shown)
-        self.session.scores_changed.connect(self._suggested)
+        self.jobs.idle.connect(self._nothing_runs)
+        session = self.session
+        session.recording_changed.connect(self._recording_opened)
+        session.reconstruction_changed.connect(self._reconstructed)
+        session.lobes_changed.connect(self._lobes_changed)
+        session.outcome_changed.connect(self._unwrapped)
+        for signal in (
+            session.recording_changed,
+            session.lobes_changed,
+            session.reconstruction_changed,
+            session.outcome_changed,
+            session.recipe_changed,
+        ):
+            signal.connect(self._show_states)
+        self._show_states()
+
+    def _show_states(self) -> None:
+        """Say at each heading how far its step is."""
+        for section, state in zip(self.sections, step_states(self.session), strict=True):
+            section.set_state(state)
 
     def _started(self, title: str) -> None:
         self._next_words = ""
@@ -164,7 +215,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             return
         self.progress.setRange(0, total)
         self.progress.setValue(done)
-        self.say(f"{message}: {done} of {total}")
+        left = in_words(self._time_left.seconds(done, total, message))
+        self.say(f"{message}: {done} of {total}{left}")
 
     def _idle(self) -> None:
         self.progress.setVisible(False)
@@ -177,7 +229,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _cancelled(self, title: str) -> None:
         self._idle()
-        self.say(f"{title}: cancelled.")
+        kept = " The finished results are shown." if self._next_words else ""
+        self._next_words = ""
+        self.say(f"{title}: cancelled.{kept}")
 
     def _failed(self, sentence: str) -> None:
         self._idle()
@@ -187,44 +241,52 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._idle()
         self.say(self._next_words or f"{title}: done.")
         self._next_words = ""
-        self._show_spectrum()
+
+    def _nothing_runs(self, failed: str) -> None:
+        """Go on with what is best computed unasked, but not with what has failed."""
+        if failed:
+            self._failed_unasked.append(failed)
+        self._quiet.start()
+
+    def _work_unasked(self) -> None:
+        if self.jobs.busy:
+            return
+        plan = self.session.quiet_plan(self._failed_unasked)
+        if plan is not None:
+            self.jobs.start(plan)
 
     def _recording_opened(self) -> None:
+        self._failed_unasked = []
         if self.session.recording is None:
             return
         # What had to be assumed of the microscope is to be checked first.
         assumed = bool(self.session.recording.notes)
         self._go_on(0 if assumed else 1, "Check the microscope, then find the lobes in step 2.")
-        self._show_spectrum()
-
-    def _show_spectrum(self) -> None:
-        """Compute the spectrum unasked, while nothing else is being done."""
-        waiting = self.session.recording is not None and self.session.spectrum is None
-        if waiting and not self.jobs.running:
-            self.jobs.start(self.session.plan_spectrum())
 
     def _lobes_changed(self) -> None:
-        words = "Drag the circles to correct them, then press Reconstruct in step 3."
-        self._next_words = words if self.jobs.running else ""
-        self.say(words)
+        self._say_last("Drag the circles to correct them, then press Reconstruct in step 3.")
 
     def _reconstructed(self) -> None:
+        self._failed_unasked = []
         self._go_on(3, "Choose a frame in which the object is thin, then press Run.")
 
     def _unwrapped(self) -> None:
         self._go_on(4, "Move the sliders: all results follow.")
 
-    def _margin_shown(self) -> None:
-        self._go_on(4, self.compare.words_on_the_steps())
-
-    def _confidence_shown(self) -> None:
-        self._go_on(4, self.compare.words_on_confidence())
-
-    def _suggested(self) -> None:
-        self._go_on(3, self.unwrap.words_on_the_suggestion())
-
     def _go_on(self, step: int, words: str) -> None:
         """Open the next step and say what to do there, also once a job has ended."""
         self.show_step(step)
+        self._say_last(words)
+
+    def _say_last(self, words: str) -> None:
+        """Say something now, and again when the job that is running has ended."""
         self.say(words)
         self._next_words = words if self.jobs.running else ""
+        if not self.jobs.busy:
+            self._quiet.start()
+
+
+def dropped_paths(event: QDropEvent) -> list[Path]:
+    """Return the files that are being dropped."""
+    data = event.mimeData()
+    return [] if data is None else [Path(url.toLocalFile()) for url in data.urls()]

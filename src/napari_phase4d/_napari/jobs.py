@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -33,6 +34,8 @@ class Jobs(QObject):  # type: ignore[misc]
     started(str), progressed(int, int, str), finished(str), cancelled(str), failed(str)
         What the job is called, how far it is, how it ended. At `finished` the result has already
         been received.
+    idle(str)
+        Nothing runs any more; the title of the work that gives way which failed, or "".
     """
 
     started = Signal(str)
@@ -40,10 +43,13 @@ class Jobs(QObject):  # type: ignore[misc]
     finished = Signal(str)
     cancelled = Signal(str)
     failed = Signal(str)
+    idle = Signal(str)
 
     def __init__(self, parent: QObject | None = None) -> None:
         super().__init__(parent)
         self._worker: FunctionWorker | None = None
+        self._then: Callable[[], None] | None = None
+        self._closed = False
         self._plan: Plan | None = None
         self._stop = threading.Event()
 
@@ -56,8 +62,20 @@ class Jobs(QObject):  # type: ignore[misc]
         """Whether a job is under way that the user waits for."""
         return self._worker is not None and not self._gives_way
 
-    def start(self, plan: Plan) -> None:
+    @property
+    def busy(self) -> bool:
+        """Whether anything is under way, seen or unseen."""
+        return self._worker is not None
+
+    def start(self, plan: Plan, then: Callable[[], None] | None = None) -> None:
         """Start a plan in a thread.
+
+        Parameters
+        ----------
+        plan : Plan
+            The work.
+        then : callable, optional
+            What to do in the window once the result has been received.
 
         Raises
         ------
@@ -89,7 +107,7 @@ class Jobs(QObject):  # type: ignore[misc]
 
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
         worker.returned.connect(lambda _: self._returned(worker, plan, ended))
-        self._worker, self._plan = worker, plan
+        self._worker, self._plan, self._then = worker, plan, then
         if not plan.gives_way:
             self.started.emit(plan.title)
         worker.start()
@@ -101,32 +119,41 @@ class Jobs(QObject):  # type: ignore[misc]
             self._worker = None
             self.cancelled.emit(self._plan.title)
 
+    def close(self) -> None:
+        """Stop what is running and take no result any more: the window closes."""
+        self._closed = True
+        self._stop.set()
+        self._worker = None
+
     def _returned(self, worker: FunctionWorker, plan: Plan, ended: Ended) -> None:
-        if worker is not self._worker:
+        if worker is not self._worker or self._closed:
             return
-        # A result that arrives after Cancel is not wanted any more.
-        if isinstance(ended.error, Cancelled) or self._stop.is_set():
-            self._worker = None
-            if not plan.gives_way:
-                self.cancelled.emit(plan.title)
-            return
+        stopped = isinstance(ended.error, Cancelled) or self._stop.is_set()
+        # A result that arrives after Cancel is not wanted any more, but finished parts are.
+        has_parts = plan.keeps_parts and ended.error is None
         try:
-            if ended.error is not None:
-                raise ended.error
-            plan.receive(ended.result)
+            if not stopped or has_parts:
+                if ended.error is not None:
+                    raise ended.error
+                plan.receive(ended.result)
+                if self._then is not None and not stopped:
+                    self._then()
         except Exception as error:
-            self._failed(worker, error)
+            self._failed(worker, plan, error)
+            return
+        if worker is not self._worker:  # something has begun meanwhile
             return
         self._worker = None
         if not plan.gives_way:
-            self.finished.emit(plan.title)
+            (self.cancelled if stopped else self.finished).emit(plan.title)
+        self.idle.emit("")
 
-    def _failed(self, worker: FunctionWorker, error: Exception) -> None:
+    def _failed(self, worker: FunctionWorker, plan: Plan, error: Exception) -> None:
         if worker is self._worker:
-            silent, self._worker = self._gives_way, None
-            if silent:
-                return
-            self.failed.emit(sentence_of(error))
+            self._worker = None
+            if not plan.gives_way:
+                self.failed.emit(sentence_of(error))
+            self.idle.emit(plan.title if plan.gives_way else "")
 
 
 def sentence_of(error: BaseException) -> str:

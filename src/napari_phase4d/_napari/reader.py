@@ -1,4 +1,4 @@
-"""Opening hologram videos and results by drag and drop or File > Open."""
+"""Opening hologram videos, results and recipes by drag and drop or File > Open."""
 
 from __future__ import annotations
 
@@ -6,16 +6,21 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from napari_phase4d._napari.layers import LayerTuple, hologram_layer, stack_layer
-from napari_phase4d.io import (
-    READABLE_SUFFIXES,
-    open_input,
-    read_results,
+from napari_phase4d._napari.session.opening import open_anything
+from napari_phase4d._napari.viewing.layers import (
+    LayerTuple,
+    hologram_layer,
+    stack_layer,
+    with_recipe,
 )
+from napari_phase4d.io import READABLE_SUFFIXES, read_results
 from napari_phase4d.io.results import is_result
+from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 
 __all__ = ["get_reader"]
+
+RECIPE_SUFFIX = ".json"
 
 
 def get_reader(path: str | list[str]) -> Callable[[Any], list[LayerTuple]] | None:
@@ -23,27 +28,46 @@ def get_reader(path: str | list[str]) -> Callable[[Any], list[LayerTuple]] | Non
     if isinstance(path, list):
         return None if len(path) != 1 else get_reader(path[0])
     file = Path(path)
+    if file.suffix.lower() == RECIPE_SUFFIX:
+        return read if is_recipe(file) else None
     if file.is_dir() or file.suffix.lower() in READABLE_SUFFIXES:
         return read
     return None
 
 
 def read(path: str | list[str]) -> list[LayerTuple]:
-    """Read a hologram video, wrapped phase, or a result that this program wrote."""
+    """Read a hologram video, wrapped phase, a result, or what a recipe names."""
     file = Path(path[0] if isinstance(path, list) else path)
     if file.suffix.lower() in (".tif", ".tiff") and is_result(file):
         stack = read_results(file)
-        return [stack_layer(stack, file.name.removesuffix(".ome.tif"), kind_of(stack.attrs))]
-    opened = open_input(file)
-    if isinstance(opened, Recording):
-        return [hologram_layer(opened)]
-    return [stack_layer(opened, file.stem, "wrapped")]
+        kind = kind_of(stack.attrs)
+        if kind == "wrapped":  # what is made of it can be made again from this file
+            stack = stack.assign_attrs(source=str(file.resolve()))
+        return [stack_layer(stack, file.name.removesuffix(".ome.tif"), kind)]
+    opened = open_anything(file)
+    if isinstance(opened.content, Recording):
+        layer = hologram_layer(opened.content)
+    else:
+        name = Path(str(opened.content.attrs.get("source", file))).stem
+        layer = stack_layer(opened.content, name, "wrapped")
+    return [layer if opened.recipe is None else with_recipe(layer, opened.recipe)]
+
+
+def is_recipe(file: Path) -> bool:
+    """Say whether a file is a recipe of this program."""
+    try:
+        Recipe.from_file(file)
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def kind_of(attrs: dict[Any, Any]) -> str:
     """Return the kind of a result from its attributes."""
     if "of" in attrs:
         return "confidence"
+    if "less" in attrs:
+        return "difference"
     if "method" in attrs:
         return "unwrapped"
     if attrs.get("exact"):

@@ -1,4 +1,4 @@
-"""How good an unwrapping is: errors against truth, and methods side by side."""
+"""How good an unwrapping is, methods side by side, and what they say of the object."""
 
 from napari_phase4d.evaluation.comparison import Comparison, compare
 from napari_phase4d.evaluation.confidence import (
@@ -15,24 +15,37 @@ from napari_phase4d.evaluation.errors import (
 )
 from napari_phase4d.evaluation.figures import comparison_figure, movie_frames, phase_limits
 from napari_phase4d.evaluation.itoh import itoh_margin, order_shares, residues
+from napari_phase4d.evaluation.measures import measure
 from napari_phase4d.evaluation.order import best_known, order_verdict
+from napari_phase4d.evaluation.regions import polygon_mask, region_masks
+from napari_phase4d.evaluation.telling import EXACT, named_results, telling_frames
+from napari_phase4d.evaluation.traces import Traces, difference, traces
 
 __all__ = [
+    "EXACT",
     "REFERENCE",
     "Comparison",
+    "Traces",
     "best_known",
     "compare",
     "comparison_figure",
     "confidence_of",
+    "difference",
     "firmness",
     "itoh_margin",
     "mean_squared_error",
+    "measure",
     "movie_frames",
+    "named_results",
     "order_shares",
     "order_verdict",
     "phase_limits",
+    "polygon_mask",
+    "region_masks",
     "residues",
     "slip_warning",
+    "telling_frames",
+    "traces",
     "unsteadiness",
     "wrong_cycle_map",
     "wrong_cycle_share",

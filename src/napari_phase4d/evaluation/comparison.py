@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -13,7 +13,7 @@ import xarray as xr
 
 from napari_phase4d.evaluation.confidence import REFERENCE, confidence_of, slip_warning
 from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
-from napari_phase4d.evaluation.resources import measured
+from napari_phase4d.evaluation.resources import Measured, measured
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import (
     METHODS,
@@ -26,6 +26,13 @@ from napari_phase4d.unwrapping import (
 
 __all__ = ["Comparison", "compare"]
 
+#: Columns of the table that need truth.
+OF_TRUTH = ("mse_rad2", "wrong_cycles_percent")
+#: Columns of the table, in the order in which they are shown.
+COLUMNS = ("method", "seconds", "peak_mb", "suspicious_percent", *OF_TRUTH)
+#: A pixel is suspicious if it is less likely right than this.
+SUSPICIOUS = 0.5
+
 
 @dataclass(frozen=True)
 class Comparison:
@@ -36,8 +43,10 @@ class Comparison:
     results : mapping of str to DataArray
         Unwrapped phase of each method.
     table : pandas.DataFrame
-        One row a method: its label, seconds, peak memory in MB, and against truth, where given,
-        the mean squared error in rad^2 and the share of pixels wrong by a turn in percent.
+        One row a method: its label, seconds, peak memory in MB; the share of the object's pixels
+        that are suspicious in percent, where asked for with `with_suspicion`; and against truth,
+        where given, the mean squared error in rad^2 and the share of pixels wrong by a turn in
+        percent.
     problem : Problem
         What was unwrapped.
     """
@@ -82,6 +91,63 @@ class Comparison:
         }
         return {method: sentence for method, sentence in said.items() if sentence}
 
+    def against(self, truth: xr.DataArray | Any) -> Comparison:
+        """Return the same results, with the columns of the table that need truth for this one.
+
+        Nothing is unwrapped again.
+
+        Parameters
+        ----------
+        truth : DataArray, array_like or None
+            Exact phase in radians, of the shape of the phase; None removes these columns.
+
+        Raises
+        ------
+        ValueError
+            If the truth has another shape.
+        """
+        exact = as_truth(truth, self.problem)
+        table = self.table.drop(columns=list(OF_TRUTH), errors="ignore")
+        rows = [errors(self.results[str(method)], exact) for method in table.index]
+        return replace(self, table=in_order(table.join(pd.DataFrame(rows, index=table.index))))
+
+    def with_suspicion(self, maps: Mapping[str, xr.DataArray]) -> Comparison:
+        """Return the same results, with the share of suspicious pixels in the table.
+
+        The column ``suspicious_percent`` is the share in percent of the object's pixels whose
+        confidence is below 0.5. The object is what is neither empty field nor left out by a given
+        mask; where no object is found, all usable pixels count.
+
+        Parameters
+        ----------
+        maps : mapping of str to DataArray
+            Method id to what `confidence` gave for it. Methods without a map get NaN; with no map
+            at all the column goes.
+
+        Raises
+        ------
+        ValueError
+            If there is a map of a method that was not compared.
+        """
+        unknown = [method for method in maps if method not in self.results]
+        if unknown:
+            msg = f"there is no result of {unknown[0]!r}; there are {', '.join(self.results)}"
+            raise ValueError(msg)
+        table = self.table.drop(columns="suspicious_percent", errors="ignore")
+        if maps:
+            inside = self.object_mask()
+            shares = {method: suspicious_percent(trust, inside) for method, trust in maps.items()}
+            column = [shares.get(str(method), float("nan")) for method in table.index]
+            table = table.assign(suspicious_percent=column)
+        return replace(self, table=in_order(table))
+
+    def object_mask(self) -> xr.DataArray:
+        """Return what of the usable field is not empty, in the form of the phase."""
+        # Not ``problem.mask``: it depends on which methods have run.
+        usable = self.problem.usable
+        inside = usable & ~self.problem.background().mask
+        return self.problem.result(inside if inside.any() else usable, "object", {"units": "1"})
+
     def _level(self) -> xr.DataArray:
         """Return the phase of the empty field of every frame, in the form of the phase."""
         level = border_medians(self.problem.background().level, self.problem.first)
@@ -100,6 +166,7 @@ def compare(
     options: Mapping[str, Mapping[str, Any]] | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
+    finished: Callable[[str, Comparison], None] | None = None,
 ) -> Comparison:
     """Unwrap with several methods and put the figures next to each other.
 
@@ -109,12 +176,19 @@ def compare(
         Wrapped phase in radians, see `unwrap`.
     methods : sequence of str, optional
         Ids among `METHODS`. Default: all.
-    boundary, mask, amplitude, progress, cancelled
+    boundary, mask, amplitude, cancelled
         See `unwrap`.
     truth : DataArray or array_like, optional
         Exact phase of the same shape.
     options : mapping, optional
         Method id to the options of that method.
+    progress : callable, optional
+        ``progress(done, total, message)`` after each step of a method; the message begins with
+        the method and how many there are, such as "T/A (4 of 6): ".
+    finished : callable, optional
+        ``finished(method, comparison)`` after each method, with all results so far, so that they
+        are not lost if the rest is cancelled or fails. They may be looked at straight away;
+        the methods of that comparison that compute have to wait until `compare` has ended.
 
     Returns
     -------
@@ -135,27 +209,59 @@ def compare(
         check_method(method, options.get(method, {}))
     problem = Problem(phase, boundary, mask, amplitude)
     exact = as_truth(truth, problem)
-    results: dict[str, xr.DataArray] = {}
-    rows = []
-    for method in chosen:
-        chosen_options = options.get(method, {})
-        shared = dict(problem.seconds)
-        problem.used.clear()
-        run = partial(run_method, problem, method, progress, cancelled, chosen_options)
-        cost = measured(run)
-        shared_seconds = sum(shared.get(step, 0.0) for step in problem.used)
-        results[method] = cost.result
-        rows.append(
-            {
-                "method": label_of(method, chosen_options),
-                "seconds": cost.seconds + shared_seconds,
-                "peak_mb": cost.peak_mb,
-                **errors(cost.result, exact),
-            }
-        )
-    problem.forget("field")  # as large as many results, and of no more use
-    table = pd.DataFrame(rows, index=pd.Index(chosen, name="id"))
-    return Comparison(results, table, problem)
+    so_far = Comparison({}, table_of({}), problem)
+    rows: dict[str, dict[str, Any]] = {}
+    try:
+        for place, method in enumerate(chosen, 1):
+            own_options = options.get(method, {})
+            label = label_of(method, own_options)
+            report = named(progress, f"{label} ({place} of {len(chosen)})")
+            cost = cost_of(problem, method, report, cancelled, own_options)
+            rows[method] = row_of(label, cost, exact)
+            so_far = Comparison({**so_far.results, method: cost.result}, table_of(rows), problem)
+            if finished is not None:
+                finished(method, so_far)
+    finally:
+        problem.forget("field")  # as large as many results, and of no more use
+    return so_far
+
+
+def named(progress: ProgressCall | None, name: str) -> ProgressCall | None:
+    """Let every message begin with a name."""
+    if progress is None:
+        return None
+    return lambda done, total, message: progress(done, total, f"{name}: {message}")
+
+
+def cost_of(
+    problem: Problem,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> Measured[xr.DataArray]:
+    """Run one method, and count the time of the shared steps that others have done for it."""
+    shared = dict(problem.seconds)
+    problem.used.clear()
+    cost = measured(partial(run_method, problem, method, progress, cancelled, options))
+    shared_seconds = sum(shared.get(step, 0.0) for step in problem.used)
+    return replace(cost, seconds=cost.seconds + shared_seconds)
+
+
+def row_of(label: str, cost: Measured[xr.DataArray], truth: xr.DataArray | None) -> dict[str, Any]:
+    """Return what the table says of one result."""
+    own = {"method": label, "seconds": cost.seconds, "peak_mb": cost.peak_mb}
+    return own | errors(cost.result, truth)
+
+
+def table_of(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
+    """Return a table of one row a method."""
+    return pd.DataFrame(list(rows.values()), index=pd.Index(list(rows), name="id"))
+
+
+def in_order(table: pd.DataFrame) -> pd.DataFrame:
+    """Put the columns of a table into the order in which they are shown."""
+    return table[[name for name in COLUMNS if name in table.columns]]
 
 
 def as_truth(truth: xr.DataArray | Any, problem: Problem) -> xr.DataArray | None:
@@ -181,3 +287,12 @@ def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]
         "mse_rad2": mean_squared_error(result, truth),
         "wrong_cycles_percent": 100 * wrong_cycle_share(result, truth),
     }
+
+
+def suspicious_percent(confidence: xr.DataArray, inside: xr.DataArray) -> float:
+    """Return the share in percent of the pixels inside that are more likely wrong than right."""
+    trust = confidence.transpose(*inside.dims).values
+    count = np.count_nonzero(inside.values)
+    if count == 0:
+        return float("nan")
+    return 100 * np.count_nonzero((trust < SUSPICIOUS) & inside.values) / count

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import math
+import textwrap
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -12,14 +15,22 @@ from numpy.typing import NDArray
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
 
 __all__ = ["comparison_figure", "movie_frames", "phase_limits"]
 
 #: Inches that one picture takes.
 CELL = 1.7
-#: Pixels of a movie an inch.
-MOVIE_DPI = 100
 COLOURS = "turbo"
+#: Pixels of a movie an inch; a power of two, so that sizes in pixels are exact.
+MOVIE_DPI = 128
+#: Inches that one picture of a movie takes at least and at most, and all of them about.
+SMALLEST, LARGEST, ALL = 1.4, 2.4, (10.0, 8.0)
+#: Inches of a movie: between pictures, below them, of a line of words, of the angles at the left
+#: and of the colour bar at the right.
+GAP, FOOT, LINE, ANGLES, BAR = 0.06, 0.12, 0.19, 0.55, 0.95
+#: Words in SVG and PDF stay words, so that they can be found and changed.
+WORDS = {"svg.fonttype": "none", "pdf.fonttype": 42}
 
 
 def comparison_figure(
@@ -38,7 +49,7 @@ def comparison_figure(
     frames : sequence of (int, int)
         (time, angle) numbers of the frames to show.
     path : str or Path, optional
-        Where to save it; the ending chooses the format.
+        Where to save it; the ending, such as ``.png``, ``.svg`` or ``.pdf``, chooses the format.
     limits : tuple of float, optional
         Phase in radians at the ends of the colour scale; default: all that is shown.
 
@@ -47,6 +58,7 @@ def comparison_figure(
     matplotlib.figure.Figure
         All pictures on one colour scale.
     """
+    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     first = next(iter(columns.values()))
@@ -70,66 +82,172 @@ def comparison_figure(
                 axis.set_ylabel(label, fontsize=8)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
     if path is not None:
-        figure.savefig(path, dpi=150)
+        with rc_context(WORDS):
+            figure.savefig(path, dpi=150)
     return figure
 
 
-def movie_frames(
-    stack: xr.DataArray, title: str, limits: tuple[float, float]
-) -> Iterator[NDArray[np.uint8]]:
-    """Draw a stack over time, all viewing angles next to each other.
+@dataclass(frozen=True)
+class Grid:
+    """Where the pictures of a movie lie; lengths in inches, shares from the lower left corner.
 
     Parameters
     ----------
-    stack : xarray.DataArray
-        Phase (time, angle, y, x) in radians.
-    title : str
-        What it shows.
+    n_columns, n_rows : int
+        Number of pictures across and down.
+    cell : tuple of float
+        Width and height of one picture.
+    size : tuple of float
+        Width and height of the whole, an even number of pixels, as movies need it.
+    """
+
+    n_columns: int
+    n_rows: int
+    cell: tuple[float, float]
+    size: tuple[float, float]
+
+    @classmethod
+    def of(cls, n_columns: int, n_rows: int, aspect: float, head: float) -> Grid:
+        """Return a grid of pictures ``aspect`` times as high as wide, below ``head`` inches."""
+        width = min(ALL[0] / n_columns, ALL[1] / n_rows / aspect)
+        width = min(max(width, SMALLEST), LARGEST)
+        height = width * aspect
+        whole = (
+            ANGLES + n_columns * (width + GAP) + BAR,
+            head + n_rows * (height + GAP) + FOOT,
+        )
+        across, down = (2 * math.ceil(side * MOVIE_DPI / 2) / MOVIE_DPI for side in whole)
+        return cls(n_columns, n_rows, (width, height), (across, down))
+
+    def place(self, row: int, column: int) -> tuple[float, float, float, float]:
+        """Return left, bottom, width and height of a picture, as shares of the whole."""
+        width, height = self.cell
+        left = ANGLES + column * (width + GAP)
+        bottom = FOOT + (self.n_rows - 1 - row) * (height + GAP)
+        across, down = self.size
+        return left / across, bottom / down, width / across, height / down
+
+    def bar(self) -> tuple[float, float, float, float]:
+        """Return where the colour bar lies: right of the pictures, as high as one to three."""
+        left, bottom, width, height = self.place(self.n_rows - 1, self.n_columns - 1)
+        across, down = self.size
+        left += width + 2 * GAP / across
+        whole = self.n_rows * height + (self.n_rows - 1) * GAP / down
+        tall = min(whole, 3 * height)
+        return left, bottom + (whole - tall) / 2, 0.12 / across, tall
+
+
+def movie_frames(
+    columns: Mapping[str, xr.DataArray], limits: tuple[float, float], *, title: str = ""
+) -> Iterator[NDArray[np.uint8]]:
+    """Draw stacks over time: one column a stack, one row a viewing angle.
+
+    Parameters
+    ----------
+    columns : mapping of str to DataArray
+        Name to phase (time, angle, y, x) in radians, each with the same times and as many angles.
+        Pixels that are NaN stay white.
     limits : tuple of float
         Phase in radians at the ends of the colour scale.
+    title : str, optional
+        What it shows, to stand before the time.
 
     Yields
     ------
     ndarray of uint8, shape (height, width, 3)
-        One picture a time.
+        One picture a time; height and width are even. The angle of a row stands at its left if
+        it is that of all columns.
+
+    Raises
+    ------
+    ValueError
+        If there are no stacks, or they differ in their number of times or angles.
     """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    n_angles = stack.sizes["angle"]
-    figure = Figure(figsize=(CELL * n_angles + 1.0, CELL + 0.7), dpi=MOVIE_DPI)
+    stacks = checked_stacks(columns)
+    figure, images = movie_figure(list(columns), stacks, limits)
     canvas = FigureCanvasAgg(figure)
-    axes = figure.subplots(1, n_angles, squeeze=False)[0]
-    figure.subplots_adjust(left=0.01, right=0.86, top=0.72, bottom=0.03, wspace=0.05)
-    images = []
-    for a, axis in enumerate(axes):
-        axis.set_axis_off()
-        axis.set_title(f"{float(stack['angle'][a]):g}°", fontsize=9)
-        frame = stack.values[0, a]
-        images.append(
-            axis.imshow(
-                frame, vmin=limits[0], vmax=limits[1], cmap=COLOURS, extent=extent_of(stack)
-            )
-        )
-    bar = figure.add_axes((0.88, 0.08, 0.02, 0.6))
-    figure.colorbar(images[-1], cax=bar, label="rad")
-    heading = figure.suptitle("", fontsize=10, animated=True)
+    top = 1 - 0.4 * LINE / figure.get_size_inches()[1]
+    heading = figure.suptitle("", fontsize=10, y=top, animated=True)
     canvas.draw()
     # What stays the same is drawn once.
     still = canvas.copy_from_bbox(figure.bbox)
-    for t in range(stack.sizes["time"]):
+    for t in range(stacks[0].sizes["time"]):
         canvas.restore_region(still)
-        heading.set_text(f"{title}, {time_label(stack, t)}")
+        words = (title, time_label(stacks[0], t))
+        heading.set_text(", ".join(word for word in words if word))
         figure.draw_artist(heading)
-        for a, image in enumerate(images):
-            image.set_data(stack.values[t, a])
-            axes[a].draw_artist(image)
+        for image, frames in images:
+            image.set_data(frames[t])
+            figure.draw_artist(image)
         yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
 
 
+def movie_figure(
+    names: Sequence[str], stacks: Sequence[xr.DataArray], limits: tuple[float, float]
+) -> tuple[Figure, list[tuple[AxesImage, NDArray[np.float32]]]]:
+    """Return what a movie shows all the time, and every moving picture with its frames."""
+    from matplotlib.figure import Figure
+
+    titles = [textwrap.fill(name, 18) for name in names]
+    lines = 1.6 + max(title.count("\n") + 1 for title in titles)
+    _, x_end, y_end, _ = extent_of(stacks[0])
+    aspect = min(max(y_end / x_end, 0.3), 3.0)
+    grid = Grid.of(len(stacks), stacks[0].sizes["angle"], aspect, lines * LINE)
+    figure = Figure(figsize=grid.size, dpi=MOVIE_DPI)
+    images = []
+    for row in range(grid.n_rows):
+        for column, stack in enumerate(stacks):
+            axis = figure.add_axes(grid.place(row, column))
+            axis.set_axis_off()
+            axis.set_title(titles[column] if row == 0 else "", fontsize=9, pad=3)
+            image = axis.imshow(
+                stack.values[0, row],
+                vmin=limits[0],
+                vmax=limits[1],
+                cmap=COLOURS,
+                extent=extent_of(stack),
+                animated=True,
+            )
+            images.append((image, stack.values[:, row]))
+        left, bottom, _, height = grid.place(row, 0)
+        left -= GAP / grid.size[0]
+        label = angle_label(stacks, row)
+        figure.text(left, bottom + height / 2, label, fontsize=9, ha="right", va="center")
+    figure.colorbar(image, cax=figure.add_axes(grid.bar()), label="phase (rad)")
+    return figure, images
+
+
+def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
+    """Return the stacks of a movie, or say why they can't stand next to each other."""
+    if not columns:
+        msg = "there are no stacks to show; give at least one"
+        raise ValueError(msg)
+    stacks = [stack.transpose("time", "angle", "y", "x") for stack in columns.values()]
+    first = next(iter(columns))
+    for name, stack in zip(columns, stacks, strict=True):
+        if stack.shape[:2] != stacks[0].shape[:2]:
+            msg = (
+                f"{name} has {stack.shape[0]} times and {stack.shape[1]} angles, but {first} has "
+                f"{stacks[0].shape[0]} and {stacks[0].shape[1]}; show them in movies of their own"
+            )
+            raise ValueError(msg)
+    return stacks
+
+
+def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
+    """Return the angle of a row, or nothing where the stacks have different ones."""
+    angles = {float(stack["angle"][row]) for stack in stacks}
+    return f"{angles.pop():g}°" if len(angles) == 1 else ""
+
+
 def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
-    """Return the range of phase of several pictures, without a few extreme pixels."""
+    """Return the range of phase of several pictures, without a few extreme pixels and NaN."""
     shown = np.concatenate([np.ravel(s) for s in stacks])
+    shown = shown[np.isfinite(shown)]
+    if not shown.size:
+        return -np.pi, np.pi
     low, high = (float(v) for v in np.quantile(shown, (0.001, 0.9995)))
     return low, high
 

@@ -2,7 +2,9 @@
 
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.finding import find_lobes
-from napari_phase4d.holography.lobes import Lobe, lobe_warnings, pair_distance
+from napari_phase4d.holography.lobes import Lobe, pair_distance
+from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
+from napari_phase4d.holography.preview import Preview
 from napari_phase4d.holography.reconstruction import (
     BACKGROUND_ORDERS,
     recalibrated,
@@ -16,10 +18,13 @@ __all__ = [
     "WINDOWS",
     "Demodulator",
     "Lobe",
+    "Preview",
+    "StrayTerm",
     "find_lobes",
     "lobe_warnings",
     "pair_distance",
     "power_spectrum",
     "recalibrated",
     "reconstruct",
+    "stray_terms",
 ]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.windows import WINDOWS, window_reach
 
-__all__ = ["Demodulator"]
+__all__ = ["Demodulator", "half_spectrum"]
 
 #: The grey level is taken from every so manieth row and column.
 LEVEL_STEP = 16
@@ -87,7 +87,6 @@ class Demodulator:
         )
         held = [half_columns(self._frequencies(lobe)[1], self.shape[1]) for lobe in lobes]
         self._columns: Indices = np.unique([columns for columns, _ in held])
-        self._copies = runs(np.arange(len(self._columns)), self._columns)
         self._cuts = [self._cut(lobe, window) for lobe in lobes]
 
     def __call__(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
@@ -106,7 +105,32 @@ class Demodulator:
         if frame.shape != self.shape:
             msg = f"the frame is {frame.shape} pixels, but the lobes are set for {self.shape}"
             raise ValueError(msg)
-        spectrum = scipy.fft.fft(self._transformed_rows(frame), axis=0, overwrite_x=True)
+        return self._cut_out(transformed_columns(frame, self._columns))
+
+    def from_half_spectrum(self, half: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return the fields of all views of a frame that has been transformed already.
+
+        Parameters
+        ----------
+        half : ndarray of shape (y, x // 2 + 1)
+            What `half_spectrum` returns; it stays as it is.
+
+        Returns
+        -------
+        ndarray of shape (view, y, x)
+            complex64, the same numbers as from the frame.
+        """
+        expected = (self.shape[0], self.shape[1] // 2 + 1)
+        if half.shape != expected:
+            msg = f"the half spectrum is {half.shape} pixels, but the lobes need {expected}"
+            raise ValueError(msg)
+        spectrum = np.empty((self.shape[0], len(self._columns)), dtype=np.complex64)
+        for place, source in runs(np.arange(len(self._columns)), self._columns):
+            spectrum[:, place] = half[:, source]
+        return self._cut_out(spectrum)
+
+    def _cut_out(self, spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return the fields from the columns that hold lobes."""
         if self._columns[0] == 0:
             spectrum[0, 0] = 0  # the mean grey value is no part of any fringes
         fields = np.empty((len(self._cuts), *self.output_shape), dtype=np.complex64)
@@ -121,23 +145,6 @@ class Demodulator:
             if cut.flip:
                 np.conjugate(field, out=field)
         return fields
-
-    def _transformed_rows(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
-        """Return the transform along x, of which only the columns with lobes are kept."""
-        height, width = self.shape
-        kept = np.empty((height, len(self._columns)), dtype=np.complex64)
-        buffer = np.empty((min(BLOCK_ROWS, height), width), dtype=np.float32)
-        # Next to a large mean, single precision would lose weak fringes.
-        level = np.float32(frame[::LEVEL_STEP, ::LEVEL_STEP].mean(dtype=np.float64))
-        for top in range(0, height, BLOCK_ROWS):
-            rows = slice(top, min(top + BLOCK_ROWS, height))
-            grey = buffer[: rows.stop - top]
-            grey[:] = frame[rows]
-            grey -= level
-            half = scipy.fft.rfft(grey, axis=1, overwrite_x=True)
-            for place, source in self._copies:
-                kept[rows, place] = half[:, source]
-        return kept
 
     def _frequencies(self, lobe: Lobe) -> tuple[Indices, Indices]:
         """Return the rows and columns of the full spectrum that a lobe's block holds."""
@@ -168,6 +175,43 @@ class Demodulator:
                 for y, from_y in runs(np.arange(len(rows)), opposite):
                     pieces.append(((y, x), (from_y, from_x)))
         return Cut(pieces, factors, np.outer(*ramps).astype(np.complex64), lobe.flip)
+
+
+def half_spectrum(frame: NDArray[np.generic]) -> NDArray[np.complex64]:
+    """Return the Fourier transform of a frame on the half plane kx >= 0, less its grey level.
+
+    Parameters
+    ----------
+    frame : ndarray of shape (y, x)
+        Grey values of any real type; it is best to leave integers as they are.
+
+    Returns
+    -------
+    ndarray of shape (y, x // 2 + 1)
+        complex64, in the order of `scipy.fft.rfft2`. Only its value at zero frequency depends on
+        which level was taken off.
+    """
+    return transformed_columns(frame, np.arange(frame.shape[1] // 2 + 1))
+
+
+def transformed_columns(frame: NDArray[np.generic], columns: Indices) -> NDArray[np.complex64]:
+    """Return some columns of the transform of a frame, less its grey level."""
+    height, width = frame.shape
+    kept = np.empty((height, len(columns)), dtype=np.complex64)
+    copies = runs(np.arange(len(columns)), columns)
+    buffer = np.empty((min(BLOCK_ROWS, height), width), dtype=np.float32)
+    # Next to a large mean, single precision would lose weak fringes.
+    level = np.float32(frame[::LEVEL_STEP, ::LEVEL_STEP].mean(dtype=np.float64))
+    for top in range(0, height, BLOCK_ROWS):
+        rows = slice(top, min(top + BLOCK_ROWS, height))
+        grey = buffer[: rows.stop - top]
+        grey[:] = frame[rows]
+        grey -= level
+        half = scipy.fft.rfft(grey, axis=1, overwrite_x=True)
+        for place, source in copies:
+            kept[rows, place] = half[:, source]
+    spectrum: NDArray[np.complex64] = scipy.fft.fft(kept, axis=0, overwrite_x=True)
+    return spectrum
 
 
 def half_columns(columns: Indices, width: int) -> tuple[Indices, NDArray[np.bool_]]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -10,8 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lobe", "lobe_warnings", "pair_distance"]
-
+__all__ = ["Lobe", "pair_distance"]
 
 #: (ky, kx) in cycles per pixel.
 Frequency = Sequence[float] | NDArray[np.float64]
@@ -85,47 +83,3 @@ def canonical(carrier: Sequence[float], tolerance: float = 1e-9) -> tuple[float,
     if kx < -tolerance or (abs(kx) <= tolerance and ky < 0):
         return -ky, -kx
     return ky, kx
-
-
-def lobe_warnings(lobes: Sequence[Lobe], zero_order_radius: float = 0.0) -> list[str]:
-    """Say in words where lobes overlap each other, a conjugate, a beat or the zero order.
-
-    Parameters
-    ----------
-    lobes : sequence of Lobe
-        The chosen lobes.
-    zero_order_radius : float, optional
-        Radius of the zero order in cycles per pixel.
-
-    Returns
-    -------
-    list of str
-        One sentence for each overlap; empty if all is well.
-    """
-    found = []
-    for i, lobe in enumerate(lobes, start=1):
-        if lobe.distance < lobe.radius + zero_order_radius:
-            found.append(f"View {i} overlaps the zero order; make its circle smaller.")
-        conjugate = wrapped_distance(lobe.carrier, [-k for k in lobe.carrier])
-        if conjugate < 2 * lobe.radius:
-            found.append(f"View {i} overlaps its own conjugate; make its circle smaller.")
-    for (i, a), (j, b) in itertools.combinations(enumerate(lobes, start=1), 2):
-        if a.angle_deg == b.angle_deg:
-            found.append(f"Views {i} and {j} have one angle; all views will be numbered instead.")
-        if pair_distance(a.carrier, b.carrier) < a.radius + b.radius:
-            found.append(f"Views {i} and {j} overlap; make their circles smaller.")
-    return found + beat_warnings(lobes)
-
-
-def beat_warnings(lobes: Sequence[Lobe]) -> list[str]:
-    """Say where the interference of two sample beams with each other falls on a third view."""
-    found = []
-    for (i, a), (j, b) in itertools.combinations(enumerate(lobes, start=1), 2):
-        beat = np.subtract(a.carrier, b.carrier)
-        for n, lobe in enumerate(lobes, start=1):
-            if n not in (i, j) and pair_distance(beat, lobe.carrier) < lobe.radius:
-                found.append(
-                    f"View {n} lies where views {i} and {j} interfere with each other; "
-                    "it may be no view of its own."
-                )
-    return found

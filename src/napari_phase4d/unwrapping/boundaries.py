@@ -82,7 +82,7 @@ def score_boundaries(
             kept = known.usable[frame] & (known.wrapped[frame] != 0)
             other = np.where(kept, known.wrapped[frame] - level[frame], np.nan)
         return score_of(
-            problem.wrapped[frame], problem.usable[frame], background.mask[frame], other
+            problem.wrapped[frame], problem.usable[frame], background.mask[frame], other, cancelled
         )
 
     found = np.array(list(in_threads(score, frames, watch))).reshape(*shape[:2], 2)
@@ -109,7 +109,11 @@ def first_boundary(known: Problem | None) -> tuple[int, int]:
 
 
 def score_of(
-    wrapped: Frame, usable: Mask, empty: Mask, reference: NDArray[np.floating] | None
+    wrapped: Frame,
+    usable: Mask,
+    empty: Mask,
+    reference: NDArray[np.floating] | None,
+    cancelled: CancelledCall | None = None,
 ) -> tuple[float, float]:
     """Return the score of one frame, from 0 to 1, and the share on which both agree.
 
@@ -122,7 +126,8 @@ def score_of(
     spatial = relative(unwrap_frame(wrapped, usable)[0], empty)
     other = reference
     if other is None:
-        other = relative(unwrap(wrapped, "directional-growing", mask=usable).values, empty)
+        grown = unwrap(wrapped, "directional-growing", mask=usable, cancelled=cancelled)
+        other = relative(grown.values, empty)
     turns = np.round((other - spatial) / TURN)[inside]
     turns = turns[np.isfinite(turns)]
     if not turns.size:

@@ -1,115 +1,199 @@
-"""Step 5: look at the results side by side and save them."""
+"""Step 5: look at the results side by side, measure and save them."""
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import Any
 
-from qtpy.QtWidgets import (
-    QAbstractItemView,
-    QFileDialog,
-    QHBoxLayout,
-    QHeaderView,
-    QTableWidget,
-    QTableWidgetItem,
-)
+import numpy as np
+import xarray as xr
+from magicgui.widgets import ComboBox
+from napari.layers import Image
 
-from napari_phase4d._napari.session import Plan
+from napari_phase4d._napari.session import plan_confidence, plan_margin
+from napari_phase4d._napari.steps.figures import FiguresPart
+from napari_phase4d._napari.steps.measure import MeasurePart
+from napari_phase4d._napari.steps.share import SharePart
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.evaluation import best_known, order_verdict
-from napari_phase4d.pipeline import write_outcome
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d._napari.steps.trace import TracePart
+from napari_phase4d._napari.viewing.layers import METADATA_KEY
+from napari_phase4d._napari.viewing.sources import stack_of_layer
+from napari_phase4d._napari.widgets.low_tabs import LowTabs
+from napari_phase4d.evaluation import EXACT, best_known, order_verdict
 
 __all__ = ["CompareStep"]
 
-
-#: Columns of the table: heading and what it means.
-COLUMNS = {
-    "method": ("method", "The unwrapping method."),
-    "seconds": ("s", "Seconds, the shared two-dimensional step included."),
-    "peak_mb": ("MB", "Largest memory at one time, in megabytes."),
-    "mse_rad2": ("MSE rad²", "Mean squared error against the exact phase."),
-    "wrong_cycles_percent": ("wrong %", "Pixels that are off by at least one cycle."),
-}
+NONE, KNOWN = "none", "known with the sample"
+NO_DIFFERENCE = "less …"
 
 
 class CompareStep(Step):
-    """Grid, table, save."""
+    """Grid, table, traces, measuring, saving."""
 
-    title = "5  Compare"
-    purpose = "All results share sliders and contrast. Differences between methods are errors."
+    title = "5  Compare and measure"
+    purpose = "All results share sliders and contrast. Where they differ, at least one is wrong."
 
     def build(self) -> None:
         """Make the widgets."""
-        row = QHBoxLayout()
+        self._build_views()
+        self.tabs = LowTabs()
+        self.tabs.setObjectName("compare_tabs")
+        parts = (self.session, self.jobs, self.presenter)
+        self.figures = FiguresPart(*parts)
+        self.trace = TracePart(*parts)
+        self.measuring = MeasurePart(*parts)
+        self.share = SharePart(*parts)
+        for part in (self.figures, self.trace, self.measuring, self.share):
+            part.failed.connect(self.failed)
+            part.said.connect(self.said)
+            self.tabs.addTab(part, part.title)
+            self.tabs.setTabToolTip(self.tabs.count() - 1, part.summary)
+        self.column.addWidget(self.tabs)
+        self.session.outcome_changed.connect(self._show_choices)
+        self.session.recording_changed.connect(self._show_choices)
+        self.session.reconstruction_changed.connect(self._show_choices)
+
+    def _build_views(self) -> None:
         self.side_by_side = self.button(
             "Side by side",
             "side_by_side",
             "The newest result of every method in a grid.",
             self.presenter.side_by_side,
         )
-        self.single = self.button(
-            "One at a time", "one_at_a_time", "Leave the grid.", self.presenter.one_at_a_time
+        self.leave = self.button(
+            "Leave the grid",
+            "leave_grid",
+            "Show again what was shown before.",
+            self.presenter.leave_grid,
         )
-        row.addWidget(self.side_by_side)
-        row.addWidget(self.single)
-        self.column.addLayout(row)
-        self.table = QTableWidget(0, 0)
-        self.table.setObjectName("result_table")
-        self.table.verticalHeader().setVisible(False)
-        self.table.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
-        self.column.addWidget(self.table)
-        self.margin = self.button(
-            "Where are steps too large?",
-            "show_margin",
-            "Maps of the step to the next time, angle, y and x, in half cycles: where it is "
-            "red, the step is too large for unwrapping along that dimension.",
-            lambda: self.jobs.start(self.session.plan_margin()),
+        self.wrapped = self.button(
+            "Wrapped", "show_wrapped", "The wrapped phase alone.", self.presenter.show_wrapped
         )
-        self.column.addWidget(self.margin)
         self.confidence = self.button(
-            "How far to trust them?",
+            "Trust",
             "show_confidence",
-            "Maps of each result's chance to be right, from 0 to 1: dark where it is more likely "
-            "off by a cycle.",
-            lambda: self.jobs.start(self.session.plan_confidence()),
+            "How far to trust: maps of each result's chance to be right, from 0 to 1. Dark is to "
+            "be trusted, yellow is more likely off by a cycle.",
+            self.show_confidence,
         )
-        self.column.addWidget(self.confidence)
-        self.save = self.button(
-            "Save results…",
-            "save_results",
-            "OME-TIFF of every result, table and recipe, into a folder.",
-            self._ask_folder,
+        self.margin = self.button(
+            "Steps",
+            "show_margin",
+            "Where steps are too large: maps of the step to the next time, angle, y and x, in "
+            "half cycles. Where it is red, unwrapping along that dimension goes wrong.",
+            self.show_margin,
         )
-        self.column.addWidget(self.save)
-        self._fit_table()
-        self.session.recording_changed.connect(self._clear)
-        self.session.reconstruction_changed.connect(self._clear)
-        self.session.outcome_changed.connect(self._show)
-        self.session.confidence_changed.connect(self._show_warnings)
+        self.column.addLayout(self.row(self.side_by_side, self.leave))
+        self.difference = self.watched(
+            ComboBox(
+                name="difference",
+                choices=[NO_DIFFERENCE],
+                tooltip="Each result less this one, in radians, side by side.",
+            )
+        )
+        self.when_changed(self.difference, self._show_difference)
+        self.truth = self.watched(
+            ComboBox(
+                name="truth",
+                choices=lambda _: self._truth_choices(),
+                value=NONE,
+                tooltip="Layer with the exact phase, on the same grid, to count errors against.",
+            )
+        )
+        self.when_changed(self.truth, self._take_truth)
+        self.column.addLayout(
+            self.row(self.wrapped, self.confidence, self.margin, self.difference.native)
+        )
+        self.column.addLayout(self.row(self.label("Truth"), self.truth.native))
 
-    def save_to(self, folder: str | Path) -> None:
-        """Write all results into a folder, in a thread."""
-        outcome = self.session.needed_outcome()
+    def frame_changed(self) -> None:
+        """Follow the sliders."""
+        self.trace.frame_changed()
 
-        def work(
-            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-        ) -> list[Path]:
-            return write_outcome(outcome, folder, progress, cancelled)
+    def cursor_moved(self) -> None:
+        """Follow the mouse."""
+        self.trace.cursor_moved()
 
-        self.jobs.start(Plan(f"Saving to {folder}", work, lambda _: None))
+    def reset_choices(self) -> None:
+        """Look for layers again."""
+        with self.own_change():
+            self.truth.reset_choices()
+        self.measuring.reset_choices()
 
-    def _ask_folder(self) -> None:
+    def show_confidence(self) -> None:
+        """Show how far to trust each result; it may have to be computed first."""
         self.session.needed_outcome()
-        folder = QFileDialog.getExistingDirectory(self, "Folder for the results")
-        if folder:
-            self.save_to(folder)
+        if self.session.confidence:
+            self._confidence_known()
+        else:
+            self.jobs.start(plan_confidence(self.session), then=self._confidence_known)
+
+    def _confidence_known(self) -> None:
+        self.presenter.show_confidence()
+        self.said.emit(self.words_on_confidence())
+
+    def show_margin(self) -> None:
+        """Show where steps are too large."""
+        self.jobs.start(plan_margin(self.session), then=self._margin_known)
+
+    def _margin_known(self) -> None:
+        self.presenter.show_margin()
+        self.said.emit(self.words_on_the_steps())
+
+    def _show_difference(self) -> None:
+        chosen = self.difference.value
+        if chosen != NO_DIFFERENCE:
+            with self.own_change():
+                self.difference.value = NO_DIFFERENCE
+            self.presenter.show_difference(self._references()[chosen])
+
+    def _references(self) -> dict[str, str]:
+        """Return what differences can be taken to: words on screen -> method id."""
+        if self.session.outcome is None:
+            return {}
+        labels = self.session.outcome.comparison.table["method"]
+        found = {f"less {labels[m]}": m for m in self.session.results}
+        if self.session.truth is not None:
+            found[f"less {EXACT}"] = EXACT
+        return found
+
+    def _truth_choices(self) -> list[Any]:
+        """Return what may be the exact phase of what is shown."""
+        data = self.session.reconstruction
+        choices: list[Any] = [NONE]
+        if data is None:
+            return choices
+        if self.session.known_truth is not None:
+            choices.append(KNOWN)
+        own = (la for la in self.presenter.viewer.layers if isinstance(la, Image))
+        return choices + [la for la in own if la.data.shape == data["phase"].shape]
+
+    def _take_truth(self) -> None:
+        """Count errors against the chosen layer."""
+        chosen = self.truth.value
+        if chosen in (NONE, KNOWN):
+            self.session.set_truth(self.session.known_truth if chosen == KNOWN else None)
+        else:
+            phase = self.session.needed_reconstruction()["phase"]
+            self.session.set_truth(stack_like(chosen, phase))
+        self._show_choices()
+
+    def _show_choices(self) -> None:
+        with self.own_change():
+            self.difference.choices = [NO_DIFFERENCE, *self._references()]
+            self.difference.value = NO_DIFFERENCE
+            self.truth.reset_choices()
+            known = self.session.known_truth
+            if self.session.truth is None:
+                self.truth.value = NONE
+            elif known is not None and self.session.truth is known:
+                self.truth.value = KNOWN
 
     def words_on_the_steps(self) -> str:
         """Say along which dimensions steps are too large, and which order suits the object."""
         if self.session.margin is None:
             return ""
         outcome, truth = self.session.outcome, self.session.truth
-        results = {} if outcome is None else outcome.comparison.results
+        results = self.session.results
         boundary = self.session.recipe.boundary if outcome is None else outcome.recipe.boundary
         _, basis = best_known(results, truth)
         shares = ", ".join(
@@ -124,48 +208,25 @@ class CompareStep(Step):
         maps, warnings = self.session.confidence, self.session.warnings
         if not maps:
             return ""
-        labels = self.session.needed_outcome().comparison.table["method"]
-        doubtful = {m: 100 * float((c.values < 0.5).mean()) for m, c in maps.items()}
-        shares = ", ".join(f"{labels[m]} {share:.2g} %" for m, share in doubtful.items())
-        said = ""
+        said = "Dark is to be trusted, yellow more likely a cycle off; the table says how much."
         if warnings:
+            labels = self.session.needed_outcome().comparison.table["method"]
             slipped = ", ".join(labels[m] for m in warnings)
-            said = f" Whole objects may be a cycle off in some frames of {slipped}; "
-            said += "the table's tooltips say in how many."
-        return f"Pixels more likely wrong than right: {shares}.{said}"
+            said += f" Whole objects may be off in some frames of {slipped}: see its tooltips."
+        return said
 
-    def _show_warnings(self) -> None:
-        """Note at each method in the table whether whole objects may have slipped."""
-        table = self.session.needed_outcome().comparison.table
-        for row, method in enumerate(table.index):
-            words = self.session.warnings.get(str(method), "")
-            self.table.item(row, 0).setToolTip(words[:1].upper() + words[1:])
 
-    def _show(self) -> None:
-        table = self.session.needed_outcome().comparison.table
-        shown = [name for name in COLUMNS if name in table.columns]
-        self.table.setColumnCount(len(shown))
-        self.table.setHorizontalHeaderLabels([COLUMNS[name][0] for name in shown])
-        for column, name in enumerate(shown):
-            self.table.horizontalHeaderItem(column).setToolTip(COLUMNS[name][1])
-            widths = QHeaderView.ResizeMode
-            wanted = widths.ResizeToContents if name == "method" else widths.Stretch
-            self.table.horizontalHeader().setSectionResizeMode(column, wanted)
-        self.table.setRowCount(len(table))
-        for row in range(len(table)):
-            for column, name in enumerate(shown):
-                value = table[name].iloc[row]
-                words = value if isinstance(value, str) else f"{value:.3g}"
-                self.table.setItem(row, column, QTableWidgetItem(words))
-        self._fit_table()
+def stack_like(layer: Any, phase: xr.DataArray) -> xr.DataArray:
+    """Return what a layer shows on the grid of the phase.
 
-    def _clear(self) -> None:
-        """Forget the results of another recording."""
-        self.table.setRowCount(0)
-        self._fit_table()
-
-    def _fit_table(self) -> None:
-        """Make the table as high as its rows."""
-        header = self.table.horizontalHeader().sizeHint().height()
-        rows = self.table.rowCount() * self.table.verticalHeader().defaultSectionSize()
-        self.table.setFixedHeight(header + rows + 6)
+    Raises
+    ------
+    ValueError
+        If it has another shape.
+    """
+    if layer.data.shape != phase.shape:
+        msg = f"“{layer.name}” is {layer.data.shape}, but the phase is {phase.shape}"
+        raise ValueError(msg)
+    if METADATA_KEY in layer.metadata:
+        return stack_of_layer(layer)
+    return phase.copy(data=np.asarray(layer.data))

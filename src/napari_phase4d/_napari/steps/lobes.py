@@ -7,116 +7,180 @@ from typing import Any
 
 import xarray as xr
 from magicgui.widgets import SpinBox
-from qtpy.QtCore import Qt
-from qtpy.QtGui import QColor
-from qtpy.QtWidgets import (
-    QAbstractItemView,
-    QHBoxLayout,
-    QHeaderView,
-    QTableWidget,
-    QTableWidgetItem,
-)
+from qtpy.QtCore import QTimer
+from qtpy.QtWidgets import QHBoxLayout
 
-from napari_phase4d._napari.spectrum_canvas import VIEW_COLORS, SpectrumCanvas
+from napari_phase4d._napari.session import plan_lobes
 from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.widgets.lobe_table import LobeTable, changed_lobe
+from napari_phase4d._napari.widgets.spectrum_canvas import SpectrumCanvas
+from napari_phase4d._napari.widgets.view_strip import ViewStrip
 from napari_phase4d.holography import Lobe, lobe_warnings
+from napari_phase4d.holography.preview import Preview
+from napari_phase4d.recording import Recording
 
 __all__ = ["LobesStep"]
 
-COLUMNS = ("ky (1/px)", "kx (1/px)", "radius", "angle (°)", "flip")
+#: The preview follows the mouse, but no oftener than this.
+PREVIEW_EVERY_MS = 15
+#: Width of the preview next to the spectrum, in pixels.
+PREVIEW_WIDTH = 124
+SPECTRUM_HEIGHT = 232
+#: Where a further circle is put, and its radius if it is the first, in cycles per pixel.
+NEW_CARRIER, NEW_RADIUS = (0.25, 0.0), 0.08
 
 
 class LobesStep(Step):
-    """Spectrum with circles, a table of the same, and warnings."""
+    """Spectrum with circles, the wrapped phase they give, a table, and warnings."""
 
     title = "2  Lobes"
-    purpose = "Each view is a bright spot away from the middle. Find them, or drag the circles."
+    purpose = (
+        "Each view is a bright spot away from the middle. Press Find, or drag the circles: "
+        "inside to move, on the line to resize."
+    )
 
     def build(self) -> None:
         """Make the widgets."""
-        self._filling = False
         self._drawn: xr.DataArray | None = None
-        self.column.addLayout(self.form)
-        self.n_views = self.field(
-            "Views",
-            SpinBox(name="n_views", value=2, min=1, max=6, tooltip="Multiplexed viewing angles."),
-        )
-        self.n_views.changed.connect(lambda n: self.session.update(n_views=n))
-        row = QHBoxLayout()
-        self.find = self.button(
-            "Find lobes", "find_lobes", "Find the views by themselves.", self.find_lobes
-        )
-        self.add = self.button("Add", "add_lobe", "One more circle, to drag.", self.add_lobe)
-        self.remove = self.button(
-            "Remove", "remove_lobe", "Remove the view chosen in the table.", self.remove_lobe
-        )
-        for button in (self.find, self.add, self.remove):
-            row.addWidget(button)
-        self.column.addLayout(row)
+        self._previewed: tuple[Recording, int, Preview] | None = None
+        self._build_buttons()
         self.canvas = SpectrumCanvas()
-        self.canvas.lobes_edited.connect(self._edited_on_canvas)
-        self.canvas.frequency_shown.connect(self._show_frequency)
-        self.column.addWidget(self.canvas)
+        self.canvas.setFixedHeight(SPECTRUM_HEIGHT)
+        self.canvas.setToolTip(
+            "Brightness: power on a logarithmic scale. Drag a circle, or choose it and use the "
+            "arrow keys; double click to add one; wheel to zoom."
+        )
+        self.strip = ViewStrip()
+        self.strip.setFixedWidth(PREVIEW_WIDTH)
+        self.strip.setToolTip("Wrapped phase of the frame on screen, as the circles give it.")
+        side = QHBoxLayout()
+        side.setSpacing(4)
+        side.addWidget(self.canvas, 1)
+        side.addWidget(self.strip)
+        self.column.addLayout(side)
         self.frequency = self.text("", "frequency")
         self.column.addWidget(self.frequency)
-        self.table = QTableWidget(0, len(COLUMNS))
-        self.table.setObjectName("lobe_table")
-        self.table.setHorizontalHeaderLabels(COLUMNS)
-        self.table.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
-        self.table.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
-        self.table.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
-        self.table.setToolTip(
-            "Carrier and radius in cycles per camera pixel; the viewing angle in degrees, which a "
-            "hologram can't tell; flip where a dense object looks dark."
-        )
-        self.table.itemChanged.connect(lambda item: self.guarded(lambda: self._typed(item)))
+        self.table = LobeTable()
         self.column.addWidget(self.table)
         self.warnings = self.text("", "lobe_warnings")
         self.column.addWidget(self.warnings)
-        self.session.recording_changed.connect(self._new_recording)
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(PREVIEW_EVERY_MS)
+        self._timer.timeout.connect(self._show_preview)
+        self._listen()
+        self._show()
+
+    def _build_buttons(self) -> None:
+        self.n_views = self.watched(
+            SpinBox(name="n_views", value=2, min=1, max=6, tooltip="Multiplexed views, 1 to 6.")
+        )
+        self.when_changed(self.n_views, lambda: self.session.update(n_views=self.n_views.value))
+        self.find = self.button("Find", "find_lobes", "Look for so many views.", self.find_lobes)
+        self.add = self.button("Add", "add_lobe", "One more circle, to drag.", self.add_lobe)
+        self.remove = self.button(
+            "Remove", "remove_lobe", "Remove the chosen view, or the last.", self.remove_lobe
+        )
+        self.flip = self.button(
+            "Flip",
+            "flip_lobe",
+            "Take the conjugate of the chosen view: where a dense object looks dark.",
+            self.flip_lobe,
+        )
+        self.undo = self.button(
+            "Undo", "undo_lobes", "Take back the last change.", self.session.undo_lobes
+        )
+        self.column.addLayout(self.row(self.label("Views"), self.n_views.native, self.find))
+        self.column.addLayout(self.row(self.add, self.remove, self.flip, self.undo))
+
+    def _listen(self) -> None:
+        self.canvas.lobes_edited.connect(
+            lambda lobes: self.session.set_lobes(lobes, undoable=False)
+        )
+        self.canvas.edit_started.connect(self.session.remember_lobes)
+        self.canvas.frequency_shown.connect(self._show_frequency)
+        self.canvas.selected.connect(self._select)
+        self.canvas.removal_wanted.connect(lambda i: self.guarded(lambda: self._remove(i)))
+        self.canvas.place_wanted.connect(lambda ky, kx: self.guarded(lambda: self._place(ky, kx)))
+        self.table.typed.connect(
+            lambda row, column, item: self.guarded(lambda: self._typed(row, column, item))
+        )
+        self.table.itemSelectionChanged.connect(
+            lambda: self.canvas.select(self.table.currentRow())
+        )
+        self.session.recording_changed.connect(self._show)
         self.session.spectrum_changed.connect(self._show)
         self.session.lobes_changed.connect(self._show)
-        self._show()
+        self.session.recipe_changed.connect(self._show_settings)
+
+    def frame_changed(self) -> None:
+        """Let the preview follow the time slider."""
+        self._timer.start()
 
     def find_lobes(self) -> None:
         """Find the views, in a thread."""
-        self.jobs.start(self.session.plan_lobes())
+        self.jobs.start(plan_lobes(self.session))
 
     def add_lobe(self) -> None:
         """Add a view where there is none yet."""
+        self._place(*NEW_CARRIER)
+
+    def _place(self, ky: float, kx: float) -> None:
+        """Add a view at a frequency."""
         self.session.needed_recording()
         lobes = self.session.lobes
-        radius = lobes[0].radius if lobes else 0.08
+        if len(lobes) >= self.n_views.max:
+            msg = f"{len(lobes)} views are the most that can be worked on; remove one first"
+            raise ValueError(msg)
+        radius = lobes[0].radius if lobes else NEW_RADIUS
         angle = max((lobe.angle_deg for lobe in lobes), default=-1.0) + 1
-        self.session.set_lobes([*lobes, Lobe((0.25, 0.0), radius, angle)])
+        self.session.set_lobes([*lobes, Lobe((ky, kx), radius, angle)])
+        self.canvas.select(len(lobes))
 
     def remove_lobe(self) -> None:
         """Remove the chosen view, or the last one."""
-        lobes = self.session.lobes
-        if not lobes:
+        if not self.session.lobes:
             msg = "there is no lobe to remove"
             raise ValueError(msg)
+        self._remove(self._chosen())
+
+    def _remove(self, index: int) -> None:
+        lobes = self.session.lobes
+        lobes.pop(index)
+        self.session.set_lobes(lobes)
+
+    def flip_lobe(self) -> None:
+        """Take the conjugate of the chosen view, or of the last one."""
+        lobes = self.session.lobes
+        if not lobes:
+            msg = "there is no lobe to flip; press Find first"
+            raise ValueError(msg)
+        index = self._chosen()
+        lobes[index] = replace(lobes[index], flip=not lobes[index].flip)
+        self.session.set_lobes(lobes)
+
+    def _chosen(self) -> int:
+        """Return the number of the chosen view, of the last one if none is."""
         row = self.table.currentRow()
-        lobes.pop(row if 0 <= row < len(lobes) else -1)
-        self.session.set_lobes(lobes)
+        return row if 0 <= row < len(self.session.lobes) else len(self.session.lobes) - 1
 
-    def _new_recording(self) -> None:
-        self.n_views.value = self.session.recipe.n_views
-        self._show()
+    def _select(self, index: int) -> None:
+        """Choose in the table what is chosen in the spectrum."""
+        if index >= 0 and index != self.table.currentRow():
+            self.table.selectRow(index)
 
-    def _edited_on_canvas(self, lobes: list[Lobe]) -> None:
-        self.session.set_lobes(lobes)
-
-    def _typed(self, item: Any) -> None:
+    def _typed(self, row: int, column: int, item: Any) -> None:
         """Take what was typed into the table; a wrong number leaves all as it was."""
-        if self._filling:
-            return
         lobes = self.session.lobes
         try:
-            lobes[item.row()] = changed_lobe(lobes[item.row()], item.column(), item)
+            lobes[row] = changed_lobe(lobes[row], column, item)
             self.session.set_lobes(lobes)
         finally:
             self._show()
+
+    def _show_settings(self) -> None:
+        with self.own_change():
+            self.n_views.value = self.session.recipe.n_views
 
     def _show(self) -> None:
         lobes = self.session.lobes
@@ -124,57 +188,44 @@ class LobesStep(Step):
             self._drawn = self.session.spectrum
             self.canvas.set_spectrum(self._drawn)
         self.canvas.set_lobes(lobes)
-        self._filling = True
-        try:
-            self._fill_table(lobes)
-        finally:
-            self._filling = False
+        self.table.fill(lobes)
         self.warnings.setText("<br>".join(f"⚠ {w}" for w in lobe_warnings(lobes)))
         self.warnings.setVisible(bool(self.warnings.text()))
+        self._timer.start()
 
-    def _fill_table(self, lobes: list[Lobe]) -> None:
-        self.table.setRowCount(len(lobes))
-        for row, lobe in enumerate(lobes):
-            header = QTableWidgetItem(str(row + 1))
-            header.setForeground(QColor(VIEW_COLORS[row % len(VIEW_COLORS)]))
-            self.table.setVerticalHeaderItem(row, header)
-            ky, kx = lobe.carrier
-            texts = (f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}")
-            for column, words in enumerate(texts):
-                self.table.setItem(row, column, QTableWidgetItem(words))
-            flip = QTableWidgetItem()
-            flip.setFlags(Qt.ItemFlag.ItemIsUserCheckable | Qt.ItemFlag.ItemIsEnabled)
-            flip.setCheckState(Qt.CheckState.Checked if lobe.flip else Qt.CheckState.Unchecked)
-            self.table.setItem(row, len(COLUMNS) - 1, flip)
-        rows = max(1, len(lobes))
-        height = self.table.horizontalHeader().sizeHint().height()
-        self.table.setFixedHeight(
-            height + rows * self.table.verticalHeader().defaultSectionSize() + 6
-        )
+    def showEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        """Bring the preview up to date when the step is opened."""
+        super().showEvent(event)
+        self._timer.start()
+
+    def _show_preview(self) -> None:
+        """Show the wrapped phase of the frame on screen, while the step is open."""
+        if not self.isVisible():
+            return
+        lobes, recording = self.session.lobes, self.session.recording
+        if recording is None or not lobes:
+            self.strip.set_views([], [])
+            return
+        try:
+            frame = self.presenter.current_time()
+            phases = self._preview_of(recording, frame).phases(lobes, self.session.recipe.window)
+        except (OSError, ValueError):  # such as a circle that is being dragged out of the plane
+            self.strip.set_views([], [])
+            return
+        captions = [f"{i + 1}: {lobe.angle_deg:g}°" for i, lobe in enumerate(lobes)]
+        self.strip.set_views(phases, captions)
+
+    def _preview_of(self, recording: Recording, frame: int) -> Preview:
+        """Return the preview of a frame; its transform is kept while the frame stays."""
+        known = self._previewed
+        if known is None or known[0] is not recording or known[1] != frame:
+            self._previewed = (recording, frame, Preview(recording.raw_frame(frame)))
+        return self._previewed[2]  # type: ignore[index] # set above
 
     def _show_frequency(self, ky: float, kx: float) -> None:
-        words = f"ky {ky:+.4f}, kx {kx:+.4f} cycles/px"
+        words = f"ky {ky:+.3f}, kx {kx:+.3f} cycles/px"
         recording = self.session.recording
         if recording is not None:
             pixel = recording.optics.pixel_um
-            words += f"  =  {ky / pixel:+.3f}, {kx / pixel:+.3f} cycles/µm"
+            words += f"  =  {ky / pixel:+.2f}, {kx / pixel:+.2f} cycles/µm"
         self.frequency.setText(words)
-
-
-def changed_lobe(lobe: Lobe, column: int, item: Any) -> Lobe:
-    """Return a lobe with one cell of its table row changed."""
-    if column == len(COLUMNS) - 1:
-        return replace(lobe, flip=item.checkState() == Qt.CheckState.Checked)
-    try:
-        value = float(item.text())
-    except ValueError as error:
-        msg = f"{COLUMNS[column]} takes a number, but got {item.text()!r}"
-        raise ValueError(msg) from error
-    ky, kx = lobe.carrier
-    changes: dict[int, dict[str, Any]] = {
-        0: {"carrier": (value, kx)},
-        1: {"carrier": (ky, value)},
-        2: {"radius": value},
-        3: {"angle_deg": value},
-    }
-    return replace(lobe, **changes[column])

@@ -8,6 +8,7 @@ import numpy as np
 from magicgui.widgets import CheckBox, ComboBox
 from qtpy.QtWidgets import QFileDialog
 
+from napari_phase4d._napari.session import plan_reconstruction
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.holography import BACKGROUND_ORDERS, WINDOWS
 from napari_phase4d.pipeline import needed_bytes
@@ -28,7 +29,10 @@ class PhaseStep(Step):
     """Reference, background, drift, and the Reconstruct button."""
 
     title = "3  Phase"
-    purpose = "Turn every frame into wrapped phase. The settings mostly fit as they are."
+    purpose = (
+        "Turn every frame into wrapped phase: press Reconstruct. The settings mostly fit as they "
+        "are."
+    )
 
     def build(self) -> None:
         """Make the widgets."""
@@ -78,7 +82,7 @@ class PhaseStep(Step):
             ),
         )
         for widget in (self.reference, self.background, self.drift, self.window):
-            widget.changed.connect(lambda _: self.guarded(self._settings_changed))
+            self.when_changed(widget, self._settings_changed)
         self.go = self.button(
             "Reconstruct",
             "reconstruct",
@@ -88,8 +92,9 @@ class PhaseStep(Step):
         self.column.addWidget(self.go)
         self.facts = self.text("", "phase_facts")
         self.column.addWidget(self.facts)
-        self._settings_changed()
+        self._show_settings()
         self.session.recording_changed.connect(self._new_recording)
+        self.session.recipe_changed.connect(self._show_settings)
         self.session.lobes_changed.connect(self._show_need)
         self.session.reconstruction_changed.connect(self._show)
 
@@ -98,14 +103,12 @@ class PhaseStep(Step):
         if self.reference.value == FILE and not self._reference_file:
             msg = "choose the file with the reference hologram first"
             raise ValueError(msg)
-        self.jobs.start(self.session.plan_reconstruction())
+        self.jobs.start(plan_reconstruction(self.session))
 
     def take_reference(self, path: str | Path) -> None:
         """Divide by a hologram without the object."""
         self._reference_file = str(path)
-        self.choose_file.setText(Path(path).name)
-        self.reference.value = FILE
-        self._settings_changed()
+        self.session.update(reference=self._reference_file)
 
     def _settings_changed(self) -> None:
         """Put the widgets' values into the recipe."""
@@ -118,12 +121,32 @@ class PhaseStep(Step):
             window=self.window.value,
         )
 
+    def _show_settings(self) -> None:
+        """Show what the recipe says."""
+        recipe = self.session.recipe
+        named = next((name for name, r in REFERENCES.items() if r == recipe.reference), None)
+        with self.own_change():
+            self.background.value = recipe.background
+            self.drift.value = recipe.drift
+            self.window.value = recipe.window
+            if named is None:
+                self._reference_file = str(recipe.reference)
+                self.choose_file.setText(Path(self._reference_file).name)
+            # "File" with none chosen yet is no reference so far.
+            waiting = self.reference.value == FILE and recipe.reference is None
+            if not waiting:
+                self.reference.value = named or FILE
+        self.form.setRowVisible(self.choose_file, self.reference.value == FILE)
+
     def _new_recording(self) -> None:
         """Forget the reference of the last recording."""
-        self._reference_file = ""
-        self.choose_file.setText("Choose the file…")
-        self.reference.value = "none"
+        if self.session.recipe.reference is None:
+            self._reference_file = ""
+            self.choose_file.setText("Choose the file…")
+            with self.own_change():
+                self.reference.value = "none"
         self.facts.setText("")
+        self._show_settings()
 
     def _ask_file(self) -> None:
         path, _ = QFileDialog.getOpenFileName(self, "Hologram without the object")

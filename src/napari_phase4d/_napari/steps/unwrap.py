@@ -2,125 +2,99 @@
 
 from __future__ import annotations
 
-from magicgui.widgets import CheckBox, ComboBox, SpinBox
-from qtpy.QtWidgets import QHBoxLayout
+from typing import Any
 
+from magicgui.widgets import CheckBox
+from qtpy.QtWidgets import QGridLayout
+
+from napari_phase4d._napari.session import plan_unwrapping
+from napari_phase4d._napari.steps.boundary import BoundaryPart
 from napari_phase4d._napari.steps.methods import MethodRow
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["UnwrapStep"]
 
+COLUMNS = 2
+
 
 class UnwrapStep(Step):
     """Boundary frame, methods, Run."""
 
     title = "4  Unwrap"
-    purpose = (
-        "Choose a frame in which the object is thin: the methods start from it. "
-        "Move the sliders to it and press the button, or type its numbers."
-    )
 
     def build(self) -> None:
         """Make the widgets."""
-        self._filling = False
-        self.column.addLayout(self.form)
-        self.time = self.field(
-            "Thin time",
-            SpinBox(name="boundary_time", min=0, max=1_000_000, tooltip="Frame number, from 0."),
-        )
-        self.angle = self.field(
-            "Thin angle",
-            ComboBox(
-                name="boundary_angle",
-                choices=[("–", 0)],
-                tooltip="Viewing angle in which the object is thin.",
-            ),
-        )
-        for widget in (self.time, self.angle):
-            widget.changed.connect(lambda _: self.guarded(self._boundary_changed))
-        self.use_view = self.button(
-            "Use current view",
-            "use_view",
-            "Take the frame that the sliders show.",
-            self.use_current,
-        )
-        self.suggest = self.button(
-            "Suggest",
-            "suggest",
-            "Look for the frame that is safest to start from: that on which two different "
-            "unwrappers agree most.",
-            lambda: self.jobs.start(self.session.plan_boundary()),
-        )
-        both = QHBoxLayout()
-        both.addWidget(self.use_view)
-        both.addWidget(self.suggest)
-        self.column.addLayout(both)
-        self.mask = self.field(
-            "Mask",
+        self.explanation.hide()
+        self.boundary = BoundaryPart(self.session, self.jobs, self.presenter)
+        self.boundary.failed.connect(self.failed)
+        self.boundary.said.connect(self.said)
+        self.column.addWidget(self.boundary)
+        self.mask = self.watched(
             CheckBox(
                 name="mask",
                 value=self.session.recipe.mask == "auto",
-                text="object only (0 outside)",
-                tooltip="Find the object in every frame and unwrap only that.",
-            ),
+                text="object only",
+                tooltip="Find the object in every frame, unwrap only that, and set the rest to 0.",
+            )
         )
+        self.when_changed(self.mask, self._settings_changed)
+        self.go = self.button(
+            "Run", "run", "Unwrap with all ticked methods, one after another.", self.run
+        )
+        # Above the list, so that it is in view on a small screen too.
+        self.column.addLayout(self.row(self.mask.native, self.go))
         self.methods = {
             method: MethodRow(method, ticked=method in self.session.recipe.methods)
             for method in METHODS
         }
-        # Above the list, so that it is in view on a small screen too.
-        self.go = self.button("Run", "run", "Unwrap with all ticked methods.", self.run)
-        self.column.addWidget(self.go)
+        grid = QGridLayout()
+        grid.setVerticalSpacing(0)
+        rows = -(-len(self.methods) // COLUMNS)
+        for number, row in enumerate(self.methods.values()):
+            grid.addWidget(row, number % rows, number // rows)
+            row.chosen.connect(lambda: self.guarded(self._settings_changed))
+            row.ticked_on.connect(self.boundary.show_path_of)
+            if row.panel is not None:
+                row.more.toggled.connect(lambda shown, row=row: self._show_options(row, shown))
+        self.column.addLayout(grid)
         for row in self.methods.values():
-            self.column.addWidget(row)
-        self.session.reconstruction_changed.connect(self._show)
-        self.session.scores_changed.connect(self._show_suggestion)
+            if row.panel is not None:
+                self.column.addWidget(row.panel)
+        self.session.recipe_changed.connect(self._show_settings)
 
-    def use_current(self) -> None:
-        """Take the frame that the sliders show as the thin one."""
-        self.time.value, self.angle.value = self.presenter.current_frame()
-        self._boundary_changed()
+    def frame_changed(self) -> None:
+        """Follow the sliders."""
+        self.boundary.frame_changed()
 
     def run(self) -> None:
         """Unwrap, in a thread."""
+        self._settings_changed()
+        self.jobs.start(plan_unwrapping(self.session))
+
+    def _show_options(self, shown_row: MethodRow, shown: Any) -> None:
+        """Show the options of one method at a time."""
+        for row in self.methods.values():
+            if row.panel is not None and row is not shown_row and shown:
+                row.more.setChecked(False)
+        assert shown_row.panel is not None
+        shown_row.panel.setVisible(bool(shown))
+
+    def _settings_changed(self) -> None:
+        """Put what is ticked into the recipe."""
+        if self.filling:
+            return
         self.session.update(
             mask="auto" if self.mask.value else None,
             methods=tuple(m for m, row in self.methods.items() if row.tick.isChecked()),
             options={m: row.changed() for m, row in self.methods.items() if row.changed()},
         )
-        self.jobs.start(self.session.plan_unwrapping())
 
-    def words_on_the_suggestion(self) -> str:
-        """Say which frame was suggested and why."""
-        scores = self.session.scores
-        if scores is None:
-            return ""
-        time, angle = scores.attrs["best"]
-        agree = 100 * scores.attrs["agreement"]
-        return (
-            f"Thin frame: time {time}, angle {float(scores['angle'][angle]):g}°. There, "
-            f"{scores.attrs['basis']} agree on {agree:.3g} % of the object."
-        )
-
-    def _show_suggestion(self) -> None:
-        self._show()
-        self.presenter.go_to(*self.session.recipe.boundary[0])
-
-    def _boundary_changed(self) -> None:
-        """Take the thin frame as typed."""
-        if not self._filling:
-            self.session.update(boundary=((self.time.value, self.angle.value),))
-
-    def _show(self) -> None:
-        """Limit the numbers to the frames that there are."""
-        phase = self.session.needed_reconstruction()["phase"]
-        time, angle = self.session.recipe.boundary[0]
-        angles = enumerate(phase["angle"].values)
-        self._filling = True
-        try:
-            self.time.max = phase.sizes["time"] - 1
-            self.angle.choices = [(f"{degrees:g}°", number) for number, degrees in angles]
-            self.time.value, self.angle.value = time, angle
-        finally:
-            self._filling = False
+    def _show_settings(self) -> None:
+        """Show what the recipe says."""
+        recipe = self.session.recipe
+        with self.own_change():
+            self.mask.value = recipe.mask == "auto"
+            for method, row in self.methods.items():
+                options = recipe.options.get(method, {})
+                row.show_choice(ticked=method in recipe.methods, options=options)

@@ -14,23 +14,22 @@ import xarray as xr
 from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.io import open_recording
-from napari_phase4d.optics import Optics
+from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 
 __all__ = [
     "AXES",
     "METADATA_KEY",
+    "UNITS",
+    "LayerTuple",
     "hologram_layer",
-    "is_hologram_layer",
-    "is_phase_layer",
     "layer_tuple",
     "recalibrate_layer",
-    "recording_of_layer",
+    "region_layer",
     "spread_over_angles",
     "stack_layer",
-    "stack_of_layer",
-    "truth_among",
+    "step_of",
+    "with_recipe",
 ]
 
 AXES = ("time", "angle", "y", "x")
@@ -47,11 +46,17 @@ TRUST_COLORMAP = Colormap(
     name="trust",
     controls=[0.0, 0.5, 0.8, 1.0],
 )
+#: Dark where there is no difference, blue below and orange above.
+DIFFERENCE_COLORMAP = Colormap(
+    [(0.45, 0.85, 1.0), (0.1, 0.3, 0.75), (0.05, 0.05, 0.1), (0.8, 0.3, 0.05), (1.0, 0.85, 0.4)],
+    name="difference",
+)
 #: Kinds whose contrast and colours do not depend on what is in them.
 FIXED: dict[str, tuple[tuple[float, float], str | Colormap]] = {
     "wrapped": ((-np.pi, np.pi), "twilight_shifted"),
     "margin": ((0.0, 2.0), MARGIN_COLORMAP),
     "confidence": ((0.0, 1.0), TRUST_COLORMAP),
+    "difference": ((-2 * np.pi, 2 * np.pi), DIFFERENCE_COLORMAP),
 }
 #: Where a layer's metadata hold what this plugin knows of it.
 METADATA_KEY = "napari-phase4d"
@@ -164,14 +169,6 @@ def step_of(coordinates: NDArray[np.float64]) -> float:
     return step if step > 0 else 1.0
 
 
-def is_hologram_layer(layer: Any) -> bool:
-    """Say whether a layer could be a hologram video: its own kind, or a grey image in 2 or 3 D."""
-    note = layer.metadata.get(METADATA_KEY)
-    if note is not None:
-        return bool(note.get("kind") == "holograms")
-    return not layer.rgb and not layer.multiscale and layer.ndim in (2, 3)
-
-
 def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
     """Let one of our hologram layers show its frames at every viewing angle.
 
@@ -187,36 +184,6 @@ def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
     )
     layer.scale = [layer.scale[0], step_of(coordinates), *layer.scale[2:]]
     layer.translate = [layer.translate[0], float(coordinates[0]), *layer.translate[2:]]
-
-
-def is_phase_layer(layer: Any) -> bool:
-    """Say whether a layer is wrapped phase that this plugin made."""
-    return bool(layer.metadata.get(METADATA_KEY, {}).get("kind") == "wrapped")
-
-
-def stack_of_layer(layer: Any) -> xr.DataArray:
-    """Return the stack that one of our 4-D layers shows, with its coordinates."""
-    note = dict(layer.metadata[METADATA_KEY])
-    note.pop("kind")
-    steps = zip(layer.data.shape, layer.scale, layer.translate, strict=True)
-    evenly = [offset + scale * np.arange(n) for n, scale, offset in steps]
-    known = (np.asarray(note.pop("times_s")), np.asarray(note.pop("angles_deg")), *evenly[2:])
-    units = ("s", "deg", "um", "um")
-    coords = {
-        axis: (axis, values, {"units": unit})
-        for axis, values, unit in zip(AXES, known, units, strict=True)
-    }
-    return xr.DataArray(np.asarray(layer.data), dims=AXES, coords=coords, attrs=note)
-
-
-def truth_among(layers: Any, phase: xr.DataArray) -> xr.DataArray | None:
-    """Return the exact phase that belongs to wrapped phase, if a layer shows it."""
-    for layer in layers:
-        note = layer.metadata.get(METADATA_KEY, {})
-        same = note.get("object") == phase.attrs.get("object") is not None
-        if note.get("kind") == "exact" and same and layer.data.shape == phase.shape:
-            return stack_of_layer(layer)
-    return None
 
 
 def recalibrate_layer(layer: Any, recording: Recording, pixel_um: float) -> None:
@@ -258,29 +225,35 @@ def optics_note(recording: Recording) -> dict[str, Any]:
     }
 
 
-def recording_of_layer(layer: Any) -> Recording:
-    """Return the recording that a layer shows.
+def region_layer(like: xr.DataArray, name: str) -> dict[str, Any]:
+    """Return the keywords of an empty Shapes layer to draw regions in.
+
+    It has the axes y and x only, so that a region is seen, and counts, at all times and angles.
 
     Parameters
     ----------
-    layer : napari.layers.Image
-        A layer made by `hologram_layer`, whose optics and times are noted in it, or any grey
-        image (y, x) or video (time, y, x), whose scale and units are used where it has them.
+    like : xarray.DataArray
+        The stack that the regions are for, dims (time, angle, y, x).
+    name : str
+        Name in the layer list.
     """
-    note = layer.metadata.get(METADATA_KEY)
-    if note is None:
-        return open_recording(layer)
-    optics = Optics(
-        note["wavelength_um"],
-        note["camera_pixel_um"],
-        note["magnification"],
-        note["medium_index"],
-    )
-    return Recording.from_frames(
-        layer.data[:, 0],
-        optics=optics,
-        times_s=np.asarray(note["times_s"]),
-        name=str(layer.name),
-        source=str(note["source"]),
-        notes=tuple(note["notes"]),
-    )
+    coordinates = [np.asarray(like[axis].values, dtype=np.float64) for axis in AXES[2:]]
+    return {
+        "name": name,
+        "ndim": 2,
+        "scale": [step_of(c) for c in coordinates],
+        "translate": [float(c[0]) for c in coordinates],
+        "units": UNITS[2:],
+        "axis_labels": AXES[2:],
+        "face_color": "transparent",
+        "edge_color": "white",
+        "edge_width": 0.6,
+        "metadata": {METADATA_KEY: {"kind": "regions"}},
+    }
+
+
+def with_recipe(layer: LayerTuple, recipe: Recipe) -> LayerTuple:
+    """Return a layer that notes the settings to go on with, for the dock to take."""
+    data, keywords, kind = layer
+    note = {**keywords["metadata"][METADATA_KEY], "recipe": recipe.model_dump(mode="json")}
+    return data, {**keywords, "metadata": {METADATA_KEY: note}}, kind

@@ -1,0 +1,51 @@
+"""The user's own microscope, kept in napari's preferences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from napari.settings import get_plugin_settings
+
+from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
+
+__all__ = ["own_optics", "own_refraction_increment", "remember_optics"]
+
+PLUGIN = "napari-phase4d"
+
+
+def own_optics() -> Optics | None:
+    """Return the microscope of the preferences, None if it was never changed there."""
+    chosen = preferred("microscope")
+    try:
+        optics = Optics(
+            chosen.wavelength_nm / 1000,
+            chosen.camera_pixel_um,
+            chosen.magnification,
+            chosen.medium_index,
+        )
+    except (AttributeError, TypeError, ValueError):  # no such settings, or edited by hand
+        return None
+    return None if optics == Optics() else optics
+
+
+def own_refraction_increment() -> float:
+    """Return the refraction increment of the preferences in mL/g."""
+    value = getattr(preferred("measuring"), "refraction_increment_ml_per_g", None)
+    return float(value) if value else REFRACTION_INCREMENT_ML_PER_G
+
+
+def remember_optics(optics: Optics) -> None:
+    """Put a microscope into the preferences."""
+    chosen = preferred("microscope")
+    chosen.wavelength_nm = round(1000 * optics.wavelength_um, 6)
+    chosen.camera_pixel_um = optics.camera_pixel_um
+    chosen.magnification = optics.magnification
+    chosen.medium_index = optics.medium_index
+
+
+def preferred(group: str) -> Any:
+    """Return one group of this plugin's preferences, None where napari has none."""
+    try:
+        return getattr(get_plugin_settings(PLUGIN), group)
+    except (AttributeError, KeyError):
+        return None

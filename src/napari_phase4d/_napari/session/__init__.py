@@ -1,0 +1,32 @@
+"""The controller between the dock and the pipeline, without Qt."""
+
+from napari_phase4d._napari.session.opening import EUGLENA_SOURCE, YEAST_SOURCE, Opened
+from napari_phase4d._napari.session.plan import Plan
+from napari_phase4d._napari.session.plans import (
+    plan_confidence,
+    plan_lobes,
+    plan_margin,
+    plan_opening,
+    plan_reconstruction,
+    plan_scores,
+    plan_unwrapping,
+)
+from napari_phase4d._napari.session.session import Session
+from napari_phase4d._napari.session.states import StepState, step_states
+
+__all__ = [
+    "EUGLENA_SOURCE",
+    "YEAST_SOURCE",
+    "Opened",
+    "Plan",
+    "Session",
+    "StepState",
+    "plan_confidence",
+    "plan_lobes",
+    "plan_margin",
+    "plan_opening",
+    "plan_reconstruction",
+    "plan_scores",
+    "plan_unwrapping",
+    "step_states",
+]

@@ -1,0 +1,110 @@
+"""What a session can be opened with: files, samples, recipes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from napari_phase4d.io import open_input, open_recording
+from napari_phase4d.pipeline import Recipe, open_by
+from napari_phase4d.recording import Recording
+from napari_phase4d.sample import (
+    SAMPLES,
+    Sample,
+    euglena_sample,
+    is_sample,
+    open_sample,
+    yeast_sample,
+)
+
+__all__ = ["EUGLENA_SOURCE", "YEAST_SOURCE", "Opened", "TruthCall", "open_anything", "open_recipe"]
+
+#: Gives the exact phase on the grid of a reconstruction; ValueError where it is not known.
+TruthCall = Callable[[xr.DataArray], xr.DataArray]
+
+EUGLENA_SOURCE, YEAST_SOURCE = SAMPLES
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A recording or wrapped phase, with what is known of it.
+
+    Parameters
+    ----------
+    content : Recording or DataArray
+        Holograms, or wrapped phase (time, angle, y, x) in radians.
+    angles_deg : sequence of float, optional
+        Viewing angles of a recording, where they are known.
+    boundary : tuple of int, optional
+        The optically thin frame (time, angle), where it is known.
+    truth : DataArray or callable, optional
+        Exact phase, or for a recording what gives it on a reconstruction's grid.
+    recipe : Recipe, optional
+        The settings to go on with.
+    """
+
+    content: Recording | xr.DataArray
+    angles_deg: Sequence[float] | None = None
+    boundary: tuple[int, int] | None = None
+    truth: xr.DataArray | TruthCall | None = None
+    recipe: Recipe | None = None
+
+
+def open_anything(source: Any, content: str = "auto") -> Opened:
+    """Open a file, a folder, a recipe, a sample such as "sample:euglena", or an array.
+
+    Parameters
+    ----------
+    source : str, Path, or array_like
+        What to open.
+    content : str, optional
+        "holograms", "phase", or "auto" (default) to look.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If it can't be read; one sentence says why.
+    """
+    if not isinstance(source, str | Path):
+        return Opened(open_recording(source))
+    if str(source) == EUGLENA_SOURCE:
+        return opened_sample(euglena_sample())
+    if str(source) == YEAST_SOURCE:
+        return opened_yeast()
+    if is_sample(str(source)):
+        return Opened(open_sample(str(source)))
+    if Path(source).suffix.lower() == ".json":
+        return open_recipe(Recipe.from_file(source))
+    return Opened(open_input(source, content=content))
+
+
+def opened_sample(sample: Sample) -> Opened:
+    """Return the sample video with all that is known of it."""
+    return Opened(sample.recording, sample.angles_deg, sample.boundary, sample.truth)
+
+
+def opened_yeast() -> Opened:
+    """Return the sample phase with its exact phase."""
+    data = yeast_sample()
+    return Opened(data["wrapped"], None, data.attrs["boundary"], data["phase"])
+
+
+def open_recipe(recipe: Recipe) -> Opened:
+    """Open what a recipe names, to go on with its settings.
+
+    Raises
+    ------
+    OSError, ValueError
+        If the recipe names no file, or one that can't be read.
+    """
+    if not recipe.recording:
+        msg = "the recipe names no recording; open the recording first, then set it up anew"
+        raise ValueError(msg)
+    truth = None
+    if recipe.recording in (EUGLENA_SOURCE, YEAST_SOURCE):
+        truth = open_anything(recipe.recording).truth
+    return Opened(open_by(recipe), truth=truth, recipe=recipe)

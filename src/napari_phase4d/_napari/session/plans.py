@@ -1,0 +1,306 @@
+"""What the session can do: each piece of long work as a `Plan`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import xarray as xr
+
+from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
+from napari_phase4d._napari.session.plan import Plan
+from napari_phase4d._napari.session.state import CHANGED, State
+from napari_phase4d._napari.session.states import phase_is_stale
+from napari_phase4d.evaluation import REFERENCE, Comparison, best_known, itoh_margin
+from napari_phase4d.holography import Lobe, find_lobes, pair_distance, power_spectrum
+from napari_phase4d.pipeline import Outcome, reconstruct_by, unwrap_by
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import score_boundaries
+
+__all__ = [
+    "plan_confidence",
+    "plan_lobes",
+    "plan_margin",
+    "plan_opening",
+    "plan_reconstruction",
+    "plan_scores",
+    "plan_spectrum",
+    "plan_unwrapping",
+]
+
+#: Frames averaged for the spectrum on screen.
+SPECTRUM_FRAMES = 32
+
+
+def plan_opening(state: State, source: object, content: str = "auto", title: str = "") -> Plan:
+    """Plan to open a file, folder, recipe or sample, see `open_anything`."""
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> Opened:
+        return open_anything(source, content)
+
+    return Plan(title or "Opening", work, state.take, cancellable=False)
+
+
+def plan_lobes(state: State) -> Plan:
+    """Plan to find the lobes."""
+    recording, recipe = state.needed_recording(), state.recipe
+    angles = recipe.angles_deg
+    if angles is not None and len(angles) != recipe.n_views:
+        angles = None
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> tuple[xr.DataArray, list[Lobe] | ValueError]:
+        spectrum = power_spectrum(
+            recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
+        )
+        try:
+            return spectrum, find_lobes(
+                recording,
+                recipe.n_views,
+                angles_deg=angles,
+                progress=progress,
+                cancelled=cancelled,
+            )
+        except ValueError as error:
+            # The spectrum is needed all the more, to place the lobes by hand.
+            return spectrum, error
+
+    def receive(found: tuple[xr.DataArray, list[Lobe] | ValueError]) -> None:
+        check_recording(state, recording)
+        state.spectrum, lobes = found
+        state.spectrum_changed.emit()
+        if isinstance(lobes, ValueError):
+            raise lobes
+        state.set_lobes(with_known_views(lobes, recipe.lobes))
+
+    return Plan("Finding the lobes", work, receive)
+
+
+def plan_spectrum(state: State) -> Plan:
+    """Plan to compute the spectrum alone, until something else is asked for."""
+    recording = state.needed_recording()
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> xr.DataArray:
+        return power_spectrum(
+            recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
+        )
+
+    def receive(spectrum: xr.DataArray) -> None:
+        # Another microscope leaves the frames, and so their spectrum, as they are.
+        now = state.recording
+        if now is not None and now.holograms.data is recording.holograms.data:
+            state.spectrum = spectrum
+            state.spectrum_changed.emit()
+
+    return Plan("Computing the spectrum", work, receive, gives_way=True)
+
+
+def plan_reconstruction(state: State) -> Plan:
+    """Plan to reconstruct wrapped phase and amplitude.
+
+    Raises
+    ------
+    ValueError
+        If there is no recording or no lobe yet.
+    """
+    recording, recipe = state.needed_recording(), state.recipe
+    truth_for = state.truth_for
+    if not recipe.lobes:
+        msg = "there are no lobes yet; press Find lobes in step 2"
+        raise ValueError(msg)
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> tuple[xr.Dataset, xr.DataArray | None]:
+        data = reconstruct_by(recipe, recording, list(recipe.lobes), progress, cancelled)
+        return data, known_truth(truth_for, data["phase"])
+
+    def receive(found: tuple[xr.Dataset, xr.DataArray | None]) -> None:
+        check_recording(state, recording)
+        data, state.known_truth = found
+        state.truth = state.known_truth
+        state.set_reconstruction(data, recipe)
+
+    return Plan("Reconstructing", work, receive)
+
+
+def plan_unwrapping(state: State) -> Plan:
+    """Plan to unwrap with the chosen methods, one after another.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase for the present settings, or no method is chosen.
+    """
+    data = state.needed_reconstruction()
+    if phase_is_stale(state):
+        msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
+        raise ValueError(msg)
+    recording, chosen, truth = state.recording, state.recipe, state.truth
+    if not chosen.methods:
+        msg = "no method is ticked; tick at least one in step 4"
+        raise ValueError(msg)
+    recipe = state.phase_recipe.changed(
+        boundary=chosen.boundary,
+        mask=chosen.mask,
+        methods=chosen.methods,
+        options=chosen.options,
+    )
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> Outcome:
+        so_far: list[Comparison] = []
+        try:
+            comparison = unwrap_by(
+                recipe,
+                data["phase"],
+                truth,
+                progress,
+                cancelled,
+                amplitude=data.get("amplitude"),
+                finished=lambda _, comparison: so_far.append(comparison),
+            )
+        except Cancelled:
+            if not so_far:
+                raise
+            comparison = so_far[-1]
+        done = recipe.changed(methods=tuple(comparison.results))
+        return Outcome(recording, done, data, comparison, truth)
+
+    def receive(outcome: Outcome) -> None:
+        if state.reconstruction is not data:
+            raise ValueError(CHANGED)
+        state.outcome, state.margin = outcome, None
+        state.confidence, state.warnings = {}, {}
+        state.outcome_changed.emit()
+
+    return Plan("Unwrapping", work, receive, keeps_parts=True)
+
+
+def plan_margin(state: State) -> Plan:
+    """Plan to see where steps are too large, by the truth or else by the best result.
+
+    Raises
+    ------
+    ValueError
+        If there is neither truth nor a result yet.
+    """
+    outcome, data = state.outcome, state.reconstruction
+    if not state.results and state.truth is None:
+        state.needed_outcome()
+    known, _ = best_known(state.results, state.truth)
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> xr.Dataset:
+        return itoh_margin(known)
+
+    def receive(margin: xr.Dataset) -> None:
+        if state.outcome is not outcome or state.reconstruction is not data:
+            raise ValueError(CHANGED)
+        state.margin = margin
+        state.margin_changed.emit()
+
+    return Plan("Measuring the steps", work, receive, cancellable=False)
+
+
+def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
+    """Plan to see how far every result is to be trusted.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    unasked : bool, optional
+        Whether to do it unseen, until something else is asked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no result yet.
+    """
+    outcome = state.needed_outcome()
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> tuple[dict[str, xr.DataArray], dict[str, str], Comparison]:
+        comparison = outcome.comparison
+        maps = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
+        return maps, comparison.warnings(), comparison.with_suspicion(maps)
+
+    def receive(found: tuple[dict[str, xr.DataArray], dict[str, str], Comparison]) -> None:
+        if state.outcome is not outcome:
+            raise ValueError(CHANGED)
+        state.confidence, state.warnings, comparison = found
+        state.outcome = replace(outcome, comparison=comparison)
+        state.confidence_changed.emit()
+
+    return Plan("Weighing the results", work, receive, gives_way=unasked)
+
+
+def plan_scores(state: State, *, unasked: bool = False) -> Plan:
+    """Plan to score every frame as the one to start from.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    unasked : bool, optional
+        Whether to do it unseen, until something else is asked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase yet.
+    """
+    data = state.needed_reconstruction()
+    reference = state.results.get(REFERENCE)
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> xr.DataArray:
+        return score_boundaries(data["phase"], reference, progress=progress, cancelled=cancelled)
+
+    def receive(scores: xr.DataArray) -> None:
+        if state.reconstruction is not data:
+            raise ValueError(CHANGED)
+        state.scores = scores
+        state.scores_changed.emit()
+
+    return Plan("Scoring the frames", work, receive, gives_way=unasked)
+
+
+def check_recording(state: State, recording: Recording) -> None:
+    """Refuse a result that belongs to an earlier recording or calibration."""
+    if state.recording is not recording:
+        raise ValueError(CHANGED)
+
+
+def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]:
+    """Return lobes with the angle and sign that the user gave to the same views before."""
+    if len(found) != len(known):
+        return list(found)
+    kept = []
+    for lobe in found:
+        nearest = min(known, key=lambda k: pair_distance(k.carrier, lobe.carrier))
+        same = pair_distance(nearest.carrier, lobe.carrier) < lobe.radius
+        known_view = replace(lobe, angle_deg=nearest.angle_deg, flip=nearest.flip)
+        kept.append(known_view if same else lobe)
+    return kept
+
+
+def known_truth(truth_for: TruthCall | None, phase: xr.DataArray) -> xr.DataArray | None:
+    """Return the exact phase on the grid of wrapped phase, or None where it is not known."""
+    if truth_for is None:
+        return None
+    try:
+        return truth_for(phase).assign_attrs(pixel_ratio=phase.attrs["pixel_ratio"])
+    except ValueError:  # such as other viewing angles than those that it is known for
+        return None

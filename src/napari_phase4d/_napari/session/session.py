@@ -1,0 +1,126 @@
+"""The session: its state, and each step's work as one call."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import xarray as xr
+
+from napari_phase4d._napari.session.plan import Plan
+from napari_phase4d._napari.session.plans import (
+    plan_confidence,
+    plan_lobes,
+    plan_margin,
+    plan_reconstruction,
+    plan_scores,
+    plan_spectrum,
+    plan_unwrapping,
+)
+from napari_phase4d._napari.session.state import State
+from napari_phase4d.holography import Lobe
+from napari_phase4d.pipeline import write_outcome
+from napari_phase4d.scripting import as_python
+
+__all__ = ["Session"]
+
+
+class Session(State):
+    """What a script that drives an open window calls; the dock's buttons do the same.
+
+    Each call waits until the work is done, and the window shows the result.
+
+    Examples
+    --------
+    >>> _, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    >>> dock.session.open("sample:euglena")
+    >>> dock.session.find_lobes()
+    >>> dock.session.reconstruct()
+    >>> table = dock.session.unwrap(["temporal-angular"], boundary=(0, 0))
+    """
+
+    def find_lobes(self, n_views: int | None = None) -> list[Lobe]:
+        """Find the views in the spectrum (step 2)."""
+        if n_views is not None:
+            self.update(n_views=n_views)
+        plan_lobes(self).run()
+        return self.lobes
+
+    def reconstruct(self, **settings: Any) -> xr.Dataset:
+        """Reconstruct phase and amplitude (step 3); settings of the recipe may be given."""
+        self.update(**settings)
+        plan_reconstruction(self).run()
+        return self.needed_reconstruction()
+
+    def suggest_boundary(self) -> tuple[int, int]:
+        """Score all frames and start from the safest (step 4)."""
+        plan_scores(self).run()
+        return self.take_best_boundary()
+
+    def take_best_boundary(self) -> tuple[int, int]:
+        """Start from the frame with the best score.
+
+        Raises
+        ------
+        ValueError
+            If the frames have no scores yet.
+        """
+        if self.scores is None:
+            msg = "the frames have no scores yet; press Suggest in step 4"
+            raise ValueError(msg)
+        time, angle = self.scores.attrs["best"]
+        self.update(boundary=((int(time), int(angle)),))
+        return int(time), int(angle)
+
+    def unwrap(
+        self,
+        methods: Sequence[str] | None = None,
+        boundary: tuple[int, int] | None = None,
+        **settings: Any,
+    ) -> pd.DataFrame:
+        """Unwrap and return the table (step 4); settings of the recipe may be given."""
+        if methods is not None:
+            settings["methods"] = tuple(methods)
+        if boundary is not None:
+            settings["boundary"] = (tuple(boundary),)
+        self.update(**settings)
+        plan_unwrapping(self).run()
+        return self.needed_outcome().comparison.table
+
+    def weigh(self) -> dict[str, xr.DataArray]:
+        """Return how far to trust each result, from 0 to 1 (step 5)."""
+        plan_confidence(self).run()
+        return self.confidence
+
+    def measure_steps(self) -> xr.Dataset:
+        """Return how near steps come to the largest that can be unwrapped (step 5)."""
+        plan_margin(self).run()
+        assert self.margin is not None
+        return self.margin
+
+    def save(self, folder: str | Path) -> list[Path]:
+        """Write all stacks, the table and the recipe into a folder (step 5)."""
+        return write_outcome(self.needed_outcome(), folder)
+
+    def script(self) -> str:
+        """Return a Python script that computes the present results again (step 5)."""
+        return as_python(self.needed_outcome().recipe)
+
+    def quiet_plan(self, failed: Sequence[str] = ()) -> Plan | None:
+        """Return what is best computed unasked now: spectrum, scores, or confidence.
+
+        Parameters
+        ----------
+        failed : sequence of str
+            Titles of plans that are not to be tried again.
+        """
+        plans = []
+        if self.recording is not None and self.spectrum is None:
+            plans.append(plan_spectrum(self))
+        if self.reconstruction is not None and self.scores is None:
+            plans.append(plan_scores(self, unasked=True))
+        if self.results and not self.confidence:
+            plans.append(plan_confidence(self, unasked=True))
+        return next((plan for plan in plans if plan.title not in failed), None)

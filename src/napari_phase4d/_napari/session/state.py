@@ -1,0 +1,355 @@
+"""What the dock knows: recording, lobes, phase, results, and the recipe with every setting.
+
+It is the same for the dock's buttons and for a script that drives an open window.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Any, TypeVar
+
+import xarray as xr
+from psygnal import Signal
+
+from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
+from napari_phase4d.holography import Lobe, pair_distance, recalibrated
+from napari_phase4d.pipeline import Outcome, Recipe
+from napari_phase4d.recording import Recording
+
+__all__ = ["CHANGED", "PHASE_FIELDS", "State"]
+
+#: Settings that wrapped phase depends on.
+PHASE_FIELDS = ("lobes", "reference", "window", "background", "drift")
+CHANGED = "the recording or the microscope has changed meanwhile; press the button again"
+#: How many changes of the lobes can be undone.
+UNDO_DEPTH = 50
+
+Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
+
+
+class State:
+    """Recording, lobes, reconstruction, outcome and the recipe, with a signal for each."""
+
+    recording_changed = Signal()
+    spectrum_changed = Signal()
+    lobes_changed = Signal()
+    calibration_changed = Signal()
+    reconstruction_changed = Signal()
+    outcome_changed = Signal()
+    margin_changed = Signal()
+    confidence_changed = Signal()
+    scores_changed = Signal()
+    recipe_changed = Signal()
+    truth_changed = Signal()
+
+    def __init__(self) -> None:
+        self.recipe = Recipe()
+        self.recording: Recording | None = None
+        self.spectrum: xr.DataArray | None = None
+        self.reconstruction: xr.Dataset | None = None
+        #: Exact phase on the grid of the reconstruction, where it is known.
+        self.truth: xr.DataArray | None = None
+        #: The truth that came with the recording or phase, such as that of a sample.
+        self.known_truth: xr.DataArray | None = None
+        #: The last results, with the recipe that made them.
+        self.outcome: Outcome | None = None
+        #: How near steps come to the largest that can be unwrapped, see `itoh_margin`.
+        self.margin: xr.Dataset | None = None
+        #: How far to trust each result, and what to say of whole objects: method id -> it.
+        self.confidence: dict[str, xr.DataArray] = {}
+        self.warnings: dict[str, str] = {}
+        #: How safe each frame is as boundary condition, see `score_boundaries`.
+        self.scores: xr.DataArray | None = None
+        self.truth_for: TruthCall | None = None
+        #: The recipe that the present reconstruction was made with.
+        self.phase_recipe = self.recipe
+        self._lobes_before: list[tuple[Lobe, ...]] = []
+
+    @property
+    def name(self) -> str:
+        """What is being worked on."""
+        if self.recording is not None:
+            return self.recording.name
+        return str(self.needed_reconstruction()["phase"].attrs.get("object", "phase"))
+
+    @property
+    def lobes(self) -> list[Lobe]:
+        """The views."""
+        return list(self.recipe.lobes)
+
+    @property
+    def results(self) -> Mapping[str, xr.DataArray]:
+        """Unwrapped phase of every method that was run; empty before."""
+        return {} if self.outcome is None else self.outcome.comparison.results
+
+    def update(self, **settings: Any) -> None:
+        """Change settings of the recipe.
+
+        Raises
+        ------
+        ValueError
+            If a setting has no such value.
+        """
+        recipe = self.recipe.changed(**settings)
+        if recipe != self.recipe:
+            self.recipe = recipe
+            self.recipe_changed.emit()
+
+    def open(self, source: Any, content: str = "auto") -> None:
+        """Open and take a file, a folder, a recipe, a sample such as "sample:euglena", an array.
+
+        Raises
+        ------
+        OSError, TypeError, ValueError
+            If it can't be read.
+        """
+        self.take(open_anything(source, content))
+
+    def take(self, opened: Opened | Recording | xr.DataArray) -> None:
+        """Take what was opened: a recording or wrapped phase, with what is known of it."""
+        if not isinstance(opened, Opened):
+            opened = Opened(opened)
+        if isinstance(opened.content, Recording):
+            self.set_recording(
+                opened.content,
+                opened.angles_deg,
+                opened.boundary or (0, 0),
+                opened.truth,  # type: ignore[arg-type] # of a recording it is a function
+                recipe=opened.recipe,
+            )
+        else:
+            self.set_phase(
+                opened.content,
+                opened.boundary,
+                opened.truth,  # type: ignore[arg-type] # of phase it is a stack
+                recipe=opened.recipe,
+            )
+
+    def set_recording(
+        self,
+        recording: Recording,
+        angles_deg: Sequence[float] | None = None,
+        boundary: tuple[int, int] = (0, 0),
+        truth: TruthCall | None = None,
+        *,
+        recipe: Recipe | None = None,
+    ) -> None:
+        """Take a recording; what belonged to an earlier one is forgotten.
+
+        Parameters
+        ----------
+        recording : Recording
+            The hologram video.
+        angles_deg : sequence of float, optional
+            Viewing angles, where they are known.
+        boundary : tuple of int, optional
+            The optically thin frame (time, angle), where it is known.
+        truth : callable, optional
+            Gives the exact phase on the grid of the wrapped phase, where it is known.
+        recipe : Recipe, optional
+            Settings to go on with, lobes and thin frame among them.
+        """
+        recording.frame(0)  # a frame that can't be read is better found now
+        settings: dict[str, Any] = {
+            "recording": recording.source,
+            "optics": recording.optics,
+            "frame_rate_hz": recording.frame_rate_hz,
+        }
+        if recipe is None:
+            angles = None if angles_deg is None else tuple(angles_deg)
+            settings |= {
+                "dataset": None,
+                "lobes": (),
+                "angles_deg": angles,
+                "n_views": self.recipe.n_views if angles is None else len(angles),
+                "reference": None,
+                "boundary": (boundary,),
+            }
+        self._begin(recording, truth, (recipe or self.recipe).changed(**settings))
+
+    def set_phase(
+        self,
+        phase: xr.DataArray,
+        boundary: tuple[int, int] | None = None,
+        truth: xr.DataArray | None = None,
+        *,
+        recipe: Recipe | None = None,
+    ) -> None:
+        """Take wrapped phase that has been reconstructed before; all else is forgotten.
+
+        Parameters
+        ----------
+        phase : xarray.DataArray
+            Wrapped phase in radians, dims (time, angle, y, x).
+        boundary : tuple of int, optional
+            The optically thin frame (time, angle); default: what ``phase.attrs`` say, else (0, 0).
+        truth : xarray.DataArray, optional
+            Exact phase on the same grid.
+        recipe : Recipe, optional
+            Settings to go on with.
+        """
+        t, a = boundary or phase.attrs.get("boundary", (0, 0))
+        source = str(phase.attrs.get("source", ""))
+        settings: dict[str, Any] = {"recording": source, "lobes": ()}
+        if recipe is None:
+            settings |= {
+                "dataset": None,
+                "optics": None,
+                "angles_deg": None,
+                "frame_rate_hz": None,
+                "boundary": ((int(t), int(a)),),
+            }
+        self._begin(None, None, (recipe or self.recipe).changed(**settings))
+        self.truth = self.known_truth = truth
+        self.reconstruction = xr.Dataset({"phase": phase})
+        self.phase_recipe = self.recipe
+        self.reconstruction_changed.emit()
+
+    def _begin(self, recording: Recording | None, truth: TruthCall | None, recipe: Recipe) -> None:
+        """Forget what belonged to an earlier recording."""
+        self.recording = recording
+        self.recipe = recipe
+        self.spectrum = None
+        self.reconstruction = None
+        self.truth = self.known_truth = None
+        self._lobes_before = []
+        self.forget_results()
+        self.truth_for = truth
+        self.recording_changed.emit()
+        self.recipe_changed.emit()
+
+    def forget_results(self) -> None:
+        """Forget what was made of the phase."""
+        self.outcome = self.margin = self.scores = None
+        self.confidence, self.warnings = {}, {}
+
+    def recalibrate(self, recording: Recording) -> None:
+        """Take the same frames with other optics or times; all else gets the new scale."""
+        changes = {"optics": recording.optics, "frame_rate_hz": recording.frame_rate_hz}
+        self.recording = recording
+        self.phase_recipe = self.phase_recipe.changed(**changes)
+
+        def scaled(stack: Stack) -> Stack:
+            return recalibrated(stack, recording)
+
+        if self.reconstruction is not None:
+            self.reconstruction = scaled(self.reconstruction)
+        if self.truth is not None:
+            was_known = self.truth is self.known_truth
+            self.truth = scaled(self.truth)
+            self.known_truth = self.truth if was_known else self.known_truth
+        if self.reconstruction is not None:
+            grid = {d: self.reconstruction[d] for d in ("time", "y", "x")}
+            self.confidence = {m: c.assign_coords(grid) for m, c in self.confidence.items()}
+            self.margin = None if self.margin is None else self.margin.assign_coords(grid)
+        if self.scores is not None:
+            self.scores = self.scores.assign_coords(time=recording.times_s)
+        if self.outcome is not None:
+            comparison = self.outcome.comparison
+            results = {m: scaled(r) for m, r in comparison.results.items()}
+            self.outcome = Outcome(
+                recording,
+                self.outcome.recipe.changed(**changes),
+                scaled(self.outcome.reconstruction),
+                replace(comparison, results=results),
+                self.truth,
+            )
+        self.update(**changes)
+        self.calibration_changed.emit()
+
+    def set_truth(self, truth: xr.DataArray | None) -> None:
+        """Count errors against exact phase, None to count none.
+
+        Raises
+        ------
+        ValueError
+            If it has another shape than the phase.
+        """
+        if self.outcome is not None:
+            comparison = self.outcome.comparison.against(truth)
+            self.outcome = replace(self.outcome, comparison=comparison, truth=truth)
+        self.truth = truth
+        self.truth_changed.emit()
+
+    def set_lobes(self, lobes: Sequence[Lobe], *, undoable: bool = True) -> None:
+        """Take the views.
+
+        Parameters
+        ----------
+        lobes : sequence of Lobe
+            One a view.
+        undoable : bool, optional
+            Whether `undo_lobes` comes back to what was before; False while the mouse moves.
+        """
+        if undoable:
+            self.remember_lobes()
+        self.update(lobes=tuple(lobes))
+        self.lobes_changed.emit()
+
+    def remember_lobes(self) -> None:
+        """Let `undo_lobes` come back to the lobes as they are now."""
+        before = self._lobes_before
+        if not before or before[-1] != self.recipe.lobes:
+            self._lobes_before = [*before[-UNDO_DEPTH:], self.recipe.lobes]
+
+    def undo_lobes(self) -> None:
+        """Take back the last change of the lobes.
+
+        Raises
+        ------
+        ValueError
+            If there is nothing to take back.
+        """
+        while self._lobes_before:
+            lobes = self._lobes_before.pop()
+            if lobes != self.recipe.lobes:
+                self.set_lobes(lobes, undoable=False)
+                return
+        msg = "there is nothing to undo"
+        raise ValueError(msg)
+
+    def set_reconstruction(self, data: xr.Dataset, recipe: Recipe) -> None:
+        """Take wrapped phase and amplitude with the recipe that made them."""
+        frames = self.recipe.boundary
+        if self.reconstruction is not None:
+            old = self.reconstruction
+            frames = tuple((t, same_view(old, a, data)) for t, a in frames)
+        n_times, n_angles = data["phase"].shape[:2]
+        kept = tuple((t, a) for t, a in frames if t < n_times and a < n_angles)
+        self.reconstruction = data
+        self.forget_results()  # what was made of an earlier phase; its layers stay
+        self.phase_recipe = recipe
+        self.update(boundary=kept or ((0, 0),))
+        self.reconstruction_changed.emit()
+
+    def needed_recording(self) -> Recording:
+        """Return the recording, or raise ValueError if there is none."""
+        if self.recording is None and self.reconstruction is not None:
+            msg = "this is wrapped phase, not a hologram video; go on with step 4"
+            raise ValueError(msg)
+        if self.recording is None:
+            msg = "there is no recording yet; open one in step 1"
+            raise ValueError(msg)
+        return self.recording
+
+    def needed_reconstruction(self) -> xr.Dataset:
+        """Return the reconstruction, or raise ValueError if there is none."""
+        if self.reconstruction is None:
+            msg = "there is no phase yet; press Reconstruct in step 3"
+            raise ValueError(msg)
+        return self.reconstruction
+
+    def needed_outcome(self) -> Outcome:
+        """Return the last results, or raise ValueError if there are none."""
+        if self.outcome is None:
+            msg = "there are no results yet; press Run in step 4"
+            raise ValueError(msg)
+        return self.outcome
+
+
+def same_view(old: xr.Dataset, view: int, new: xr.Dataset) -> int:
+    """Return the number in a new reconstruction of a view of an old one."""
+    carrier = old.attrs["lobes"][view]["carrier"]
+    distances = [pair_distance(lobe["carrier"], carrier) for lobe in new.attrs["lobes"]]
+    return distances.index(min(distances))

@@ -1,0 +1,191 @@
+"""The part of step 4 that says from which frame to start: map, thumbnail, suggestion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from magicgui.widgets import ComboBox
+from qtpy.QtCore import Qt
+
+from napari_phase4d._napari.session import plan_scores
+from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.widgets.boundary_map import BoundaryMap
+from napari_phase4d._napari.widgets.paths import Path
+from napari_phase4d._napari.widgets.thumbnail import Thumbnail
+
+__all__ = ["BoundaryPart"]
+
+#: What is said of the path of each method that has one.
+PATHS: dict[str, Path] = {
+    "T/A: time, then angle": "temporal-angular",
+    "A/T: angle, then time": "angular-temporal",
+    "Temporal: time alone": "temporal",
+    "Angular: angle alone": "angular",
+}
+MANY_METHODS_PATH = next(iter(PATHS))
+
+
+class BoundaryPart(Step):
+    """Times and angles as a map: click on a frame in which the object is thin."""
+
+    title = "Boundary"
+    purpose = (
+        "Click on a frame in which the object is thin: the methods start from it. "
+        "Shift-click adds one more."
+    )
+
+    def build(self) -> None:
+        """Make the widgets."""
+        self.column.setContentsMargins(0, 0, 0, 0)
+        self.map = BoundaryMap()
+        self.map.setObjectName("boundary_map")
+        self.column.addWidget(self.map)
+        self.thumbnail = Thumbnail()
+        self.column.addWidget(self.thumbnail)
+        self.use_view = self.button(
+            "Use current view",
+            "use_view",
+            "Start from the frame that the sliders show.",
+            self.use_current,
+        )
+        self.suggest = self.button(
+            "Suggest",
+            "suggest",
+            "Start from the frame that is safest: that on which two different unwrappers agree "
+            "most (the star).",
+            self.take_suggestion,
+        )
+        self.path = self.watched(
+            ComboBox(
+                name="path",
+                choices=list(PATHS),
+                value=MANY_METHODS_PATH,
+                tooltip="Whose way through the frames is drawn: first pass blue, second red.",
+            )
+        )
+        self.column.addLayout(self.row(self.use_view, self.suggest, self.path.native))
+        self.path.changed.connect(lambda _: self._show_path())
+        self.map.frame_clicked.connect(
+            lambda t, a, more: self.guarded(lambda: self._clicked(t, a, more=more))
+        )
+        self.map.frame_hovered.connect(self._describe)
+        self.map.left.connect(self._describe_boundary)
+        self.session.reconstruction_changed.connect(self._show)
+        self.session.calibration_changed.connect(self._show)
+        self.session.scores_changed.connect(self._show)
+        self.session.recipe_changed.connect(self._show_boundary)
+        self.session.recording_changed.connect(self._show)
+        self._show()
+        self._show_path()
+
+    def frame_changed(self) -> None:
+        """Outline the frame that the sliders show."""
+        if self.session.reconstruction is not None:
+            self.map.set_current(self.presenter.current_frame())
+
+    def use_current(self) -> None:
+        """Start from the frame that the sliders show."""
+        self.session.update(boundary=(self.presenter.current_frame(),))
+
+    def take_suggestion(self) -> None:
+        """Start from the frame with the best score, which may have to be computed first."""
+        self.session.needed_reconstruction()
+        if self.session.scores is None:
+            self.jobs.start(plan_scores(self.session), then=self._take_best)
+        else:
+            self._take_best()
+
+    def _take_best(self) -> None:
+        self.presenter.go_to(*self.session.take_best_boundary())
+        self.said.emit(self.words_on_the_suggestion())
+
+    def words_on_the_suggestion(self) -> str:
+        """Say which frame was suggested and why."""
+        scores = self.session.scores
+        if scores is None:
+            return ""
+        time, angle = scores.attrs["best"]
+        agree = 100 * scores.attrs["agreement"]
+        return (
+            f"Thin frame: time {time}, angle {float(scores['angle'][angle]):g}°. There, "
+            f"{scores.attrs['basis']} agree on {agree:.3g} % of the object."
+        )
+
+    def _clicked(self, time: int, angle: int, *, more: bool) -> None:
+        """Start from the frame that was clicked on, or from that one too; show it."""
+        boundary = self.session.recipe.boundary
+        if not more:
+            boundary = ((time, angle),)
+        elif (time, angle) not in boundary:
+            boundary = (*boundary, (time, angle))
+        elif len(boundary) > 1:
+            boundary = tuple(frame for frame in boundary if frame != (time, angle))
+        self.session.update(boundary=boundary)
+        self.presenter.go_to(time, angle)
+        self._describe(time, angle)
+
+    def _show(self) -> None:
+        """Show the frames that there are, with their scores."""
+        data = self.session.reconstruction
+        self.map.setEnabled(data is not None)
+        if data is None:
+            self.map.set_frames([], [])
+            self.thumbnail.show_frame(None, "The frames appear here once there is phase.")
+            return
+        self.map.set_frames(data["time"].values, data["angle"].values)
+        scores = self.session.scores
+        self.map.set_scores(None if scores is None else scores.values)
+        self.map.set_best(None if scores is None else tuple(scores.attrs["best"]))
+        self.map.setCursor(Qt.CursorShape.PointingHandCursor)
+        self._show_boundary()
+        self.frame_changed()
+
+    def _show_boundary(self) -> None:
+        if self.session.reconstruction is not None:
+            self.map.set_boundaries(list(self.session.recipe.boundary))
+            self._describe_boundary()
+
+    def _show_path(self) -> None:
+        self.map.set_path(PATHS[self.path.value])
+
+    def show_path_of(self, method: str) -> None:
+        """Draw the path of a method, where it has one."""
+        words = next((words for words, m in PATHS.items() if m == method), None)
+        if words is not None:
+            self.path.value = words
+
+    def _describe_boundary(self) -> None:
+        boundary = self.session.recipe.boundary
+        if self.session.reconstruction is not None:
+            time, angle = boundary[0]
+            shape = self.session.reconstruction["phase"].shape
+            self._describe(min(time, shape[0] - 1), min(angle, shape[1] - 1))
+
+    def _describe(self, time: int, angle: int) -> None:
+        """Show one frame and say how safe it is."""
+        data = self.session.reconstruction
+        if data is None:
+            return
+        phase = data["phase"]
+        chosen = (time, angle) in self.session.recipe.boundary
+        lines = [
+            f"<b>{'Start: ' if chosen else ''}time {time} ({float(phase['time'][time]):.3g} s), "
+            f"angle {float(phase['angle'][angle]):g}°</b>",
+            words_on_score(self.session.scores, time, angle),
+        ]
+        self.thumbnail.show_frame(phase.values[time, angle], "<br>".join(lines))
+
+
+def words_on_score(scores: Any, time: int, angle: int) -> str:
+    """Say how safe a frame is, and why."""
+    if scores is None:
+        return "Its safety is being looked at …"
+    score = float(scores.values[time, angle])
+    best = (time, angle) == tuple(scores.attrs["best"])
+    verdict = "safe" if score > 0.99 else "rather safe" if score > 0.95 else "not safe"
+    if best:
+        verdict = "the safest"
+    return (
+        f"Score {score:.3f}, {verdict}: {scores.attrs['basis']} agree on about "
+        f"{100 * score:.1f} % of the object."
+    )

@@ -1,0 +1,221 @@
+"""The tab of step 5 that measures regions: optical path, height, dry mass over time."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from magicgui.widgets import ComboBox, FloatSpinBox
+from qtpy.QtWidgets import QFileDialog, QGridLayout
+
+from napari_phase4d._napari.preferences import own_refraction_increment
+from napari_phase4d._napari.session import Plan
+from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
+from napari_phase4d._napari.widgets.curves import CurvePlot
+from napari_phase4d._napari.widgets.result_table import ResultTable
+from napari_phase4d.evaluation import measure
+from napari_phase4d.io import write_table
+from napari_phase4d.optics import Optics
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import METHODS
+
+__all__ = ["MeasurePart"]
+
+OBJECT = "the whole object"
+#: Columns that are plotted over time, the most asked for first.
+PLOTTED = (
+    "dry mass (pg)",
+    "mean optical path difference (nm)",
+    "mean height (um)",
+    "volume (um^3)",
+    "area (um^2)",
+    "mean phase (rad)",
+)
+#: Pixels that a field gets at least.
+NARROW = 90
+#: Methods in the order in which a measurement relies on them.
+TRUSTED = ("directional-l1", "temporal-angular", "angular-temporal")
+
+
+class MeasurePart(Step):
+    """Dry mass and its relatives, of the object, drawn regions or labels."""
+
+    title = "Measure"
+    summary = "Dry mass, height and optical path of regions over time."
+
+    def build(self) -> None:
+        """Make the widgets."""
+        self.measured = pd.DataFrame()
+        self._build_choices()
+        self.go = self.button(
+            "Measure", "measure", "Table and plot of every region over time.", self.measure
+        )
+        self.quantity = self.watched(
+            ComboBox(name="quantity", choices=list(PLOTTED[:1]), tooltip="What the plot shows.")
+        )
+        self.column.addLayout(self.row(self.go, self.quantity.native))
+        self.plot = CurvePlot()
+        self.plot.setObjectName("measure_plot")
+        self.plot.setMinimumHeight(110)
+        self.column.addWidget(self.plot, 3)
+        self.table = ResultTable("measure_table")
+        self.table.setMinimumHeight(70)
+        self.column.addWidget(self.table, 2)
+        self.copy = self.button(
+            "Copy", "copy_measured", "Put the table on the clipboard.", self._copy
+        )
+        self.save = self.button(
+            "Save as CSV…", "save_measured", "Write the table to a file.", self._ask_file
+        )
+        self.column.addLayout(self.row(self.copy, self.save))
+        self.when_changed(self.quantity, self._draw)
+        self.session.outcome_changed.connect(self._show_results)
+        self.session.recording_changed.connect(self._show_results)
+        self.session.reconstruction_changed.connect(self._show_results)
+        self._show_results()
+
+    def _build_choices(self) -> None:
+        self.result = self.watched(
+            ComboBox(name="measured_result", choices=[], tooltip="Of which method.")
+        )
+        self.regions = self.watched(
+            ComboBox(
+                name="regions",
+                choices=lambda _: self._region_choices(),
+                value=OBJECT,
+                tooltip="What to measure: the whole object, or the shapes or labels of a layer.",
+            )
+        )
+        self.increment = self.watched(
+            FloatSpinBox(
+                name="increment",
+                value=own_refraction_increment(),
+                min=0.01,
+                max=1,
+                step=0.01,
+                tooltip="Refraction increment: how much a gram of dry matter in a millilitre "
+                "raises the refractive index. 0.18 mL/g is usual for cells (Barer, Nature 169, "
+                "366, 1952).",
+            )
+        )
+        self.increment.native.setSuffix(" mL/g")
+        self.index = self.watched(
+            FloatSpinBox(
+                name="object_index",
+                value=1,
+                min=1,
+                max=4,
+                step=0.01,
+                tooltip="Refractive index of the object, no unit; without it there is no height "
+                "and no volume.",
+            )
+        )
+        self.index.native.setDecimals(4)
+        self.index.native.setSpecialValueText("not known")
+        grid = QGridLayout()
+        grid.setSpacing(4)
+        for column, (words, field) in enumerate(
+            (
+                ("of", self.result),
+                ("in", self.regions),
+                ("dn/dc", self.increment),
+                ("index", self.index),
+            )
+        ):
+            row, side = divmod(column, 2)
+            label = self.label(words)
+            label.setToolTip(field.tooltip)
+            field.native.setMinimumWidth(NARROW)
+            grid.addWidget(label, row, 2 * side)
+            grid.addWidget(field.native, row, 2 * side + 1)
+        grid.setColumnStretch(1, 1)
+        grid.setColumnStretch(3, 1)
+        self.column.addLayout(grid)
+
+    def reset_choices(self) -> None:
+        """Look for layers again."""
+        with self.own_change():
+            self.regions.reset_choices()
+
+    def frame_changed(self) -> None:
+        """Show the curve at the angle on screen."""
+        if len(self.measured) and self.isVisible():
+            self._draw()
+
+    def measure(self) -> None:
+        """Measure the chosen regions, in a thread."""
+        comparison = self.session.needed_outcome().comparison
+        result = comparison.results[self.result.value]
+        layer = self.regions.value
+        regions = None if layer == OBJECT else regions_of_layer(layer, result)
+        optics = self.session.recipe.optics
+        if optics is None:
+            noted = result.attrs.get("wavelength_um")
+            optics = Optics() if noted is None else Optics(wavelength_um=noted)
+        chosen: dict[str, Any] = {
+            "object_index": None if self.index.value <= 1 else self.index.value,
+            "refraction_increment_ml_per_g": self.increment.value,
+        }
+
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> pd.DataFrame:
+            masks = regions or {"object": comparison.object_mask().values.astype(bool)}
+            return measure(result, masks, optics, **chosen, progress=progress, cancelled=cancelled)
+
+        self.jobs.start(Plan("Measuring", work, self._receive))
+
+    def save_to(self, path: str | Path) -> None:
+        """Write the table as CSV, units in the headings."""
+        if self.measured.empty:
+            msg = "nothing has been measured yet; press Measure"
+            raise ValueError(msg)
+        write_table(path, self.measured.set_index("region"))
+        self.said.emit(f"The measurement is in {Path(path).name}.")
+
+    def _receive(self, measured: pd.DataFrame) -> None:
+        self.measured = measured
+        self.table.show_frame(measured)
+        with self.own_change():
+            self.quantity.choices = [name for name in PLOTTED if name in measured.columns]
+        self._draw()
+
+    def _draw(self) -> None:
+        """Plot the chosen quantity over time at the angle on screen."""
+        name = self.quantity.value
+        if self.measured.empty or name is None:
+            self.plot.message("Choose what to measure, then press Measure.")
+            return
+        angles = self.measured["angle (deg)"].unique()
+        angle = angles[min(self.presenter.current_frame()[1], len(angles) - 1)]
+        shown = self.measured[self.measured["angle (deg)"] == angle]
+        curves = {str(region): rows[name] for region, rows in shown.groupby("region", sort=False)}
+        times = shown["time (s)"].unique()
+        self.plot.show_curves(times, curves, f"time (s), at {angle:g}°", str(name))
+
+    def _region_choices(self) -> list[Any]:
+        layers = [la for la in self.presenter.viewer.layers if is_region_layer(la)]
+        return [OBJECT, *layers]
+
+    def _show_results(self) -> None:
+        """Offer the results that there are, the most reliable one first."""
+        results = list(self.session.results)
+        ordered = sorted(results, key=lambda m: (m not in TRUSTED, results.index(m)))
+        with self.own_change():
+            self.result.choices = [(METHODS[m].label, m) for m in ordered]
+            if ordered:
+                self.result.value = next((m for m in TRUSTED if m in results), ordered[0])
+        self.measured = pd.DataFrame()
+        self.table.clear_rows()
+        self.plot.message("Choose what to measure, then press Measure.")
+
+    def _copy(self) -> None:
+        self.table.copy()
+        self.said.emit("The measurement is on the clipboard.")
+
+    def _ask_file(self) -> None:
+        path, _ = QFileDialog.getSaveFileName(self, "Measurement", "measured.csv", "CSV (*.csv)")
+        if path:
+            self.save_to(path)

@@ -1,0 +1,160 @@
+"""The tab of step 5 that saves and shares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from magicgui.widgets import FloatSpinBox
+from qtpy.QtGui import QGuiApplication
+from qtpy.QtWidgets import QFileDialog
+
+from napari_phase4d._napari.session import Plan
+from napari_phase4d._napari.steps.step import Step
+from napari_phase4d.evaluation import (
+    EXACT,
+    comparison_figure,
+    movie_frames,
+    named_results,
+    phase_limits,
+    telling_frames,
+)
+from napari_phase4d.io import write_movie
+from napari_phase4d.pipeline import write_outcome
+from napari_phase4d.progress import CancelledCall, ProgressCall
+
+__all__ = ["SharePart"]
+
+MOVIES = "MP4 (*.mp4);;GIF (*.gif)"
+FIGURES = "PNG (*.png);;SVG (*.svg)"
+RECIPES = "Recipe (*.json)"
+
+
+class SharePart(Step):
+    """Everything to files, a movie, a figure, the recipe, a script."""
+
+    title = "Save"
+    summary = "Files are written whole or not at all."
+
+    def build(self) -> None:
+        """Make the widgets."""
+        self.save = self.button(
+            "Save everything…",
+            "save_results",
+            "Every stack as OME-TIFF with its times, angles and pixel, the table as CSV, and the "
+            "recipe, into a folder.",
+            self._ask_folder,
+        )
+        self.movie = self.button(
+            "Movie…",
+            "save_movie",
+            "All results over time, a row for each viewing angle: MP4 or GIF.",
+            lambda: self._ask_file("Movie", "comparison.mp4", MOVIES, self.save_movie),
+        )
+        self.rate = self.watched(
+            FloatSpinBox(
+                name="movie_rate",
+                value=6,
+                min=0.1,
+                max=50,
+                step=1,
+                tooltip="Frames per second of the movie.",
+            )
+        )
+        self.rate.native.setSuffix(" frames/s")
+        self.figure = self.button(
+            "Figure…",
+            "save_figure",
+            "All results at the thin frame, the frame on screen and the last one: PNG or SVG.",
+            lambda: self._ask_file("Figure", "comparison.png", FIGURES, self.save_figure),
+        )
+        self.recipe = self.button(
+            "Recipe…",
+            "save_recipe",
+            "All settings, to open again in step 1 or to run in a terminal.",
+            lambda: self._ask_file("Recipe", "recipe.json", RECIPES, self.save_recipe),
+        )
+        self.script = self.button(
+            "Copy as Python",
+            "copy_script",
+            "A script on the clipboard that computes every array again, bit for bit.",
+            self.copy_script,
+        )
+        self.column.addWidget(self.save)
+        self.column.addLayout(self.row(self.movie, self.rate.native))
+        self.column.addWidget(self.figure)
+        self.column.addLayout(self.row(self.recipe, self.script))
+        self.column.addStretch()
+
+    def save_to(self, folder: str | Path) -> None:
+        """Write all results into a folder, in a thread."""
+        outcome = self.session.needed_outcome()
+        self._start(
+            Path(folder), lambda *watch: write_outcome(outcome, folder, *watch), "All results are"
+        )
+
+    def save_movie(self, path: str | Path) -> None:
+        """Write a movie of all results, in a thread."""
+        stacks, rate = self.stacks(), float(self.rate.value)
+        some = [stack.values[:: max(1, len(stack) // 16)] for stack in stacks.values()]
+        n_frames = len(next(iter(stacks.values())))
+        limits = phase_limits(some if EXACT not in stacks else some[:1])
+
+        def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Path:
+            frames = movie_frames(stacks, limits, title=self.session.name)
+            return write_movie(
+                path, frames, rate, n_frames=n_frames, progress=progress, cancelled=cancelled
+            )
+
+        self._start(Path(path), work, "The movie is")
+
+    def save_figure(self, path: str | Path) -> None:
+        """Write a figure of all results at some frames, in a thread."""
+        stacks = self.stacks()
+        outcome, frame = self.session.needed_outcome(), self.presenter.current_frame()
+        phase = outcome.reconstruction["phase"]
+        frames = telling_frames(phase, outcome.recipe.boundary[0], frame)
+        self._start(
+            Path(path), lambda *_: comparison_figure(stacks, frames, path), "The figure is"
+        )
+
+    def save_recipe(self, path: str | Path) -> None:
+        """Write all settings."""
+        self.session.recipe.to_file(path)
+        self.said.emit(f"The recipe is in {Path(path).name}.")
+
+    def copy_script(self) -> None:
+        """Put a script on the clipboard that computes the results again."""
+        QGuiApplication.clipboard().setText(self.session.script())
+        self.said.emit("The script is on the clipboard; paste it into a file and run it.")
+
+    def stacks(self) -> dict[str, xr.DataArray]:
+        """Return what is compared: the truth, where it is known, and every result by its name."""
+        comparison = self.session.needed_outcome().comparison
+        return named_results(comparison, self.session.truth)
+
+    def _start(self, path: Path, write: Callable[..., Any], words: str) -> None:
+        def work(
+            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        ) -> Any:
+            return write(progress, cancelled)
+
+        def say() -> None:
+            self.said.emit(f"{words} in {path}.")
+
+        self.jobs.start(Plan(f"Saving to {path}", work, lambda _: None), then=say)
+
+    def _ask_folder(self) -> None:
+        self.session.needed_outcome()
+        folder = QFileDialog.getExistingDirectory(self, "Folder for the results")
+        if folder:
+            self.save_to(folder)
+
+    def _ask_file(self, title: str, name: str, filters: str, save: Callable[[str], None]) -> None:
+        if name != "recipe.json":
+            self.session.needed_outcome()
+        path, _ = QFileDialog.getSaveFileName(self, title, name, filters)
+        if path:
+            save(path)

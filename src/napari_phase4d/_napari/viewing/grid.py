@@ -1,0 +1,122 @@
+"""Layers side by side, and the view as it was before."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+__all__ = ["ViewState", "arrange", "common_contrast", "link"]
+
+#: What results side by side share.
+LINKED = ("contrast_limits", "colormap", "gamma")
+#: More layers than this in the grid get small labels.
+CROWD = 6
+#: Size of a name in points; width and height of a colour bar in pixels, and of its numbers in
+#: points: first the usual ones, then the small ones.
+NAME_FONT = (10.0, 8.0)
+COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 70.0), (6.0, 40.0)), (8.0, 6.0)
+
+
+@dataclass(frozen=True)
+class ViewState:
+    """What a viewer shows, to come back to it.
+
+    Layers that are removed meanwhile are passed over; those that are added are hidden.
+    """
+
+    layers: list[tuple[Any, dict[str, Any], bool, bool]]
+    grid: bool
+    point: tuple[float, ...]
+    labels: tuple[str, ...]
+    camera: tuple[tuple[float, ...], float, tuple[float, ...]]
+    overlays: dict[str, bool]
+
+    @classmethod
+    def of(cls, viewer: Any) -> ViewState:
+        """Note what a viewer shows."""
+        layers = []
+        for layer in viewer.layers:
+            names = [name for name in ("visible", *LINKED) if hasattr(layer, name)]
+            looks = {name: getattr(layer, name) for name in names}
+            bar = getattr(layer, "colorbar", None)
+            named = layer.name_overlay.visible
+            layers.append((layer, looks, named, bar is not None and bar.visible))
+        camera, overlays = viewer.scene.camera, viewer.canvas.overlays
+        return cls(
+            layers,
+            viewer.canvas.grid.enabled,
+            tuple(viewer.dims.point),
+            tuple(viewer.dims.axis_labels),
+            (tuple(camera.center), camera.zoom, tuple(camera.angles)),
+            {name: getattr(overlays, name).visible for name in ("current_slice", "scale_bar")},
+        )
+
+    def restore(self, viewer: Any) -> None:
+        """Show again what was shown then."""
+        known = [noted for noted in self.layers if noted[0] in viewer.layers]
+        viewer.layers.unlink_layers([noted[0] for noted in known])
+        for layer in viewer.layers:
+            if not any(layer is noted[0] for noted in known):
+                layer.visible = False
+        for layer, looks, named, bar in known:
+            for name, value in looks.items():
+                setattr(layer, name, value)
+            layer.name_overlay.visible = named
+            if hasattr(layer, "colorbar"):
+                layer.colorbar.visible = bar
+        viewer.canvas.grid.enabled = self.grid
+        for name, visible in self.overlays.items():
+            getattr(viewer.canvas.overlays, name).visible = visible
+        camera = viewer.scene.camera
+        camera.center, camera.zoom, camera.angles = self.camera
+        if tuple(viewer.dims.axis_labels) == self.labels:
+            viewer.dims.point = self.point
+
+
+def arrange(viewer: Any, layers: Sequence[Any]) -> None:
+    """Show some layers in a grid, each with its name and colour bar."""
+    for layer in layers:
+        show_labels(layer, small=len(layers) > CROWD)
+        layer.visible = True
+    viewer.canvas.grid.enabled = len(layers) > 1
+    viewer.canvas.overlays.current_slice.visible = True
+
+
+def link(viewer: Any, layers: Sequence[Any], limits: tuple[float, float]) -> None:
+    """Give layers the same contrast and colours, now and when one of them is changed."""
+    low, high = limits
+    viewer.layers.unlink_layers(layers)
+    for layer in layers:
+        layer.contrast_limits_range = (
+            min(low, layer.contrast_limits_range[0]),
+            max(high, layer.contrast_limits_range[1]),
+        )
+        layer.contrast_limits = (low, high)
+    viewer.layers.link_layers(layers, LINKED)
+
+
+def common_contrast(layers: Sequence[Any], exact: Any | None) -> tuple[float, float]:
+    """Return contrast limits that suit several results: those of the truth, where it is shown.
+
+    Without truth, a single method that fails by many cycles must not darken all others.
+    """
+    if exact is not None and exact in layers:
+        low, high = exact.contrast_limits
+        return float(low), float(high)
+    limits = np.array([layer.contrast_limits for layer in layers])
+    return float(np.median(limits[:, 0])), float(np.median(limits[:, 1]))
+
+
+def show_labels(layer: Any, *, small: bool) -> None:
+    """Show a layer's name and a colour bar that leaves the picture free, also in a small cell."""
+    layer.name_overlay.font_size = NAME_FONT[small]
+    layer.name_overlay.visible = True
+    layer.colorbar.size = COLORBAR_SIZE[small]
+    layer.colorbar.font_size = COLORBAR_FONT[small]
+    layer.colorbar.tick_length = 3.0
+    layer.colorbar.box = True
+    layer.colorbar.position = "bottom_left"
+    layer.colorbar.visible = True

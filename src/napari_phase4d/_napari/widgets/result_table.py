@@ -1,0 +1,123 @@
+"""A table of figures that can be sorted and copied."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import pandas as pd
+from qtpy.QtCore import Qt
+from qtpy.QtGui import QGuiApplication, QKeyEvent, QKeySequence
+from qtpy.QtWidgets import (
+    QAbstractItemView,
+    QHeaderView,
+    QTableWidget,
+    QTableWidgetItem,
+    QWidget,
+)
+
+__all__ = ["ResultTable"]
+
+#: Most rows that are laid out; the clipboard and files hold all.
+MOST_ROWS = 500
+
+
+class Cell(QTableWidgetItem):  # type: ignore[misc]
+    """A cell that sorts by its value, not by its words."""
+
+    def __init__(self, value: Any) -> None:
+        words = value if isinstance(value, str) else f"{value:.3g}"
+        super().__init__("–" if words == "nan" else words)
+        self.value = value
+
+    def __lt__(self, other: object) -> bool:
+        mine, theirs = self.value, getattr(other, "value", "")
+        if isinstance(mine, str) or isinstance(theirs, str):
+            return str(mine) < str(theirs)
+        return bool(mine < theirs)
+
+
+class ResultTable(QTableWidget):  # type: ignore[misc]
+    """Shows a data frame; a click on a heading sorts, Ctrl+C copies all of it.
+
+    Parameters
+    ----------
+    name : str
+        The widget's name.
+    parent : QWidget, optional
+        Its parent.
+    """
+
+    def __init__(self, name: str, parent: QWidget | None = None) -> None:
+        super().__init__(0, 0, parent)
+        self.setObjectName(name)
+        self.frame = pd.DataFrame()
+        self.verticalHeader().setVisible(False)
+        self.verticalHeader().setDefaultSectionSize(22)
+        self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+
+    def show_frame(
+        self,
+        frame: pd.DataFrame,
+        headings: Mapping[str, tuple[str, str]] | None = None,
+        tooltips: Mapping[int, str] | None = None,
+    ) -> None:
+        """Show a data frame.
+
+        Parameters
+        ----------
+        frame : DataFrame
+            Texts and numbers.
+        headings : mapping, optional
+            Column to its heading and tooltip; other columns are left out. Default: all columns
+            with their names.
+        tooltips : mapping of int to str, optional
+            Row number to what is said of it.
+        """
+        self.frame = frame
+        known = headings or {str(name): (str(name), str(name)) for name in frame.columns}
+        names = [name for name in known if name in frame.columns]
+        self.setSortingEnabled(False)
+        self.setColumnCount(len(names))
+        self.setHorizontalHeaderLabels([known[name][0] for name in names])
+        rows = min(len(frame), MOST_ROWS)
+        self.setRowCount(rows)
+        for column, name in enumerate(names):
+            self.horizontalHeaderItem(column).setToolTip(known[name][1])
+            for row, value in enumerate(frame[name].iloc[:rows]):
+                cell = Cell(value)
+                cell.setToolTip((tooltips or {}).get(row, ""))
+                self.setItem(row, column, cell)
+        self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
+        self.horizontalHeader().setStretchLastSection(True)
+        self.setSortingEnabled(True)
+        # As it came; the mark of a sorted column would be wrong.
+        self.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
+
+    def clear_rows(self) -> None:
+        """Show nothing."""
+        self.frame = pd.DataFrame()
+        self.setRowCount(0)
+
+    def copy(self) -> None:
+        """Put the whole table on the clipboard, tabs between the columns.
+
+        Raises
+        ------
+        ValueError
+            If there is nothing to copy.
+        """
+        if self.frame.empty:
+            msg = "the table is empty; there is nothing to copy yet"
+            raise ValueError(msg)
+        text = self.frame.to_csv(sep="\t", index=False, lineterminator="\n")
+        QGuiApplication.clipboard().setText(text)
+
+    def keyPressEvent(self, event: QKeyEvent | None) -> None:  # noqa: N802 - Qt's name
+        """Copy with the usual key."""
+        if event is not None and event.matches(QKeySequence.StandardKey.Copy):
+            if not self.frame.empty:
+                self.copy()
+            return
+        super().keyPressEvent(event)

@@ -1,0 +1,86 @@
+"""A heading that opens and closes what is under it, and says how far it is."""
+
+from __future__ import annotations
+
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVBoxLayout, QWidget
+
+from napari_phase4d._napari.session import StepState
+
+__all__ = ["Section"]
+
+HEADING_HEIGHT = 25
+#: Colour and words of each state; readable on napari's dark and light themes.
+LOOKS = {
+    StepState.TO_DO: ("#8a8f98", "to do", "An earlier step comes first."),
+    StepState.READY: ("#3d8fe0", "● ready", "This is what to do next."),
+    StepState.DONE: ("#3aa76d", "✓ done", "Nothing is left to do here; it can be done again."),
+    StepState.STALE: (
+        "#d98324",
+        "↻ changed",
+        "What is shown was made with other settings; press the button again.",
+    ),
+}
+
+
+class Section(QWidget):  # type: ignore[misc]
+    """One step with its heading.
+
+    Parameters
+    ----------
+    title : str
+        The heading.
+    content : QWidget
+        What it opens and closes.
+    """
+
+    def __init__(self, title: str, content: QWidget) -> None:
+        super().__init__()
+        self.content = content
+        self.state = StepState.TO_DO
+        self.heading = QToolButton()
+        self.heading.setObjectName(f"heading_{title.split()[1].lower()}")
+        self.heading.setText(title)
+        self.heading.setToolTip(f"Open or close step {title}.")
+        self.heading.setCheckable(True)
+        self.heading.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
+        self.heading.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
+        self.heading.setFixedHeight(HEADING_HEIGHT)
+        self.heading.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        bold = self.heading.font()
+        bold.setBold(True)
+        self.heading.setFont(bold)
+        self.heading.toggled.connect(self.set_open)
+        self.badge = QLabel()
+        self.badge.setObjectName(f"state_{title.split()[1].lower()}")
+        row = QHBoxLayout()
+        row.setContentsMargins(0, 0, 6, 0)
+        row.addWidget(self.heading, 1)
+        row.addWidget(self.badge)
+        column = QVBoxLayout(self)
+        column.setContentsMargins(0, 0, 0, 0)
+        column.setSpacing(0)
+        column.addLayout(row)
+        column.addWidget(content)
+        self.set_open(False)
+        self.set_state(StepState.TO_DO)
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the content is shown."""
+        return bool(self.heading.isChecked())
+
+    def set_open(self, is_open: bool) -> None:
+        """Show or hide the content."""
+        self.heading.setChecked(is_open)
+        arrow = Qt.ArrowType.DownArrow if is_open else Qt.ArrowType.RightArrow
+        self.heading.setArrowType(arrow)
+        self.content.setVisible(is_open)
+
+    def set_state(self, state: StepState) -> None:
+        """Say how far the step is."""
+        self.state = state
+        colour, words, tooltip = LOOKS[state]
+        self.badge.setText(words)
+        self.badge.setToolTip(tooltip)
+        self.badge.setStyleSheet(f"color: {colour};")

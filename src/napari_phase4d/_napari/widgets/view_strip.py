@@ -1,0 +1,143 @@
+"""The wrapped phase of every view as a small picture."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+from qtpy.QtCore import QPointF, QRectF, QSize, Qt
+from qtpy.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPixmap
+from qtpy.QtWidgets import QSizePolicy, QWidget
+
+from napari_phase4d._napari.widgets.spectrum_marks import VIEW_COLORS, view_color
+
+__all__ = ["ViewStrip", "phase_image"]
+
+NOTHING_YET = "The wrapped phase appears here."
+GREY = QColor(140, 140, 140)
+#: Line round a picture, space between pictures, and height of a caption, in pixels.
+FRAME, GAP, CAPTION = 2.0, 4.0, 14.0
+CAPTION_SIZE = 11
+TINY = 1e-6
+#: More views than this stand in two columns.
+IN_ONE_COLUMN = 2
+
+
+class ViewStrip(QWidget):  # type: ignore[misc]
+    """One picture a view, framed in its colour, with a caption.
+
+    Black is a phase of +-pi, white is 0.
+    """
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("view_strip")
+        self.setAccessibleName("Wrapped phase of every view")
+        self.setSizePolicy(QSizePolicy.Policy.Preferred, QSizePolicy.Policy.Expanding)
+        self.setMinimumSize(80, 120)
+        self._pictures: list[QPixmap] = []
+        self._captions: list[str] = []
+
+    @property
+    def captions(self) -> list[str]:
+        """What is written under the pictures."""
+        return list(self._captions)
+
+    def set_views(self, images: Sequence[NDArray[np.float32]], captions: Sequence[str]) -> None:
+        """Show the wrapped phase of the views, or a sentence if there are none.
+
+        Parameters
+        ----------
+        images : sequence of ndarray of shape (y, x)
+            Radians, -pi to pi; at most 6.
+        captions : sequence of str
+            A few characters each.
+
+        Raises
+        ------
+        ValueError
+            If there are not as many captions as images, or too many of them.
+        """
+        if len(images) != len(captions) or len(images) > len(VIEW_COLORS):
+            msg = (
+                f"there are {len(images)} images and {len(captions)} captions; "
+                f"give one caption an image, and at most {len(VIEW_COLORS)} images"
+            )
+            raise ValueError(msg)
+        self._pictures = [QPixmap.fromImage(phase_image(image)) for image in images]
+        self._captions = list(captions)
+        self.update()
+
+    def places(self) -> list[QRectF]:
+        """Return where the pictures are drawn, without frames, in pixels of this widget."""
+        n = len(self._pictures)
+        columns = 1 if n <= IN_ONE_COLUMN else 2
+        rows = -(-n // columns) or 1
+        width = (self.width() - GAP * (columns - 1)) / columns
+        height = (self.height() - GAP * (rows - 1)) / rows
+        cells = [
+            QRectF((i % columns) * (width + GAP), (i // columns) * (height + GAP), width, height)
+            for i in range(n)
+        ]
+        return [fitted(p, cell) for p, cell in zip(self._pictures, cells, strict=True)]
+
+    def paintEvent(self, event: QPaintEvent | None) -> None:  # noqa: N802 - Qt's name
+        """Draw pictures, frames and captions."""
+        painter = QPainter(self)
+        painter.setRenderHint(QPainter.RenderHint.SmoothPixmapTransform)
+        if not self._pictures:
+            painter.setPen(GREY)
+            words = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
+            painter.drawText(self.rect().adjusted(6, 6, -6, -6), words, NOTHING_YET)
+        font = painter.font()
+        font.setPixelSize(CAPTION_SIZE)
+        painter.setFont(font)
+        for index, place in enumerate(self.places()):
+            picture, color = self._pictures[index], view_color(index)
+            painter.drawPixmap(place, picture, QRectF(picture.rect()))
+            painter.setPen(QPen(color, FRAME))
+            edge = FRAME / 2
+            painter.drawRect(place.adjusted(-edge, -edge, edge, edge))
+            below = QRectF(place.left(), place.bottom() + FRAME, place.width(), CAPTION)
+            painter.setPen(self.palette().color(self.foregroundRole()))
+            painter.drawText(below, Qt.AlignmentFlag.AlignCenter, self._captions[index])
+        painter.end()
+
+    def sizeHint(self) -> QSize:  # noqa: N802
+        """Return the size next to a spectrum."""
+        return QSize(125, 230)
+
+
+def fitted(picture: QPixmap, cell: QRectF) -> QRectF:
+    """Return the largest place for a picture that leaves room for its frame and caption."""
+    width, height = cell.width() - 2 * FRAME, cell.height() - 2 * FRAME - CAPTION
+    scale = max(min(width / picture.width(), height / picture.height()), 0.0)
+    width, height = picture.width() * scale, picture.height() * scale
+    # Frames on whole pixels are sharp.
+    left = np.floor(cell.center().x() - width / 2 + TINY)
+    top = np.floor(cell.center().y() - (height + CAPTION) / 2 + TINY)
+    return QRectF(QPointF(left, top), QPointF(left + width, top + height))
+
+
+@cache
+def cyclic_colors() -> list[int]:
+    """Return 256 colours from -pi to pi that end as they begin: black, blue, white, red, black."""
+    from matplotlib import colormaps
+
+    table = colormaps["twilight_shifted"](np.arange(256) / 255, bytes=True).astype(np.uint32)
+    packed = (255 << 24) | (table[:, 0] << 16) | (table[:, 1] << 8) | table[:, 2]
+    return [int(color) for color in packed]
+
+
+def phase_image(phase: NDArray[np.float32]) -> QImage:
+    """Return wrapped phase in radians as a picture in cyclic colours, which owns its pixels."""
+    turns = phase * np.float32(256 / (2 * np.pi))
+    turns += np.float32(128)
+    # Both ends of the turn are one colour, so that 256 is 0.
+    indices = np.ascontiguousarray(turns.astype(np.int16).astype(np.uint8))
+    height, width = indices.shape
+    image = QImage(indices.tobytes(), width, height, width, QImage.Format.Format_Indexed8).copy()
+    image.setColorTable(cyclic_colors())
+    return image

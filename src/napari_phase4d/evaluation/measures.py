@@ -1,0 +1,209 @@
+"""Area, optical path, height, volume and dry mass of regions over time and angle."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.evaluation.regions import Mask
+from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.unwrapping import DIMS
+
+__all__ = ["measure"]
+
+NM_PER_UM = 1000
+
+
+def measure(
+    unwrapped: xr.DataArray,
+    regions: Mapping[str, Any],
+    optics: Optics,
+    *,
+    object_index: float | None = None,
+    refraction_increment_ml_per_g: float = REFRACTION_INCREMENT_ML_PER_G,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> pd.DataFrame:
+    """Measure regions in every frame.
+
+    Phase is taken as it is: the empty field should be at 0. NaN and infinite pixels count as
+    outside of every region; pixels that a mask set to 0 count as flat.
+
+    Parameters
+    ----------
+    unwrapped : xarray.DataArray
+        Unwrapped phase in radians, dims among (time, angle, y, x), with coordinates in seconds,
+        degrees and micrometres.
+    regions : mapping of str to array of bool
+        Name to mask, dims (y, x), (time, y, x), which holds at every angle, or (time, angle, y,
+        x); see `region_masks` and `polygon_mask`. Time and angle may be 1 long and then hold
+        always.
+    optics : Optics
+        The microscope; its wavelength must be that of the phase, where the phase notes one.
+    object_index : float, optional
+        Refractive index of the object, taken as the same everywhere in it. Without it there is
+        neither height nor volume.
+    refraction_increment_ml_per_g : float, optional
+        How much one gram of dry matter in a millilitre raises the refractive index. Default 0.18
+        mL/g (Barer, Nature 169, 366, 1952), which is 0.18 um^3/pg.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)`` after each region; ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a region, time and angle, in this order. Columns: "region", "time (s)",
+        "angle (deg)", "area (um^2)", "mean phase (rad)", "mean optical path difference (nm)";
+        with ``object_index`` "mean height (um)" and "volume (um^3)"; "dry mass (pg)". Where a
+        region has no pixel in a frame, its means are NaN, its area, volume and mass 0. Time or
+        angle are NaN where the phase has no such coordinate.
+
+    Raises
+    ------
+    TypeError
+        If the phase is no DataArray, or a mask is not of bool.
+    ValueError
+        If a mask does not fit the phase, coordinates are missing, or a number can't be.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    stack = in_full(unwrapped)
+    check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
+    if not regions:
+        msg = "there is no region to measure; draw at least one"
+        raise ValueError(msg)
+    masks = {name: fitted(name, mask, stack.shape) for name, mask in regions.items()}
+    pixel_um2 = pixel_area_um2(stack)
+    watch = Watch(len(masks), "measuring", progress, cancelled)
+    watch.check()
+    tables = []
+    for name, mask in masks.items():
+        sums, counts = totals(stack.values, mask)
+        row = {"region": name, **frames_of(stack), "area (um^2)": counts * pixel_um2}
+        row |= phase_columns(sums, counts, pixel_um2, optics, object_index)
+        row["dry mass (pg)"] = [
+            optics.dry_mass_pg(total, pixel_um2, refraction_increment_ml_per_g) for total in sums
+        ]
+        tables.append(pd.DataFrame(row))
+        watch.step()
+    return pd.concat(tables, ignore_index=True)
+
+
+def totals(stack: NDArray[Any], mask: Mask) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the sum and the number of the finite pixels of a region, frame after frame."""
+    frames = list(np.ndindex(*stack.shape[:2]))
+    sums, counts = np.zeros(len(frames)), np.zeros(len(frames), dtype=np.intp)
+    for i, frame in enumerate(frames):
+        values = stack[frame][mask[frame]]
+        known = values[np.isfinite(values)]
+        sums[i], counts[i] = known.sum(dtype=np.float64), known.size
+    return sums, counts
+
+
+def phase_columns(
+    sums: NDArray[np.float64],
+    counts: NDArray[np.intp],
+    pixel_um2: float,
+    optics: Optics,
+    object_index: float | None,
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of phase, optical path and, where it can be told, height and volume."""
+    mean = np.full(sums.shape, np.nan)
+    np.divide(sums, counts, out=mean, where=counts > 0)
+    columns = {
+        "mean phase (rad)": mean,
+        "mean optical path difference (nm)": NM_PER_UM * optics.optical_path_um(mean),
+    }
+    if object_index is not None:
+        # All of these are proportional to phase, so that they may be taken of its sum.
+        columns["mean height (um)"] = optics.height_um(mean, object_index)
+        columns["volume (um^3)"] = optics.height_um(sums, object_index) * pixel_um2
+    return columns
+
+
+def frames_of(stack: xr.DataArray) -> dict[str, NDArray[np.float64]]:
+    """Return the time and the angle of frame after frame."""
+    places = [
+        np.asarray(stack[dim].values if dim in stack.coords else [np.nan], dtype=np.float64)
+        for dim in ("time", "angle")
+    ]
+    times, angles = np.meshgrid(*places, indexing="ij")
+    return {"time (s)": times.ravel(), "angle (deg)": angles.ravel()}
+
+
+def in_full(unwrapped: xr.DataArray | Any) -> xr.DataArray:
+    """Return phase with all four dims, or say what is wrong with it."""
+    if not isinstance(unwrapped, xr.DataArray):
+        msg = f"the phase must be a DataArray with coordinates, but is {type(unwrapped).__name__}"
+        raise TypeError(msg)
+    unknown = set(unwrapped.dims) - set(DIMS)
+    if unknown or not {"y", "x"} <= set(unwrapped.dims):
+        found = tuple(unwrapped.dims)
+        msg = f"the phase has dims {found}; they must be among time, angle, y, x, with y and x"
+        raise ValueError(msg)
+    bare = [str(dim) for dim in unwrapped.dims if dim not in unwrapped.coords]
+    if bare:
+        msg = (
+            f"the phase has no coordinates along {', '.join(bare)}; "
+            "give it seconds, degrees and micrometres with assign_coords"
+        )
+        raise ValueError(msg)
+    return unwrapped.expand_dims([d for d in DIMS if d not in unwrapped.dims]).transpose(*DIMS)
+
+
+def pixel_area_um2(stack: xr.DataArray) -> float:
+    """Return the area of one pixel in square micrometres, from the coordinates."""
+    area = 1.0
+    for dim in ("y", "x"):
+        # A single coordinate has no spacing; any guess would be a wrong area.
+        step = float(np.abs(np.diff(stack[dim].values[:2])).sum())
+        if not (math.isfinite(step) and step > 0):
+            msg = f"the pixel size can't be told: {dim} has no spacing; give it in micrometres"
+            raise ValueError(msg)
+        area *= step
+    return area
+
+
+def fitted(name: str, mask: Any, shape: tuple[int, ...]) -> Mask:
+    """Return a region's mask in the shape of the phase, without a copy."""
+    values = np.asarray(mask)
+    if values.dtype != np.bool_:
+        msg = f"the mask of {name} is {values.dtype}; make masks of labels with region_masks"
+        raise TypeError(msg)
+    full = values[:, None] if values.ndim == 3 else values
+    sizes = (1,) * (4 - full.ndim) + full.shape
+    fits = full.ndim in (2, 4) and sizes[2:] == shape[2:]
+    if not fits or any(n not in (1, m) for n, m in zip(sizes, shape, strict=True)):
+        msg = f"the mask of {name} is {values.shape}, which does not fit the phase {shape}"
+        raise ValueError(msg)
+    return np.broadcast_to(full, shape)
+
+
+def check_numbers(
+    stack: xr.DataArray,
+    optics: Optics,
+    object_index: float | None,
+    refraction_increment_ml_per_g: float,
+) -> None:
+    """Raise ValueError for numbers that can't be, and for optics of another wavelength."""
+    noted = stack.attrs.get("wavelength_um")
+    if noted is not None and not math.isclose(noted, optics.wavelength_um, rel_tol=1e-6):
+        msg = (
+            f"the phase was measured at a wavelength of {noted:g} um, but the optics say "
+            f"{optics.wavelength_um:g} um; give the optics of the recording"
+        )
+        raise ValueError(msg)
+    if object_index is not None and not (math.isfinite(object_index) and object_index >= 1):
+        msg = f"object_index must be at least 1, but is {object_index!r}"
+        raise ValueError(msg)
+    increment = refraction_increment_ml_per_g
+    if not (math.isfinite(increment) and increment > 0):
+        msg = f"refraction_increment_ml_per_g must be a number above 0, but is {increment!r}"
+        raise ValueError(msg)
