@@ -5,11 +5,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.demo import let_it_draw, viewer_with_dock, wait_until
+from napari_phase4d._napari.session import EUGLENA_SOURCE, YEAST_SOURCE
 from napari_phase4d.evaluation import comparison_figure
 from napari_phase4d.reproduction import reproduce, write_reproduction
 from napari_phase4d.simulation import budding_yeast, with_noise
@@ -35,7 +37,7 @@ def main() -> None:
 
     try:
         picture("0_empty")
-        press(dock.recording.open_sample)
+        press(lambda: dock.recording.open_path(EUGLENA_SOURCE))
         dock.show_step(0)
         picture("1_recording")
         press(dock.lobes.find_lobes)
@@ -44,12 +46,15 @@ def main() -> None:
         dock.show_step(2)
         picture("3_phase")
         press(dock.phase.reconstruct)
+        wait_until(lambda: dock.session.scores is not None)
         picture("4_unwrap")
         press(dock.unwrap.run)
+        wait_until(lambda: bool(dock.session.confidence))
         dock.presenter.go_to(39, 0)
-        picture("5_compare")
+        picture("5_table")
+        pictures_of_the_tabs(viewer, dock, picture, press)
         viewer.layers.clear()
-        press(dock.recording.open_yeast)
+        press(lambda: dock.recording.open_path(YEAST_SOURCE))
         for method in ("laplacian", "region-growing", "dilate-erode"):
             dock.unwrap.methods[method].tick.setChecked(True)
         press(dock.unwrap.run)
@@ -59,10 +64,32 @@ def main() -> None:
         picture("7_steps")
         press(dock.compare.show_confidence)
         picture("8_trust")
+        dock.presenter.show_difference("exact")
+        picture("9_difference")
+        viewer.theme = "light"
+        dock.presenter.side_by_side()
+        picture("light")
     finally:
         viewer.close()
     figures_of_the_paper()
     figure_of_the_own_method()
+
+
+def pictures_of_the_tabs(viewer: Any, dock: Any, picture: Any, press: Any) -> None:
+    """Show traces, a measured region, and what can be saved."""
+    phase = dock.session.reconstruction["phase"]
+    low, high = ([float(phase[axis][n]) for axis in ("y", "x")] for n in (35, 55))
+    dock.compare.tabs.setCurrentIndex(1)
+    regions = dock.presenter.add_regions()
+    regions.add_rectangles([low, [low[0], high[1]], high, [high[0], low[1]]])
+    regions.mode = "pan_zoom"
+    picture("5_trace")
+    dock.compare.tabs.setCurrentIndex(2)
+    press(dock.compare.measuring.measure)
+    picture("5_measure")
+    dock.compare.tabs.setCurrentIndex(3)
+    picture("5_save")
+    dock.compare.tabs.setCurrentIndex(0)
 
 
 def figure_of_the_own_method() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import threading
+import traceback
 import tracemalloc
 from collections.abc import Iterator
 
@@ -20,7 +22,9 @@ def join_threads() -> None:
     for thread in threading.enumerate():
         if thread.name.startswith(THREADS):
             thread.join(timeout=20)
-            assert not thread.is_alive(), f"{thread.name} goes on after it was cancelled"
+            if thread.is_alive():
+                where = traceback.format_stack(sys._current_frames()[thread.ident or 0])
+                pytest.fail(f"{thread.name} goes on after it was cancelled:\n{''.join(where)}")
 
 
 @pytest.fixture(autouse=True)

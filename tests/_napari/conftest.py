@@ -62,3 +62,12 @@ def click(dock: Any, qtbot: Any) -> Callable[[str], None]:
         qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
 
     return click
+
+
+@pytest.fixture
+def ready(dock, small_video):
+    """Return the dock with a small video, its lobes and phase."""
+    dock.session.set_recording(small_video)
+    dock.session.find_lobes()
+    dock.session.reconstruct()
+    return dock

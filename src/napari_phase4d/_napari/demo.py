@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from napari_phase4d._napari.dock import Phase4DDock
+from napari_phase4d._napari.session import EUGLENA_SOURCE
 
 __all__ = ["open_demo", "picture_of_the_window"]
 
@@ -20,7 +21,7 @@ def open_demo() -> None:
     import napari
 
     _, dock = viewer_with_dock(show=True)
-    dock.recording.open_sample()
+    dock.recording.open_path(EUGLENA_SOURCE)
     napari.run()
 
 
@@ -35,7 +36,7 @@ def picture_of_the_window(path: Path) -> Path:
     viewer, dock = viewer_with_dock(show=True)
     try:
         for press in (
-            dock.recording.open_sample,
+            lambda: dock.recording.open_path(EUGLENA_SOURCE),
             dock.lobes.find_lobes,
             dock.phase.reconstruct,
             dock.unwrap.run,

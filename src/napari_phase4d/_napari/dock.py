@@ -84,7 +84,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         """Let napari tell that layers were added or removed."""
         self.recording.reset_choices()
         self.compare.reset_choices()
-        self.following.watch_regions(self.compare.trace.region_drawn)
+        self.following.watch_regions(self.compare.region_drawn)
 
     def say(self, sentence: str, *, wrong: bool = False) -> None:
         """Show one sentence at the foot of the dock."""

@@ -28,7 +28,7 @@ class Following:
         self._viewer = viewer
         self._steps = steps
         self._regions: list[Any] = []
-        self._drawn: Callable[[], None] | None = None
+        self._drawn: Callable[[Any], None] | None = None
         viewer.dims.events.current_step.connect(self._frame_changed)
         viewer.mouse_move_callbacks.append(self._cursor_moved)
 
@@ -41,8 +41,8 @@ class Following:
             layer.events.data.disconnect(self._region_changed)
         self._regions = []
 
-    def watch_regions(self, drawn: Callable[[], None]) -> None:
-        """Call a function whenever a shape is drawn, changed or removed in any layer."""
+    def watch_regions(self, drawn: Callable[[Any], None]) -> None:
+        """Call a function with the layer whenever a shape in it is drawn, changed or removed."""
         self._drawn = drawn
         for layer in self._viewer.layers:
             if isinstance(layer, Shapes) and not any(layer is known for known in self._regions):
@@ -62,4 +62,4 @@ class Following:
     def _region_changed(self, event: Any) -> None:
         # "adding" and the like come first, when the data are still those from before.
         if self._drawn is not None and str(getattr(event.action, "value", "")) in DONE_ACTIONS:
-            self._drawn()
+            self._drawn(event.source)

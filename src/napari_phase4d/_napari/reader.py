@@ -21,6 +21,8 @@ from napari_phase4d.recording import Recording
 __all__ = ["get_reader"]
 
 RECIPE_SUFFIX = ".json"
+#: What is told by its unit alone.
+KINDS_BY_UNIT = {"nm": "optical path", "pg/um^2": "dry mass", "pi rad": "margin"}
 
 
 def get_reader(path: str | list[str]) -> Callable[[Any], list[LayerTuple]] | None:
@@ -64,6 +66,8 @@ def is_recipe(file: Path) -> bool:
 
 def kind_of(attrs: dict[Any, Any]) -> str:
     """Return the kind of a result from its attributes."""
+    if attrs.get("units") in KINDS_BY_UNIT:
+        return KINDS_BY_UNIT[attrs["units"]]
     if "of" in attrs:
         return "confidence"
     if "less" in attrs:

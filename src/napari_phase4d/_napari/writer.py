@@ -5,6 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import xarray as xr
 from napari.layers import Image
 
 from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
@@ -13,16 +15,19 @@ from napari_phase4d.io import write_phase
 
 __all__ = ["write_stack"]
 
+#: Axes of layers that this plugin did not make.
+PLAIN_AXES = {2: ("y", "x"), 3: ("time", "y", "x"), 4: AXES}
+
 
 def write_stack(path: str, data: Any, keywords: dict[str, Any]) -> list[str]:
-    """Write one 4-D image layer as OME-TIFF that `read_results` and napari open again.
+    """Write one image layer as OME-TIFF that `read_results` and napari open again.
 
     Parameters
     ----------
     path : str
         File to write; the ending is made ``.ome.tif``.
     data : array_like
-        Axes (time, angle, y, x).
+        Axes (time, angle, y, x), (time, y, x) or (y, x).
     keywords : dict
         The layer's other properties, as napari gives them to writers.
 
@@ -33,20 +38,34 @@ def write_stack(path: str, data: Any, keywords: dict[str, Any]) -> list[str]:
 
     Raises
     ------
+    OSError
+        If the file can't be written; an older file of that name is then left as it was.
     ValueError
-        If the layer has not these four axes.
+        If the layer is in colour or has other axes.
     """
-    if data.ndim != len(AXES):
+    if keywords.get("rgb") or data.ndim not in PLAIN_AXES:
         msg = (
-            f"“{keywords.get('name', 'the layer')}” has {data.ndim} axes; "
-            f"Phase 4D saves stacks with the four axes {', '.join(AXES)}"
+            f"“{keywords.get('name', 'the layer')}” has the shape {tuple(data.shape)}; "
+            f"Phase 4D saves grey stacks with the axes {', '.join(AXES)}"
         )
         raise ValueError(msg)
-    note = keywords.get("metadata", {}).get(METADATA_KEY, {"kind": "image"})
-    known = ("name", "scale", "translate")
-    shown = {name: keywords[name] for name in known if name in keywords}
-    layer = Image(data, **shown, metadata={METADATA_KEY: note})
-    return [str(write_phase(with_ending(Path(path)), stack_of_layer(layer)))]
+    if METADATA_KEY in keywords.get("metadata", {}):
+        known = ("scale", "translate", "metadata")
+        stack = stack_of_layer(Image(data, **{name: keywords[name] for name in known}))
+    else:
+        stack = plain_stack(np.asarray(data), keywords)
+    return [str(write_phase(with_ending(Path(path)), stack))]
+
+
+def plain_stack(values: Any, keywords: dict[str, Any]) -> xr.DataArray:
+    """Return a layer of another origin as a stack; axes that it lacks are one long."""
+    axes = PLAIN_AXES[values.ndim]
+    scale = keywords.get("scale", np.ones(values.ndim))
+    origin = keywords.get("translate", np.zeros(values.ndim))
+    steps = zip(axes, values.shape, scale, origin, strict=True)
+    places = {axis: start + step * np.arange(n) for axis, n, step, start in steps}
+    missing = {axis: [0.0] for axis in AXES if axis not in axes}
+    return xr.DataArray(values, dims=axes, coords=places).expand_dims(missing).transpose(*AXES)
 
 
 def with_ending(path: Path) -> Path:

@@ -45,6 +45,8 @@ class Opened:
         Exact phase, or for a recording what gives it on a reconstruction's grid.
     recipe : Recipe, optional
         The settings to go on with.
+    kind : str
+        What it was told to be: "holograms", "phase", or "auto" if it was looked at.
     """
 
     content: Recording | xr.DataArray
@@ -52,6 +54,7 @@ class Opened:
     boundary: tuple[int, int] | None = None
     truth: xr.DataArray | TruthCall | None = None
     recipe: Recipe | None = None
+    kind: str = "auto"
 
 
 def open_anything(source: Any, content: str = "auto") -> Opened:
@@ -79,7 +82,7 @@ def open_anything(source: Any, content: str = "auto") -> Opened:
         return Opened(open_sample(str(source)))
     if Path(source).suffix.lower() == ".json":
         return open_recipe(Recipe.from_file(source))
-    return Opened(open_input(source, content=content))
+    return Opened(open_input(source, content=content), kind=content)
 
 
 def opened_sample(sample: Sample) -> Opened:

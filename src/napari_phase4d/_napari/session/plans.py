@@ -151,6 +151,7 @@ def plan_unwrapping(state: State) -> Plan:
         mask=chosen.mask,
         methods=chosen.methods,
         options=chosen.options,
+        confidence=chosen.confidence,
     )
 
     def work(

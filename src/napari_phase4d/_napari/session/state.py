@@ -110,6 +110,7 @@ class State:
         """Take what was opened: a recording or wrapped phase, with what is known of it."""
         if not isinstance(opened, Opened):
             opened = Opened(opened)
+        kind = opened.kind if opened.recipe is None else opened.recipe.content
         if isinstance(opened.content, Recording):
             self.set_recording(
                 opened.content,
@@ -117,6 +118,7 @@ class State:
                 opened.boundary or (0, 0),
                 opened.truth,  # type: ignore[arg-type] # of a recording it is a function
                 recipe=opened.recipe,
+                kind=kind,
             )
         else:
             self.set_phase(
@@ -124,6 +126,7 @@ class State:
                 opened.boundary,
                 opened.truth,  # type: ignore[arg-type] # of phase it is a stack
                 recipe=opened.recipe,
+                kind=kind,
             )
 
     def set_recording(
@@ -134,6 +137,7 @@ class State:
         truth: TruthCall | None = None,
         *,
         recipe: Recipe | None = None,
+        kind: str = "auto",
     ) -> None:
         """Take a recording; what belonged to an earlier one is forgotten.
 
@@ -149,10 +153,13 @@ class State:
             Gives the exact phase on the grid of the wrapped phase, where it is known.
         recipe : Recipe, optional
             Settings to go on with, lobes and thin frame among them.
+        kind : str, optional
+            What the file was told to hold, see `Recipe.content`.
         """
         recording.frame(0)  # a frame that can't be read is better found now
         settings: dict[str, Any] = {
             "recording": recording.source,
+            "content": kind,
             "optics": recording.optics,
             "frame_rate_hz": recording.frame_rate_hz,
         }
@@ -175,6 +182,7 @@ class State:
         truth: xr.DataArray | None = None,
         *,
         recipe: Recipe | None = None,
+        kind: str = "auto",
     ) -> None:
         """Take wrapped phase that has been reconstructed before; all else is forgotten.
 
@@ -188,10 +196,12 @@ class State:
             Exact phase on the same grid.
         recipe : Recipe, optional
             Settings to go on with.
+        kind : str, optional
+            What the file was told to hold, see `Recipe.content`.
         """
         t, a = boundary or phase.attrs.get("boundary", (0, 0))
         source = str(phase.attrs.get("source", ""))
-        settings: dict[str, Any] = {"recording": source, "lobes": ()}
+        settings: dict[str, Any] = {"recording": source, "content": kind, "lobes": ()}
         if recipe is None:
             settings |= {
                 "dataset": None,

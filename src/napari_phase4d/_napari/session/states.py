@@ -49,7 +49,8 @@ def phase_state(state: State) -> StepState:
 def unwrap_state(state: State) -> StepState:
     """Return the state of step 4."""
     if state.outcome is None:
-        return StepState.TO_DO if state.reconstruction is None else StepState.READY
+        waits = state.reconstruction is None or phase_is_stale(state)
+        return StepState.TO_DO if waits else StepState.READY
     stale = phase_is_stale(state) or results_are_stale(state)
     return StepState.STALE if stale else StepState.DONE
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import xarray as xr
 from magicgui.widgets import ComboBox
 from qtpy.QtCore import Qt
 
@@ -37,6 +38,7 @@ class BoundaryPart(Step):
     def build(self) -> None:
         """Make the widgets."""
         self.column.setContentsMargins(0, 0, 0, 0)
+        self._shown: xr.Dataset | None = None
         self.map = BoundaryMap()
         self.map.setObjectName("boundary_map")
         self.column.addWidget(self.map)
@@ -80,8 +82,13 @@ class BoundaryPart(Step):
 
     def frame_changed(self) -> None:
         """Outline the frame that the sliders show."""
-        if self.session.reconstruction is not None:
+        if self._shows_present_frames():
             self.map.set_current(self.presenter.current_frame())
+
+    def _shows_present_frames(self) -> bool:
+        """Say whether the map has been told of the phase that there is now."""
+        data = self.session.reconstruction
+        return data is not None and data is self._shown
 
     def use_current(self) -> None:
         """Start from the frame that the sliders show."""
@@ -126,7 +133,7 @@ class BoundaryPart(Step):
 
     def _show(self) -> None:
         """Show the frames that there are, with their scores."""
-        data = self.session.reconstruction
+        data = self._shown = self.session.reconstruction
         self.map.setEnabled(data is not None)
         if data is None:
             self.map.set_frames([], [])
@@ -141,7 +148,7 @@ class BoundaryPart(Step):
         self.frame_changed()
 
     def _show_boundary(self) -> None:
-        if self.session.reconstruction is not None:
+        if self._shows_present_frames():
             self.map.set_boundaries(list(self.session.recipe.boundary))
             self._describe_boundary()
 
@@ -156,7 +163,7 @@ class BoundaryPart(Step):
 
     def _describe_boundary(self) -> None:
         boundary = self.session.recipe.boundary
-        if self.session.reconstruction is not None:
+        if self._shows_present_frames() and self.session.reconstruction is not None:
             time, angle = boundary[0]
             shape = self.session.reconstruction["phase"].shape
             self._describe(min(time, shape[0] - 1), min(angle, shape[1] - 1))

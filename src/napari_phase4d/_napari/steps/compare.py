@@ -113,6 +113,11 @@ class CompareStep(Step):
         """Follow the mouse."""
         self.trace.cursor_moved()
 
+    def region_drawn(self, layer: Any) -> None:
+        """Look at and measure the region that was drawn."""
+        self.trace.region_drawn()
+        self.measuring.region_drawn(layer)
+
     def reset_choices(self) -> None:
         """Look for layers again."""
         with self.own_change():
@@ -145,6 +150,7 @@ class CompareStep(Step):
             with self.own_change():
                 self.difference.value = NO_DIFFERENCE
             self.presenter.show_difference(self._references()[chosen])
+            self.said.emit(f"Each result {chosen}, in radians: dark is 0, half the scale a cycle.")
 
     def _references(self) -> dict[str, str]:
         """Return what differences can be taken to: words on screen -> method id."""

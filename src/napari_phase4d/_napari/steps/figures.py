@@ -25,7 +25,7 @@ HEADINGS = {
         "wrong %",
         "Pixels that are off by at least one cycle against the chosen truth, in percent.",
     ),
-    "peak_mb": ("MB", "Largest memory at one time, in megabytes."),
+    "peak_mb": ("MB", "Most memory beyond what was there before, in megabytes."),
 }
 
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
+import xarray as xr
 from magicgui.widgets import ComboBox, FloatSpinBox
 from qtpy.QtWidgets import QFileDialog, QGridLayout
 
-from napari_phase4d._napari.preferences import own_refraction_increment
+from napari_phase4d._napari.preferences import own_optics, own_refraction_increment
 from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
@@ -113,7 +115,7 @@ class MeasurePart(Step):
             )
         )
         self.index.native.setDecimals(4)
-        self.index.native.setSpecialValueText("not known")
+        self.index.native.setSpecialValueText("none")
         grid = QGridLayout()
         grid.setSpacing(4)
         for column, (words, field) in enumerate(
@@ -139,6 +141,12 @@ class MeasurePart(Step):
         with self.own_change():
             self.regions.reset_choices()
 
+    def region_drawn(self, layer: Any) -> None:
+        """Measure the layer in which a region was drawn, unless another one was chosen."""
+        self.reset_choices()
+        if self.regions.value == OBJECT and layer in self.regions.choices:
+            self.regions.value = layer
+
     def frame_changed(self) -> None:
         """Show the curve at the angle on screen."""
         if len(self.measured) and self.isVisible():
@@ -150,10 +158,7 @@ class MeasurePart(Step):
         result = comparison.results[self.result.value]
         layer = self.regions.value
         regions = None if layer == OBJECT else regions_of_layer(layer, result)
-        optics = self.session.recipe.optics
-        if optics is None:
-            noted = result.attrs.get("wavelength_um")
-            optics = Optics() if noted is None else Optics(wavelength_um=noted)
+        optics = self._optics_of(result)
         chosen: dict[str, Any] = {
             "object_index": None if self.index.value <= 1 else self.index.value,
             "refraction_increment_ml_per_g": self.increment.value,
@@ -167,6 +172,15 @@ class MeasurePart(Step):
 
         self.jobs.start(Plan("Measuring", work, self._receive))
 
+    def _optics_of(self, result: xr.DataArray) -> Optics:
+        """Return the microscope; of phase that does not say it, the user's own."""
+        optics = self.session.recipe.optics
+        if optics is not None:
+            return optics
+        own = own_optics() or Optics()
+        noted = result.attrs.get("wavelength_um", own.wavelength_um)
+        return replace(own, wavelength_um=float(noted))
+
     def save_to(self, path: str | Path) -> None:
         """Write the table as CSV, units in the headings."""
         if self.measured.empty:
@@ -176,7 +190,10 @@ class MeasurePart(Step):
         self.said.emit(f"The measurement is in {Path(path).name}.")
 
     def _receive(self, measured: pd.DataFrame) -> None:
-        self.measured = measured
+        chosen = {"refraction increment (mL/g)": self.increment.value}
+        if self.index.value > 1:
+            chosen["object index"] = self.index.value
+        self.measured = measured = measured.assign(**chosen)
         self.table.show_frame(measured)
         with self.own_change():
             self.quantity.choices = [name for name in PLOTTED if name in measured.columns]

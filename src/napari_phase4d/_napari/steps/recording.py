@@ -167,11 +167,8 @@ class RecordingStep(Step):
 
     def _take_opened(self, opened: Opened) -> None:
         """Take what was opened; a microscope that had to be assumed is the user's own."""
-        content = opened.content
-        if isinstance(content, Recording) and opened.recipe is None:
-            own = own_optics()
-            if own is not None and any("microscope is not" in note for note in content.notes):
-                opened = replace(opened, content=content.calibrated(own))
+        if isinstance(opened.content, Recording) and opened.recipe is None:
+            opened = replace(opened, content=with_own_optics(opened.content))
         self.session.take(opened)
 
     def optics(self) -> Optics:
@@ -207,7 +204,7 @@ class RecordingStep(Step):
 
     def _remember(self) -> None:
         remember_optics(self.optics())
-        self.said.emit("Kept in napari's preferences (Settings > Phase 4D).")
+        self.said.emit("Kept in File > Preferences, page Phase 4D.")
 
     def _take_layer(self, layer: Any) -> None:
         if layer is None or self.filling:
@@ -218,7 +215,7 @@ class RecordingStep(Step):
         if is_phase_layer(layer):
             self._take_phase(layer)
             return
-        recording = recording_of_layer(layer)
+        recording = with_own_optics(recording_of_layer(layer))
         if METADATA_KEY in layer.metadata:
             self.presenter.adopt(recording, layer)
         else:
@@ -311,3 +308,11 @@ class RecordingStep(Step):
         self.remove_raw.setVisible(raw)
         self.facts.setText(words)
         self.facts.setVisible(True)
+
+
+def with_own_optics(recording: Recording) -> Recording:
+    """Return a recording that does not say its microscope with that of the preferences."""
+    own = own_optics()
+    if own is None or not any("microscope is not" in note for note in recording.notes):
+        return recording
+    return recording.calibrated(own)

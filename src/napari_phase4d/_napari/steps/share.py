@@ -43,8 +43,8 @@ class SharePart(Step):
         self.save = self.button(
             "Save everything…",
             "save_results",
-            "Every stack as OME-TIFF with its times, angles and pixel, the table as CSV, and the "
-            "recipe, into a folder.",
+            "Phase, amplitude and every result as OME-TIFF with times, angles and pixel, the "
+            "table as CSV, and the recipe, into a folder.",
             self._ask_folder,
         )
         self.movie = self.button(

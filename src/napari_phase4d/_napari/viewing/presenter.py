@@ -219,6 +219,10 @@ class Presenter:
         if self._before is None:
             self._before = ViewState.of(self.viewer)
         self.hide_all()
+        if len(layers) > 1:  # in the grid, regions would get a cell of their own
+            for layer in self.viewer.layers:
+                if is_own(layer, "regions"):
+                    layer.visible = False
         arrange(self.viewer, layers)
         self._fit()
 
@@ -240,13 +244,15 @@ class Presenter:
         """Hide every layer of this plugin and leave the grid; other layers stay as they are."""
         self.viewer.canvas.grid.enabled = False
         for layer in self.viewer.layers:
-            note = layer.metadata.get(METADATA_KEY)
-            if note is not None and note.get("kind") != "regions":
+            if is_own(layer) and not is_own(layer, "regions"):
                 layer.visible = False
 
     def add_regions(self) -> Any:
-        """Add an empty layer to draw regions in, ready to draw the first."""
+        """Add an empty layer to draw regions in, over the most reliable result."""
         phase = self.session.needed_reconstruction()["phase"]
+        results = self.results()
+        if results and self.viewer.canvas.grid.enabled:
+            self._show_together([results[-1]])
         layer = self.viewer.add_shapes(**region_layer(phase, "regions"))
         layer.mode = "add_polygon"
         self.viewer.layers.selection.active = layer
@@ -280,3 +286,9 @@ class Presenter:
         """Move the sliders to the first frame."""
         for axis in range(self.viewer.dims.ndim - 2):
             self.viewer.dims.set_current_step(axis, 0)
+
+
+def is_own(layer: Any, kind: str = "") -> bool:
+    """Say whether this plugin made a layer, and one of a kind where that is given."""
+    note = layer.metadata.get(METADATA_KEY)
+    return note is not None and (not kind or note.get("kind") == kind)

@@ -21,7 +21,7 @@ ELLIPSE_CORNERS = 64
 
 def is_region_layer(layer: Any) -> bool:
     """Say whether a layer can hold regions to measure."""
-    return isinstance(layer, Labels) or (isinstance(layer, Shapes) and len(layer.data) > 0)
+    return isinstance(layer, Labels | Shapes)
 
 
 def regions_of_layer(layer: Any, phase: xr.DataArray) -> dict[str, Mask]:

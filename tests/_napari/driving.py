@@ -1,0 +1,84 @@
+"""Real mouse and key events on the window."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from qtpy.QtCore import QEvent, QPoint, QPointF, Qt, QTimer
+from qtpy.QtGui import QMouseEvent
+from qtpy.QtTest import QTest
+from qtpy.QtWidgets import (
+    QApplication,
+    QDialogButtonBox,
+    QFileDialog,
+    QLineEdit,
+    QWidget,
+)
+
+LEFT = Qt.MouseButton.LeftButton
+PLAIN = Qt.KeyboardModifier.NoModifier
+
+
+def drag(canvas: Any, start: tuple[float, float], end: tuple[float, float]) -> None:
+    """Drag with the left mouse button from one frequency (ky, kx) of the spectrum to another."""
+    viewport = canvas.viewport()
+    for kind, where, pressed in (
+        (QEvent.Type.MouseButtonPress, start, LEFT),
+        (QEvent.Type.MouseMove, end, LEFT),
+        (QEvent.Type.MouseButtonRelease, end, Qt.MouseButton.NoButton),
+    ):
+        point = canvas.view_position(*where)
+        button = Qt.MouseButton.NoButton if kind == QEvent.Type.MouseMove else LEFT
+        place = QPointF(viewport.mapToGlobal(point.toPoint()))
+        event = QMouseEvent(kind, point, place, button, pressed, PLAIN)
+        QApplication.sendEvent(viewport, event)
+
+
+def canvas_of(viewer: Any) -> QWidget:
+    """Return the widget that napari draws its layers on."""
+    return viewer.window._qt_viewer.canvas.native
+
+
+def place_of(viewer: Any, y_um: float, x_um: float) -> QPoint:
+    """Return where a place of the sample is drawn, when one layer fills the canvas."""
+    camera, size = viewer.scene.camera, canvas_of(viewer).size()
+    x = size.width() / 2 + (x_um - camera.center[2]) * camera.zoom
+    y = size.height() / 2 + (y_um - camera.center[1]) * camera.zoom
+    return QPoint(round(x), round(y))
+
+
+def click_cell(boundary_map: Any, time: int, angle: int, modifier: Any = PLAIN) -> None:
+    """Click on a frame of the map."""
+    place = boundary_map.cell_position(time, angle).toPoint()
+    QTest.mouseClick(boundary_map, LEFT, modifier, place)
+
+
+def answer_dialog(path: Path) -> Callable[[], bool]:
+    """Put a path into the file dialog that opens next, and press the button.
+
+    What is returned says whether there was a dialog.
+    """
+    answered: list[bool] = []
+    tries = iter(range(100))
+
+    def answer() -> None:
+        dialog = QApplication.activeModalWidget()
+        if not isinstance(dialog, QFileDialog):
+            if dialog is None and next(tries, None) is not None:
+                QTimer.singleShot(50, answer)
+            return
+        line = dialog.findChild(QLineEdit)
+        line.setText(str(path))  # typed, the list of suggestions would take the click
+        answered.append(True)
+        buttons = dialog.findChild(QDialogButtonBox)
+        QTest.mouseClick(buttons.buttons()[0], LEFT)
+        # A dialog that still waits would hold up all other tests.
+        guard = QTimer(dialog)
+        guard.setSingleShot(True)
+        guard.timeout.connect(dialog.reject)
+        guard.start(2000)
+
+    QTimer.singleShot(50, answer)
+    return lambda: bool(answered)

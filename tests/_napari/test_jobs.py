@@ -1,0 +1,113 @@
+"""Long work: cancelling, closing, and results that come too late."""
+
+from __future__ import annotations
+
+import threading
+import time
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import Qt
+
+import napari_phase4d as p4d
+from napari_phase4d._napari.session import Plan, plan_reconstruction
+from napari_phase4d.progress import Watch
+
+pytestmark = pytest.mark.gui
+
+
+def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) -> None:
+    plan = plan_reconstruction(ready.session)
+    result = plan.work()
+    other = small_video.calibrated(p4d.Optics(magnification=20))
+    ready.session.set_recording(other)
+    count = len(viewer.layers)
+    with pytest.raises(ValueError, match="has changed meanwhile"):
+        plan.receive(result)
+    assert ready.session.reconstruction is None
+    assert len(viewer.layers) == count
+
+
+def test_change_while_a_job_runs_is_said_and_nothing_mixed(viewer, ready, qtbot) -> None:
+    count = len(viewer.layers)
+    ready.phase.reconstruct()
+    ready.session.recalibrate(ready.session.recording.calibrated(p4d.Optics(magnification=20)))
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=10_000)
+    assert "has changed meanwhile" in ready.status.text()
+    assert len(viewer.layers) == count
+
+
+def slow_plan(started: threading.Event, ended: list[str]) -> Plan:
+    def work(progress: Any = None, cancelled: Any = None) -> str:
+        watch = Watch(10_000, "slow work", progress, cancelled)
+        started.set()
+        try:
+            for _ in range(10_000):
+                time.sleep(0.01)
+                watch.step()
+        except p4d.Cancelled:
+            ended.append("cancelled")
+            raise
+        ended.append("to the end")
+        return "done"
+
+    return Plan("Slow work", work, lambda _: ended.append("received"))
+
+
+def test_cancel_acts_within_a_second(dock, qtbot) -> None:
+    started, ended = threading.Event(), []
+    dock.jobs.start(slow_plan(started, ended))
+    qtbot.waitUntil(lambda: "slow work" in dock.status.text(), timeout=5000)
+    assert dock.cancel.isVisible()
+    began = time.monotonic()
+    qtbot.mouseClick(dock.cancel, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    assert time.monotonic() - began < 1
+    assert ended == ["cancelled"]
+    assert "cancelled" in dock.status.text()
+    assert not dock.cancel.isVisible()
+
+
+def test_two_jobs_at_once_are_refused(ready, qtbot, click) -> None:
+    started, ended = threading.Event(), []
+    ready.jobs.start(slow_plan(started, ended))
+    qtbot.mouseClick(ready.phase.go, Qt.MouseButton.LeftButton)
+    assert "another job is still running" in ready.status.text()
+    ready.jobs.cancel()
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
+
+
+def test_real_work_can_be_cancelled_half_way(viewer, ready, qtbot) -> None:
+    count = len(viewer.layers)
+    ready.jobs.progressed.connect(
+        lambda *found: ready.jobs.cancel() if found[2].startswith("T/A") else None
+    )
+    ready.unwrap.run()
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=10_000)
+    assert "cancelled. The finished results are shown." in ready.status.text()
+    finished = list(ready.session.results)
+    assert finished[:3] == ["spatial-2d", "angular", "temporal"]
+    assert "directional-l1" not in finished
+    assert len(viewer.layers) == count + len(finished)
+    phase = ready.session.reconstruction["phase"]
+    expected = p4d.unwrap(phase, "temporal", mask="auto")
+    np.testing.assert_array_equal(viewer.layers["Temporal"].data, expected.values)
+
+
+def test_closing_the_window_stops_the_work(viewer, dock, qtbot) -> None:
+    started, ended = threading.Event(), []
+    dock.jobs.start(slow_plan(started, ended))
+    assert started.wait(5)
+    viewer.close()
+    qtbot.waitUntil(lambda: bool(ended), timeout=5000)
+    assert ended == ["cancelled"]
+
+
+def test_taking_the_dock_away_stops_the_work(viewer, dock, qtbot) -> None:
+    started, ended = threading.Event(), []
+    dock.jobs.start(slow_plan(started, ended))
+    assert started.wait(5)
+    viewer.window.remove_dock_widget(dock)
+    qtbot.waitUntil(lambda: bool(ended), timeout=5000)
+    assert ended == ["cancelled"]

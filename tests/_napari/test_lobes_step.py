@@ -1,0 +1,108 @@
+"""Step 2: circles by mouse, numbers in the table, finding."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from driving import drag
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QApplication
+
+pytestmark = pytest.mark.gui
+
+
+def test_changed_lobes_ask_for_a_new_reconstruction(ready, click) -> None:
+    ready.lobes.table.item(0, 2).setText("0.08")
+    assert ready.session.lobes[0].radius == 0.08
+    click("run")
+    assert "press Reconstruct in step 3 again" in ready.status.text()
+    click("reconstruct")
+    click("run")
+    assert ready.session.outcome is not None
+    ready.phase.window.value = "disk"
+    click("run")
+    assert "press Reconstruct in step 3 again" in ready.status.text()
+
+
+def test_failed_search_leaves_the_spectrum_to_place_lobes_by_hand(dock, click) -> None:
+    noise = np.random.default_rng(0).normal(size=(8, 64, 64)).astype(np.float32)
+    dock.session.open(noise)
+    click("find_lobes")
+    assert "place the lobes by hand" in dock.status.text()
+    assert dock.session.spectrum is not None
+    click("add_lobe")
+    assert len(dock.lobes.canvas.lobes) == 1
+
+
+def test_spectrum_shows_by_itself_and_gives_way(dock, qtbot, click, small_video) -> None:
+    dock.session.set_recording(small_video)
+    assert dock.session.spectrum is None
+    assert not dock.jobs.running  # nothing that the user would have to wait for
+    assert "find the lobes" in dock.status.text()
+    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=10_000)
+    assert "find the lobes" in dock.status.text()
+    assert dock.session.lobes == []
+    dock.session.set_recording(small_video.calibrated())
+    dock.recording.numbers["magnification"].value = 30  # leaves the frames as they are
+    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=10_000)
+    dock.session.set_recording(small_video.calibrated())
+    click("find_lobes")  # at once, while the spectrum is still being computed
+    assert len(dock.session.lobes) == 2
+
+
+def test_finding_again_keeps_what_the_user_typed(ready, click) -> None:
+    ready.lobes.table.item(0, 3).setText("33")
+    ready.lobes.table.item(0, 0).setText("0.18")
+    click("find_lobes")
+    assert ready.session.lobes[0].angle_deg == 33
+    assert ready.session.lobes[0].carrier[0] == pytest.approx(0.19, abs=0.003)
+
+
+def test_wrong_number_in_the_table_changes_nothing(ready) -> None:
+    before = ready.session.lobes
+    for column, words, sentence in (
+        (0, "abc", "takes a number"),
+        (1, "0.9", "outside the spectrum"),
+        (2, "-1", "lobe radius must lie between"),
+    ):
+        ready.lobes.table.item(0, column).setText(words)
+        assert sentence in ready.status.text()
+        assert ready.session.lobes == before
+        assert ready.lobes.table.item(0, column).text() != words
+
+
+def test_flip_and_angle_are_set_in_the_table(ready) -> None:
+    table = ready.lobes.table
+    flipped = not ready.session.lobes[1].flip
+    state = Qt.CheckState.Checked if flipped else Qt.CheckState.Unchecked
+    table.item(1, 4).setCheckState(state)
+    table.item(1, 3).setText("33.5")
+    assert ready.session.lobes[1].flip is flipped
+    assert ready.session.lobes[1].angle_deg == 33.5
+
+
+def test_circles_are_dragged_and_resized_with_the_mouse(ready) -> None:
+    ready.show_step(1)
+    QApplication.processEvents()
+    canvas = ready.lobes.canvas
+    lobe = ready.session.lobes[0]
+    ky, kx = lobe.carrier
+    drag(canvas, (ky, kx), (ky + 0.05, kx - 0.03))
+    moved = ready.session.lobes[0]
+    np.testing.assert_allclose(moved.carrier, (ky + 0.05, kx - 0.03), atol=0.006)
+    assert moved.radius == lobe.radius
+    ky, kx = moved.carrier
+    drag(canvas, (ky, kx + moved.radius), (ky, kx + 0.05))
+    np.testing.assert_allclose(ready.session.lobes[0].radius, 0.05, atol=0.006)
+    assert float(ready.lobes.table.item(0, 0).text()) == pytest.approx(ky, abs=1e-4)
+    assert "cycles/µm" in ready.lobes.frequency.text()
+
+
+def test_lobes_are_added_and_removed(ready, click) -> None:
+    click("add_lobe")
+    assert len(ready.session.lobes) == 3
+    assert ready.lobes.table.rowCount() == 3
+    ready.lobes.table.setCurrentCell(0, 0)
+    click("remove_lobe")
+    assert len(ready.session.lobes) == 2
+    assert ready.session.lobes[-1].angle_deg == 2
