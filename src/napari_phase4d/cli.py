@@ -27,7 +27,7 @@ from napari_phase4d.evaluation import (
     telling_frames,
 )
 from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
-from napari_phase4d.io import open_phase
+from napari_phase4d.io import open_phase, write_figure
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     Outcome,
@@ -95,7 +95,7 @@ def demo(
     print_table(outcome.comparison.table)
     written = write_outcome(outcome, out)
     picture = out / "comparison.png"
-    write_figure(outcome, truth, picture)
+    write_picture(outcome, truth, picture)
     from napari_phase4d._napari.demo import picture_of_the_window
 
     screenshot = picture_of_the_window(out / "window.png")
@@ -268,7 +268,7 @@ def compare_command(
         print_itoh(outcome, exact)
         written = write_outcome(outcome, folder)
         picture = folder / "comparison.png"
-        write_figure(outcome, exact, picture)
+        write_picture(outcome, exact, picture)
         console.print(f"{len(written) + 1} files written to [bold]{folder.resolve()}[/bold]")
 
     batch(compare_one, files or [Path(recipe.recording)], out)
@@ -476,10 +476,10 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
         console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
 
 
-def write_figure(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> None:
+def write_picture(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> None:
     """Write a picture of all results at some frames."""
     frames = telling_frames(outcome.reconstruction["phase"], outcome.recipe.boundary[0])
-    comparison_figure(named_results(outcome.comparison, exact), frames, path)
+    write_figure(path, comparison_figure(named_results(outcome.comparison, exact), frames))
 
 
 def megabytes(size: int) -> str:

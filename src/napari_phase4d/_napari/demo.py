@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +37,7 @@ def picture_of_the_window(path: Path) -> Path:
     viewer, dock = viewer_with_dock(show=True)
     try:
         for press in (
-            lambda: dock.recording.open_path(EUGLENA_SOURCE),
+            partial(dock.recording.open_path, EUGLENA_SOURCE),
             dock.lobes.find_lobes,
             dock.phase.reconstruct,
             dock.unwrap.run,

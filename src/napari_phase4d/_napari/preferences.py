@@ -8,7 +8,7 @@ from napari.settings import get_plugin_settings
 
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 
-__all__ = ["own_optics", "own_refraction_increment", "remember_optics"]
+__all__ = ["in_micrometres", "own_optics", "own_refraction_increment", "remember_optics"]
 
 PLUGIN = "napari-phase4d"
 
@@ -18,7 +18,7 @@ def own_optics() -> Optics | None:
     chosen = preferred("microscope")
     try:
         optics = Optics(
-            chosen.wavelength_nm / 1000,
+            in_micrometres(chosen.wavelength_nm),
             chosen.camera_pixel_um,
             chosen.magnification,
             chosen.medium_index,
@@ -41,6 +41,11 @@ def remember_optics(optics: Optics) -> None:
     chosen.camera_pixel_um = optics.camera_pixel_um
     chosen.magnification = optics.magnification
     chosen.medium_index = optics.medium_index
+
+
+def in_micrometres(nanometres: float) -> float:
+    """Return a length in micrometres, 632.8 nm as 0.6328 without a rest of rounding."""
+    return round(nanometres / 1000, 9)
 
 
 def preferred(group: str) -> Any:

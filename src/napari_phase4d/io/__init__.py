@@ -1,5 +1,6 @@
 """Readers and writers, one module per file family."""
 
+from napari_phase4d.io.figures import write_figure
 from napari_phase4d.io.movies import write_movie
 from napari_phase4d.io.opening import READABLE_SUFFIXES, open_input, open_recording
 from napari_phase4d.io.phases import holds_phase, open_phase
@@ -12,6 +13,7 @@ __all__ = [
     "open_phase",
     "open_recording",
     "read_results",
+    "write_figure",
     "write_movie",
     "write_phase",
     "write_table",

@@ -183,10 +183,7 @@ class MeasurePart(Step):
 
     def save_to(self, path: str | Path) -> None:
         """Write the table as CSV, units in the headings."""
-        if self.measured.empty:
-            msg = "nothing has been measured yet; press Measure"
-            raise ValueError(msg)
-        write_table(path, self.measured.set_index("region"))
+        write_table(path, self._needed_measurement().set_index("region"))
         self.said.emit(f"The measurement is in {Path(path).name}.")
 
     def _receive(self, measured: pd.DataFrame) -> None:
@@ -232,7 +229,15 @@ class MeasurePart(Step):
         self.table.copy()
         self.said.emit("The measurement is on the clipboard.")
 
+    def _needed_measurement(self) -> pd.DataFrame:
+        """Return what was measured, or raise ValueError if nothing was."""
+        if self.measured.empty:
+            msg = "nothing has been measured yet; press Measure"
+            raise ValueError(msg)
+        return self.measured
+
     def _ask_file(self) -> None:
+        self._needed_measurement()
         path, _ = QFileDialog.getSaveFileName(self, "Measurement", "measured.csv", "CSV (*.csv)")
         if path:
             self.save_to(path)

@@ -10,7 +10,7 @@ from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
 from qtpy.QtWidgets import QFileDialog, QWidget
 
-from napari_phase4d._napari.preferences import own_optics, remember_optics
+from napari_phase4d._napari.preferences import in_micrometres, own_optics, remember_optics
 from napari_phase4d._napari.session import (
     EUGLENA_SOURCE,
     YEAST_SOURCE,
@@ -174,7 +174,7 @@ class RecordingStep(Step):
     def optics(self) -> Optics:
         """Return the microscope as typed in."""
         return Optics(
-            self.numbers["wavelength_nm"].value / 1000,
+            in_micrometres(self.numbers["wavelength_nm"].value),
             self.numbers["camera_pixel_um"].value,
             self.numbers["magnification"].value,
             self.numbers["medium_index"].value,

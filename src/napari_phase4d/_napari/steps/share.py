@@ -21,7 +21,7 @@ from napari_phase4d.evaluation import (
     phase_limits,
     telling_frames,
 )
-from napari_phase4d.io import write_movie
+from napari_phase4d.io import write_figure, write_movie
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
@@ -117,7 +117,9 @@ class SharePart(Step):
         phase = outcome.reconstruction["phase"]
         frames = telling_frames(phase, outcome.recipe.boundary[0], frame)
         self._start(
-            Path(path), lambda *_: comparison_figure(stacks, frames, path), "The figure is"
+            Path(path),
+            lambda *_: write_figure(path, comparison_figure(stacks, frames)),
+            "The figure is",
         )
 
     def save_recipe(self, path: str | Path) -> None:
