@@ -64,7 +64,7 @@ def main() -> None:
         picture("7_steps")
         press(dock.compare.show_confidence)
         picture("8_trust")
-        dock.presenter.show_difference("exact")
+        dock.compare.difference.value = "less exact"
         picture("9_difference")
         viewer.theme = "light"
         dock.presenter.side_by_side()
@@ -81,7 +81,8 @@ def pictures_of_the_tabs(viewer: Any, dock: Any, picture: Any, press: Any) -> No
     low, high = ([float(phase[axis][n]) for axis in ("y", "x")] for n in (35, 55))
     dock.compare.tabs.setCurrentIndex(1)
     regions = dock.presenter.add_regions()
-    regions.add_rectangles([low, [low[0], high[1]], high, [high[0], low[1]]])
+    corners = [low, [low[0], high[1]], high, [high[0], low[1]]]
+    regions.add_rectangles([regions.world_to_data(corner) for corner in corners])
     regions.mode = "pan_zoom"
     picture("5_trace")
     dock.compare.tabs.setCurrentIndex(2)

@@ -131,7 +131,7 @@ def test_trace_follows_sliders_and_regions(viewer, compared, click, qtbot) -> No
     y, x = (phase[axis].values for axis in ("y", "x"))
     top, left, bottom, right = y[5] - 0.01, x[6] - 0.01, y[15] + 0.01, x[16] + 0.01
     corners = [[top, left], [top, right], [bottom, right], [bottom, left]]
-    regions.add_polygons(np.array(corners))
+    regions.add_polygons(np.array([regions.world_to_data(corner) for corner in corners]))
     qtbot.wait(200)
     assert_traces(compared, (slice(5, 16), slice(6, 17)), (2, 1))
     click("follow_mouse")

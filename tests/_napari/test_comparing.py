@@ -225,7 +225,7 @@ def test_trust_and_suggestion_by_clicks(viewer, dock, click) -> None:
         assert layer.axis_labels == AXES
     words = dock.status.text()
     assert "yellow more likely a cycle off" in words
-    assert "in some frames of 2-D" in words
+    assert "may be off in 2-D" in words
     doubtful = cells(dock)[0][headings(dock).index("doubtful %")]
     trust = dock.session.confidence["spatial-2d"]
     inside = dock.session.outcome.comparison.object_mask().values.astype(bool)

@@ -5,6 +5,7 @@ from napari_phase4d.holography.finding import find_lobes
 from napari_phase4d.holography.lobes import Lobe, pair_distance
 from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
 from napari_phase4d.holography.preview import Preview
+from napari_phase4d.holography.quality import fringe_contrast
 from napari_phase4d.holography.reconstruction import (
     BACKGROUND_ORDERS,
     recalibrated,
@@ -21,6 +22,7 @@ __all__ = [
     "Preview",
     "StrayTerm",
     "find_lobes",
+    "fringe_contrast",
     "lobe_warnings",
     "pair_distance",
     "power_spectrum",

@@ -214,11 +214,12 @@ class CompareStep(Step):
         maps, warnings = self.session.confidence, self.session.warnings
         if not maps:
             return ""
-        said = "Dark is to be trusted, yellow more likely a cycle off; the table says how much."
+        said = "Dark is to be trusted, yellow more likely a cycle off."
         if warnings:
             labels = self.session.needed_outcome().comparison.table["method"]
-            slipped = ", ".join(labels[m] for m in warnings)
-            said += f" Whole objects may be off in some frames of {slipped}: see its tooltips."
+            many = f"{len(warnings)} results" if len(warnings) > 2 else None
+            slipped = many or " and ".join(labels[m] for m in warnings)
+            said += f" Whole objects may be off in {slipped}: point at them in the table."
         return said
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from napari_phase4d.holography.quality import fringe_contrast
+from napari_phase4d.holography import fringe_contrast
 from napari_phase4d.recording import Recording
 
 __all__ = ["facts_of_phase", "facts_of_recording"]

@@ -14,3 +14,11 @@ class LowTabs(QTabWidget):  # type: ignore[misc]
     def sizeHint(self) -> QSize:  # noqa: N802 - Qt's name
         """Return the smallest size at which no page is cut."""
         return self.minimumSizeHint()
+
+    def hasHeightForWidth(self) -> bool:  # noqa: N802
+        """Say that a page's wrapped words do not ask for more height."""
+        return False
+
+    def heightForWidth(self, width: int) -> int:  # noqa: N802
+        """Return no wish of its own."""
+        return -1

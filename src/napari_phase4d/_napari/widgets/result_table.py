@@ -53,6 +53,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         self.setObjectName(name)
         self.frame = pd.DataFrame()
         self.verticalHeader().setVisible(False)
+        self.setStyleSheet("QHeaderView::section { padding: 1px 2px; }")
         self.verticalHeader().setDefaultSectionSize(22)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
