@@ -15,8 +15,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.lobe_table import LobeTable, changed_lobe
 from napari_phase4d._napari.widgets.spectrum_canvas import SpectrumCanvas
 from napari_phase4d._napari.widgets.view_strip import ViewStrip
-from napari_phase4d.holography import Lobe, lobe_warnings
-from napari_phase4d.holography.preview import Preview
+from napari_phase4d.holography import Lobe, Preview, lobe_warnings
 from napari_phase4d.recording import Recording
 
 __all__ = ["LobesStep"]
