@@ -1,7 +1,8 @@
 """Speed as ratios to other programs, measured in the same run: ``python3 dev.py bench``.
 
 Prints all tables and writes them to ``docs/tables/speed.md``. Name some of them to print only
-those, without writing: ``python3 dev.py bench frames holograms``.
+those, without writing: ``python3 dev.py bench frames holograms``. How quickly the window reacts is
+measured by ``python3 dev.py bench window``, which writes ``docs/tables/window.md``.
 """
 
 from __future__ import annotations
@@ -15,7 +16,9 @@ import scaling
 import unwrapping
 from measuring import Row, machine, table, taken_by_host
 
-TABLES = Path(__file__).parents[1] / "docs" / "tables" / "speed.md"
+TABLES = Path(__file__).parents[1] / "docs" / "tables"
+#: Runs by itself, since it opens windows.
+WINDOW = "window"
 
 #: Name -> heading, and what makes the rows or lines.
 PARTS: dict[str, tuple[str, Callable[[], Iterator[Row] | Iterator[str]]]] = {
@@ -45,9 +48,15 @@ def printed(part: Iterator[Row] | Iterator[str]) -> str:
 
 
 def main(names: list[str]) -> int:
+    if names == [WINDOW]:
+        import window
+
+        print(machine())
+        write("window.md", [machine(), printed(window.lines())])
+        return 0
     unknown = [name for name in names if name not in PARTS]
     if unknown:
-        print(f"There is no table {unknown[0]!r}; there are {', '.join(PARTS)}.")
+        print(f"There is no table {unknown[0]!r}; there are {', '.join([*PARTS, WINDOW])}.")
         return 2
     before = taken_by_host()
     print(machine())
@@ -63,10 +72,15 @@ def main(names: list[str]) -> int:
     )
     print(f"\n{written[-1]}")
     if not names:
-        TABLES.parent.mkdir(exist_ok=True)
-        TABLES.write_text("\n\n".join(written) + "\n")
-        print(f"\nWritten to {TABLES}")
+        write("speed.md", written)
     return 0
+
+
+def write(name: str, written: list[str]) -> None:
+    """Write tables to a file of the documents."""
+    TABLES.mkdir(exist_ok=True)
+    (TABLES / name).write_text("\n\n".join(written) + "\n")
+    print(f"\nWritten to {TABLES / name}")
 
 
 if __name__ == "__main__":

@@ -141,7 +141,10 @@ class Recipe(BaseModel):
     @classmethod
     def _options_exist(cls, value: Options) -> Options:
         for method, options in value.items():
-            check_method(method, options)
+            try:
+                check_method(method, options)
+            except TypeError as error:  # which pydantic would let through
+                raise ValueError(str(error)) from error
         return value
 
     @field_validator("methods")

@@ -208,7 +208,7 @@ def test_figure_movie_and_recipe_are_saved(compared, click, qtbot, tmp_path: Pat
         qtbot.waitUntil(lambda: not compared.jobs.running, timeout=60_000)
         assert str(tmp_path / name) in compared.status.text()
     svg = (tmp_path / "figure.svg").read_text(encoding="utf-8")
-    assert all(name in svg for name in ("2-D", "T/A", "WL1"))
+    assert all(f">{name}</text>" in svg for name in ("2-D", "T/A", "WL1"))
     assert (tmp_path / "movie.mp4").stat().st_size > 1000
     share.save_recipe(tmp_path / "recipe.json")
     assert p4d.Recipe.from_file(tmp_path / "recipe.json") == compared.session.recipe

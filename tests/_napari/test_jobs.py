@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 from qtpy.QtCore import Qt
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.session import Plan, plan_reconstruction
+from napari_phase4d._napari.session import Plan, plan_reconstruction, plan_unwrapping
 from napari_phase4d.progress import Watch
 
 pytestmark = pytest.mark.gui
@@ -78,20 +79,30 @@ def test_two_jobs_at_once_are_refused(ready, qtbot, click) -> None:
     qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
 
 
-def test_real_work_can_be_cancelled_half_way(viewer, ready, qtbot) -> None:
+def test_finished_results_stay_when_the_rest_is_cancelled(viewer, ready, qtbot) -> None:
     count = len(viewer.layers)
-    ready.jobs.progressed.connect(
-        lambda *found: ready.jobs.cancel() if found[2].startswith("T/A") else None
-    )
-    ready.unwrap.run()
-    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=10_000)
+    ready.session.update(methods=("spatial-2d", "temporal", "directional-l1"))
+    plan = plan_unwrapping(ready.session)
+    real, waiting = plan.work, threading.Event()
+
+    def work(progress: Any = None, cancelled: Any = None) -> Any:
+        def stop_after_two(done: int, total: int, message: str) -> None:
+            progress(done, total, message)
+            if message.startswith("WL1"):
+                waiting.set()
+                while not cancelled():
+                    time.sleep(0.01)
+
+        return real(progress=stop_after_two, cancelled=cancelled)
+
+    ready.jobs.start(replace(plan, work=work))
+    assert waiting.wait(20)
+    qtbot.mouseClick(ready.cancel, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
     assert "cancelled. The finished results are shown." in ready.status.text()
-    finished = list(ready.session.results)
-    assert finished[:3] == ["spatial-2d", "angular", "temporal"]
-    assert "directional-l1" not in finished
-    assert len(viewer.layers) == count + len(finished)
-    phase = ready.session.reconstruction["phase"]
-    expected = p4d.unwrap(phase, "temporal", mask="auto")
+    assert list(ready.session.results) == ["spatial-2d", "temporal"]
+    assert len(viewer.layers) == count + 2
+    expected = p4d.unwrap(ready.session.reconstruction["phase"], "temporal", mask="auto")
     np.testing.assert_array_equal(viewer.layers["Temporal"].data, expected.values)
 
 

@@ -12,6 +12,7 @@ from qtpy.QtWidgets import (
     QFrame,
     QHBoxLayout,
     QLabel,
+    QMainWindow,
     QProgressBar,
     QPushButton,
     QScrollArea,
@@ -76,12 +77,15 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._build()
         self._listen()
         self.following = Following(napari_viewer, self.steps)
+        self.destroyed.connect(self.following.stop)
         self.setAcceptDrops(True)
         self.say(FIRST_WORDS)
         warm_up_elsewhere()
 
     def reset_choices(self, event: Any = None) -> None:
         """Let napari tell that layers were added or removed."""
+        if self.jobs.closed:
+            return
         self.recording.reset_choices()
         self.compare.reset_choices()
         self.following.watch_regions(self.compare.region_drawn)
@@ -107,13 +111,18 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def showEvent(self, event: QShowEvent | None) -> None:  # noqa: N802 - Qt's name
         """Watch the window that the dock is in, to stop work when it closes."""
         super().showEvent(event)
-        self.window().installEventFilter(self)
+        if isinstance(self.window(), QMainWindow):  # and not a dock that floats
+            self.window().installEventFilter(self)
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
-        """Stop what is running when the window closes."""
+        """Stop what is running when the window closes; napari may ask, and the user refuse."""
         if event is not None and event.type() == QEvent.Type.Close:
-            self.close_down()
+            QTimer.singleShot(0, self._look_if_closed)
         return False
+
+    def _look_if_closed(self) -> None:
+        if not self.window().isVisible():
+            self.close_down()
 
     def changeEvent(self, event: QEvent | None) -> None:  # noqa: N802
         """Stop what is running when the dock is taken out of its window."""
@@ -227,9 +236,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.say("Stopping …")
         self.jobs.cancel()
 
-    def _cancelled(self, title: str) -> None:
+    def _cancelled(self, title: str, has_parts: bool) -> None:
         self._idle()
-        kept = " The finished results are shown." if self._next_words else ""
+        kept = " The finished results are shown." if has_parts else ""
         self._next_words = ""
         self.say(f"{title}: cancelled.{kept}")
 
@@ -249,7 +258,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._quiet.start()
 
     def _work_unasked(self) -> None:
-        if self.jobs.busy:
+        if self.jobs.busy or self.jobs.closed:
             return
         plan = self.session.quiet_plan(self._failed_unasked)
         if plan is not None:
@@ -271,6 +280,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._go_on(3, "Choose a frame in which the object is thin, then press Run.")
 
     def _unwrapped(self) -> None:
+        self._failed_unasked = []
         self._go_on(4, "Move the sliders: all results follow.")
 
     def _go_on(self, step: int, words: str) -> None:
@@ -289,4 +299,5 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 def dropped_paths(event: QDropEvent) -> list[Path]:
     """Return the files that are being dropped."""
     data = event.mimeData()
-    return [] if data is None else [Path(url.toLocalFile()) for url in data.urls()]
+    urls = [] if data is None else data.urls()
+    return [Path(url.toLocalFile()) for url in urls if url.isLocalFile()]

@@ -29,11 +29,15 @@ class Following:
         self._steps = steps
         self._regions: list[Any] = []
         self._drawn: Callable[[Any], None] | None = None
+        self._stopped = False
         viewer.dims.events.current_step.connect(self._frame_changed)
         viewer.mouse_move_callbacks.append(self._cursor_moved)
 
-    def stop(self) -> None:
+    def stop(self, *_: object) -> None:
         """Let go of the viewer."""
+        if self._stopped:
+            return
+        self._stopped = True
         self._viewer.dims.events.current_step.disconnect(self._frame_changed)
         if self._cursor_moved in self._viewer.mouse_move_callbacks:
             self._viewer.mouse_move_callbacks.remove(self._cursor_moved)

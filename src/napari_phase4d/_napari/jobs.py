@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import threading
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -10,12 +9,14 @@ from typing import Any
 
 from napari.qt.threading import FunctionWorker, create_worker
 from psygnal import EmitLoopError
-from qtpy.QtCore import QObject, Signal
+from qtpy.QtCore import QObject, QTimer, Signal
 
-from napari_phase4d._napari.session import Plan
+from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d.progress import Cancelled
 
 __all__ = ["Jobs", "sentence_of"]
+
+TELL_EVERY_MS = 100
 
 
 @dataclass
@@ -26,14 +27,27 @@ class Ended:
     error: Exception | None = None
 
 
+class Gate:
+    """Whether results are still wanted; it outlives the Qt object that it belongs to."""
+
+    def __init__(self) -> None:
+        self.closed = False
+        self.stop = threading.Event()
+
+    def shut(self, *_: object) -> None:
+        """Stop the work, and take no result any more."""
+        self.closed = True
+        self.stop.set()
+
+
 class Jobs(QObject):  # type: ignore[misc]
     """Runs one piece of work at a time, outside the window's thread.
 
     Signals
     -------
-    started(str), progressed(int, int, str), finished(str), cancelled(str), failed(str)
+    started(str), progressed(int, int, str), finished(str), cancelled(str, bool), failed(str)
         What the job is called, how far it is, how it ended. At `finished` the result has already
-        been received.
+        been received; `cancelled` says whether parts of it have.
     idle(str)
         Nothing runs any more; the title of the work that gives way which failed, or "".
     """
@@ -41,7 +55,7 @@ class Jobs(QObject):  # type: ignore[misc]
     started = Signal(str)
     progressed = Signal(int, int, str)
     finished = Signal(str)
-    cancelled = Signal(str)
+    cancelled = Signal(str, bool)
     failed = Signal(str)
     idle = Signal(str)
 
@@ -49,9 +63,14 @@ class Jobs(QObject):  # type: ignore[misc]
         super().__init__(parent)
         self._worker: FunctionWorker | None = None
         self._then: Callable[[], None] | None = None
-        self._closed = False
+        self._latest: tuple[int, int, str] | None = None
+        # The window is told now and then: painting at every step would hold up the work.
+        self._look = QTimer(self)
+        self._look.setInterval(TELL_EVERY_MS)
+        self._look.timeout.connect(self._tell)
+        self._gate = Gate()
+        self.destroyed.connect(self._gate.shut)
         self._plan: Plan | None = None
-        self._stop = threading.Event()
 
     @property
     def _gives_way(self) -> bool:
@@ -61,6 +80,11 @@ class Jobs(QObject):  # type: ignore[misc]
     def running(self) -> bool:
         """Whether a job is under way that the user waits for."""
         return self._worker is not None and not self._gives_way
+
+    @property
+    def closed(self) -> bool:
+        """Whether the window has closed, so that nothing is taken any more."""
+        return self._gate.closed
 
     @property
     def busy(self) -> bool:
@@ -85,16 +109,13 @@ class Jobs(QObject):  # type: ignore[misc]
         if self.running:
             msg = "another job is still running; wait for it or press Cancel"
             raise ValueError(msg)
-        self._stop.set()  # what gives way ends now; its result is dropped
-        stop = self._stop = threading.Event()
+        self._gate.stop.set()  # what gives way ends now; its result is dropped
+        stop = self._gate.stop = threading.Event()
 
         def report(done: int, total: int, message: str) -> None:
             if plan.gives_way:
                 return
-            # A signal is the one thing of Qt that may be used from another thread. The window
-            # may be gone by now.
-            with contextlib.suppress(RuntimeError):
-                self.progressed.emit(done, total, message)
+            self._latest = (done, total, message)
 
         ended = Ended()
 
@@ -106,29 +127,42 @@ class Jobs(QObject):  # type: ignore[misc]
                 ended.error = error
 
         worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
-        worker.returned.connect(lambda _: self._returned(worker, plan, ended))
+        gate = self._gate
+        worker.returned.connect(
+            lambda _: None if gate.closed else self._returned(worker, plan, ended)
+        )
         self._worker, self._plan, self._then = worker, plan, then
+        self._latest = None
         if not plan.gives_way:
             self.started.emit(plan.title)
+            self._look.start()
         worker.start()
 
     def cancel(self) -> None:
         """Ask the job to stop; it does so at its next step."""
-        self._stop.set()
+        self._gate.stop.set()
         if self._plan is not None and not self._plan.cancellable and self._worker is not None:
             self._worker = None
-            self.cancelled.emit(self._plan.title)
+            self.cancelled.emit(self._plan.title, False)
+            self.idle.emit("")
 
     def close(self) -> None:
         """Stop what is running and take no result any more: the window closes."""
-        self._closed = True
-        self._stop.set()
+        self._gate.shut()
         self._worker = None
 
+    def _tell(self) -> None:
+        """Tell how far the work is, if it has gone on."""
+        if not self.running:
+            self._look.stop()
+        latest, self._latest = self._latest, None
+        if latest is not None and self.running:
+            self.progressed.emit(*latest)
+
     def _returned(self, worker: FunctionWorker, plan: Plan, ended: Ended) -> None:
-        if worker is not self._worker or self._closed:
+        if worker is not self._worker:
             return
-        stopped = isinstance(ended.error, Cancelled) or self._stop.is_set()
+        stopped = isinstance(ended.error, Cancelled) or self._gate.stop.is_set()
         # A result that arrives after Cancel is not wanted any more, but finished parts are.
         has_parts = plan.keeps_parts and ended.error is None
         try:
@@ -145,7 +179,10 @@ class Jobs(QObject):  # type: ignore[misc]
             return
         self._worker = None
         if not plan.gives_way:
-            (self.cancelled if stopped else self.finished).emit(plan.title)
+            if stopped:
+                self.cancelled.emit(plan.title, has_parts)
+            else:
+                self.finished.emit(plan.title)
         self.idle.emit("")
 
     def _failed(self, worker: FunctionWorker, plan: Plan, error: Exception) -> None:
@@ -153,7 +190,9 @@ class Jobs(QObject):  # type: ignore[misc]
             self._worker = None
             if not plan.gives_way:
                 self.failed.emit(sentence_of(error))
-            self.idle.emit(plan.title if plan.gives_way else "")
+            # What has changed meanwhile can be tried again; a real error can't.
+            again = isinstance(error, Changed) or not plan.gives_way
+            self.idle.emit("" if again else plan.title)
 
 
 def sentence_of(error: BaseException) -> str:

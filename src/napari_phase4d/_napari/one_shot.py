@@ -13,7 +13,11 @@ from napari.utils.notifications import show_error, show_info
 from napari.viewer import Viewer
 
 from napari_phase4d._napari.jobs import sentence_of
-from napari_phase4d._napari.preferences import own_optics, own_refraction_increment
+from napari_phase4d._napari.preferences import (
+    own_optics,
+    own_refraction_increment,
+    with_own_optics,
+)
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, LayerTuple, stack_layer
 from napari_phase4d._napari.viewing.sources import (
     is_hologram_layer,
@@ -42,7 +46,7 @@ def reconstruct_selected(viewer: Viewer) -> None:
     """Add the wrapped phase of the selected hologram video, two views, default settings."""
 
     def work(layer: Image) -> LayerTuple:
-        recording = recording_of_layer(layer)
+        recording = with_own_optics(recording_of_layer(layer))
         data = reconstruct(recording, find_lobes(recording, N_VIEWS))
         return stack_layer(data["phase"], f"wrapped phase, {layer.name}", "wrapped")
 

@@ -7,8 +7,15 @@ from typing import Any
 from napari.settings import get_plugin_settings
 
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
+from napari_phase4d.recording import Recording
 
-__all__ = ["in_micrometres", "own_optics", "own_refraction_increment", "remember_optics"]
+__all__ = [
+    "in_micrometres",
+    "own_optics",
+    "own_refraction_increment",
+    "remember_optics",
+    "with_own_optics",
+]
 
 PLUGIN = "napari-phase4d"
 
@@ -26,6 +33,14 @@ def own_optics() -> Optics | None:
     except (AttributeError, TypeError, ValueError):  # no such settings, or edited by hand
         return None
     return None if optics == Optics() else optics
+
+
+def with_own_optics(recording: Recording) -> Recording:
+    """Return a recording that does not say its microscope with that of the preferences."""
+    own = own_optics()
+    if own is None or not any("microscope is not" in note for note in recording.notes):
+        return recording
+    return recording.calibrated(own)
 
 
 def own_refraction_increment() -> float:

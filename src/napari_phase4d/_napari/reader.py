@@ -56,12 +56,11 @@ def read(path: str | list[str]) -> list[LayerTuple]:
 
 
 def is_recipe(file: Path) -> bool:
-    """Say whether a file is a recipe of this program."""
+    """Say whether a file is a recipe of this program that names a recording."""
     try:
-        Recipe.from_file(file)
+        return bool(Recipe.from_file(file).recording)
     except (OSError, ValueError):
         return False
-    return True
 
 
 def kind_of(attrs: dict[Any, Any]) -> str:

@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pint
 import xarray as xr
 from napari.layers import Image
 
-from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
+from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY, UNITS
 from napari_phase4d._napari.viewing.sources import stack_of_layer
 from napari_phase4d.io import write_phase
 
@@ -62,10 +63,24 @@ def plain_stack(values: Any, keywords: dict[str, Any]) -> xr.DataArray:
     axes = PLAIN_AXES[values.ndim]
     scale = keywords.get("scale", np.ones(values.ndim))
     origin = keywords.get("translate", np.zeros(values.ndim))
-    steps = zip(axes, values.shape, scale, origin, strict=True)
-    places = {axis: start + step * np.arange(n) for axis, n, step, start in steps}
+    units = keywords.get("units") or ("pixel",) * values.ndim
+    places = {
+        axis: in_unit(unit, UNITS[AXES.index(axis)]) * (start + step * np.arange(n))
+        for axis, n, step, start, unit in zip(
+            axes, values.shape, scale, origin, units, strict=True
+        )
+    }
     missing = {axis: [0.0] for axis in AXES if axis not in axes}
     return xr.DataArray(values, dims=axes, coords=places).expand_dims(missing).transpose(*AXES)
+
+
+def in_unit(unit: Any, wanted: str) -> float:
+    """Return a unit in seconds, degrees or micrometres; 1 for what is no such unit."""
+    registry = pint.get_application_registry()  # type: ignore[no-untyped-call]
+    try:
+        return float(registry.Quantity(1, str(unit)).to(wanted).magnitude)
+    except (pint.DimensionalityError, pint.UndefinedUnitError):
+        return 1.0
 
 
 def with_ending(path: Path) -> Path:

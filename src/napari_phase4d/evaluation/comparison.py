@@ -61,9 +61,12 @@ class Comparison:
         """Return the result of directional L1, computed now if it was not among the methods."""
         if REFERENCE in self.results:
             return self.results[REFERENCE]
-        found: xr.DataArray = self.problem.once(
-            REFERENCE, lambda: run_method(self.problem, REFERENCE, progress, cancelled, {})
-        )
+        try:
+            found: xr.DataArray = self.problem.once(
+                REFERENCE, lambda: run_method(self.problem, REFERENCE, progress, cancelled, {})
+            )
+        finally:
+            self.problem.forget("field")  # as large as many results, and of no more use
         return found
 
     def confidence(

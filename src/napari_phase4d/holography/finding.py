@@ -21,7 +21,6 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
-from scipy.signal.windows import blackman
 
 from napari_phase4d.holography.beams import choose_views
 from napari_phase4d.holography.lobes import Lobe, canonical, pair_distance, wrapped_distance
@@ -255,7 +254,7 @@ def refined(
     """
     height, width = frames[0].shape
     y, x = np.arange(height), np.arange(width)
-    wy, wx = blackman(height + 2)[1:-1], blackman(width + 2)[1:-1]
+    wy, wx = np.blackman(height + 2)[1:-1], np.blackman(width + 2)[1:-1]
     ky, kx = carrier
     for span in (1.5, 0.3, 0.06):
         rows = ky + np.linspace(-span, span, 21) / height

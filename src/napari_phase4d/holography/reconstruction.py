@@ -275,7 +275,11 @@ def recalibrated(stack: Stack, rec: Recording) -> Stack:
     """
     shape = (stack.sizes["y"], stack.sizes["x"])
     changed = stack.assign_coords(times_and_places(rec, stack.attrs["pixel_ratio"], shape))
-    changed.attrs = {**stack.attrs, "wavelength_um": rec.optics.wavelength_um}
+    wavelength = {"wavelength_um": rec.optics.wavelength_um}
+    changed.attrs = {**stack.attrs, **wavelength}
+    if isinstance(changed, xr.Dataset):
+        for name, variable in changed.data_vars.items():
+            changed[name] = variable.copy(deep=False).assign_attrs(wavelength)
     return changed
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
-from scipy.signal.windows import blackman
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
@@ -90,7 +89,7 @@ def mean_half_spectrum(
 def frame_window(shape: tuple[int, int]) -> NDArray[np.float32]:
     """Return the Blackman window of a frame, whose side lobes (-58 dB) hide no weak carrier."""
     height, width = shape
-    rows, columns = blackman(height + 2)[1:-1], blackman(width + 2)[1:-1]
+    rows, columns = np.blackman(height + 2)[1:-1], np.blackman(width + 2)[1:-1]
     return np.outer(rows, columns).astype(np.float32)
 
 

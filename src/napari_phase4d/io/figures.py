@@ -30,6 +30,9 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
     if path.suffix.lower() not in ENDINGS:
         msg = f"{path.name} can't be written as a figure; use one of {', '.join(ENDINGS)}"
         raise ValueError(msg)
-    with written_whole(path) as temporary:
+    import matplotlib as mpl
+
+    words = {"svg.fonttype": "none"}  # words of an SVG stay words, which can be edited
+    with mpl.rc_context(words), written_whole(path) as temporary:
         figure.savefig(temporary, dpi=DOTS_PER_INCH)
     return path

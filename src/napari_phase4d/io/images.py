@@ -6,8 +6,6 @@ import re
 from pathlib import Path
 from typing import Any
 
-import dask.array as da
-import imageio.v3 as iio
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
@@ -69,6 +67,7 @@ def read_image_folder(folder: Path) -> Video:
             raise ValueError(msg)
         return frame
 
+    import dask.array as da
     from dask import delayed
 
     lazy = [da.from_delayed(delayed(load)(p), first.shape, first.dtype) for p in paths]
@@ -80,6 +79,8 @@ def load_image(path: Path) -> NDArray[Any]:
     try:
         if path.suffix.lower() in TIFF_SUFFIXES:
             return np.asarray(tifffile.imread(path))
+        import imageio.v3 as iio
+
         return np.asarray(iio.imread(path))
     except (OSError, ValueError, SyntaxError, tifffile.TiffFileError) as error:
         msg = f"{path.name} can't be read as an image; it may be cut short or damaged"

@@ -10,7 +10,6 @@ import zlib
 from pathlib import Path
 from typing import Any
 
-import dask.array as da
 import numpy as np
 import tifffile
 from numpy.typing import NDArray
@@ -94,7 +93,7 @@ def mapped_frames(path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
     return mapped
 
 
-def paged_frames(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> da.Array:
+def paged_frames(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Any:
     """Return the pages of any other file as a dask array with one page a chunk."""
     pages = Pages(path)
     page_shape = pages.shape
@@ -110,6 +109,8 @@ def paged_frames(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> da
 
     chunks = (*((1,) * n for n in leading), *((n,) for n in page_shape))
     meta = np.empty((0,) * len(shape), dtype)
+    import dask.array as da
+
     return da.map_blocks(read_block, chunks=chunks, dtype=dtype, meta=meta)
 
 

@@ -9,14 +9,17 @@ from napari_phase4d._napari.session.plans import (
     plan_opening,
     plan_reconstruction,
     plan_scores,
+    plan_truth,
     plan_unwrapping,
 )
 from napari_phase4d._napari.session.session import Session
+from napari_phase4d._napari.session.state import Changed
 from napari_phase4d._napari.session.states import StepState, step_states
 
 __all__ = [
     "EUGLENA_SOURCE",
     "YEAST_SOURCE",
+    "Changed",
     "Opened",
     "Plan",
     "Session",
@@ -27,6 +30,7 @@ __all__ = [
     "plan_opening",
     "plan_reconstruction",
     "plan_scores",
+    "plan_truth",
     "plan_unwrapping",
     "step_states",
 ]

@@ -9,12 +9,12 @@ import xarray as xr
 
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.plan import Plan
-from napari_phase4d._napari.session.state import CHANGED, State
+from napari_phase4d._napari.session.state import Changed, State
 from napari_phase4d._napari.session.states import phase_is_stale
 from napari_phase4d.evaluation import REFERENCE, Comparison, best_known, itoh_margin
 from napari_phase4d.holography import Lobe, find_lobes, pair_distance, power_spectrum
 from napari_phase4d.pipeline import Outcome, reconstruct_by, unwrap_by
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import score_boundaries
 
@@ -26,6 +26,7 @@ __all__ = [
     "plan_reconstruction",
     "plan_scores",
     "plan_spectrum",
+    "plan_truth",
     "plan_unwrapping",
 ]
 
@@ -177,12 +178,38 @@ def plan_unwrapping(state: State) -> Plan:
 
     def receive(outcome: Outcome) -> None:
         if state.reconstruction is not data:
-            raise ValueError(CHANGED)
+            raise Changed
+        if state.truth is not truth:  # chosen while this was computed
+            comparison = outcome.comparison.against(state.truth)
+            outcome = replace(outcome, comparison=comparison, truth=state.truth)
         state.outcome, state.margin = outcome, None
         state.confidence, state.warnings = {}, {}
         state.outcome_changed.emit()
 
     return Plan("Unwrapping", work, receive, keeps_parts=True)
+
+
+def plan_truth(state: State, truth: xr.DataArray | None) -> Plan:
+    """Plan to count errors against exact phase, None to count none.
+
+    Raises
+    ------
+    ValueError
+        If there are no results yet that could be wrong.
+    """
+    comparison = state.needed_outcome().comparison
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> Comparison:
+        return comparison.against(truth)
+
+    def receive(judged: Comparison) -> None:
+        if state.outcome is None or state.outcome.comparison is not comparison:
+            raise Changed
+        state.take_truth(truth, judged)
+
+    return Plan("Counting errors", work, receive, cancellable=False)
 
 
 def plan_margin(state: State) -> Plan:
@@ -205,7 +232,7 @@ def plan_margin(state: State) -> Plan:
 
     def receive(margin: xr.Dataset) -> None:
         if state.outcome is not outcome or state.reconstruction is not data:
-            raise ValueError(CHANGED)
+            raise Changed
         state.margin = margin
         state.margin_changed.emit()
 
@@ -233,14 +260,23 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
         progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> tuple[dict[str, xr.DataArray], dict[str, str], Comparison]:
         comparison = outcome.comparison
-        maps = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
-        return maps, comparison.warnings(), comparison.with_suspicion(maps)
+        watch = Watch(len(comparison.results) + 1, "weighing", progress, cancelled)
+        maps = {}
+        for method in comparison.results:
+            maps[method] = comparison.confidence(method, None, cancelled)
+            watch.step()
+        warnings = comparison.warnings()
+        watch.step()
+        return maps, warnings, comparison.with_suspicion(maps)
 
     def receive(found: tuple[dict[str, xr.DataArray], dict[str, str], Comparison]) -> None:
-        if state.outcome is not outcome:
-            raise ValueError(CHANGED)
-        state.confidence, state.warnings, comparison = found
-        state.outcome = replace(outcome, comparison=comparison)
+        now = state.outcome
+        if now is None or now.comparison.results is not outcome.comparison.results:
+            raise Changed
+        state.confidence, state.warnings, _ = found
+        # The truth may have been chosen meanwhile.
+        judged = now.comparison.with_suspicion(state.confidence)
+        state.outcome = replace(now, comparison=judged)
         state.confidence_changed.emit()
 
     return Plan("Weighing the results", work, receive, gives_way=unasked)
@@ -271,7 +307,7 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
 
     def receive(scores: xr.DataArray) -> None:
         if state.reconstruction is not data:
-            raise ValueError(CHANGED)
+            raise Changed
         state.scores = scores
         state.scores_changed.emit()
 
@@ -281,7 +317,7 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
 def check_recording(state: State, recording: Recording) -> None:
     """Refuse a result that belongs to an earlier recording or calibration."""
     if state.recording is not recording:
-        raise ValueError(CHANGED)
+        raise Changed
 
 
 def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]:

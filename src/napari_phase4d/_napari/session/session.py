@@ -20,6 +20,7 @@ from napari_phase4d._napari.session.plans import (
     plan_unwrapping,
 )
 from napari_phase4d._napari.session.state import State
+from napari_phase4d.evaluation import REFERENCE
 from napari_phase4d.holography import Lobe
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.scripting import as_python
@@ -121,6 +122,7 @@ class Session(State):
             plans.append(plan_spectrum(self))
         if self.reconstruction is not None and self.scores is None:
             plans.append(plan_scores(self, unasked=True))
-        if self.results and not self.confidence:
+        # Without WL1, weighing would first have to compute it.
+        if REFERENCE in self.results and not self.confidence:
             plans.append(plan_confidence(self, unasked=True))
         return next((plan for plan in plans if plan.title not in failed), None)

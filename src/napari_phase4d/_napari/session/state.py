@@ -13,17 +13,28 @@ import xarray as xr
 from psygnal import Signal
 
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
+from napari_phase4d.evaluation import Comparison
 from napari_phase4d.holography import Lobe, pair_distance, recalibrated
 from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.recording import Recording
 
-__all__ = ["CHANGED", "PHASE_FIELDS", "State"]
+__all__ = ["PHASE_FIELDS", "Changed", "State"]
 
 #: Settings that wrapped phase depends on.
 PHASE_FIELDS = ("lobes", "reference", "window", "background", "drift")
-CHANGED = "the recording or the microscope has changed meanwhile; press the button again"
 #: How many changes of the lobes can be undone.
 UNDO_DEPTH = 50
+
+
+class Changed(ValueError):  # noqa: N818 - it reports what happened, not a fault
+    """A result belongs to what has been changed since."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "the recording, the microscope or a result has changed meanwhile; "
+            "press the button again"
+        )
+
 
 Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
 
@@ -92,6 +103,9 @@ class State:
             If a setting has no such value.
         """
         recipe = self.recipe.changed(**settings)
+        if "boundary" in settings and self.reconstruction is not None:
+            shape = self.reconstruction["phase"].shape[:2]
+            recipe = recipe.changed(boundary=checked_frames(recipe.boundary, shape))
         if recipe != self.recipe:
             self.recipe = recipe
             self.recipe_changed.emit()
@@ -210,7 +224,9 @@ class State:
                 "frame_rate_hz": None,
                 "boundary": ((int(t), int(a)),),
             }
-        self._begin(None, None, (recipe or self.recipe).changed(**settings))
+        new = (recipe or self.recipe).changed(**settings)
+        frames = checked_frames(new.boundary, phase.shape[:2])
+        self._begin(None, None, new.changed(boundary=frames))
         self.truth = self.known_truth = truth
         self.reconstruction = xr.Dataset({"phase": phase})
         self.phase_recipe = self.recipe
@@ -245,12 +261,13 @@ class State:
 
         if self.reconstruction is not None:
             self.reconstruction = scaled(self.reconstruction)
-        if self.truth is not None:
-            was_known = self.truth is self.known_truth
-            self.truth = scaled(self.truth)
-            self.known_truth = self.truth if was_known else self.known_truth
         if self.reconstruction is not None:
             grid = {d: self.reconstruction[d] for d in ("time", "y", "x")}
+            was_known = self.truth is self.known_truth
+            for name in ("truth", "known_truth"):
+                exact = getattr(self, name)
+                setattr(self, name, None if exact is None else exact.assign_coords(grid))
+            self.truth = self.known_truth if was_known else self.truth
             self.confidence = {m: c.assign_coords(grid) for m, c in self.confidence.items()}
             self.margin = None if self.margin is None else self.margin.assign_coords(grid)
         if self.scores is not None:
@@ -276,9 +293,13 @@ class State:
         ValueError
             If it has another shape than the phase.
         """
-        if self.outcome is not None:
-            comparison = self.outcome.comparison.against(truth)
-            self.outcome = replace(self.outcome, comparison=comparison, truth=truth)
+        comparison = None if self.outcome is None else self.outcome.comparison.against(truth)
+        self.take_truth(truth, comparison)
+
+    def take_truth(self, truth: xr.DataArray | None, judged: Comparison | None) -> None:
+        """Take exact phase, and the comparison whose errors are counted against it."""
+        if self.outcome is not None and judged is not None:
+            self.outcome = replace(self.outcome, comparison=judged, truth=truth)
         self.truth = truth
         self.truth_changed.emit()
 
@@ -324,13 +345,14 @@ class State:
         frames = self.recipe.boundary
         if self.reconstruction is not None:
             old = self.reconstruction
-            frames = tuple((t, same_view(old, a, data)) for t, a in frames)
-        n_times, n_angles = data["phase"].shape[:2]
-        kept = tuple((t, a) for t, a in frames if t < n_times and a < n_angles)
+            moved = [(t, same_view(old, a, data)) for t, a in frames]
+            frames = tuple((t, a) for t, a in moved if a is not None)
+        shape = data["phase"].shape[:2]
+        kept = [frame for frame in frames if is_frame(frame, shape)]
         self.reconstruction = data
         self.forget_results()  # what was made of an earlier phase; its layers stay
         self.phase_recipe = recipe
-        self.update(boundary=kept or ((0, 0),))
+        self.update(boundary=tuple(kept) or ((0, 0),))
         self.reconstruction_changed.emit()
 
     def needed_recording(self) -> Recording:
@@ -358,8 +380,35 @@ class State:
         return self.outcome
 
 
-def same_view(old: xr.Dataset, view: int, new: xr.Dataset) -> int:
-    """Return the number in a new reconstruction of a view of an old one."""
-    carrier = old.attrs["lobes"][view]["carrier"]
-    distances = [pair_distance(lobe["carrier"], carrier) for lobe in new.attrs["lobes"]]
-    return distances.index(min(distances))
+def is_frame(frame: tuple[int, int], shape: tuple[int, ...]) -> bool:
+    """Say whether there is a frame (time, angle); negative numbers count from the end."""
+    return all(-n <= i < n for i, n in zip(frame, shape, strict=True))
+
+
+def checked_frames(
+    frames: Sequence[tuple[int, int]], shape: tuple[int, ...]
+) -> tuple[tuple[int, int], ...]:
+    """Return frames (time, angle) counted from 0.
+
+    Raises
+    ------
+    ValueError
+        If one of them is not there.
+    """
+    missing = [frame for frame in frames if not is_frame(frame, shape)]
+    if missing:
+        msg = f"there is no thin frame {missing[0]}; there are {shape[0]} times, {shape[1]} views"
+        raise ValueError(msg)
+    return tuple((t % shape[0], a % shape[1]) for t, a in frames)
+
+
+def same_view(old: xr.Dataset, view: int, new: xr.Dataset) -> int | None:
+    """Return the number in a new reconstruction of a view of an old one, None if it has gone."""
+    lobes = old.attrs["lobes"]
+    if not -len(lobes) <= view < len(lobes):
+        return None
+    distances = [
+        pair_distance(lobe["carrier"], lobes[view]["carrier"]) for lobe in new.attrs["lobes"]
+    ]
+    nearest = min(distances)
+    return distances.index(nearest) if nearest < lobes[view]["radius"] else None

@@ -9,7 +9,7 @@ import xarray as xr
 from magicgui.widgets import ComboBox
 from napari.layers import Image
 
-from napari_phase4d._napari.session import plan_confidence, plan_margin
+from napari_phase4d._napari.session import plan_confidence, plan_margin, plan_truth
 from napari_phase4d._napari.steps.figures import FiguresPart
 from napari_phase4d._napari.steps.measure import MeasurePart
 from napari_phase4d._napari.steps.share import SharePart
@@ -51,6 +51,7 @@ class CompareStep(Step):
         self.session.outcome_changed.connect(self._show_choices)
         self.session.recording_changed.connect(self._show_choices)
         self.session.reconstruction_changed.connect(self._show_choices)
+        self.session.truth_changed.connect(self._show_choices)
 
     def _build_views(self) -> None:
         self.side_by_side = self.button(
@@ -108,6 +109,7 @@ class CompareStep(Step):
     def frame_changed(self) -> None:
         """Follow the sliders."""
         self.trace.frame_changed()
+        self.measuring.frame_changed()
 
     def cursor_moved(self) -> None:
         """Follow the mouse."""
@@ -120,8 +122,12 @@ class CompareStep(Step):
 
     def reset_choices(self) -> None:
         """Look for layers again."""
+        chosen = self.truth.value
         with self.own_change():
             self.truth.reset_choices()
+        gone = chosen not in (NONE, KNOWN) and chosen not in self.presenter.viewer.layers
+        if gone and self.session.truth is not None:
+            self.session.set_truth(None)
         self.measuring.reset_choices()
 
     def show_confidence(self) -> None:
@@ -171,17 +177,22 @@ class CompareStep(Step):
         if self.session.known_truth is not None:
             choices.append(KNOWN)
         own = (la for la in self.presenter.viewer.layers if isinstance(la, Image))
-        return choices + [la for la in own if la.data.shape == data["phase"].shape]
+        return choices + [
+            la for la in own if la.data.shape == data["phase"].shape and may_be_truth(la)
+        ]
 
     def _take_truth(self) -> None:
         """Count errors against the chosen layer."""
         chosen = self.truth.value
         if chosen in (NONE, KNOWN):
-            self.session.set_truth(self.session.known_truth if chosen == KNOWN else None)
+            truth = self.session.known_truth if chosen == KNOWN else None
         else:
             phase = self.session.needed_reconstruction()["phase"]
-            self.session.set_truth(stack_like(chosen, phase))
-        self._show_choices()
+            truth = stack_like(chosen, phase)
+        if self.session.outcome is None:
+            self.session.set_truth(truth)
+        else:
+            self.jobs.start(plan_truth(self.session, truth))
 
     def _show_choices(self) -> None:
         with self.own_change():
@@ -221,6 +232,12 @@ class CompareStep(Step):
             slipped = many or " and ".join(labels[m] for m in warnings)
             said += f" Whole objects may be off in {slipped}: point at them in the table."
         return said
+
+
+def may_be_truth(layer: Any) -> bool:
+    """Say whether a layer is unwrapped phase, as far as is noted in it."""
+    note = layer.metadata.get(METADATA_KEY)
+    return note is None or note.get("kind") in ("exact", "unwrapped", "image")
 
 
 def stack_like(layer: Any, phase: xr.DataArray) -> xr.DataArray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import xarray as xr
 
-from napari_phase4d.holography import fringe_contrast
 from napari_phase4d.recording import Recording
 
 __all__ = ["facts_of_phase", "facts_of_recording"]
@@ -14,12 +13,11 @@ __all__ = ["facts_of_phase", "facts_of_recording"]
 MANY_SATURATED, WEAK_FRINGES = 0.001, 0.05
 
 
-def facts_of_recording(recording: Recording) -> str:
-    """Return what a recording is: size, pixel, contrast, and what to look after."""
+def facts_of_recording(recording: Recording, contrast: float) -> str:
+    """Return what a recording is: size, pixel, fringe contrast, and what to look after."""
     height, width = recording.frame_shape
     dtype = recording.holograms.dtype
     first = recording.frame(0)
-    contrast = fringe_contrast(first)
     lines = [
         f"<b>{recording.name}</b>",
         f"{recording.n_frames} frames of {width} × {height} pixels, {dtype}, "

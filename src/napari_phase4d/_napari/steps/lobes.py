@@ -114,7 +114,7 @@ class LobesStep(Step):
 
     def frame_changed(self) -> None:
         """Let the preview follow the time slider."""
-        self._timer.start()
+        self._start()
 
     def find_lobes(self) -> None:
         """Find the views, in a thread."""
@@ -190,12 +190,17 @@ class LobesStep(Step):
         self.table.fill(lobes)
         self.warnings.setText("<br>".join(f"⚠ {w}" for w in lobe_warnings(lobes)))
         self.warnings.setVisible(bool(self.warnings.text()))
-        self._timer.start()
+        self._start()
+
+    def _start(self) -> None:
+        """Show the preview soon; moves that follow each other at once must not put it off."""
+        if not self._timer.isActive():
+            self._timer.start()
 
     def showEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         """Bring the preview up to date when the step is opened."""
         super().showEvent(event)
-        self._timer.start()
+        self._start()
 
     def _show_preview(self) -> None:
         """Show the wrapped phase of the frame on screen, while the step is open."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -9,10 +10,11 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 from magicgui.widgets import ComboBox, FloatSpinBox
+from napari.layers import Shapes
 from qtpy.QtWidgets import QFileDialog, QGridLayout
 
 from napari_phase4d._napari.preferences import own_optics, own_refraction_increment
-from napari_phase4d._napari.session import Plan
+from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
 from napari_phase4d._napari.widgets.curves import CurvePlot
@@ -76,6 +78,7 @@ class MeasurePart(Step):
         self.session.outcome_changed.connect(self._show_results)
         self.session.recording_changed.connect(self._show_results)
         self.session.reconstruction_changed.connect(self._show_results)
+        self.session.calibration_changed.connect(self._show_results)
         self._show_results()
 
     def _build_choices(self) -> None:
@@ -154,10 +157,12 @@ class MeasurePart(Step):
 
     def measure(self) -> None:
         """Measure the chosen regions, in a thread."""
-        comparison = self.session.needed_outcome().comparison
+        outcome = self.session.needed_outcome()
+        comparison = outcome.comparison
         result = comparison.results[self.result.value]
         layer = self.regions.value
-        regions = None if layer == OBJECT else regions_of_layer(layer, result)
+        # Shapes are read here, in the window's thread; labels may take a while.
+        drawn = regions_of_layer(layer, result) if isinstance(layer, Shapes) else None
         optics = self._optics_of(result)
         chosen: dict[str, Any] = {
             "object_index": None if self.index.value <= 1 else self.index.value,
@@ -167,10 +172,21 @@ class MeasurePart(Step):
         def work(
             progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
         ) -> pd.DataFrame:
-            masks = regions or {"object": comparison.object_mask().values.astype(bool)}
+            if drawn is not None:
+                masks = drawn
+            elif layer == OBJECT:
+                masks = {"object": comparison.object_mask().values.astype(bool)}
+            else:
+                masks = regions_of_layer(layer, result)
             return measure(result, masks, optics, **chosen, progress=progress, cancelled=cancelled)
 
-        self.jobs.start(Plan("Measuring", work, self._receive))
+        def receive(measured: pd.DataFrame) -> None:
+            now = self.session.outcome
+            if now is None or now.comparison.results is not comparison.results:
+                raise Changed
+            self._receive(measured, chosen)
+
+        self.jobs.start(Plan("Measuring", work, receive))
 
     def _optics_of(self, result: xr.DataArray) -> Optics:
         """Return the microscope; of phase that does not say it, the user's own."""
@@ -186,11 +202,11 @@ class MeasurePart(Step):
         write_table(path, self._needed_measurement().set_index("region"))
         self.said.emit(f"The measurement is in {Path(path).name}.")
 
-    def _receive(self, measured: pd.DataFrame) -> None:
-        chosen = {"refraction increment (mL/g)": self.increment.value}
-        if self.index.value > 1:
-            chosen["object index"] = self.index.value
-        self.measured = measured = measured.assign(**chosen)
+    def _receive(self, measured: pd.DataFrame, chosen: Mapping[str, Any]) -> None:
+        noted = {"refraction increment (mL/g)": chosen["refraction_increment_ml_per_g"]}
+        if chosen["object_index"] is not None:
+            noted["object index"] = chosen["object_index"]
+        self.measured = measured = measured.assign(**noted)
         self.table.show_frame(measured)
         with self.own_change():
             self.quantity.choices = [name for name in PLOTTED if name in measured.columns]

@@ -22,6 +22,7 @@ from napari_phase4d.unwrapping import METHODS, Option, label_of
 __all__ = ["MethodRow"]
 
 LARGEST = 1_000_000
+DECIMALS = 6
 
 
 class MethodRow(QWidget):  # type: ignore[misc]
@@ -36,13 +37,13 @@ class MethodRow(QWidget):  # type: ignore[misc]
 
     Signals
     -------
-    chosen()
-        The tick or an option was changed.
+    option_changed()
+        An option was changed.
     ticked_on(str)
         The method was ticked.
     """
 
-    chosen = Signal()
+    option_changed = Signal()
     ticked_on = Signal(str)
 
     def __init__(self, method: str, *, ticked: bool) -> None:
@@ -106,14 +107,13 @@ class MethodRow(QWidget):  # type: ignore[misc]
         return panel
 
     def _toggled(self, on: bool) -> None:
-        self.chosen.emit()
         if on:
             self.ticked_on.emit(self.method)
 
     def _option_changed(self) -> None:
         """Name the variant that is chosen."""
         self.tick.setText(label_of(self.method, self.changed()))
-        self.chosen.emit()
+        self.option_changed.emit()
 
 
 def field_of(option: Option) -> Any:
@@ -124,4 +124,6 @@ def field_of(option: Option) -> Any:
         return CheckBox(name=option.name, value=option.default, text="")
     if isinstance(option.default, int):
         return SpinBox(name=option.name, value=option.default, min=0, max=LARGEST)
-    return FloatSpinBox(name=option.name, value=option.default, min=0, max=LARGEST, step=0.1)
+    box = FloatSpinBox(name=option.name, value=option.default, min=-LARGEST, max=LARGEST, step=0.1)
+    box.native.setDecimals(DECIMALS)
+    return box

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from magicgui.widgets import CheckBox, ComboBox
@@ -12,7 +13,6 @@ from napari_phase4d._napari.session import plan_reconstruction
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.holography import BACKGROUND_ORDERS, WINDOWS
 from napari_phase4d.pipeline import needed_bytes
-from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["PhaseStep"]
 
@@ -114,8 +114,11 @@ class PhaseStep(Step):
         """Put the widgets' values into the recipe."""
         chosen = self.reference.value
         self.form.setRowVisible(self.choose_file, chosen == FILE)
+        known = REFERENCES | {FILE: self._reference_file or None}
+        # A frame that only a recipe names stays as it is.
+        reference = known.get(chosen, self.session.recipe.reference)
         self.session.update(
-            reference=(self._reference_file or None) if chosen == FILE else REFERENCES[chosen],
+            reference=reference,
             background=self.background.value,
             drift=self.drift.value,
             window=self.window.value,
@@ -129,7 +132,10 @@ class PhaseStep(Step):
             self.background.value = recipe.background
             self.drift.value = recipe.drift
             self.window.value = recipe.window
-            if named is None:
+            if named is None and isinstance(recipe.reference, int):
+                named = f"frame {recipe.reference}"
+                self.reference.choices = [*REFERENCES, FILE, named]
+            elif named is None:
                 self._reference_file = str(recipe.reference)
                 self.choose_file.setText(Path(self._reference_file).name)
             # "File" with none chosen yet is no reference so far.
@@ -153,13 +159,19 @@ class PhaseStep(Step):
         if path:
             self.take_reference(path)
 
+    def showEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        """Say what the next steps need when the step is opened."""
+        super().showEvent(event)
+        if self.session.reconstruction is None:
+            self._show_need()
+
     def _show_need(self) -> None:
         """Say how much memory the next steps will take."""
         recording, lobes = self.session.recording, self.session.lobes
-        if recording is not None and lobes:
-            need = needed_bytes(recording, lobes, list(METHODS)) / 2**20
+        if recording is not None and lobes and self.isVisible():
+            need = needed_bytes(recording, lobes, self.session.recipe.methods) / 2**20
             self.facts.setText(
-                f"Reconstructing and unwrapping takes about {need:.0f} MB of memory."
+                f"Reconstructing, and unwrapping by the ticked methods, takes about {need:.0f} MB."
             )
 
     def _show(self) -> None:

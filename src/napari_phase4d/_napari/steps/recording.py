@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +11,11 @@ from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
 from qtpy.QtWidgets import QFileDialog, QWidget
 
-from napari_phase4d._napari.preferences import in_micrometres, own_optics, remember_optics
+from napari_phase4d._napari.preferences import (
+    in_micrometres,
+    remember_optics,
+    with_own_optics,
+)
 from napari_phase4d._napari.session import (
     EUGLENA_SOURCE,
     YEAST_SOURCE,
@@ -19,7 +24,7 @@ from napari_phase4d._napari.session import (
 )
 from napari_phase4d._napari.steps.facts import facts_of_phase, facts_of_recording
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d._napari.viewing.layers import METADATA_KEY
+from napari_phase4d._napari.viewing.layers import METADATA_KEY, recalibrate_layer
 from napari_phase4d._napari.viewing.sources import (
     is_hologram_layer,
     is_phase_layer,
@@ -28,6 +33,7 @@ from napari_phase4d._napari.viewing.sources import (
     stack_of_layer,
     truth_among,
 )
+from napari_phase4d.holography import fringe_contrast
 from napari_phase4d.io import READABLE_SUFFIXES
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
@@ -70,6 +76,7 @@ class RecordingStep(Step):
     def build(self) -> None:
         """Make the widgets."""
         self._raw: Any = None
+        self._looked_at: tuple[Any, float] = (None, 0.0)
         self._build_buttons()
         self.column.addLayout(self.form)
         self.layer = self.field(
@@ -93,7 +100,7 @@ class RecordingStep(Step):
         self.column.addWidget(self.remove_raw)
         self.facts = self.text("", "recording_facts")
         self.column.addWidget(self.facts)
-        self.session.recording_changed.connect(self._show)
+        self.session.recording_changed.connect(self._new_recording)
         self.session.calibration_changed.connect(self._show)
         self.session.reconstruction_changed.connect(self._show_phase)
         self._show()
@@ -135,8 +142,10 @@ class RecordingStep(Step):
             )
             box.native.setDecimals(decimals)
             self.numbers[name] = self.field(label, box)
-            of_time = name == "frame_rate_hz"
-            self.when_changed(box, self._rate_changed if of_time else self._optics_changed)
+            if name == "frame_rate_hz":
+                self.when_changed(box, self._rate_changed)
+            else:
+                self.when_changed(box, partial(self._optics_changed, name))
         self.remember = self.button(
             "This is my microscope",
             "remember_optics",
@@ -215,13 +224,12 @@ class RecordingStep(Step):
         if is_phase_layer(layer):
             self._take_phase(layer)
             return
-        recording = with_own_optics(recording_of_layer(layer))
-        if METADATA_KEY in layer.metadata:
+        noted = recording_of_layer(layer)
+        recording = with_own_optics(noted)
+        own = METADATA_KEY in layer.metadata
+        if own:
+            recalibrate_layer(layer, recording, noted.optics.pixel_um)
             self.presenter.adopt(recording, layer)
-        else:
-            # Without time, angle and micrometres, its axes don't fit those of the results.
-            self._raw = layer
-            layer.visible = False
         recipe = recipe_of_layer(layer)
         if recipe is not None:
             self.session.take(Opened(recording, recipe=recipe))
@@ -231,6 +239,11 @@ class RecordingStep(Step):
             self.session.take(opened)
         else:
             self.session.set_recording(recording)
+        if not own:
+            # Without time, angle and micrometres, its axes don't fit those of the results.
+            self._raw = layer
+            layer.visible = False
+            self._show()
 
     def _take_phase(self, layer: Any) -> None:
         """Take a layer of wrapped phase, with the truth if another layer shows it."""
@@ -246,10 +259,21 @@ class RecordingStep(Step):
         self._raw = None
         self._show()
 
-    def _optics_changed(self) -> None:
-        """Take the microscope as typed in; frames and lobes stay."""
-        if self.session.recording is not None:
-            self.session.recalibrate(self.session.recording.calibrated(self.optics()))
+    def _new_recording(self) -> None:
+        self._raw = None
+        self._show()
+
+    def _optics_changed(self, name: str) -> None:
+        """Take one number of the microscope as typed in; frames and lobes stay."""
+        recording = self.session.recording
+        if recording is None:
+            return
+        value = self.numbers[name].value
+        field, value = (
+            ("wavelength_um", in_micrometres(value)) if name == "wavelength_nm" else (name, value)
+        )
+        optics = replace(recording.optics, **{field: value})
+        self.session.recalibrate(recording.calibrated(optics))
 
     def _rate_changed(self) -> None:
         """Take the frame rate as typed in."""
@@ -298,7 +322,10 @@ class RecordingStep(Step):
 
     def _show_facts(self, recording: Recording) -> None:
         """Show what the recording is, and what to look after."""
-        words = facts_of_recording(recording)
+        data = recording.holograms.data
+        if self._looked_at[0] is not data:  # another microscope leaves the frames as they are
+            self._looked_at = (data, fringe_contrast(recording.frame(0)))
+        words = facts_of_recording(recording, self._looked_at[1])
         raw = self._raw is not None and self._raw in self.presenter.viewer.layers
         if raw:
             words += (
@@ -308,11 +335,3 @@ class RecordingStep(Step):
         self.remove_raw.setVisible(raw)
         self.facts.setText(words)
         self.facts.setVisible(True)
-
-
-def with_own_optics(recording: Recording) -> Recording:
-    """Return a recording that does not say its microscope with that of the preferences."""
-    own = own_optics()
-    if own is None or not any("microscope is not" in note for note in recording.notes):
-        return recording
-    return recording.calibrated(own)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import importlib.util
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -51,7 +53,7 @@ class SharePart(Step):
             "Movie…",
             "save_movie",
             "All results over time, a row for each viewing angle: MP4 or GIF.",
-            lambda: self._ask_file("Movie", "comparison.mp4", MOVIES, self.save_movie),
+            lambda: self._ask_file("Movie", movie_name(), MOVIES, self.save_movie),
         )
         self.rate = self.watched(
             FloatSpinBox(
@@ -98,11 +100,12 @@ class SharePart(Step):
     def save_movie(self, path: str | Path) -> None:
         """Write a movie of all results, in a thread."""
         stacks, rate = self.stacks(), float(self.rate.value)
-        some = [stack.values[:: max(1, len(stack) // 16)] for stack in stacks.values()]
         n_frames = len(next(iter(stacks.values())))
-        limits = phase_limits(some if EXACT not in stacks else some[:1])
 
         def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Path:
+            shown = [stacks[EXACT]] if EXACT in stacks else list(stacks.values())
+            some = [s.values[:: max(1, len(s) // 16), :, ::2, ::2] for s in shown]
+            limits = phase_limits(some)
             frames = movie_frames(stacks, limits, title=self.session.name)
             return write_movie(
                 path, frames, rate, n_frames=n_frames, progress=progress, cancelled=cancelled
@@ -152,7 +155,7 @@ class SharePart(Step):
         self.session.needed_outcome()
         folder = QFileDialog.getExistingDirectory(self, "Folder for the results")
         if folder:
-            self.save_to(folder)
+            self.save_to(folder_without_results(Path(folder)))
 
     def _ask_file(self, title: str, name: str, filters: str, save: Callable[[str], None]) -> None:
         if name != "recipe.json":
@@ -160,3 +163,16 @@ class SharePart(Step):
         path, _ = QFileDialog.getSaveFileName(self, title, name, filters)
         if path:
             save(path)
+
+
+def movie_name() -> str:
+    """Return what a movie is called at first; MP4 only where it can be written."""
+    return "comparison.mp4" if importlib.util.find_spec("av") else "comparison.gif"
+
+
+def folder_without_results(folder: Path) -> Path:
+    """Return a folder, or a new one in it where results of another run would be replaced."""
+    if not any(folder.glob("*.ome.tif")) and not (folder / "recipe.json").exists():
+        return folder
+    names = (folder / f"results_{number}" for number in itertools.count(1))
+    return next(name for name in names if not name.exists())

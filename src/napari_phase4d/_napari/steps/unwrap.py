@@ -38,7 +38,7 @@ class UnwrapStep(Step):
                 tooltip="Find the object in every frame, unwrap only that, and set the rest to 0.",
             )
         )
-        self.when_changed(self.mask, self._settings_changed)
+        self.when_changed(self.mask, self._mask_changed)
         self.go = self.button(
             "Run", "run", "Unwrap with all ticked methods, one after another.", self.run
         )
@@ -53,7 +53,10 @@ class UnwrapStep(Step):
         rows = -(-len(self.methods) // COLUMNS)
         for number, row in enumerate(self.methods.values()):
             grid.addWidget(row, number % rows, number // rows)
-            row.chosen.connect(lambda: self.guarded(self._settings_changed))
+            row.tick.toggled.connect(lambda _, m=row.method: self.guarded(lambda: self._ticked(m)))
+            row.option_changed.connect(
+                lambda m=row.method: self.guarded(lambda: self._option_changed(m))
+            )
             row.ticked_on.connect(self.boundary.show_path_of)
             if row.panel is not None:
                 row.more.toggled.connect(lambda shown, row=row: self._show_options(row, shown))
@@ -69,7 +72,6 @@ class UnwrapStep(Step):
 
     def run(self) -> None:
         """Unwrap, in a thread."""
-        self._settings_changed()
         self.jobs.start(plan_unwrapping(self.session))
 
     def _show_options(self, shown_row: MethodRow, shown: Any) -> None:
@@ -80,15 +82,19 @@ class UnwrapStep(Step):
         assert shown_row.panel is not None
         shown_row.panel.setVisible(bool(shown))
 
-    def _settings_changed(self) -> None:
-        """Put what is ticked into the recipe."""
-        if self.filling:
-            return
-        self.session.update(
-            mask="auto" if self.mask.value else None,
-            methods=tuple(m for m, row in self.methods.items() if row.tick.isChecked()),
-            options={m: row.changed() for m, row in self.methods.items() if row.changed()},
-        )
+    def _mask_changed(self) -> None:
+        self.session.update(mask="auto" if self.mask.value else None)
+
+    def _ticked(self, method: str) -> None:
+        """Put a method into the recipe or out of it, in the order in which they are shown."""
+        if not self.filling:
+            chosen = set(self.session.recipe.methods) ^ {method}
+            self.session.update(methods=tuple(m for m in METHODS if m in chosen))
+
+    def _option_changed(self, method: str) -> None:
+        if not self.filling:
+            options = {**self.session.recipe.options, method: self.methods[method].changed()}
+            self.session.update(options={m: o for m, o in options.items() if o})
 
     def _show_settings(self) -> None:
         """Show what the recipe says."""

@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
-__all__ = ["ViewState", "arrange", "common_contrast", "link"]
+from napari_phase4d._napari.viewing.layers import METADATA_KEY
+
+__all__ = ["LINKED", "ViewState", "arrange", "common_contrast", "link"]
 
 #: What results side by side share.
 LINKED = ("contrast_limits", "colormap", "gamma")
@@ -24,7 +26,7 @@ COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 70.0), (6.0, 40.0)), (8.0, 6.0)
 class ViewState:
     """What a viewer shows, to come back to it.
 
-    Layers that are removed meanwhile are passed over; those that are added are hidden.
+    Layers that are removed meanwhile are passed over; those that this plugin has added are hidden.
     """
 
     layers: list[tuple[Any, dict[str, Any], bool, bool]]
@@ -57,9 +59,9 @@ class ViewState:
     def restore(self, viewer: Any) -> None:
         """Show again what was shown then."""
         known = [noted for noted in self.layers if noted[0] in viewer.layers]
-        viewer.layers.unlink_layers([noted[0] for noted in known])
-        for layer in viewer.layers:
-            if not any(layer is noted[0] for noted in known):
+        added = [la for la in viewer.layers if not any(la is noted[0] for noted in known)]
+        for layer in added:
+            if METADATA_KEY in layer.metadata:
                 layer.visible = False
         for layer, looks, named, bar in known:
             for name, value in looks.items():
@@ -108,6 +110,13 @@ def common_contrast(layers: Sequence[Any], exact: Any | None) -> tuple[float, fl
         return float(low), float(high)
     limits = np.array([layer.contrast_limits for layer in layers])
     return float(np.median(limits[:, 0])), float(np.median(limits[:, 1]))
+
+
+def hide_labels(layer: Any) -> None:
+    """Take a layer's name and colour bar away."""
+    layer.name_overlay.visible = False
+    if hasattr(layer, "colorbar"):
+        layer.colorbar.visible = False
 
 
 def show_labels(layer: Any, *, small: bool) -> None:

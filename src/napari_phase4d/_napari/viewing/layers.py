@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import dask.array as da
 import numpy as np
 import xarray as xr
 from napari.utils import Colormap
@@ -177,13 +176,16 @@ def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
     coordinates = np.asarray(angles_deg, dtype=np.float64)
     data = layer.data[:, :1]
     shape = (data.shape[0], len(coordinates), *data.shape[2:])
-    layer.data = (
-        np.broadcast_to(data, shape)
-        if isinstance(data, np.ndarray)
-        else da.broadcast_to(data, shape)
-    )
+    if isinstance(data, np.ndarray):
+        layer.data = np.broadcast_to(data, shape)
+    else:
+        import dask.array as da
+
+        layer.data = da.broadcast_to(data, shape)
     layer.scale = [layer.scale[0], step_of(coordinates), *layer.scale[2:]]
     layer.translate = [layer.translate[0], float(coordinates[0]), *layer.translate[2:]]
+    note = {**layer.metadata[METADATA_KEY], "angles_deg": coordinates.tolist()}
+    layer.metadata = {**layer.metadata, METADATA_KEY: note}
 
 
 def recalibrate_layer(layer: Any, recording: Recording, pixel_um: float) -> None:

@@ -10,7 +10,14 @@ import xarray as xr
 
 from napari_phase4d._napari.session import Session
 from napari_phase4d._napari.viewing.frames import current_frame, go_to_frame, pixel_under_cursor
-from napari_phase4d._napari.viewing.grid import ViewState, arrange, common_contrast, link
+from napari_phase4d._napari.viewing.grid import (
+    LINKED,
+    ViewState,
+    arrange,
+    common_contrast,
+    hide_labels,
+    link,
+)
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
     LayerTuple,
@@ -54,11 +61,14 @@ class Presenter:
         self._results: dict[str, Any] = {}
         #: Layers of maps and differences: kind -> what they were made of, and the layers.
         self._made: dict[str, tuple[tuple[object, ...], list[Any]]] = {}
+        #: Layers with regions of the present recording.
+        self._regions: list[Any] = []
         self._before: ViewState | None = None
         session.recording_changed.connect(self.show_recording)
         session.calibration_changed.connect(self.show_calibration)
         session.reconstruction_changed.connect(self.show_phase)
         session.outcome_changed.connect(self.show_outcome)
+        session.truth_changed.connect(self._truth_changed)
 
     def adopt(self, stack: object, layer: Any) -> None:
         """Note that a layer already shows a recording or phase, so that none is added for it."""
@@ -84,6 +94,7 @@ class Presenter:
         """Show the frames of the recording, in the layer it came from or in a new one."""
         recording = self.session.recording
         self._results, self._own, self.holograms, self._wrapped = {}, [], None, None
+        self._regions, self._made = [], {}
         self._before = None
         self.hide_all()
         if recording is None:
@@ -97,11 +108,29 @@ class Presenter:
     def show_calibration(self) -> None:
         """Give all layers of the recording its new scale."""
         recording = self.session.needed_recording()
+        frame = self.viewer.dims.current_step
         for layer in self._own:
             if layer in self.viewer.layers:
                 recalibrate_layer(layer, recording, self._pixel_um)
+        factor = recording.optics.pixel_um / self._pixel_um
+        for layer in self._regions:
+            layer.scale, layer.translate = layer.scale * factor, layer.translate * factor
         self._pixel_um = recording.optics.pixel_um
+        for axis in range(self.viewer.dims.ndim - 2):
+            self.viewer.dims.set_current_step(axis, frame[axis])
         self._fit()
+
+    def _truth_changed(self) -> None:
+        """Let the grid show the truth that is chosen now, the next time it is made."""
+        truth = self.session.truth
+        self._results.pop(EXACT, None)
+        if truth is None:
+            return
+        known = [la for la in (self._exact, *self.viewer.layers) if la is not None]
+        layer = next((la for la in known if la.data is truth.data), None)
+        if layer is None or layer not in self.viewer.layers:
+            layer = self.add(stack_layer(truth, EXACT, "exact", visible=False))
+        self._exact = self._results[EXACT] = layer
 
     def show_phase(self) -> None:
         """Show the wrapped phase; the amplitude is added, hidden."""
@@ -126,6 +155,10 @@ class Presenter:
     def show_outcome(self) -> None:
         """Show the results side by side, as new layers, after the truth where it is known."""
         self._results = {}
+        if self._before is None:
+            self._before = ViewState.of(self.viewer)
+        with self.viewer.layers.batched_update():
+            self.hide_all()  # adding to a grid takes much longer
         comparison = self.session.needed_outcome().comparison
         truth = self.session.truth
         if truth is not None:
@@ -176,7 +209,8 @@ class Presenter:
         if not stacks:
             msg = f"there is no other result than {name} to compare with it"
             raise ValueError(msg)
-        self._show_made(stacks, "difference", (base, self.session.results))
+        made_of = (base, self.session.results)
+        self._show_made(stacks, "difference", made_of, f"difference to {reference}")
 
     def show_wrapped(self) -> None:
         """Show the wrapped phase alone, where it has not been removed."""
@@ -187,17 +221,21 @@ class Presenter:
         self._show_together([self._wrapped])
 
     def _show_made(
-        self, stacks: Mapping[str, xr.DataArray], kind: str, made_of: tuple[object, ...]
+        self,
+        stacks: Mapping[str, xr.DataArray],
+        kind: str,
+        made_of: tuple[object, ...],
+        key: str = "",
     ) -> None:
         """Show stacks side by side, in new layers unless those of before still show the same."""
-        before, layers = self._made.get(kind, ((), []))
+        before, layers = self._made.get(key or kind, ((), []))
         same = len(before) == len(made_of) and all(map(operator.is_, before, made_of))
         if not same or any(layer not in self.viewer.layers for layer in layers):
             layers = [
                 self.add(stack_layer(stack, name, kind, visible=False))
                 for name, stack in stacks.items()
             ]
-            self._made[kind] = (made_of, layers)
+            self._made[key or kind] = (made_of, layers)
         self._show_together(layers)
         link(self.viewer, layers, layers[0].contrast_limits)
 
@@ -218,12 +256,13 @@ class Presenter:
         """Show some layers in a grid, and note what was shown before the first grid."""
         if self._before is None:
             self._before = ViewState.of(self.viewer)
-        self.hide_all()
-        if len(layers) > 1:  # in the grid, regions would get a cell of their own
-            for layer in self.viewer.layers:
-                if is_own(layer, "regions"):
-                    layer.visible = False
-        arrange(self.viewer, layers)
+        with self.viewer.layers.batched_update():  # napari then lays out its canvas once
+            self.hide_all()
+            if len(layers) > 1:  # in the grid, regions would get a cell of their own
+                for layer in self.viewer.layers:
+                    if is_own(layer, "regions"):
+                        layer.visible = False
+            arrange(self.viewer, layers)
         self._fit()
 
     def leave_grid(self) -> None:
@@ -237,6 +276,9 @@ class Presenter:
         if self._before is None:
             msg = "nothing is side by side; press Side by side first"
             raise ValueError(msg)
+        linked = [la for la in self.viewer.layers if is_own(la)]
+        if linked:
+            self.viewer.layers.unlink_layers(linked, LINKED)
         self._before.restore(self.viewer)
         self._before = None
 
@@ -244,16 +286,19 @@ class Presenter:
         """Hide every layer of this plugin and leave the grid; other layers stay as they are."""
         self.viewer.canvas.grid.enabled = False
         for layer in self.viewer.layers:
-            if is_own(layer) and not is_own(layer, "regions"):
+            # napari lays out its canvas at every change, also of what is hidden already.
+            if layer.visible and is_own(layer) and not is_own(layer, "regions"):
+                hide_labels(layer)
                 layer.visible = False
 
     def add_regions(self) -> Any:
-        """Add an empty layer to draw regions in, over the most reliable result."""
+        """Add an empty layer to draw regions in; in the grid, over the last result alone."""
         phase = self.session.needed_reconstruction()["phase"]
         results = self.results()
         if results and self.viewer.canvas.grid.enabled:
             self._show_together([results[-1]])
         layer = self.viewer.add_shapes(**region_layer(phase, "regions"))
+        self._regions.append(layer)
         layer.mode = "add_polygon"
         self.viewer.layers.selection.active = layer
         return layer

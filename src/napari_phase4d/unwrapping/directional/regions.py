@@ -134,7 +134,12 @@ def merged(
     lowest = int(turns.min(initial=0))
     span = int(turns.max(initial=0)) - lowest + 1
     key = (a.astype(np.int64) * n + b) * span + (turns - lowest)
-    keys, place = np.unique(key, return_inverse=True)
+    # As numpy.unique does, which holds Python's lock over its sum of booleans.
+    order = np.argsort(key, kind="stable")
+    ordered = key[order]
+    begins = np.append(True, ordered[1:] != ordered[:-1])[: len(key)]
+    keys, place = ordered[begins], np.empty(len(key), dtype=np.intp)
+    place[order] = np.cumsum(begins.astype(np.intp)) - 1
     pair = keys // span
     return Regions(
         region,
