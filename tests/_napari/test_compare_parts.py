@@ -82,10 +82,11 @@ def test_difference_to_any_result(viewer, compared) -> None:
     assert "in radians" in compared.status.text()
 
 
-def test_truth_from_a_layer(viewer, compared) -> None:
+def test_truth_from_a_layer(viewer, compared, qtbot) -> None:
     phase = compared.session.reconstruction["phase"]
     exact = viewer.add_image(compared.session.results["directional-l1"].values + 0.5, name="mine")
     compared.compare.truth.value = exact
+    qtbot.waitUntil(lambda: not compared.jobs.running, timeout=10_000)
     table = compared.session.outcome.comparison.table
     assert table["mse_rad2"]["directional-l1"] == pytest.approx(0.25, rel=1e-4)
     headings = [
@@ -95,6 +96,7 @@ def test_truth_from_a_layer(viewer, compared) -> None:
     assert "MSE rad²" in headings
     np.testing.assert_array_equal(compared.session.truth["time"], phase["time"])
     compared.compare.truth.value = "none"
+    qtbot.waitUntil(lambda: not compared.jobs.running, timeout=10_000)
     assert "mse_rad2" not in compared.session.outcome.comparison.table
 
 
