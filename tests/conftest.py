@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import shutil
+import subprocess
 import sys
 import threading
 import traceback
@@ -16,6 +19,24 @@ from napari_phase4d.holography import Lobe
 from napari_phase4d.progress import THREADS
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import Sample, euglena_sample
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Give each of several test processes its own screen: they would share a mouse."""
+    if "PYTEST_XDIST_WORKER" not in os.environ or shutil.which("Xvfb") is None:
+        return
+    reading, writing = os.pipe()
+    command = ["Xvfb", "-displayfd", str(writing), "-screen", "0", "1600x1000x24"]
+    server = subprocess.Popen(command, pass_fds=[writing], stderr=subprocess.DEVNULL)
+    os.close(writing)
+    with os.fdopen(reading) as numbers:
+        os.environ["DISPLAY"] = f":{numbers.readline().strip()}"
+
+    def end() -> None:
+        server.terminate()
+        server.wait()
+
+    config.add_cleanup(end)
 
 
 def join_threads() -> None:

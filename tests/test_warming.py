@@ -40,8 +40,5 @@ def test_a_program_without_an_interpreter_goes_on(
 ) -> None:
     monkeypatch.setattr(warming, "is_on_disk", lambda _: False)
     monkeypatch.setattr(sys, "executable", executable)
-    warming.warm_up_elsewhere.cache_clear()
-    try:
-        assert warming.warm_up_elsewhere() is None
-    finally:
-        warming.warm_up_elsewhere.cache_clear()
+    # Past the cache, which may hold a process that a window has started.
+    assert warming.warm_up_elsewhere.__wrapped__() is None
