@@ -74,6 +74,11 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._quiet.setSingleShot(True)
         self._quiet.setInterval(QUIET_AFTER_MS)
         self._quiet.timeout.connect(self._work_unasked)
+        # A child, so that it goes with the dock if the window takes it away.
+        self._closing = QTimer(self)
+        self._closing.setSingleShot(True)
+        self._closing.setInterval(0)
+        self._closing.timeout.connect(self._look_if_closed)
         self._build()
         self._listen()
         self.following = Following(napari_viewer, self.steps)
@@ -117,7 +122,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
         """Stop what is running when the window closes; napari may ask, and the user refuse."""
         if event is not None and event.type() == QEvent.Type.Close:
-            QTimer.singleShot(0, self._look_if_closed)
+            self._closing.start()
         return False
 
     def _look_if_closed(self) -> None:
