@@ -16,7 +16,7 @@ from napari_phase4d.evaluation.errors import (
 from napari_phase4d.evaluation.figures import comparison_figure, movie_frames, phase_limits
 from napari_phase4d.evaluation.itoh import itoh_margin, order_shares, residues
 from napari_phase4d.evaluation.measures import measure
-from napari_phase4d.evaluation.order import best_known, order_verdict
+from napari_phase4d.evaluation.order import best_known, most_trusted, order_verdict
 from napari_phase4d.evaluation.regions import polygon_mask, region_masks
 from napari_phase4d.evaluation.telling import EXACT, named_results, telling_frames
 from napari_phase4d.evaluation.traces import Traces, difference, traces
@@ -35,6 +35,7 @@ __all__ = [
     "itoh_margin",
     "mean_squared_error",
     "measure",
+    "most_trusted",
     "movie_frames",
     "named_results",
     "order_shares",

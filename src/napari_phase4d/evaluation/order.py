@@ -10,11 +10,16 @@ from napari_phase4d.evaluation.confidence import REFERENCE, turns_off
 from napari_phase4d.evaluation.itoh import order_shares
 from napari_phase4d.unwrapping import METHODS
 
-__all__ = ["best_known", "order_verdict"]
+__all__ = ["best_known", "most_trusted", "order_verdict"]
 
 BOTH = ("temporal-angular", "angular-temporal")
 #: Results in the order in which a look at the steps relies on them.
 TRUSTED = (REFERENCE, *BOTH, "temporal", "angular")
+
+
+def most_trusted(results: Mapping[str, xr.DataArray]) -> str:
+    """Return the id of the method among the results that is most to be relied on."""
+    return next((m for m in TRUSTED if m in results), next(iter(results)))
 
 
 def best_known(
@@ -23,7 +28,7 @@ def best_known(
     """Return the phase that is most to be relied on, and what it is in words."""
     if truth is not None:
         return truth, "the exact phase"
-    method = next((m for m in TRUSTED if m in results), next(iter(results)))
+    method = most_trusted(results)
     return results[method], f"the result of {METHODS[method].label}"
 
 

@@ -273,9 +273,9 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
         now = state.outcome
         if now is None or now.comparison.results is not outcome.comparison.results:
             raise Changed
-        state.confidence, state.warnings, _ = found
-        # The truth may have been chosen meanwhile.
-        judged = now.comparison.with_suspicion(state.confidence)
+        state.confidence, state.warnings, judged = found
+        if now.comparison is not outcome.comparison:  # another truth was chosen meanwhile
+            judged = now.comparison.with_suspicion(state.confidence)
         state.outcome = replace(now, comparison=judged)
         state.confidence_changed.emit()
 

@@ -19,7 +19,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
 from napari_phase4d._napari.widgets.curves import CurvePlot
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.evaluation import measure
+from napari_phase4d.evaluation import measure, most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
@@ -39,8 +39,6 @@ PLOTTED = (
 )
 #: Pixels that a field gets at least.
 NARROW = 90
-#: Methods in the order in which a measurement relies on them.
-TRUSTED = ("directional-l1", "temporal-angular", "angular-temporal")
 
 
 class MeasurePart(Step):
@@ -62,10 +60,10 @@ class MeasurePart(Step):
         self.column.addLayout(self.row(self.go, self.quantity.native))
         self.plot = CurvePlot()
         self.plot.setObjectName("measure_plot")
-        self.plot.setMinimumHeight(110)
+        self.plot.setMinimumHeight(100)
         self.column.addWidget(self.plot, 3)
         self.table = ResultTable("measure_table")
-        self.table.setMinimumHeight(70)
+        self.table.setMinimumHeight(52)
         self.column.addWidget(self.table, 2)
         self.copy = self.button(
             "Copy", "copy_measured", "Put the table on the clipboard.", self._copy
@@ -230,13 +228,12 @@ class MeasurePart(Step):
         return [OBJECT, *layers]
 
     def _show_results(self) -> None:
-        """Offer the results that there are, the most reliable one first."""
-        results = list(self.session.results)
-        ordered = sorted(results, key=lambda m: (m not in TRUSTED, results.index(m)))
+        """Offer the results that there are, the most reliable one chosen."""
+        results = self.session.results
         with self.own_change():
-            self.result.choices = [(METHODS[m].label, m) for m in ordered]
-            if ordered:
-                self.result.value = next((m for m in TRUSTED if m in results), ordered[0])
+            self.result.choices = [(METHODS[m].label, m) for m in results]
+            if results:
+                self.result.value = most_trusted(results)
         self.measured = pd.DataFrame()
         self.table.clear_rows()
         self.plot.message("Choose what to measure, then press Measure.")

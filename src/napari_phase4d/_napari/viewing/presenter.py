@@ -27,7 +27,7 @@ from napari_phase4d._napari.viewing.layers import (
     spread_over_angles,
     stack_layer,
 )
-from napari_phase4d.evaluation import EXACT, difference
+from napari_phase4d.evaluation import EXACT, difference, most_trusted
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["Presenter"]
@@ -292,11 +292,12 @@ class Presenter:
                 layer.visible = False
 
     def add_regions(self) -> Any:
-        """Add an empty layer to draw regions in; in the grid, over the last result alone."""
+        """Add an empty layer to draw regions in; in the grid, over the most reliable result."""
         phase = self.session.needed_reconstruction()["phase"]
-        results = self.results()
-        if results and self.viewer.canvas.grid.enabled:
-            self._show_together([results[-1]])
+        if self.session.results and self.viewer.canvas.grid.enabled:
+            best = self._results.get(most_trusted(self.session.results))
+            if best is not None and best in self.viewer.layers:
+                self._show_together([best])
         layer = self.viewer.add_shapes(**region_layer(phase, "regions"))
         self._regions.append(layer)
         layer.mode = "add_polygon"

@@ -1,0 +1,5 @@
+"""The command line: napari-phase4d demo | info | run | compare | reproduce."""
+
+from napari_phase4d.cli.app import app, main
+
+__all__ = ["app", "main"]

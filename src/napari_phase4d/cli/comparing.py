@@ -1,0 +1,101 @@
+"""All methods side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import xarray as xr
+
+from napari_phase4d.cli.batches import batch
+from napari_phase4d.cli.console import console
+from napari_phase4d.cli.options import (
+    Angles,
+    Boundary,
+    Confidence,
+    Views,
+    recipe_and_files,
+    with_settings,
+)
+from napari_phase4d.cli.printing import bar, print_notes, print_table, write_picture
+from napari_phase4d.evaluation import (
+    best_known,
+    itoh_margin,
+    order_shares,
+    order_verdict,
+    residues,
+)
+from napari_phase4d.io import open_phase
+from napari_phase4d.pipeline import Outcome, found_anywhere, run, write_outcome
+from napari_phase4d.unwrapping import METHODS
+
+__all__ = ["compare_command"]
+
+
+def compare_command(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Wrapped phase (OME-TIFF of this program, NPY, NPZ, TIFF) or hologram videos; "
+            "a .json among them is the recipe."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_compare"),
+    truth: Annotated[
+        Path | None, typer.Option(help="Exact or published phase on the same grid.")
+    ] = None,
+    views: Views = None,
+    angle: Angles = None,
+    boundary: Boundary = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Method id; default: all of them.")
+    ] = None,
+    *,
+    confidence: Confidence = False,
+) -> None:
+    """Put all methods side by side: table, picture, and where unwrapping has to fail."""
+    recipe, files = recipe_and_files(inputs)
+    all_methods = None if any(p.suffix == ".json" for p in inputs) else list(METHODS)
+    recipe = with_settings(
+        recipe, views, angle, boundary, method or all_methods, None, confidence=confidence
+    )
+    exact = None if truth is None else open_phase(truth)
+    if not files and not recipe.recording:
+        msg = "give at least one file to compare the methods on"
+        raise ValueError(msg)
+
+    def compare_one(file: Path, folder: Path) -> None:
+        with bar() as progress:
+            outcome = run(
+                recipe.changed(recording=found_anywhere(file)), truth=exact, progress=progress
+            )
+        print_notes(outcome)
+        print_table(outcome.comparison.table)
+        print_itoh(outcome, exact)
+        written = write_outcome(outcome, folder)
+        picture = folder / "comparison.png"
+        write_picture(outcome, exact, picture)
+        console.print(f"{len(written) + 1} files written to [bold]{folder.resolve()}[/bold]")
+
+    batch(compare_one, files or [Path(recipe.recording)], out)
+
+
+def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
+    """Say where steps are too large, and which order suits the object."""
+    results = outcome.comparison.results
+    known, origin = best_known(results, exact)
+    shares = ", ".join(
+        f"{str(name).removeprefix('along_')} {100 * margin.attrs['share_beyond']:.2f} %"
+        for name, margin in itoh_margin(known).data_vars.items()
+    )
+    found = residues(outcome.reconstruction["phase"])
+    console.print(f"Steps beyond half a cycle, by {origin}: {shares}")
+    console.print(f"Residues in the wrapped phase: {int(abs(found).sum())}")
+    ways = order_shares(known, outcome.recipe.boundary[0])
+    words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
+    verdict = order_verdict(results, outcome.recipe.boundary[0], exact)
+    console.print(f"Of the steps on their way: {words}. {verdict}")
+    labels = outcome.comparison.table["method"]
+    for method, sentence in outcome.comparison.warnings().items():
+        console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")

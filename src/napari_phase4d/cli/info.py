@@ -1,0 +1,91 @@
+"""What a file holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+import xarray as xr
+from rich.markup import escape
+
+from napari_phase4d.cli.console import console
+from napari_phase4d.cli.printing import megabytes, print_lobes
+from napari_phase4d.evaluation import residues
+from napari_phase4d.holography import find_lobes
+from napari_phase4d.pipeline import Recipe, needed_bytes, open_by, working_bytes
+from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import METHODS, score_boundaries
+
+__all__ = ["info"]
+
+
+def info(
+    file: Annotated[
+        Path,
+        typer.Argument(
+            help="Hologram video: TIFF, folder of images, NPY, NPZ; or sample:euglena, "
+            "sample:yeast."
+        ),
+    ],
+    views: Annotated[int, typer.Option(help="Number of views to look for, 1 to 6.")] = 2,
+    dataset: Annotated[str | None, typer.Option(help="Which array of an NPZ file.")] = None,
+) -> None:
+    """Say what a recording holds, where its lobes are, and what a run would need."""
+    recording = open_by(Recipe(recording=str(file), dataset=dataset))
+    if isinstance(recording, xr.DataArray):
+        print_phase(file, recording)
+        return
+    height, width = recording.frame_shape
+    first = recording.frame(0)
+    console.print(f"[bold]{escape(recording.name)}[/bold]")
+    console.print(
+        f"  {recording.n_frames} frames of {height} x {width} pixels, "
+        f"{recording.holograms.dtype}, {megabytes(recording.nbytes)}"
+    )
+    console.print(
+        f"  pixel in the sample {recording.optics.pixel_um:.4g} um, "
+        f"wavelength {recording.optics.wavelength_um:.4g} um, {rate_of(recording)}"
+    )
+    console.print(f"  first frame: {first.min():g} to {first.max():g}, mean {first.mean():.4g}")
+    for note in recording.notes:
+        console.print(f"  [yellow]{escape(note)}[/yellow]")
+    try:
+        lobes = find_lobes(recording, views)
+    except ValueError as error:
+        console.print(f"  [yellow]{escape(str(error))}[/yellow]")
+        return
+    print_lobes(lobes)
+    console.print(
+        f"A run with all {len(METHODS)} methods needs about "
+        f"{megabytes(needed_bytes(recording, lobes, list(METHODS)))} of memory."
+    )
+
+
+def print_phase(file: Path, phase: xr.DataArray) -> None:
+    """Say what a file of wrapped phase holds."""
+    n_times, n_angles, height, width = phase.shape
+    console.print(f"[bold]{escape(file.name)}[/bold]")
+    console.print(
+        f"  wrapped phase, {n_times} times, {n_angles} views of {height} x {width} pixels"
+    )
+    angles = ", ".join(f"{a:g}" for a in phase["angle"].values)
+    console.print(f"  viewing angles {angles} degrees; {int(abs(residues(phase)).sum())} residues")
+    for note in phase.attrs.get("notes", ()):
+        console.print(f"  [yellow]{escape(note)}[/yellow]")
+    scores = score_boundaries(phase)
+    time, view = scores.attrs["best"]
+    console.print(
+        f"  safest boundary frame {time},{view}: {scores.attrs['basis']} agree on "
+        f"{100 * scores.attrs['agreement']:.2f} % of the object"
+    )
+    need = working_bytes(phase.nbytes, list(METHODS), frame=phase[0, 0].nbytes)
+    console.print(
+        f"A run with all {len(METHODS)} methods needs about {megabytes(need)} of memory."
+    )
+
+
+def rate_of(recording: Recording) -> str:
+    """Return the frame rate in words."""
+    rate = recording.frame_rate_hz
+    return "one frame" if rate is None else f"{rate:.4g} frames a second"

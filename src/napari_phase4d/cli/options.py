@@ -1,0 +1,66 @@
+"""Options that several commands have, and what they do to a recipe."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from napari_phase4d.pipeline import Recipe
+
+__all__ = ["Angles", "Boundary", "Confidence", "Views", "recipe_and_files", "with_settings"]
+
+Views = Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")]
+Angles = Annotated[
+    list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
+]
+Boundary = Annotated[
+    str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
+]
+Confidence = Annotated[
+    bool, typer.Option(help="Also write how far to trust each pixel of each result.")
+]
+
+
+def recipe_and_files(inputs: Sequence[Path]) -> tuple[Recipe, list[Path]]:
+    """Tell the recipe from the recordings."""
+    recipes = [p for p in inputs if p.suffix == ".json"]
+    if len(recipes) > 1:
+        msg = "give one recipe at most"
+        raise ValueError(msg)
+    recipe = Recipe.from_file(recipes[0]) if recipes else Recipe()
+    return recipe, [p for p in inputs if p.suffix != ".json"]
+
+
+def with_settings(
+    recipe: Recipe,
+    views: int | None,
+    angles: Sequence[float] | None,
+    boundary: str | None,
+    methods: Sequence[str] | None,
+    frame_rate: float | None,
+    *,
+    confidence: bool = False,
+) -> Recipe:
+    """Return a recipe with what was typed in."""
+    changes: dict[str, object] = {
+        "n_views": len(angles) if angles and views is None else views,
+        "angles_deg": tuple(angles) if angles else None,
+        "methods": tuple(methods) if methods else None,
+        "frame_rate_hz": frame_rate,
+        "boundary": (frame_numbers(boundary),) if boundary else None,
+        "confidence": confidence or None,
+    }
+    return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
+
+
+def frame_numbers(text: str) -> tuple[int, int]:
+    """Read TIME,ANGLE."""
+    try:
+        time, angle = (int(part) for part in text.split(","))
+    except ValueError as error:
+        msg = f"--boundary takes two frame numbers TIME,ANGLE such as 0,0, but got {text!r}"
+        raise ValueError(msg) from error
+    return time, angle

@@ -1,0 +1,111 @@
+"""How results are shown in a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import pandas as pd
+import xarray as xr
+from rich.markup import escape
+from rich.progress import Progress
+from rich.table import Table
+
+from napari_phase4d.cli.console import console
+from napari_phase4d.evaluation import comparison_figure, named_results, telling_frames
+from napari_phase4d.holography import Lobe, lobe_warnings
+from napari_phase4d.io import write_figure
+from napari_phase4d.pipeline import Outcome
+from napari_phase4d.progress import ProgressCall
+
+__all__ = [
+    "bar",
+    "megabytes",
+    "print_lobes",
+    "print_notes",
+    "print_table",
+    "write_picture",
+]
+
+
+@contextmanager
+def bar() -> Iterator[ProgressCall]:
+    """Show progress as one line that moves."""
+    with Progress(console=console, transient=True) as display:
+        task = display.add_task("", total=None)
+
+        def report(done: int, total: int, message: str) -> None:
+            display.update(task, completed=done, total=total, description=message)
+
+        yield report
+
+
+def print_notes(outcome: Outcome) -> None:
+    """Say what had to be assumed."""
+    recording, optics = outcome.recording, outcome.recipe.optics
+    if recording is None:
+        notes = outcome.reconstruction["phase"].attrs.get("notes", ())
+    else:
+        notes = recording.notes if optics is None else ()
+    for note in notes:
+        console.print(f"[yellow]{escape(note)}[/yellow]")
+
+
+def print_lobes(lobes: Sequence[Lobe]) -> None:
+    """Print the views as a table, with warnings."""
+    if not lobes:
+        return
+    table = Table(title="Views", title_justify="left")
+    for heading in ("view", "ky (1/px)", "kx (1/px)", "radius (1/px)", "angle (deg)", "flipped"):
+        table.add_column(heading, justify="right")
+    for i, lobe in enumerate(lobes, start=1):
+        ky, kx = lobe.carrier
+        flip = "yes" if lobe.flip else "no"
+        table.add_row(
+            str(i), f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}", flip
+        )
+    console.print(table)
+    for warning in lobe_warnings(lobes):
+        console.print(f"[yellow]{warning}[/yellow]")
+
+
+HEADINGS = {
+    "seconds": "seconds",
+    "peak_mb": "peak memory (MB)",
+    "paper_mse_rad2": "paper's MSE (rad²)",
+    "mse_rad2": "MSE (rad²)",
+    "phasetools_mse_rad2": "as in PhaseTools",
+    "wrong_cycles_percent": "wrong by a cycle (%)",
+}
+
+
+def print_table(frame: pd.DataFrame, title: str = "Unwrapping") -> None:
+    """Print the comparison."""
+    table = Table(title=title, title_justify="left")
+    for column in frame.columns:
+        table.add_column(
+            HEADINGS.get(column, column), justify="left" if column == "method" else "right"
+        )
+    for row in frame.itertuples(index=False):
+        table.add_row(*(cell(value) for value in row))
+    console.print(table)
+
+
+def cell(value: object) -> str:
+    """Return a value as it stands in a table."""
+    if isinstance(value, str):
+        return value
+    number = float(str(value))
+    return "" if number != number else f"{number:.3f}"
+
+
+def write_picture(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> None:
+    """Write a picture of all results at some frames."""
+    frames = telling_frames(outcome.reconstruction["phase"], outcome.recipe.boundary[0])
+    write_figure(path, comparison_figure(named_results(outcome.comparison, exact), frames))
+
+
+def megabytes(size: int) -> str:
+    """Return a size in the unit that suits it."""
+    return f"{size / 2**20:.1f} MB" if size < 2**30 else f"{size / 2**30:.1f} GB"

@@ -1,0 +1,185 @@
+"""Every setting of a run, in one frozen model."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from napari_phase4d.holography import BACKGROUND_ORDERS, WINDOWS, Lobe
+from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.optics import Optics
+from napari_phase4d.unwrapping import check_method
+
+__all__ = ["DEFAULT_METHODS", "PAPER_METHODS", "Recipe"]
+
+#: The paper's own methods.
+PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
+#: Methods that are run if none are chosen.
+DEFAULT_METHODS = (*PAPER_METHODS, "directional-l1")
+
+
+Options = dict[str, dict[str, bool | int | float | str]]
+
+
+class Recipe(BaseModel):
+    """Every setting of a run, from the file to the unwrapped phase.
+
+    Parameters
+    ----------
+    recording : str
+        File or folder of the hologram video, a file of wrapped phase, or a sample,
+        "sample:euglena" or "sample:yeast"; empty if it is given to `run` directly.
+    dataset : str, optional
+        Which array of a file that holds several.
+    content : str
+        What the file holds: "holograms", "phase", or "auto" (default) to look.
+    optics : Optics, optional
+        The microscope. Default: what the file says, else that of the paper.
+    frame_rate_hz : float, optional
+        Frames per second. Default: what the file says, else 1.
+    n_views : int
+        Number of views to find if no lobes are given, 1 to 6.
+    angles_deg : tuple of float, optional
+        Viewing angles of the views that are found, in degrees.
+    lobes : tuple of Lobe
+        The views; empty to find them.
+    reference : int, str or None
+        Frame number, "median", a file with a hologram without the object, or None.
+    window : str
+        How a lobe is cut out: "disk", "smooth-disk", "gaussian" or "tukey".
+    background : str
+        What is fitted to the empty field and removed: "none", "tilt" or "curvature".
+    drift : bool
+        Whether the phase of the empty field is set to zero in every frame.
+    mask : str or None
+        "auto" (default) to unwrap the object only, as the paper does; None for the whole field.
+    boundary : tuple of (int, int)
+        Optically thin frames as (time, angle) numbers.
+    methods : tuple of str
+        Ids of the unwrapping methods.
+    options : dict
+        Method id to that method's options.
+    confidence : bool
+        Whether a map of how far to trust it is written with each result.
+
+    Raises
+    ------
+    ValueError
+        If a setting has no such value.
+    """
+
+    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=False)
+
+    recording: str = ""
+    dataset: str | None = None
+    content: Literal["auto", "holograms", "phase"] = "auto"
+    optics: Optics | None = None
+    frame_rate_hz: float | None = Field(default=None, gt=0)
+    n_views: int = Field(default=2, ge=1, le=6)
+    angles_deg: tuple[float, ...] | None = None
+    lobes: tuple[Lobe, ...] = ()
+    reference: int | str | None = None
+    window: str = "smooth-disk"
+    background: str = "tilt"
+    drift: bool = True
+    mask: Literal["auto"] | None = "auto"
+    boundary: tuple[tuple[int, int], ...] = ((0, 0),)
+    methods: tuple[str, ...] = DEFAULT_METHODS
+    options: Options = Field(default_factory=dict)
+    confidence: bool = False
+
+    @field_validator("window")
+    @classmethod
+    def _window_exists(cls, value: str) -> str:
+        return one_of("window", value, WINDOWS)
+
+    @field_validator("background")
+    @classmethod
+    def _background_exists(cls, value: str) -> str:
+        return one_of("background", value, BACKGROUND_ORDERS)
+
+    @field_validator("options")
+    @classmethod
+    def _options_exist(cls, value: Options) -> Options:
+        for method, options in value.items():
+            try:
+                check_method(method, options)
+            except TypeError as error:  # which pydantic would let through
+                raise ValueError(str(error)) from error
+        return value
+
+    @field_validator("methods")
+    @classmethod
+    def _methods_exist(cls, value: tuple[str, ...]) -> tuple[str, ...]:
+        for method in value:
+            check_method(method, {})
+        return value
+
+    def changed(self, **settings: Any) -> Recipe:
+        """Return a copy with other settings.
+
+        Raises
+        ------
+        ValueError
+            If a setting has no such value; one sentence names it.
+        """
+        try:
+            return Recipe.model_validate(self.model_dump() | settings)
+        except ValidationError as error:
+            raise ValueError(sentence_of(error)) from error
+
+    def to_file(self, path: str | Path) -> Path:
+        """Write the recipe as JSON.
+
+        Raises
+        ------
+        OSError
+            If it can't be written; an older file of that name is then left as it was.
+        """
+        path = Path(path)
+        with written_whole(path) as temporary:
+            temporary.write_text(self.model_dump_json(indent=2) + "\n", encoding="utf-8")
+        return path
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> Recipe:
+        """Read a recipe from JSON.
+
+        Raises
+        ------
+        OSError
+            If the file can't be read.
+        ValueError
+            If it is no recipe, or a setting has no such value.
+        """
+        path = Path(path)
+        try:
+            settings = json.loads(path.read_text(encoding="utf-8"))
+            return cls.model_validate(settings)
+        except UnicodeDecodeError as error:
+            msg = f"{path.name} is no recipe: it is not a text file"
+            raise ValueError(msg) from error
+        except json.JSONDecodeError as error:
+            msg = f"{path.name} is no recipe: line {error.lineno} is not JSON"
+            raise ValueError(msg) from error
+        except ValidationError as error:
+            msg = f"{path.name} is no valid recipe: {sentence_of(error)}"
+            raise ValueError(msg) from error
+
+
+def sentence_of(error: ValidationError) -> str:
+    """Return the first thing that is wrong, in one sentence."""
+    first = error.errors()[0]
+    where = ".".join(str(part) for part in first["loc"]) or "the file"
+    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+
+
+def one_of(name: str, value: str, known: Any) -> str:
+    """Return a value if it is known, else raise ValueError."""
+    if value not in known:
+        msg = f"{name} must be one of {', '.join(known)}, but is {value!r}"
+        raise ValueError(msg)
+    return value
