@@ -8,6 +8,8 @@ from napari_phase4d.holography.preview import Preview
 from napari_phase4d.holography.quality import fringe_contrast
 from napari_phase4d.holography.reconstruction import (
     BACKGROUND_ORDERS,
+    FrameWork,
+    prepared,
     recalibrated,
     reconstruct,
 )
@@ -18,6 +20,7 @@ __all__ = [
     "BACKGROUND_ORDERS",
     "WINDOWS",
     "Demodulator",
+    "FrameWork",
     "Lobe",
     "Preview",
     "StrayTerm",
@@ -26,6 +29,7 @@ __all__ = [
     "lobe_warnings",
     "pair_distance",
     "power_spectrum",
+    "prepared",
     "recalibrated",
     "reconstruct",
     "stray_terms",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -21,7 +22,7 @@ from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["BACKGROUND_ORDERS", "recalibrated", "reconstruct"]
+__all__ = ["BACKGROUND_ORDERS", "FrameWork", "prepared", "recalibrated", "reconstruct"]
 
 #: What to take off the background, and the order of the polynomial that does it.
 BACKGROUND_ORDERS = {"none": 0, "tilt": 1, "curvature": 2}
@@ -82,6 +83,98 @@ def reconstruct(
     Cancelled
         If ``cancelled()`` returned True.
     """
+    work = prepared(
+        rec,
+        lobes,
+        reference,
+        window=window,
+        background=background,
+        drift=drift,
+        cancelled=cancelled,
+    )
+    phase = np.empty(work.stack_shape(rec.n_frames), dtype=np.float32)
+    amplitude = np.empty_like(phase)
+
+    def into_place(index: int) -> float:
+        return work(rec.raw_frame(index), phase[index], amplitude[index])
+
+    watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)
+    lowest_share = min(in_threads(into_place, range(rec.n_frames), watch))
+    return work.as_dataset(rec, phase, amplitude, lowest_share)
+
+
+@dataclass(frozen=True)
+class FrameWork:
+    """All that turns one camera frame into phase and amplitude, measured once a recording.
+
+    It can be pickled, and several threads may use it.
+
+    Parameters
+    ----------
+    demodulate : Demodulator
+        Gives the fields of all views.
+    factor : ndarray of shape (view, y, x) or (1, 1, 1)
+        What they are multiplied by, see `corrections`.
+    drift : bool
+        Whether the phase of the empty field is set to zero.
+    angles : list of float
+        Viewing angles in degrees.
+    attrs : dict
+        What to note of it.
+    """
+
+    demodulate: Demodulator
+    factor: NDArray[np.complex64]
+    drift: bool
+    angles: list[float]
+    attrs: dict[str, Any]
+
+    def __call__(
+        self,
+        frame: NDArray[np.generic],
+        phase: NDArray[np.float32],
+        amplitude: NDArray[np.float32],
+    ) -> float:
+        """Write the phase and amplitude of a frame, each (view, y, x).
+
+        Returns
+        -------
+        float
+            Smallest share, of all views, of pixels that look like background; 1 if not looked at.
+        """
+        fields = self.demodulate(frame)
+        fields *= self.factor
+        np.abs(fields, out=amplitude)
+        np.arctan2(fields.imag, fields.real, out=phase)
+        if not self.drift:
+            return 1.0
+        return min(remove_offset(*view) for view in zip(fields, phase, strict=True))
+
+    def stack_shape(self, n_frames: int) -> tuple[int, int, int, int]:
+        """Return the shape (time, angle, y, x) of the phase of so many frames."""
+        height, width = self.demodulate.output_shape
+        return (n_frames, len(self.angles), height, width)
+
+    def as_dataset(
+        self, rec: Recording, phase: Any, amplitude: Any, lowest_share: float
+    ) -> xr.Dataset:
+        """Return all frames' phase and amplitude, in memory or lazy, with axes and notes."""
+        attrs = {**self.attrs, "background_share": lowest_share}
+        ratio = self.demodulate.pixel_ratio
+        return as_dataset(rec, self.angles, ratio, phase, amplitude, attrs)
+
+
+def prepared(
+    rec: Recording,
+    lobes: Sequence[Lobe],
+    reference: Reference = None,
+    *,
+    window: str = "smooth-disk",
+    background: str = "tilt",
+    drift: bool = True,
+    cancelled: CancelledCall | None = None,
+) -> FrameWork:
+    """Measure what all frames have in common; see `reconstruct` for the arguments."""
     if background not in BACKGROUND_ORDERS:
         msg = f"background must be one of {', '.join(BACKGROUND_ORDERS)}, but is {background!r}"
         raise ValueError(msg)
@@ -91,21 +184,6 @@ def reconstruct(
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, window)
     factor = corrections(rec, demodulate, reference, BACKGROUND_ORDERS[background], cancelled)
-    stack_shape = (rec.n_frames, len(lobes), *demodulate.output_shape)
-    phase = np.empty(stack_shape, dtype=np.float32)
-    amplitude = np.empty(stack_shape, dtype=np.float32)
-
-    def work(index: int) -> float:
-        fields = demodulate(rec.raw_frame(index))
-        fields *= factor
-        np.abs(fields, out=amplitude[index])
-        np.arctan2(fields.imag, fields.real, out=phase[index])
-        if not drift:
-            return 1.0
-        return min(remove_offset(*view) for view in zip(fields, phase[index], strict=True))
-
-    watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)
-    lowest_share = min(in_threads(work, range(rec.n_frames), watch))
     attrs = {
         "wavelength_um": rec.optics.wavelength_um,
         "recording": rec.name,
@@ -115,9 +193,8 @@ def reconstruct(
         "drift_removed": drift,
         "reference": reference_note(reference),
         "pixel_ratio": list(demodulate.pixel_ratio),
-        "background_share": lowest_share,
     }
-    return as_dataset(rec, angles, demodulate.pixel_ratio, phase, amplitude, attrs)
+    return FrameWork(demodulate, factor, drift, angles, attrs)
 
 
 def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:
