@@ -13,6 +13,7 @@ from itertools import islice
 from typing import Generic, TypeVar
 
 __all__ = [
+    "LOOK_UP_S",
     "Cancelled",
     "CancelledCall",
     "ProgressCall",

@@ -1,6 +1,6 @@
 """How good an unwrapping is, methods side by side, and what they say of the object."""
 
-from napari_phase4d.evaluation.comparison import Comparison, compare
+from napari_phase4d.evaluation.comparison import Comparison, compare, compare_on
 from napari_phase4d.evaluation.confidence import (
     REFERENCE,
     confidence_of,
@@ -28,6 +28,7 @@ __all__ = [
     "Traces",
     "best_known",
     "compare",
+    "compare_on",
     "comparison_figure",
     "confidence_of",
     "difference",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import pandas as pd
@@ -18,13 +18,14 @@ from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import (
     METHODS,
     Problem,
+    SharedSteps,
     border_medians,
     check_method,
     label_of,
     run_method,
 )
 
-__all__ = ["Comparison", "compare"]
+__all__ = ["Comparison", "Runs", "compare", "compare_on"]
 
 #: Columns of the table that need truth.
 OF_TRUTH = ("mse_rad2", "wrong_cycles_percent")
@@ -47,13 +48,32 @@ class Comparison:
         that are suspicious in percent, where asked for with `with_suspicion`; and against truth,
         where given, the mean squared error in rad^2 and the share of pixels wrong by a turn in
         percent.
-    problem : Problem
-        What was unwrapped.
+    problem : Problem or None
+        What was unwrapped; None for a recording larger than memory.
+    phase : DataArray
+        The wrapped phase.
     """
 
     results: Mapping[str, xr.DataArray]
     table: pd.DataFrame
-    problem: Problem = field(repr=False)
+    problem: Problem | None = field(repr=False)
+    phase: xr.DataArray = field(repr=False)
+
+    def needed_problem(self) -> Problem:
+        """Return what was unwrapped.
+
+        Raises
+        ------
+        ValueError
+            If it was not held in memory.
+        """
+        if self.problem is None:
+            msg = (
+                "how far to trust a result is judged on all frames at once, but these do not fit "
+                "into memory; take some of them, such as phase.isel(time=slice(100)), and compare"
+            )
+            raise ValueError(msg)
+        return self.problem
 
     def reference(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
@@ -61,12 +81,13 @@ class Comparison:
         """Return the result of directional L1, computed now if it was not among the methods."""
         if REFERENCE in self.results:
             return self.results[REFERENCE]
+        problem = self.needed_problem()
         try:
-            found: xr.DataArray = self.problem.once(
-                REFERENCE, lambda: run_method(self.problem, REFERENCE, progress, cancelled, {})
+            found: xr.DataArray = problem.once(
+                REFERENCE, lambda: run_method(problem, REFERENCE, progress, cancelled, {})
             )
         finally:
-            self.problem.forget("field")  # as large as many results, and of no more use
+            problem.forget("field")  # as large as many results, and of no more use
         return found
 
     def confidence(
@@ -81,13 +102,13 @@ class Comparison:
         L1, which the others are held against.
         """
         reference = self.reference(progress, cancelled)
-        amplitude = self.problem.relative_amplitude
+        amplitude = self.needed_problem().relative_amplitude
         return confidence_of(self.results[method], reference, amplitude, self._level())
 
     def warnings(self) -> dict[str, str]:
         """Say of which methods whole objects may be a turn off, and in how many frames."""
-        background = self.problem.background()
-        empty = self.problem.result(background.mask, "empty", {"units": "1"})
+        problem = self.needed_problem()
+        empty = problem.result(problem.background().mask, "empty", {"units": "1"})
         said = {
             method: slip_warning(result, self.reference(), empty, self._level())
             for method, result in self.results.items()
@@ -109,7 +130,7 @@ class Comparison:
         ValueError
             If the truth has another shape.
         """
-        exact = as_truth(truth, self.problem)
+        exact = as_truth(truth, self.phase)
         table = self.table.drop(columns=list(OF_TRUTH), errors="ignore")
         rows = [errors(self.results[str(method)], exact) for method in table.index]
         return replace(self, table=in_order(table.join(pd.DataFrame(rows, index=table.index))))
@@ -147,15 +168,17 @@ class Comparison:
     def object_mask(self) -> xr.DataArray:
         """Return what of the usable field is not empty, in the form of the phase."""
         # Not ``problem.mask``: it depends on which methods have run.
-        usable = self.problem.usable
-        inside = usable & ~self.problem.background().mask
-        return self.problem.result(inside if inside.any() else usable, "object", {"units": "1"})
+        problem = self.needed_problem()
+        usable = problem.usable
+        inside = usable & ~problem.background().mask
+        return problem.result(inside if inside.any() else usable, "object", {"units": "1"})
 
     def _level(self) -> xr.DataArray:
         """Return the phase of the empty field of every frame, in the form of the phase."""
-        level = border_medians(self.problem.background().level, self.problem.first)
-        full = np.broadcast_to(level[..., None, None], self.problem.wrapped.shape)
-        return self.problem.result(full, "level", {"units": "rad"})
+        problem = self.needed_problem()
+        level = border_medians(problem.background().level, problem.first)
+        full = np.broadcast_to(level[..., None, None], problem.wrapped.shape)
+        return problem.result(full, "level", {"units": "rad"})
 
 
 def compare(
@@ -211,21 +234,79 @@ def compare(
     for method in (*chosen, *options):
         check_method(method, options.get(method, {}))
     problem = Problem(phase, boundary, mask, amplitude)
-    exact = as_truth(truth, problem)
-    so_far = Comparison({}, table_of({}), problem)
-    rows: dict[str, dict[str, Any]] = {}
+    exact = as_truth(truth, problem.template)
     try:
-        for place, method in enumerate(chosen, 1):
-            own_options = options.get(method, {})
-            label = label_of(method, own_options)
-            report = named(progress, f"{label} ({place} of {len(chosen)})")
-            cost = cost_of(problem, method, report, cancelled, own_options)
-            rows[method] = row_of(label, cost, exact)
-            so_far = Comparison({**so_far.results, method: cost.result}, table_of(rows), problem)
-            if finished is not None:
-                finished(method, so_far)
+        return compare_on(InMemory(problem), chosen, exact, options, progress, cancelled, finished)
     finally:
         problem.forget("field")  # as large as many results, and of no more use
+
+
+class Runs(Protocol):
+    """Unwraps one phase by any method.
+
+    Attributes
+    ----------
+    steps : SharedSteps
+        What several methods start from.
+    problem : Problem or None
+        The phase, where all of it is in memory.
+    phase : DataArray
+        Wrapped phase, wherever it lies.
+    """
+
+    steps: SharedSteps
+    problem: Problem | None
+    phase: xr.DataArray
+
+    def run(
+        self,
+        method: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+        options: Mapping[str, Any],
+    ) -> xr.DataArray:
+        """Return unwrapped phase."""
+
+
+class InMemory:
+    """Unwraps phase that is in memory.
+
+    Parameters
+    ----------
+    problem : Problem
+        The phase.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.steps: SharedSteps = problem
+        self.problem: Problem | None = problem
+        self.phase = problem.template
+        self.run = partial(run_method, problem)
+
+
+def compare_on(
+    runs: Runs,
+    methods: Sequence[str],
+    exact: xr.DataArray | None,
+    options: Mapping[str, Mapping[str, Any]],
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+    finished: Callable[[str, Comparison], None] | None = None,
+) -> Comparison:
+    """Run several methods one after the other, wherever their phase lies; see `compare`."""
+    so_far = Comparison({}, table_of({}), runs.problem, runs.phase)
+    rows: dict[str, dict[str, Any]] = {}
+    for place, method in enumerate(methods, 1):
+        own_options = options.get(method, {})
+        label = label_of(method, own_options)
+        report = named(progress, f"{label} ({place} of {len(methods)})")
+        cost = cost_of(runs, method, report, cancelled, own_options)
+        rows[method] = row_of(label, cost, exact)
+        so_far = replace(
+            so_far, results={**so_far.results, method: cost.result}, table=table_of(rows)
+        )
+        if finished is not None:
+            finished(method, so_far)
     return so_far
 
 
@@ -237,17 +318,17 @@ def named(progress: ProgressCall | None, name: str) -> ProgressCall | None:
 
 
 def cost_of(
-    problem: Problem,
+    runs: Runs,
     method: str,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
     options: Mapping[str, Any],
 ) -> Measured[xr.DataArray]:
     """Run one method, and count the time of the shared steps that others have done for it."""
-    shared = dict(problem.seconds)
-    problem.used.clear()
-    cost = measured(partial(run_method, problem, method, progress, cancelled, options))
-    shared_seconds = sum(shared.get(step, 0.0) for step in problem.used)
+    shared = dict(runs.steps.seconds)
+    runs.steps.used.clear()
+    cost = measured(partial(runs.run, method, progress, cancelled, options))
+    shared_seconds = sum(shared.get(step, 0.0) for step in runs.steps.used)
     return replace(cost, seconds=cost.seconds + shared_seconds)
 
 
@@ -267,19 +348,19 @@ def in_order(table: pd.DataFrame) -> pd.DataFrame:
     return table[[name for name in COLUMNS if name in table.columns]]
 
 
-def as_truth(truth: xr.DataArray | Any, problem: Problem) -> xr.DataArray | None:
+def as_truth(truth: xr.DataArray | Any, phase: xr.DataArray) -> xr.DataArray | None:
     """Return truth in the form of the phase, or None."""
     if truth is None:
         return None
     values = (
-        truth.transpose(*problem.template.dims).values
+        truth.transpose(*phase.dims).values
         if isinstance(truth, xr.DataArray)
         else np.asarray(truth)
     )
-    if values.shape != problem.template.shape:
-        msg = f"truth is {values.shape}, but the phase is {problem.template.shape}"
+    if values.shape != phase.shape:
+        msg = f"truth is {values.shape}, but the phase is {phase.shape}"
         raise ValueError(msg)
-    return problem.template.copy(data=values)
+    return phase.copy(data=values)
 
 
 def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]:

@@ -4,11 +4,10 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 """
 
 from napari_phase4d.pipeline.needs import needed_bytes, working_bytes
+from napari_phase4d.pipeline.opening import found_anywhere, open_by
 from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, Recipe
 from napari_phase4d.pipeline.running import (
     Outcome,
-    found_anywhere,
-    open_by,
     reconstruct_by,
     run,
     unwrap_by,

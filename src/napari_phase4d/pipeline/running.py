@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import suppress
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,13 +11,13 @@ import xarray as xr
 
 from napari_phase4d.evaluation import Comparison, compare
 from napari_phase4d.holography import Lobe, find_lobes, reconstruct
-from napari_phase4d.io import open_input, open_recording
+from napari_phase4d.io import open_recording
+from napari_phase4d.pipeline.opening import open_by
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
-from napari_phase4d.sample import is_sample, open_sample
 
-__all__ = ["Outcome", "found_anywhere", "open_by", "reconstruct_by", "run", "unwrap_by"]
+__all__ = ["Outcome", "reconstruct_by", "run", "unwrap_by"]
 
 
 @dataclass(frozen=True)
@@ -91,37 +89,6 @@ def run(
     )
     used = recipe.changed(lobes=tuple(lobes), optics=recording.optics)
     return Outcome(recording, used, data, comparison, truth)
-
-
-def open_by(recipe: Recipe) -> Recording | xr.DataArray:
-    """Open the file or sample that a recipe names: holograms, or wrapped phase.
-
-    Raises
-    ------
-    OSError, TypeError, ValueError
-        If there is no such file or sample, or it can't be read.
-    """
-    if is_sample(recipe.recording):
-        return open_sample(recipe.recording, recipe.optics, recipe.frame_rate_hz)
-    return open_input(
-        recipe.recording,
-        recipe.optics,
-        recipe.frame_rate_hz,
-        dataset=recipe.dataset,
-        angles_deg=recipe.angles_deg,
-        content=recipe.content,
-    )
-
-
-def found_anywhere(source: str | Path) -> str:
-    """Return a recording's name as it holds in every folder: files get their whole path.
-
-    Names of samples, and of files that are not there, stay as they are.
-    """
-    if str(source) and not is_sample(str(source)):
-        with suppress(OSError, ValueError):  # not there, or no name of a file at all
-            return str(Path(source).resolve(strict=True))
-    return str(source)
 
 
 def unwrap_by(

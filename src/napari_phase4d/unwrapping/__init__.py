@@ -10,9 +10,11 @@ from napari_phase4d.unwrapping.registry import (
     Option,
     check_method,
     label_of,
+    noted,
     run_method,
     unwrap,
 )
+from napari_phase4d.unwrapping.sharing import SharedSteps
 from napari_phase4d.unwrapping.spatial import border_medians
 from napari_phase4d.unwrapping.warming import warm_up_elsewhere
 
@@ -23,10 +25,12 @@ __all__ = [
     "Method",
     "Option",
     "Problem",
+    "SharedSteps",
     "border_medians",
     "both_ends",
     "check_method",
     "label_of",
+    "noted",
     "run_method",
     "score_boundaries",
     "unwrap",

@@ -117,19 +117,32 @@ def one_pass(
 def lines_along(
     dim: str, shape: tuple[int, ...], boundaries: list[Boundary]
 ) -> Iterator[tuple[tuple[slice | int, slice | int], list[int]]]:
-    """Yield each line of frames and where on it the thin frames are.
+    """Yield each line of frames and where on it the thin frames are."""
+    for other in range(shape[1 if dim == "time" else 0]):
+        index: tuple[slice | int, slice | int]
+        index = (slice(None), other) if dim == "time" else (other, slice(None))
+        yield index, starts_on(dim, other, boundaries)
+
+
+def starts_on(dim: str, other: int, boundaries: list[Boundary]) -> list[int]:
+    """Return where on a line of frames the thin ones are.
 
     A boundary frame counts for its own line; a line without one starts where the others do, as
     Fig. 1 shows: the first pass leaves the row of the boundary time (or angle) from which the
     second starts.
+
+    Parameters
+    ----------
+    dim : str
+        "time" or "angle", along which the line goes.
+    other : int
+        Number of the line: of its angle, if it goes along time, else of its time.
+    boundaries : list of (int, int)
+        Thin frames (time, angle).
     """
     along, across = (0, 1) if dim == "time" else (1, 0)
-    everywhere = sorted({b[along] for b in boundaries})
-    for other in range(shape[across]):
-        own = sorted({b[along] for b in boundaries if b[across] == other})
-        index: tuple[slice | int, slice | int]
-        index = (slice(None), other) if dim == "time" else (other, slice(None))
-        yield index, own or everywhere
+    own = sorted({b[along] for b in boundaries if b[across] == other})
+    return own or sorted({b[along] for b in boundaries})
 
 
 #: Along the angle at each time ([11] in the paper).

@@ -9,7 +9,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Piece", "pieces_between", "thickness_profile", "with_thin_turning_points"]
+__all__ = ["Piece", "pieces_between", "thickness", "thickness_profile", "with_thin_turning_points"]
 
 #: A map is as thin as the boundary map if its peak phase is at most this many times as large.
 AS_THIN = 1.1
@@ -31,11 +31,13 @@ def thickness_profile(
 ) -> NDArray[np.float64]:
     """Return the peak phase (99th percentile inside the mask) of each map, in radians."""
     return np.array(
-        [
-            float(np.quantile(phase[inside], 0.99)) if inside.any() else 0.0
-            for phase, inside in zip(unwrapped, mask, strict=True)
-        ]
+        [thickness(phase, inside) for phase, inside in zip(unwrapped, mask, strict=True)]
     )
+
+
+def thickness(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
+    """Return the peak phase (99th percentile inside the mask) of one map, in radians."""
+    return float(np.quantile(unwrapped[mask], 0.99)) if mask.any() else 0.0
 
 
 def with_thin_turning_points(profile: NDArray[np.float64], starts: Sequence[int]) -> list[int]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import threading
-import time
-from collections.abc import Callable, Sequence
-from typing import Any, TypeVar
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import xarray as xr
@@ -15,6 +14,7 @@ from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_c
 from napari_phase4d.unwrapping.background import Background, find_background
 from napari_phase4d.unwrapping.masks import object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
+from napari_phase4d.unwrapping.sharing import SharedSteps
 from napari_phase4d.unwrapping.spatial import unwrap_frames
 
 __all__ = ["DIMS", "Boundary", "Problem"]
@@ -24,10 +24,9 @@ DIMS = ("time", "angle", "y", "x")
 PLAIN_DIMS = {2: ("y", "x"), 3: ("time", "y", "x"), 4: DIMS}
 
 Boundary = tuple[int, int]
-T = TypeVar("T")
 
 
-class Problem:
+class Problem(SharedSteps):
     """Wrapped phase with its mask and boundary frames, checked and brought into one form.
 
     The two-dimensional unwrapping and the registration, from which the paper's methods start,
@@ -61,6 +60,7 @@ class Problem:
         mask: Any = None,
         amplitude: Any = None,
     ) -> None:
+        super().__init__()
         self.template = as_phase(phase)
         values = in_full(self.template)
         self.boundaries = checked_boundaries(boundary, values.shape[:2])
@@ -73,12 +73,8 @@ class Problem:
         #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.
         self.usable = self.mask
         self.amplitude = self._given_amplitude(amplitude, values.shape)
-        self._known: dict[str, Any] = {}
         #: Whether one method alone is run, which may then give away what others would share.
         self.for_one_method = False
-        #: Seconds that the shared first steps took, and which were asked for since last emptied.
-        self.seconds: dict[str, float] = {}
-        self.used: set[str] = set()
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
@@ -120,19 +116,6 @@ class Problem:
             found[~self.mask] = 0
         return found
 
-    def once(self, name: str, work: Callable[[], T]) -> T:
-        """Return what ``work()`` returned when it was first asked for by this name.
-
-        Its time is noted in ``seconds``, and that it was asked for in ``used``.
-        """
-        self.used.add(name)
-        if name not in self._known:
-            began = time.perf_counter()
-            self._known[name] = work()
-            self.seconds[name] = time.perf_counter() - began
-        found: T = self._known[name]
-        return found
-
     def settle_mask(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> None:
@@ -171,10 +154,6 @@ class Problem:
     def background(self) -> Background:
         """Return the empty field of every frame, and its level."""
         return self.once("background", lambda: find_background(self.wrapped, self.usable))
-
-    def forget(self, name: str) -> None:
-        """Let go of what was computed by this name."""
-        self._known.pop(name, None)
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""

@@ -6,24 +6,36 @@ the field, which can be undone exactly.
 
 from __future__ import annotations
 
-from typing import TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import Watch
 
-__all__ = ["centre_of_mass_shifts", "moved"]
+__all__ = ["centre", "centre_of_mass_shifts", "moved", "rolled"]
 
 Shifts = NDArray[np.intp]
 Scalar = TypeVar("Scalar", bound=np.generic)
 
 
+class Stack(Protocol):
+    """Frames (time, angle), in memory or not: an array will do."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of times and of angles, and more."""
+
+    def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
+        """Return one frame (y, x)."""
+
+
 def centre_of_mass_shifts(
-    wrapped: NDArray[np.float32],
-    masks: NDArray[np.bool_],
+    wrapped: Stack,
+    masks: Stack,
     first: tuple[int, int],
     watch: Watch,
+    centres: NDArray[np.float64] | None = None,
 ) -> Shifts:
     """Return how to move every frame so that the object stays where it is in the boundary frame.
 
@@ -42,6 +54,8 @@ def centre_of_mass_shifts(
         Boundary frame (time, angle).
     watch : Watch
         Counts frames.
+    centres : ndarray of shape (time, angle, 2), optional
+        What `centre` gives for each mask, where it is known.
 
     Returns
     -------
@@ -50,7 +64,9 @@ def centre_of_mass_shifts(
     """
     n_times, n_angles = wrapped.shape[:2]
     shifts = np.zeros((n_times, n_angles, 2), dtype=np.intp)
-    centres = np.array([[centre(masks[t, a]) for a in range(n_angles)] for t in range(n_times)])
+    if centres is None:
+        found = [[centre(masks[t, a]) for a in range(n_angles)] for t in range(n_times)]
+        centres = np.array(found)
     t0, a0 = first
 
     def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
@@ -89,8 +105,8 @@ def centre(mask: NDArray[np.bool_]) -> tuple[float, float]:
 
 
 def likeness(
-    wrapped: NDArray[np.float32],
-    masks: NDArray[np.bool_],
+    wrapped: Stack,
+    masks: Stack,
     now: tuple[int, int],
     shift: Shifts,
     before: tuple[int, int],

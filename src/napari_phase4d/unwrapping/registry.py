@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any
@@ -67,6 +67,9 @@ class Method:
     finds_object : bool
         Whether it tells the object from the empty field by itself, so that mask "auto" costs it
         no other unwrapping first.
+    streams : bool
+        Whether it goes through the frames one after the other, so that a recording may be larger
+        than memory.
     """
 
     label: str
@@ -76,6 +79,7 @@ class Method:
     options: tuple[Option, ...] = ()
     working_stacks: float = 5.0
     finds_object: bool = False
+    streams: bool = False
 
 
 #: Memory of each thread while it unwraps single frames, in sizes of a frame as float32.
@@ -123,6 +127,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
                     ("herraez", "coherence"),
                 ),
             ),
+            streams=True,
         ),
         "angular": Method(
             "Angular",
@@ -130,6 +135,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "From the thin angle to the others, at each time.",
             four_d.angular,
             CHAIN_OPTIONS,
+            streams=True,
         ),
         "temporal": Method(
             "Temporal",
@@ -137,6 +143,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "From the thin time to the others, for each angle.",
             four_d.temporal,
             CHAIN_OPTIONS,
+            streams=True,
         ),
         "temporal-angular": Method(
             "T/A",
@@ -144,6 +151,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "Along time first, then along the angle.",
             four_d.temporal_angular,
             CHAIN_OPTIONS,
+            streams=True,
         ),
         "angular-temporal": Method(
             "A/T",
@@ -151,6 +159,7 @@ METHODS: Mapping[str, Method] = MappingProxyType(
             "Along the angle first, then along time.",
             four_d.angular_temporal,
             CHAIN_OPTIONS,
+            streams=True,
         ),
         "laplacian": Method(
             "LBE",
@@ -302,18 +311,41 @@ def run_method(
     options: Mapping[str, Any],
 ) -> xr.DataArray:
     """Run one method on a problem and note how, in the result's attributes."""
-    chosen = {o.name: o.default for o in METHODS[method].options} | dict(options)
+    chosen = all_options(method, options)
     if not METHODS[method].finds_object:
         problem.settle_mask(progress, cancelled)
     values = METHODS[method].function(problem, progress, cancelled, **chosen)
-    attrs = {
-        "method": method,
-        "options": chosen,
-        "boundary": [list(b) for b in problem.boundaries],
-        "mask": "auto" if problem.finds_mask else "given" if not problem.mask.all() else "none",
-        "amplitude": problem.amplitude is not None,
-    }
+    attrs = noted(
+        method,
+        options,
+        problem.boundaries,
+        mask="auto" if problem.finds_mask else "given" if not problem.mask.all() else "none",
+        amplitude=problem.amplitude is not None,
+    )
     return problem.result(values, method, attrs)
+
+
+def all_options(method: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a method, those that are not given by their default."""
+    return {o.name: o.default for o in METHODS[method].options} | dict(options)
+
+
+def noted(
+    method: str,
+    options: Mapping[str, Any],
+    boundaries: Sequence[tuple[int, int]],
+    *,
+    mask: str,
+    amplitude: bool,
+) -> dict[str, Any]:
+    """Return what a result notes of how it was made."""
+    return {
+        "method": method,
+        "options": all_options(method, options),
+        "boundary": [list(b) for b in boundaries],
+        "mask": mask,
+        "amplitude": amplitude,
+    }
 
 
 def label_of(method: str, options: Mapping[str, Any]) -> str:

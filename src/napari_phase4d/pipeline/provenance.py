@@ -1,0 +1,122 @@
+"""Where a result comes from: what it takes to make it again."""
+
+from __future__ import annotations
+
+import platform
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+
+from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint
+from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.running import Outcome
+from napari_phase4d.progress import CancelledCall
+from napari_phase4d.sample import is_sample
+
+__all__ = ["PROGRAM", "asked_recipe", "program_version", "provenance_of", "with_provenance"]
+
+PROGRAM = "napari-phase4d"
+#: Packages whose numbers go into the results.
+PACKAGES = ("numpy", "scipy", "scikit-image", "numba")
+
+
+def provenance_of(
+    outcome: Outcome, source: Fingerprint | None = None, cancelled: CancelledCall | None = None
+) -> dict[str, Any]:
+    """Return what made the results of a run, as JSON can hold it.
+
+    There are no dates, no names of users or machines, and no places of files in it, so that the
+    same run gives the same bytes.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        What the run gave.
+    source : Fingerprint, optional
+        That of the input. Default: it is computed now, if the input is still there.
+    cancelled : callable, optional
+        ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    dict
+        ``program`` and ``version``; ``versions`` of what computes; ``recipe``, with the lobes and
+        the microscope that were used; ``boundary`` as (time, angle) numbers; ``input``: name,
+        bytes and SHA-256; and ``reference``, the same of the file it was divided by, if any.
+    """
+    recipe = outcome.recipe
+    found = {
+        "program": PROGRAM,
+        "version": program_version(),
+        "versions": versions(),
+        "recipe": settings_of(recipe),
+        "boundary": [list(frame) for frame in recipe.boundary],
+        "input": (source or source_of(outcome, cancelled)).as_dict(),
+    }
+    if is_reference_file(recipe):
+        found["reference"] = known(str(recipe.reference), cancelled).as_dict()
+    return found
+
+
+def with_provenance(stack: xr.DataArray, provenance: dict[str, Any]) -> xr.DataArray:
+    """Return a stack that notes where it comes from, and no place on this machine."""
+    source = stack.attrs.get("source")
+    nowhere = {"source": nameless(source)} if isinstance(source, str) else {}
+    return stack.assign_attrs({**nowhere, "provenance": provenance})
+
+
+def asked_recipe(recipe: Recipe, cancelled: CancelledCall | None = None) -> dict[str, Any]:
+    """Return a recipe but for its recording, with the fingerprint of its reference file."""
+    settings = settings_of(recipe) | {"recording": ""}
+    if is_reference_file(recipe):
+        settings["reference"] = fingerprint(str(recipe.reference), cancelled).as_dict()
+    return settings
+
+
+def settings_of(recipe: Recipe) -> dict[str, Any]:
+    """Return a recipe as JSON can hold it, with the names of files but not their places."""
+    settings: dict[str, Any] = recipe.model_dump(mode="json")
+    settings["recording"] = nameless(recipe.recording)
+    if is_reference_file(recipe):
+        settings["reference"] = nameless(str(recipe.reference))
+    return settings
+
+
+def is_reference_file(recipe: Recipe) -> bool:
+    """Say whether a recipe divides by a hologram in a file."""
+    return isinstance(recipe.reference, str) and recipe.reference != "median"
+
+
+def nameless(source: str) -> str:
+    """Return the name of a file or sample without the place where it lies."""
+    return source if not source or is_sample(source) else Path(source).name
+
+
+def source_of(outcome: Outcome, cancelled: CancelledCall | None) -> Fingerprint:
+    """Return the fingerprint of what a run began with, as far as it is known."""
+    if outcome.recording is not None:
+        source, name = outcome.recording.source, outcome.recording.name
+    else:
+        attrs = outcome.reconstruction["phase"].attrs
+        source, name = str(attrs.get("source", "")), str(attrs.get("object", "phase"))
+    return known(source, cancelled) if source else Fingerprint(name)
+
+
+def known(source: str, cancelled: CancelledCall | None) -> Fingerprint:
+    """Return the fingerprint of a file, or its name if it is not there any more."""
+    try:
+        return fingerprint(source, cancelled)
+    except OSError:
+        return Fingerprint(nameless(source))
+
+
+def program_version() -> str:
+    """Return the version of this program."""
+    return metadata.version(PROGRAM)
+
+
+def versions() -> dict[str, str]:
+    """Return the versions of what computes."""
+    return {"python": platform.python_version()} | {p: metadata.version(p) for p in PACKAGES}

@@ -1,0 +1,20 @@
+"""Recordings larger than memory: a block of frames at a time, here or on a cluster.
+
+Reading, transforming, unwrapping and writing overlap on all cores; results lie on disk and are
+the same numbers as in memory.
+"""
+
+from napari_phase4d.pipeline.streaming.problem import ProblemOnDisk
+from napari_phase4d.pipeline.streaming.reconstructing import reconstruct_to_disk
+from napari_phase4d.pipeline.streaming.stored import Shelf, stored_at
+from napari_phase4d.pipeline.streaming.workers import Cluster, Threads, Workers
+
+__all__ = [
+    "Cluster",
+    "ProblemOnDisk",
+    "Shelf",
+    "Threads",
+    "Workers",
+    "reconstruct_to_disk",
+    "stored_at",
+]

@@ -1,0 +1,271 @@
+"""Unwrapping phase that lies on disk, a block of frames at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.pipeline.streaming.blocks import Block, blocks_of
+from napari_phase4d.pipeline.streaming.chaining import AlongAngle, AlongTime, Chain, FinishBlock
+from napari_phase4d.pipeline.streaming.scratch import Frames, Scratch
+from napari_phase4d.pipeline.streaming.spatial import LiftBlock, UnwrapBlock
+from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, limits_of, widest
+from napari_phase4d.pipeline.streaming.workers import Threads, Workers
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.unwrapping import METHODS, Problem, SharedSteps, noted, run_method
+from napari_phase4d.unwrapping.growing import coherence
+from napari_phase4d.unwrapping.problem import Boundary, checked_boundaries
+from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
+from napari_phase4d.unwrapping.registry import all_options
+from napari_phase4d.unwrapping.spatial import border_medians
+
+__all__ = ["ProblemOnDisk"]
+
+R = TypeVar("R")
+
+TURN = 2 * np.pi
+#: Dimensions that each method goes along, one after the other.
+ORDERS = {
+    "angular": ("angle",),
+    "temporal": ("time",),
+    "temporal-angular": ("time", "angle"),
+    "angular-temporal": ("angle", "time"),
+}
+
+
+@dataclass(frozen=True)
+class Found:
+    """What two-dimensional unwrapping gave for all frames.
+
+    Parameters
+    ----------
+    turns : Scratch
+        Whole turns of each pixel.
+    mask, object : Scratch
+        Pixels to unwrap, and the object.
+    centres : ndarray of shape (time, angle, 2)
+        Centre of the object in pixels, NaN where there is none.
+    """
+
+    turns: Scratch
+    mask: Scratch
+    object: Scratch
+    centres: NDArray[np.float64]
+
+
+class ProblemOnDisk:
+    """Wrapped phase on disk, with the steps that several methods start from.
+
+    It gives the same numbers as `Problem` and `run_method` in memory.
+
+    Parameters
+    ----------
+    phase : xarray.DataArray
+        Wrapped phase, dims (time, angle, y, x).
+    stored : Stored
+        Where it lies.
+    shelf : Shelf
+        Where results go.
+    boundary : tuple of int or sequence of such
+        See `unwrap`.
+    finds_mask : bool
+        Whether the object is what is to be unwrapped; else the whole field.
+    amplitude : xarray.DataArray, optional
+        For methods that look at it.
+    workers : Workers, optional
+        Who works on the blocks; default the threads of this machine.
+    """
+
+    def __init__(
+        self,
+        phase: xr.DataArray,
+        stored: Stored,
+        shelf: Shelf,
+        boundary: Any,
+        *,
+        finds_mask: bool,
+        amplitude: xr.DataArray | None = None,
+        workers: Workers | None = None,
+    ) -> None:
+        self.phase = phase
+        self.problem: Problem | None = None
+        self.steps = SharedSteps()
+        self._stored = stored
+        self._shelf = shelf
+        self._boundaries: list[Boundary] = checked_boundaries(boundary, stored.shape[:2])
+        self._finds_mask = finds_mask
+        self._amplitude = amplitude
+        self._workers = Threads() if workers is None else workers
+        self._blocks = blocks_of(stored.shape[0])
+
+    def run(
+        self,
+        method: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+        options: Mapping[str, Any],
+    ) -> xr.DataArray:
+        """Unwrap by a method, see `unwrap`; the result lies on disk."""
+        if not METHODS[method].streams:
+            return self._in_memory(method, progress, cancelled, options)
+        chosen = all_options(method, options)
+        if method == "spatial-2d":
+            turns = self._frame_by_frame(progress, cancelled, **chosen)
+        else:
+            turns = self._chained(ORDERS[method], progress, cancelled, **chosen)
+        result = self._shelf.new(method, self._stored.shape)
+        mask = self._found(progress, cancelled).mask
+        finish = FinishBlock(self._stored, turns, mask, result)
+        ranges = self._each(finish, "writing", progress, cancelled)
+        attrs = noted(
+            method,
+            options,
+            self._boundaries,
+            mask="auto" if self._finds_mask else "none",
+            amplitude=self._amplitude is not None,
+        )
+        return self._put(method, attrs, widest(ranges))
+
+    def _in_memory(
+        self,
+        method: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+        options: Mapping[str, Any],
+    ) -> xr.DataArray:
+        """Unwrap by a method that needs all frames at once."""
+        mask = "auto" if self._finds_mask else np.isfinite(self.phase.values)
+        problem = Problem(self.phase, self._boundaries, mask, self._amplitude)
+        problem.for_one_method = True
+        found = run_method(problem, method, progress, cancelled, options)
+        result = self._shelf.new(method, self._stored.shape)
+        for block in self._blocks:
+            result.write(block, found.values[block.start : block.stop])
+        return self._put(method, found.attrs, limits_of(found.values))
+
+    def _put(self, method: str, attrs: Mapping[str, Any], limits: Limits) -> xr.DataArray:
+        """Give a result its name, axes and notes."""
+        result = self.phase.rename(method)
+        result.attrs = {**self.phase.attrs, "units": "rad", **attrs}
+        return self._shelf.put(method, result, limits)
+
+    def _each(
+        self,
+        work: Callable[[Block], R],
+        message: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+    ) -> list[R]:
+        """Do some work on every block."""
+        watch = Watch(len(self._blocks), message, progress, cancelled)
+        return list(self._workers.map(work, self._blocks, watch))
+
+    def _found(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Found:
+        """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
+        return self.steps.once("spatial", lambda: self._unwrap_frames(progress, cancelled))
+
+    def _unwrap_frames(
+        self, progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> Found:
+        """Unwrap all frames, lift them by whole turns, and find the object."""
+        turns = self._scratch("spatial", "int16")
+        unwrap = UnwrapBlock(self._stored, turns)
+        lift = self._lift(self._each(unwrap, "2-D unwrapping", progress, cancelled))
+        mask, found = self._scratch("mask", "bool"), self._scratch("object", "bool")
+        work = LiftBlock(self._stored, turns, lift, mask, found, self._finds_mask)
+        centres = self._each(work, "finding the object", progress, cancelled)
+        return Found(turns, mask, found, np.concatenate(centres))
+
+    def _lift(self, borders: list[NDArray[np.float64]]) -> NDArray[np.int16]:
+        """Return the turns that bring the borders of all frames together."""
+        border = np.concatenate(borders)
+        level = border_medians(border, self._boundaries[0])
+        lift: NDArray[np.int16] = np.round((level - border) / TURN).astype(np.int16)
+        return lift
+
+    def _frame_by_frame(
+        self,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+        *,
+        reliability: str,
+    ) -> Scratch:
+        """Return the turns of each frame by itself."""
+        found = self._found(progress, cancelled)
+        if reliability == "herraez":
+            return found.turns
+        turns = self._scratch("coherence", "int16")
+        unwrap = UnwrapBlock(self._stored, turns, found.mask, coherence)
+        lift = self._lift(self._each(unwrap, "2-D unwrapping", progress, cancelled))
+        for block in self._blocks:
+            lifts = lift[block.start : block.stop, :, None, None]
+            turns.write(block, turns.read(block) + lifts)
+        return turns
+
+    def _shifts(
+        self, progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> NDArray[np.intp]:
+        """Return the shifts that register all frames (step 2)."""
+        found = self._found(progress, cancelled)
+        n_times, n_angles = self._stored.shape[:2]
+
+        def register() -> NDArray[np.intp]:
+            watch = Watch(n_times * n_angles, "registration", progress, cancelled)
+            return centre_of_mass_shifts(
+                KnownFrames(self._stored),
+                Frames(found.object),
+                self._boundaries[0],
+                watch,
+                found.centres,
+            )
+
+        return self.steps.once("shifts", register)
+
+    def _chained(
+        self,
+        order: tuple[str, ...],
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+        *,
+        registration: bool,
+        split: bool,
+    ) -> Scratch:
+        """Return the turns after one pass after the other (steps 3 and 4)."""
+        found = self._found(progress, cancelled)
+        shifts = np.zeros((*self._stored.shape[:2], 2), dtype=np.intp)
+        if registration:
+            shifts = self._shifts(progress, cancelled)
+        chain = Chain(self._stored, found.mask, shifts, self._boundaries, split)
+        before = found.turns
+        for dim in order:
+            result = self._scratch(f"along_{dim}", "int16")
+            message = f"unwrapping along {dim}"
+            if dim == "angle":
+                self._each(AlongAngle(chain, before, result), message, progress, cancelled)
+            else:
+                # One frame follows from the other: this is done here, wherever the rest is done.
+                angles = range(self._stored.shape[1])
+                watch = Watch(len(angles), message, progress, cancelled)
+                along = AlongTime(chain, before, result, watch.check)
+                for _ in Threads().map(along, angles, watch):
+                    pass
+            before = result
+        return before
+
+    def _scratch(self, name: str, dtype: str) -> Scratch:
+        """Return a stack that is needed on the way only."""
+        return self._shelf.temporary(name, self._stored.shape, dtype)
+
+
+class KnownFrames(Frames):
+    """Frames of wrapped phase, 0 where it is not known."""
+
+    def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
+        """Return frame (time, angle), shape (y, x)."""
+        found = super().__getitem__(frame)
+        return np.where(np.isfinite(found), found, np.float32(0))

@@ -1,0 +1,100 @@
+"""Wrapped phase and amplitude of a recording, straight to disk."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import dask.array as da
+import numpy as np
+import xarray as xr
+
+from napari_phase4d.holography import FrameWork
+from napari_phase4d.pipeline.streaming.blocks import Block, blocks_of
+from napari_phase4d.pipeline.streaming.source import FrameSource
+from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, limits_of, widest
+from napari_phase4d.pipeline.streaming.workers import Workers
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+
+__all__ = ["reconstruct_to_disk"]
+
+
+def reconstruct_to_disk(
+    source: FrameSource,
+    work: FrameWork,
+    shelf: Shelf,
+    workers: Workers,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.Dataset:
+    """Reconstruct a recording a block of frames at a time.
+
+    Parameters
+    ----------
+    source : FrameSource
+        The frames.
+    work : FrameWork
+        What turns one into phase and amplitude.
+    shelf : Shelf
+        Where "wrapped" and "amplitude" go.
+    workers : Workers
+        Who works on the blocks.
+    progress, cancelled : callable, optional
+        See `reconstruct`.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `reconstruct` returns it, its stacks on disk.
+    """
+    recording = source.recording
+    shape = work.stack_shape(recording.n_frames)
+    phase, amplitude = shelf.new("wrapped", shape), shelf.new("amplitude", shape)
+    blocks = blocks_of(recording.n_frames)
+    watch = Watch(len(blocks), "reconstruct", progress, cancelled)
+    each = ReconstructBlock(source, work, phase, amplitude)
+    shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
+    # The values do not count here: these are the axes and notes.
+    empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
+    plan = work.as_dataset(recording, empty, empty, min(shares))
+    plan["phase"] = shelf.put("wrapped", plan["phase"], (-math.pi, math.pi))
+    plan["amplitude"] = shelf.put("amplitude", plan["amplitude"], widest(limits))
+    return plan
+
+
+@dataclass(frozen=True)
+class ReconstructBlock:
+    """Reads, transforms and writes the frames of a block.
+
+    Parameters
+    ----------
+    source : FrameSource
+        The frames.
+    work : FrameWork
+        What turns one into phase and amplitude.
+    phase, amplitude : Stored
+        Where they go.
+    """
+
+    source: FrameSource
+    work: FrameWork
+    phase: Stored
+    amplitude: Stored
+
+    def __call__(self, block: Block) -> tuple[float, Limits]:
+        """Do a block.
+
+        Returns
+        -------
+        float, Limits
+            Smallest share of a frame that looks like background; smallest and largest amplitude.
+        """
+        phase = np.empty((len(block), *self.phase.shape[1:]), dtype=np.float32)
+        amplitude = np.empty_like(phase)
+        shares = [
+            self.work(self.source.frame(time), phase[i], amplitude[i])
+            for i, time in enumerate(block.times)
+        ]
+        self.phase.write(block, phase)
+        self.amplitude.write(block, amplitude)
+        return min(shares), limits_of(amplitude)

@@ -1,0 +1,144 @@
+"""Results larger than memory: stacks on disk that are written in blocks."""
+
+from __future__ import annotations
+
+import shutil
+import tempfile
+import weakref
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.io import read_results
+from napari_phase4d.io.atomic import put_in_place
+from napari_phase4d.io.zarr_blocks import ARRAY, create_blocks, finish_blocks
+from napari_phase4d.pipeline.streaming.blocks import BLOCK_FRAMES, Block
+from napari_phase4d.pipeline.streaming.scratch import Scratch
+
+__all__ = ["Limits", "Shelf", "Stored", "limits_of", "stored_at", "widest"]
+
+#: What the names of results end with.
+ENDING = ".ome.zarr"
+#: Arrays that each process keeps open.
+OPEN_ARRAYS = 32
+ALL = slice(None)
+
+
+#: Smallest and largest number of a stack.
+Limits = tuple[float, float]
+
+
+def limits_of(values: NDArray[np.float32]) -> Limits:
+    """Return the smallest and the largest number that is finite, 0 if there is none."""
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+
+
+def widest(limits: Iterable[Limits]) -> Limits:
+    """Return the limits of all parts together."""
+    lows, highs = zip(*limits, strict=True)
+    return min(lows), max(highs)
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A stack (time, angle, y, x) of float32 in a Zarr array.
+
+    Several threads and processes may write different blocks at the same time.
+
+    Parameters
+    ----------
+    path : Path
+        The folder of the array.
+    shape : tuple of int
+        Shape of the stack.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+
+    def read(self, block: Block, angles: slice = ALL) -> NDArray[np.float32]:
+        """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
+        frames = opened(self.path)[block.start : block.stop, angles]
+        found: NDArray[np.float32] = np.asarray(frames)
+        return found
+
+    def write(self, block: Block, values: NDArray[np.float32]) -> None:
+        """Write the frames of a block."""
+        opened(self.path)[block.start : block.stop] = values
+
+
+def stored_at(stack: xr.DataArray) -> Stored | None:
+    """Return where a stack lies on disk, None if it is in memory."""
+    source = stack.encoding.get("source")
+    if source is None or stack.chunks is None:
+        return None
+    return Stored(Path(source) / ARRAY, stack.shape)
+
+
+@lru_cache(OPEN_ARRAYS)
+def opened(path: Path) -> Any:
+    """Return an array on disk, open for reading and for writing blocks."""
+    import zarr
+
+    return zarr.open_array(path, mode="r+")
+
+
+class Shelf:
+    """The folder where the results of a run lie, each as OME-Zarr under its name.
+
+    What is being written has a hidden name until it is whole.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if it is not there.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
+        self.folder = folder
+        #: Holds what is needed on the way only.
+        self.scratch = Path(tempfile.mkdtemp(prefix=".phase4d-", dir=folder))
+        # The name of the folder alone: nothing of the shelf may be held by what clears it.
+        self._clear = weakref.finalize(self, shutil.rmtree, self.scratch, ignore_errors=True)
+
+    def new(self, name: str, shape: tuple[int, ...]) -> Stored:
+        """Return an empty stack that will have this name."""
+        group = self.scratch / f"{name}{ENDING}"
+        shutil.rmtree(group, ignore_errors=True)
+        return Stored(create_blocks(group, shape, BLOCK_FRAMES), shape)
+
+    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Scratch:
+        """Return a stack of zeros that is needed on the way only."""
+        return Scratch(self.scratch / name, shape, dtype).created()
+
+    def put(self, name: str, stack: xr.DataArray, limits: Limits) -> xr.DataArray:
+        """Give a stack that is whole now its name, with its axes and notes; return it as it lies.
+
+        Parameters
+        ----------
+        name : str
+            As it was given to `new`.
+        stack : xarray.DataArray
+            Its axes and attributes; the values do not count.
+        limits : Limits
+            Smallest and largest number, for programs that show it.
+        """
+        group = self.scratch / f"{name}{ENDING}"
+        finish_blocks(group, stack, limits)
+        final = self.folder / group.name
+        put_in_place(group, final, self.scratch / f"{name}-old")
+        found = read_results(final)
+        found.encoding["source"] = str(final)
+        return found
+
+    def clear(self) -> None:
+        """Remove what was needed on the way only."""
+        self._clear()
