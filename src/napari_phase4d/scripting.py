@@ -41,6 +41,9 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "without the object.",
         "window": "How a lobe is cut out of the spectrum.",
         "background": "What is fitted to the empty field and taken off.",
+        "background_order": "Degree of the surface that is fitted.",
+        "refocus_um": "How far the fields are carried along the light, in micrometres; "
+        '"auto" looks for the focus.',
         "drift": "Whether the phase of the empty field is set to zero in every frame.",
         "mask": "None: the whole field is unwrapped, not the object alone.",
         "boundary": "Where the object is optically thin, so that unwrapping can start there: "
@@ -48,6 +51,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "methods": "How to unwrap; each method gives a result.",
         "options": "Settings of single methods.",
         "confidence": "Whether to say how far each pixel of each result is to be trusted.",
+        "storage": 'Where stacks are held: "memory", "disk", or "auto" for memory if they fit.',
     }
 )
 

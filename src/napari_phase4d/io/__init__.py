@@ -2,12 +2,20 @@
 
 from napari_phase4d.io.figures import write_figure
 from napari_phase4d.io.movies import write_movie
-from napari_phase4d.io.opening import READABLE_SUFFIXES, open_input, open_recording
+from napari_phase4d.io.opening import (
+    JOINED_SUFFIXES,
+    READABLE_SUFFIXES,
+    open_input,
+    open_recording,
+)
 from napari_phase4d.io.phases import holds_phase, open_phase
+from napari_phase4d.io.raw import RawLayout
 from napari_phase4d.io.results import read_results, write_phase, write_table
 
 __all__ = [
+    "JOINED_SUFFIXES",
     "READABLE_SUFFIXES",
+    "RawLayout",
     "holds_phase",
     "open_input",
     "open_phase",

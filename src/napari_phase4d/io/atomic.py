@@ -1,14 +1,23 @@
-"""Writing files so that a half-written one is never seen."""
+"""Writing files and folders so that a half-written one is never seen."""
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-__all__ = ["written_whole"]
+__all__ = ["UnreadableError", "folder_written_whole", "put_in_place", "written_whole"]
+
+#: A disk with less room than this is full.
+LEFT_BYTES = 2**17
+
+
+class UnreadableError(OSError):
+    """What was to be written could not be read or computed; its message is for the user."""
 
 
 @contextmanager
@@ -29,14 +38,84 @@ def written_whole(path: Path) -> Iterator[Path]:
         os.close(handle)
         temporary = Path(name)
         yield temporary
-        # mkstemp makes private files; results should be as readable as any other new file.
-        umask = os.umask(0)
-        os.umask(umask)
-        temporary.chmod(0o666 & ~umask)
+        temporary.chmod(0o666 & ~umask())
         temporary.replace(path)
     except OSError as error:
-        msg = f"{path} could not be written ({error.strerror or error}); nothing was changed there"
-        raise OSError(error.errno, msg) from error
+        raise not_written(path, error) from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
+
+
+@contextmanager
+def folder_written_whole(path: Path) -> Iterator[Path]:
+    """Give an empty temporary folder to fill, and rename it to ``path`` once all is written.
+
+    An older folder of that name is replaced.
+
+    Raises
+    ------
+    OSError
+        If it can't be written or the disk is full; ``path`` is then as it was before.
+    """
+    temporary: Path | None = None
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-"))
+        yield temporary
+        temporary.chmod(0o777 & ~umask())
+        put_in_place(temporary, path, path.with_name(f"{temporary.name}-old"))
+    except OSError as error:
+        raise not_written(path, error) from error
+    finally:
+        if temporary is not None:
+            shutil.rmtree(temporary, ignore_errors=True)
+
+
+def put_in_place(new: Path, path: Path, old: Path) -> None:
+    """Rename a folder to ``path``; what was there is called ``old`` meanwhile, then removed.
+
+    Raises
+    ------
+    OSError
+        If it can't be renamed; ``path`` is then as it was before.
+    """
+    if not path.exists():
+        new.rename(path)
+        return
+    path.rename(old)  # no system replaces a folder that holds something in one step
+    try:
+        new.rename(path)
+    except OSError:
+        old.rename(path)
+        raise
+    shutil.rmtree(old) if old.is_dir() else old.unlink()
+
+
+def umask() -> int:
+    """Return which rights new files do not get.
+
+    Temporary files are private; results should be as readable as any other new file.
+    """
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def not_written(path: Path, error: OSError) -> OSError:
+    """Return the error that says so in one sentence, unless it was no fault of writing."""
+    if isinstance(error, UnreadableError):
+        return error
+    number = error.errno or (errno.ENOSPC if is_full(path) else None)
+    why = error.strerror or (str(error) if number is None else os.strerror(number))
+    failure = OSError(f"{path} could not be written ({why}); nothing was changed there")
+    failure.errno = number
+    return failure
+
+
+def is_full(path: Path) -> bool:
+    """Say whether a disk has no room left; NumPy does not say that this is why it failed."""
+    try:
+        return shutil.disk_usage(path.parent).free < LEFT_BYTES
+    except OSError:
+        return False

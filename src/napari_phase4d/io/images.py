@@ -1,8 +1,8 @@
-"""Folders of numbered images, and single images."""
+"""Single images, as cameras and other programs write them."""
 
 from __future__ import annotations
 
-import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -10,12 +10,17 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from napari_phase4d.io.chatter import quiet
+from napari_phase4d.io.grey import grey
+from napari_phase4d.io.tiff import TIFF_SUFFIXES
 from napari_phase4d.io.video import Video
 
-__all__ = ["IMAGE_SUFFIXES", "read_image", "read_image_folder"]
+__all__ = ["IMAGE_SUFFIXES", "load_image", "read_image"]
 
-TIFF_SUFFIXES = (".tif", ".tiff")
-IMAGE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", *TIFF_SUFFIXES)
+PICTURE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm", ".jp2")
+IMAGE_SUFFIXES = (*PICTURE_SUFFIXES, *TIFF_SUFFIXES)
+#: Pixels that an image may have; a small file that says more would fill the memory.
+MOST_PIXELS = 2**28
 
 
 def read_image(path: Path) -> Video:
@@ -26,76 +31,39 @@ def read_image(path: Path) -> Video:
     OSError
         If the image can't be decoded.
     """
-    image = grey(load_image(path))
-    return Video(image, colour=image.ndim == 3)
-
-
-def read_image_folder(folder: Path) -> Video:
-    """Open a folder of equally large images as a video, lazily, in the order of their numbers.
-
-    Raises
-    ------
-    OSError
-        If the folder holds no images.
-    ValueError
-        If the images differ in size (found while reading that frame).
-    """
-    paths = sorted(
-        (p for p in folder.iterdir() if p.suffix.lower() in IMAGE_SUFFIXES), key=by_number
-    )
-    if not paths:
-        msg = f"{folder.name} holds no images ({', '.join(IMAGE_SUFFIXES)})"
-        raise OSError(msg)
-    first = grey(load_image(paths[0]))
-    if first.ndim == 3 and first.shape[-1] not in (3, 4):
-        msg = f"{paths[0].name} holds a stack of images; a folder must hold one frame a file"
-        raise ValueError(msg)
-
-    def load(path: Path) -> NDArray[Any]:
-        frame = grey(load_image(path))
-        if frame.shape != first.shape:
-            msg = (
-                f"{path.name} is {frame.shape}, but {paths[0].name} is {first.shape}; "
-                "all images of a folder must be of one size"
-            )
-            raise ValueError(msg)
-        if frame.dtype != first.dtype:
-            msg = (
-                f"{path.name} holds {frame.dtype} values, but {paths[0].name} {first.dtype}; "
-                "all images of a folder must be of one kind"
-            )
-            raise ValueError(msg)
-        return frame
-
-    import dask.array as da
-    from dask import delayed
-
-    lazy = [da.from_delayed(delayed(load)(p), first.shape, first.dtype) for p in paths]
-    return Video(da.stack(lazy), colour=first.ndim == 3)
+    image = load_image(path)
+    kind = "JPEG" if path.suffix.lower() in (".jpg", ".jpeg") else path.suffix[1:].upper()
+    return Video(image, colour=image.ndim == 3, kind=f"{kind} image")
 
 
 def load_image(path: Path) -> NDArray[Any]:
-    """Return an image as an array, or raise OSError in one sentence."""
+    """Return an image, grey (y, x) where its channels are equal, or raise OSError in one sentence."""
     try:
         if path.suffix.lower() in TIFF_SUFFIXES:
-            return np.asarray(tifffile.imread(path))
+            with quiet(), tifffile.TiffFile(path) as tif:
+                check_size(path, tif.series[0].shape)
+                return grey(np.asarray(tif.asarray()))
         import imageio.v3 as iio
 
-        return np.asarray(iio.imread(path))
-    except (OSError, ValueError, SyntaxError, tifffile.TiffFileError) as error:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # Pillow's warning of large images
+            check_size(path, iio.improps(path).shape)
+            return grey(np.asarray(iio.imread(path)))
+    except TooLarge:
+        raise
+    except Exception as error:
+        # Decoders raise SyntaxError, struct.error and more for damaged files.
         msg = f"{path.name} can't be read as an image; it may be cut short or damaged"
         raise OSError(msg) from error
 
 
-def grey(image: NDArray[Any]) -> NDArray[Any]:
-    """Return the grey values of an image whose colour channels are all equal (else the image)."""
-    if image.ndim == 3 and image.shape[-1] in (3, 4):
-        first = image[..., 0]
-        if (image[..., 1] == first).all() and (image[..., 2] == first).all():
-            return first
-    return image
+class TooLarge(OSError):  # noqa: N818 - it is an OSError to everybody else
+    """An image says that it has more pixels than a camera."""
 
 
-def by_number(path: Path) -> tuple[list[int], str]:
-    """Sort key: the numbers in the name as numbers, so that frame2 comes before frame10."""
-    return [int(n) for n in re.findall(r"\d+", path.stem)], path.name
+def check_size(path: Path, shape: tuple[int, ...]) -> None:
+    """Raise TooLarge if an image has absurdly many pixels."""
+    if np.prod([float(n) for n in shape]) > 4 * MOST_PIXELS:
+        size = " x ".join(str(n) for n in shape)
+        msg = f"{path.name} says that it has {size} pixels, more than a camera takes"
+        raise TooLarge(msg)

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import math
 import zipfile
-from collections.abc import Sequence
+import zlib
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 from numpy.typing import NDArray
 
+from napari_phase4d.io.choosing import USUAL_NAMES, Found, listed
+from napari_phase4d.io.mapped import map_frames
 from napari_phase4d.io.video import Video
 
 __all__ = ["holds_holograms", "read_npy", "read_npz"]
 
-#: Names looked for first in an .npz file with several arrays; the last one says the least.
-USUAL_NAMES = ("holograms", "hologram", "mux", "frames", "data")
+#: Names that only holograms have.
+HOLOGRAM_NAMES = ("holograms", "hologram", "mux", "frames")
+#: Share of the free memory that one array of an .npz file may take, as it is read whole.
+LARGEST_SHARE = 0.5
 
 
 def read_npy(path: Path) -> Video:
@@ -27,9 +34,12 @@ def read_npy(path: Path) -> Video:
         If the file is damaged, cut short, or holds pickled objects.
     """
     try:
-        return Video(np.load(path, mmap_mode="r", allow_pickle=False))
+        found = np.load(path, mmap_mode="r", allow_pickle=False)
     except (ValueError, EOFError, OSError) as error:
         raise OSError(unreadable(path, error)) from error
+    if found.size:
+        found = map_frames(path, found.dtype, found.shape, found.offset, found.strides)
+    return Video(found, kind="NPY")
 
 
 def read_npz(
@@ -46,7 +56,8 @@ def read_npz(
         The file.
     dataset : str, optional
         Name of the array. Default: the only one, else ``holograms``, ``hologram``, ``mux``,
-        ``frames`` or ``data``, else the first with two or three dimensions.
+        ``frames``, ``images``, ``image`` or ``data``, else the first with two or three
+        dimensions.
     usual_names : sequence of str, optional
         Names to look for first, instead of those.
     dimensions : sequence of int, optional
@@ -55,22 +66,68 @@ def read_npz(
     Raises
     ------
     OSError
-        If the file is damaged or holds pickled objects.
+        If the file is damaged, holds pickled objects, or an array that the memory can't hold: it
+        can be read only as a whole.
     ValueError
         If there is no such array.
     """
     try:
-        if not zipfile.is_zipfile(path):
-            raise zipfile.BadZipFile
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as archive:
-            name = dataset or found_name(archive, path, usual_names, dimensions)
-            if name not in archive.files:
-                known = ", ".join(archive.files) or "none"
-                msg = f"{path.name} has no array {name!r}; it has {known}"
+        with zipfile.ZipFile(path) as archive:
+            arrays = declared_arrays(archive)
+            name = dataset or found_name(arrays, path, usual_names, dimensions)
+            if name not in arrays:
+                msg = f"{path.name} has no array {name!r}; it has {listed(list(arrays))}"
                 raise ValueError(msg)
-            return Video(member(archive, name, path))
-    except (zipfile.BadZipFile, EOFError, OSError, TypeError) as error:
+            check_size(path, name, arrays[name], archive)
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as members:
+            values = member(members, name, path)
+    except TooLarge:
+        raise
+    except (zipfile.BadZipFile, EOFError, OSError, TypeError, zlib.error) as error:
         raise OSError(unreadable(path, error)) from error
+    return Video(values, kind="NPZ", dataset=name if len(arrays) > 1 else "")
+
+
+class TooLarge(OSError):  # noqa: N818 - it is an OSError to everybody else
+    """An array would fill the memory, or can't be what it says."""
+
+
+def declared_arrays(archive: zipfile.ZipFile) -> dict[str, Found]:
+    """Return shape and kind of every array of an .npz file, from their headers."""
+    arrays: dict[str, Found] = {}
+    for info in archive.infolist():
+        if not info.filename.endswith(".npy"):
+            continue
+        name = info.filename.removesuffix(".npy")
+        try:
+            with archive.open(info) as file:
+                version = np.lib.format.read_magic(file)
+                read = (
+                    np.lib.format.read_array_header_1_0
+                    if version == (1, 0)
+                    else np.lib.format.read_array_header_2_0
+                )
+                shape, _, dtype = read(file)
+        except (ValueError, zlib.error, EOFError):
+            shape, dtype = (), np.dtype("O")  # reading it will say what is wrong
+        arrays[name] = (shape, dtype)
+    return arrays
+
+
+def check_size(path: Path, name: str, found: Found, archive: zipfile.ZipFile) -> None:
+    """Raise TooLarge if an array takes more memory than is free, or more than is in the file."""
+    shape, dtype = found
+    needed = math.prod(int(n) for n in shape) * dtype.itemsize
+    if dtype.kind != "O" and needed > archive.getinfo(f"{name}.npy").file_size:
+        msg = f"{path.name} says that {name!r} is {dtype} {shape}, but holds less; it is damaged"
+        raise TooLarge(msg)
+    free = psutil.virtual_memory().available
+    if max(needed, archive.getinfo(f"{name}.npy").file_size) > LARGEST_SHARE * free:
+        msg = (
+            f"{name!r} of {path.name} takes {needed / 2**30:.3g} GiB, as an .npz file is read "
+            f"whole, but {free / 2**30:.3g} GiB are free; save it as .npy, which is read in parts"
+        )
+        raise TooLarge(msg)
 
 
 def holds_holograms(path: Path) -> bool:
@@ -83,24 +140,22 @@ def holds_holograms(path: Path) -> bool:
     """
     try:
         with np.load(path, allow_pickle=False) as archive:
-            return any(name in archive.files for name in USUAL_NAMES[:-1])
+            return any(name in archive.files for name in HOLOGRAM_NAMES)
     except (zipfile.BadZipFile, EOFError, OSError, ValueError) as error:
         raise OSError(unreadable(path, error)) from error
 
 
 def found_name(
-    archive: Any, path: Path, usual_names: Sequence[str], dimensions: Sequence[int]
+    arrays: Mapping[str, Found], path: Path, usual_names: Sequence[str], dimensions: Sequence[int]
 ) -> str:
     """Return the name of the array to read where none was given."""
-    names = list(archive.files)
     for name in usual_names:
-        if name in names:
+        if name in arrays:
             return name
-    for name in names:
-        array = member(archive, name, path)
-        if array.ndim in dimensions and array.dtype.kind in "buif":
-            return str(name)
-    found = ", ".join(names) or "none"
+    for name, (shape, dtype) in arrays.items():
+        if len(shape) in dimensions and dtype.kind in "buif":
+            return name
+    found = listed(list(arrays))
     wanted = " or ".join(str(n) for n in dimensions)
     msg = f"{path.name} has no array with {wanted} dimensions; it has {found}"
     raise ValueError(msg)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,18 +12,19 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.io.images import IMAGE_SUFFIXES, TIFF_SUFFIXES, read_image, read_image_folder
-from napari_phase4d.io.numpy_files import read_npy, read_npz
+from napari_phase4d.io.grey import colour_sentence
 from napari_phase4d.io.phases import holds_phase, open_phase
+from napari_phase4d.io.raw import RawLayout
+from napari_phase4d.io.reading import JOINED_SUFFIXES, READABLE_SUFFIXES, read_list, read_video
 from napari_phase4d.io.results import result_attrs
-from napari_phase4d.io.tiff import read_tiff
 from napari_phase4d.io.video import Video
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 
-__all__ = ["READABLE_SUFFIXES", "open_input", "open_recording"]
+__all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording"]
 
-READABLE_SUFFIXES = (*IMAGE_SUFFIXES, ".npy", ".npz")
+#: Share of the free memory that a single frame may take.
+LARGEST_SHARE = 0.25
 
 
 def open_recording(
@@ -31,26 +33,32 @@ def open_recording(
     frame_rate_hz: float | None = None,
     *,
     dataset: str | None = None,
+    raw: RawLayout | None = None,
 ) -> Recording:
     """Open a hologram video, lazily where the format allows it.
 
     Parameters
     ----------
-    path_or_array : str, Path, array, DataArray, napari layer or Recording
-        A multi-page, ImageJ or OME TIFF; a folder of images; a .npy or .npz file; one image; an
-        array (time, y, x) or (y, x) of NumPy, dask or xarray; or a napari image layer.
+    path_or_array : str, Path, list of them, array, DataArray, napari layer or Recording
+        A TIFF, film, HDF5, Zarr, NPY, NPZ, raw or image file, see ``docs/formats.md``; a folder
+        of images or stacks, or a name with ``*``, or a list of files, joined over time; a
+        recording of Koala; an array (time, y, x) or (y, x) of NumPy, dask or xarray; or a napari
+        image layer.
     optics : Optics, optional
         The microscope. Default: that of the paper, its magnification set so that the pixel is as
         wide as the file says (where it says so).
     frame_rate_hz : float, optional
         Frames per second. Default: what the file says, else 1.
     dataset : str, optional
-        Which array of an .npz file.
+        Which array of an HDF5, Zarr or .npz file, or which place on axes other than time, y
+        and x, such as "Z=0".
+    raw : RawLayout, optional
+        How frames lie in a raw file, which can't say it.
 
     Returns
     -------
     Recording
-        Its ``notes`` say what had to be assumed.
+        Its ``kind`` says what was read, its ``notes`` what had to be assumed.
 
     Raises
     ------
@@ -62,12 +70,26 @@ def open_recording(
     if isinstance(path_or_array, Recording):
         return path_or_array.calibrated(optics, frame_rate_hz)
     if isinstance(path_or_array, (str, Path)):
-        return open_path(Path(path_or_array).expanduser(), optics, frame_rate_hz, dataset)
+        path = Path(path_or_array).expanduser()
+        video = read_video(path, dataset, raw)
+        return recording_of(video, path.name, str(path), optics, frame_rate_hz)
+    if is_list_of_paths(path_or_array):
+        files = [Path(p).expanduser() for p in path_or_array]
+        return recording_of(
+            read_list(files), files[0].name, str(files[0].parent), optics, frame_rate_hz
+        )
     if isinstance(path_or_array, xr.DataArray):
         return open_data_array(path_or_array, optics, frame_rate_hz)
     if hasattr(path_or_array, "data") and hasattr(path_or_array, "axis_labels"):
         return open_layer(path_or_array, optics, frame_rate_hz)
     return recording_of(Video(path_or_array), "the array", "", optics, frame_rate_hz)
+
+
+def is_list_of_paths(given: Any) -> bool:
+    """Say whether several files were given."""
+    if not isinstance(given, (list, tuple)) or not given:
+        return False
+    return all(isinstance(one, (str, Path)) for one in given)
 
 
 def open_input(
@@ -76,6 +98,7 @@ def open_input(
     frame_rate_hz: float | None = None,
     *,
     dataset: str | None = None,
+    raw: RawLayout | None = None,
     angles_deg: Sequence[float] | None = None,
     content: str = "auto",
 ) -> Recording | xr.DataArray:
@@ -85,7 +108,7 @@ def open_input(
     ----------
     path : str or Path
         The file or folder.
-    optics, frame_rate_hz, dataset
+    optics, frame_rate_hz, dataset, raw
         See `open_recording`.
     angles_deg : sequence of float, optional
         Viewing angles of wrapped phase, where its file does not say them.
@@ -110,7 +133,7 @@ def open_input(
         raise ValueError(msg)
     is_phase = holds_phase(path, dataset) if content == "auto" else content == "phase"
     if not is_phase:
-        return open_recording(path, optics, frame_rate_hz, dataset=dataset)
+        return open_recording(path, optics, frame_rate_hz, dataset=dataset, raw=raw)
     return open_phase(
         path,
         dataset,
@@ -118,38 +141,6 @@ def open_input(
         frame_rate_hz=frame_rate_hz,
         angles_deg=angles_deg,
     )
-
-
-def open_path(
-    path: Path, optics: Optics | None, frame_rate_hz: float | None, dataset: str | None
-) -> Recording:
-    """Open a file or folder."""
-    if not path.exists():
-        msg = f"there is no file or folder {path}"
-        raise OSError(msg)
-    video = read_video(path, dataset)
-    return recording_of(video, path.name, str(path), optics, frame_rate_hz)
-
-
-def read_video(path: Path, dataset: str | None) -> Video:
-    """Choose the reader by the file's ending."""
-    suffix = path.suffix.lower()
-    if path.is_dir():
-        return read_image_folder(path)
-    if path.stat().st_size == 0:
-        msg = f"{path.name} is empty (0 bytes)"
-        raise OSError(msg)
-    if suffix in TIFF_SUFFIXES:
-        return read_tiff(path)
-    if suffix == ".npy":
-        return read_npy(path)
-    if suffix == ".npz":
-        return read_npz(path, dataset)
-    if suffix in IMAGE_SUFFIXES:
-        return read_image(path)
-    kinds = ", ".join(READABLE_SUFFIXES)
-    msg = f"{path.name} is of a kind that can't be read; readable are {kinds} and image folders"
-    raise OSError(msg)
 
 
 def recording_of(
@@ -162,13 +153,14 @@ def recording_of(
     """Join a file's frames with the user's and the file's own facts."""
     frames = video.frames
     if video.colour and getattr(frames, "ndim", 0) >= 3:
-        msg = (
-            f"{name} is in colour; a hologram has one grey value a pixel, "
-            "so pick one channel first"
-        )
-        raise ValueError(msg)
-    notes = []
-    if frame_rate_hz is None and video.interval_s is not None:
+        raise ValueError(colour_sentence(name))
+    check_axes(video, name)
+    check_frame_size(frames, name)
+    notes = list(video.notes)
+    times_s = None
+    if frame_rate_hz is None and video.times_s is not None:
+        times_s = video.times_s
+    elif frame_rate_hz is None and video.interval_s is not None:
         frame_rate_hz = 1 / video.interval_s
     elif frame_rate_hz is None:
         notes.append("The frame rate is not in the data; 1 frame a second is assumed.")
@@ -184,10 +176,44 @@ def recording_of(
         frames,
         optics=optics,
         frame_rate_hz=frame_rate_hz,
+        times_s=times_s,
         name=name,
         source=source,
         notes=tuple(notes),
+        kind=video.kind,
     )
+
+
+def check_axes(video: Video, name: str) -> None:
+    """Raise ValueError if a file has axes beyond time, y and x, and say how to choose."""
+    shape = getattr(video.frames, "shape", ())
+    if len(video.axes) != len(shape) or len(shape) <= 3:
+        return
+    axes = ", ".join(f"{a}={n}" for a, n in zip(video.axes, shape, strict=True))
+    others = [a for a in video.axes if a not in "TYX"]
+    choice = ",".join(f"{a}=0" for a in (others if "T" in video.axes else others[1:]))
+    msg = (
+        f"{name} has {len(shape)} dimensions, the axes {axes}; a hologram video has three: time, "
+        f'y, x, so choose one place, as with dataset="{choice}"'
+    )
+    raise ValueError(msg)
+
+
+def check_frame_size(frames: Any, name: str) -> None:
+    """Raise ValueError if the memory can't hold a frame, as a damaged file may say of its size."""
+    shape = tuple(getattr(frames, "shape", ()))
+    if len(shape) < 2 or isinstance(frames, np.ndarray):
+        return
+    import psutil
+
+    needed = math.prod(int(n) for n in shape[-2:]) * np.dtype(frames.dtype).itemsize
+    free = psutil.virtual_memory().available
+    if needed > LARGEST_SHARE * free:
+        msg = (
+            f"one frame of {name} ({shape[-2]} x {shape[-1]} pixels) takes {needed / 2**30:.3g} "
+            f"GiB, but {free / 2**30:.3g} GiB of memory are free; the file may be damaged"
+        )
+        raise ValueError(msg)
 
 
 def open_data_array(

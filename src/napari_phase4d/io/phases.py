@@ -9,9 +9,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
+from napari_phase4d.io.koala import is_koala_phase, read_koala_phase
 from napari_phase4d.io.numpy_files import holds_holograms, read_npy, read_npz
 from napari_phase4d.io.results import AXES, is_result, read_results, result_attrs
-from napari_phase4d.io.tiff import read_tiff
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
+from napari_phase4d.io.video import Video
+from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 
 __all__ = ["holds_phase", "open_phase"]
 
@@ -37,8 +41,9 @@ def open_phase(
     Parameters
     ----------
     path : str or Path
-        An OME-TIFF that this program wrote, with its times, angles and pixels; or a .npy, .npz or
-        TIFF file with (y, x), (time, y, x) or (time, angle, y, x).
+        An OME-TIFF that this program wrote, with its times, angles and pixels; a .npy, .npz or
+        TIFF file with (y, x), (time, y, x) or (time, angle, y, x); or phase of Koala, a .bin file
+        or a folder of them.
     dataset : str, optional
         Which array of an .npz file; default ``wrapped``, ``phase`` or ``unwrapped``, else the
         first with two to four dimensions.
@@ -60,13 +65,14 @@ def open_phase(
         If it holds no such stack.
     """
     path = Path(path)
-    if not path.is_file():
+    if not path.exists():
         msg = f"there is no file {path}"
         raise OSError(msg)
-    if path.suffix.lower() in (".tif", ".tiff") and is_result(path):
+    if is_result(path):
         found = read_results(path)
         return found.assign_attrs(source=str(path), object=found.attrs.get("object", path.stem))
-    values = plain_values(path, dataset)
+    video = plain_phase(path, dataset)
+    values = video.frames
     if values.ndim not in PLAIN_DIMS or values.dtype.kind != "f" or 0 in values.shape:
         msg = (
             f"{path.name} holds {values.dtype} numbers of shape {values.shape}; phase is a stack "
@@ -81,12 +87,17 @@ def open_phase(
             f"{path.name} has {full.sizes['angle']} views, but {len(angles_deg)} angles are given"
         )
         raise ValueError(msg)
+    pixel_um = video.pixel_um if pixel_um is None else pixel_um
+    times_s = video.times_s if frame_rate_hz is None else None
     steps = {"time": 1 / (frame_rate_hz or 1), "y": pixel_um or 1, "x": pixel_um or 1}
     places = {d: np.arange(full.sizes[d]) * float(steps.get(d, 1)) for d in AXES}
+    if times_s is not None:
+        places["time"] = times_s
     if angles_deg is not None:
         places["angle"] = np.asarray(angles_deg, dtype=np.float64)
     coords = {d: (d, places[d], {"units": UNITS[d]}) for d in AXES}
-    given = {"pixel": pixel_um, "frame rate": frame_rate_hz, "viewing angles": angles_deg}
+    rate = frame_rate_hz if times_s is None else times_s
+    given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
     missing = [name for name, value in given.items() if value is None]
     attrs: dict[str, Any] = {"units": "rad", "object": path.stem, "source": str(path)}
     if missing:
@@ -102,17 +113,24 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     program wrote, those that no method has unwrapped are.
     """
     path = Path(path)
-    if not path.is_file() or path.suffix.lower() not in (".tif", ".tiff", ".npy", ".npz"):
+    if not path.exists():
         return False
     noted = result_attrs(path)
     if noted is not None:
         return noted.get("units") == "rad" and "method" not in noted
+    if is_koala_phase(path):
+        return True
     try:
         if path.suffix.lower() == ".npz" and dataset is None and holds_holograms(path):
             return False
-        values = plain_values(path, dataset)
+        values = plain_phase(path, dataset).frames
     except (OSError, ValueError):
         return False
+    return looks_wrapped(values)
+
+
+def looks_wrapped(values: Any) -> bool:
+    """Say whether numbers lie and spread as wrapped phase does."""
     if values.dtype.kind != "f" or values.ndim not in PLAIN_DIMS or 0 in values.shape:
         return False
     if values.ndim == 4:
@@ -126,14 +144,23 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     return -LARGEST <= low < 0 < high <= LARGEST and high - low > np.pi
 
 
-def plain_values(path: Path, dataset: str | None) -> Any:
+def plain_phase(path: Path, dataset: str | None) -> Video:
     """Return the numbers of a file that says nothing about them, lazily where it allows that."""
     suffix = path.suffix.lower()
     if suffix == ".npy":
-        return read_npy(path).frames
+        return read_npy(path)
     if suffix == ".npz":
-        return read_npz(path, dataset, PHASE_NAMES, (2, 3, 4)).frames
-    if suffix in (".tif", ".tiff"):
-        return read_tiff(path).frames
-    msg = f"{path.name} is of a kind that can't be read as phase; use OME-TIFF, .npy or .npz"
+        return read_npz(path, dataset, PHASE_NAMES, (2, 3, 4))
+    if suffix in TIFF_SUFFIXES:
+        return read_tiff(path, dataset)
+    if suffix in HDF5_SUFFIXES:
+        return read_hdf5(path, dataset)
+    if is_zarr(path):
+        return read_zarr(path, dataset)
+    if is_koala_phase(path):
+        return read_koala_phase(path)
+    msg = (
+        f"{path.name} is of a kind that can't be read as phase; use OME-TIFF, OME-Zarr, HDF5, "
+        ".npy, .npz or .bin of Koala"
+    )
     raise OSError(msg)

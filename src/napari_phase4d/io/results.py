@@ -1,80 +1,98 @@
-"""Results that travel: 4-D phase as OME-TIFF, tables as CSV."""
+"""Results that travel: 4-D phase as OME-TIFF or OME-Zarr, tables as CSV."""
 
 from __future__ import annotations
 
-import json
-import struct
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import numpy as np
-import pandas as pd
-import tifffile
 import xarray as xr
 
 from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.io.describing import AXES, SIGNATURE, restored, step_of
+from napari_phase4d.io.tiff_results import (
+    read_tiff_result,
+    tiff_description,
+    write_tiff_result,
+)
+from napari_phase4d.io.zarr_results import (
+    read_zarr_result,
+    write_zarr_result,
+    zarr_description,
+)
+from napari_phase4d.progress import CancelledCall, ProgressCall
 
-__all__ = ["read_results", "write_phase", "write_table"]
+if TYPE_CHECKING:
+    import pandas as pd
 
-AXES = ("time", "angle", "y", "x")
-#: Marks the description of a file that this program wrote.
-SIGNATURE = "napari-phase4d"
+__all__ = [
+    "AXES",
+    "SIGNATURE",
+    "is_result",
+    "read_results",
+    "result_attrs",
+    "step_of",
+    "write_phase",
+    "write_table",
+]
+
+#: What the name of an OME-Zarr ends with; everything else is written as OME-TIFF.
+ZARR_SUFFIX = ".zarr"
 
 
-def write_phase(path: str | Path, stack: xr.DataArray) -> Path:
-    """Write a 4-D stack as OME-TIFF with pixel size, times, angles and provenance.
+def write_phase(
+    path: str | Path,
+    stack: xr.DataArray,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Path:
+    """Write a 4-D stack as OME-TIFF or OME-Zarr with pixel size, times, angles and provenance.
 
-    The viewing angles lie on the channel axis, which OME has no better name for; they are also
-    in the file's description together with the times and attributes, from where
-    `read_results` restores them exactly.
+    Lazy stacks are computed and written some frames at a time, so that they may be larger than
+    memory. The same stack gives the same bytes.
+
+    The viewing angles lie on the channel axis, which OME has no better name for, and name the
+    channels. Angles, times, places and attributes are also noted as they are, from where
+    `read_results` restores them exactly: in the description of an OME-TIFF, and in the attribute
+    "napari-phase4d" of an OME-Zarr.
 
     Parameters
     ----------
     path : str or Path
-        File to write, by custom ``.ome.tif``; replaced if it exists.
+        File to write, replaced if it exists: a name that ends with ``.zarr``, by custom
+        ``.ome.zarr``, gives a folder in OME-Zarr 0.5 (Zarr 3, one chunk a frame, compressed); any
+        other, by custom ``.ome.tif``, gives an OME-TIFF (BigTIFF beyond 4 GB).
     stack : xarray.DataArray
-        Dims (time, angle, y, x).
+        Dims (time, angle, y, x), backed by NumPy or dask.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
 
     Raises
     ------
     OSError
         If it can't be written; an older file of that name is then left as it was.
-    TypeError
-        If the stack has other dims.
+    TypeError, ValueError
+        If the stack has other dims, or no pixels.
+    Cancelled
+        If ``cancelled()`` returned True; an older file of that name is then left as it was.
     """
     path = Path(path)
     if not isinstance(stack, xr.DataArray) or set(stack.dims) != set(AXES):
-        msg = "only a DataArray with dims time, angle, y and x can be written as OME-TIFF"
+        msg = "only a DataArray with dims time, angle, y and x can be written as a result"
         raise TypeError(msg)
+    if 0 in stack.shape:
+        msg = f"the stack for {path.name} is empty: its shape is {stack.shape}"
+        raise ValueError(msg)
     stack = stack.transpose(*AXES)
-    description = {
-        "program": SIGNATURE,
-        "name": "phase" if stack.name is None else str(stack.name),
-        "coords": {d: [float(v) for v in stack[d].values] for d in AXES},
-        "units": {d: str(stack[d].attrs["units"]) for d in AXES if "units" in stack[d].attrs},
-        "attrs": json_able(stack.attrs),
-    }
-    angles = stack["angle"].values
-    times = stack["time"].values
-    metadata: dict[str, Any] = {
-        "axes": "TCYX",
-        "Channel": {"Name": [f"view {a:g} deg" for a in angles]},
-        "PhysicalSizeX": step_of(stack["x"].values),
-        "PhysicalSizeXUnit": "µm",
-        "PhysicalSizeY": step_of(stack["y"].values),
-        "PhysicalSizeYUnit": "µm",
-        "TimeIncrement": step_of(times),
-        "TimeIncrementUnit": "s",
-        "Description": json.dumps(description),
-    }
-    data = np.ascontiguousarray(stack.values)
-    with written_whole(path) as temporary:
-        tifffile.imwrite(temporary, data, ome=True, photometric="minisblack", metadata=metadata)
+    write = write_zarr_result if path.suffix.lower() == ZARR_SUFFIX else write_tiff_result
+    write(path, stack, progress, cancelled)
     return path
 
 
 def read_results(path: str | Path) -> xr.DataArray:
     """Read a stack that `write_phase` wrote: same numbers, coordinates and attributes.
+
+    The numbers of an OME-Zarr stay on disk, as a dask array of one frame a chunk, and are read
+    when they are used.
 
     Raises
     ------
@@ -82,56 +100,19 @@ def read_results(path: str | Path) -> xr.DataArray:
         If the file is missing, damaged, or was not written by this program.
     """
     path = Path(path)
-    try:
-        with tifffile.TiffFile(path) as tif:
-            description = result_description(tif)
-            if description is None:
-                msg = f"{path.name} holds no phase written by napari-phase4d"
-                raise OSError(msg)
-            data = tif.asarray()
-    except (tifffile.TiffFileError, struct.error, ValueError, KeyError) as error:
-        msg = f"{path.name} can't be read; it may be cut short or damaged ({error})"
-        raise OSError(msg) from error
-    units = description.get("units", {})
-    coords = {
-        name: (name, np.asarray(values), {"units": units[name]} if name in units else {})
-        for name, values in description["coords"].items()
-    }
-    shape = tuple(len(values) for values in description["coords"].values())
-    return xr.DataArray(
-        data.reshape(shape),
-        dims=tuple(coords),
-        coords=coords,
-        name=description["name"],
-        attrs=description["attrs"],
-    )
+    return read_zarr_result(path) if path.is_dir() else read_tiff_result(path)
 
 
 def is_result(path: str | Path) -> bool:
-    """Say whether a file was written by `write_phase`."""
+    """Say whether a file or folder was written by `write_phase`."""
     return result_attrs(path) is not None
 
 
 def result_attrs(path: str | Path) -> dict[str, Any] | None:
     """Return the attributes of what `write_phase` wrote to a file, None for any other file."""
-    try:
-        with tifffile.TiffFile(path) as tif:
-            description = result_description(tif)
-    except (OSError, struct.error, tifffile.TiffFileError):
-        return None
-    return None if description is None else dict(description["attrs"])
-
-
-def result_description(tif: tifffile.TiffFile) -> dict[str, Any] | None:
-    """Return what `write_phase` noted in a file, or None if it did not write it."""
-    if not tif.is_ome or SIGNATURE not in (tif.ome_metadata or ""):
-        return None
-    image = tifffile.xml2dict(tif.ome_metadata)["OME"]["Image"]
-    try:
-        found = json.loads(str(image.get("Description", "")))
-    except ValueError:
-        return None
-    return found if isinstance(found, dict) and found.get("program") == SIGNATURE else None
+    path = Path(path)
+    description = zarr_description(path) if path.is_dir() else tiff_description(path)
+    return None if description is None else dict(restored(description.get("attrs", {})))
 
 
 def write_table(path: str | Path, table: pd.DataFrame) -> Path:
@@ -146,19 +127,3 @@ def write_table(path: str | Path, table: pd.DataFrame) -> Path:
     with written_whole(path) as temporary:
         table.to_csv(temporary)
     return path
-
-
-def step_of(coordinates: Any) -> float:
-    """Return the spacing of evenly spaced coordinates (1 where there is only one)."""
-    return float(coordinates[1] - coordinates[0]) if len(coordinates) > 1 else 1.0
-
-
-def json_able(value: Any) -> Any:
-    """Return a copy that JSON can hold."""
-    if isinstance(value, dict):
-        return {str(k): json_able(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [json_able(v) for v in value]
-    if isinstance(value, (np.generic, np.ndarray)):
-        return value.tolist()
-    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)

@@ -1,12 +1,9 @@
-"""TIFF family: multi-page, ImageJ and OME-TIFF videos, read lazily."""
+"""TIFF family: multi-page, BigTIFF, ImageJ and OME-TIFF videos, read lazily."""
 
 from __future__ import annotations
 
-import re
 import struct
 import threading
-import xml.etree.ElementTree as ET
-import zlib
 from pathlib import Path
 from typing import Any
 
@@ -14,50 +11,85 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from napari_phase4d.io.chatter import quiet
+from napari_phase4d.io.grey import colour_sentence, grey
+from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
+from napari_phase4d.io.mapped import map_frames
+from napari_phase4d.io.tiff_facts import imagej_facts, ome_facts, ome_times
 from napari_phase4d.io.video import Video
 
-__all__ = ["read_tiff"]
+__all__ = ["TIFF_SUFFIXES", "read_tiff"]
 
-MICROMETRES = {"micron", "microns", "um", "µm", "μm", "\\u00B5m"}
-TO_MICROMETRES = {"nm": 1e-3, "µm": 1.0, "μm": 1.0, "um": 1.0, "mm": 1e3, "m": 1e6}
-TO_SECONDS = {"s": 1.0, "ms": 1e-3, "µs": 1e-6, "μs": 1e-6, "min": 60.0, "h": 3600.0}
+TIFF_SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
+#: Axes of a picture; every other one may be time.
+PICTURE = "YXS"
 
 
-def read_tiff(path: Path) -> Video:
+def read_tiff(path: Path, dataset: str | None = None) -> Video:
     """Open a TIFF video lazily.
 
-    Pixel size and frame interval are taken from ImageJ or OME metadata where they are there.
+    Pixel size and times are taken from ImageJ or OME metadata where they are there. The files of
+    an OME-TIFF series are read as one.
 
     Parameters
     ----------
     path : Path
-        A .tif or .tiff file with one grey value a pixel; axes of length 1 are dropped.
+        A file with one grey value a pixel; axes of length 1 are dropped.
+    dataset : str, optional
+        A place on axes other than time, such as "Z=0" or "C=1,Z=0".
+
+    Returns
+    -------
+    Video
+        With more than three axes if the file has them and ``dataset`` doesn't choose.
 
     Raises
     ------
     OSError
         If the file is cut short or is no TIFF.
+    ValueError
+        If it is in colour, or ``dataset`` names no place on its axes.
     """
     try:
-        with tifffile.TiffFile(path) as tif:
-            series = tif.series[0]
-            axes, shape = series.axes, series.shape
-            single = single_frames(tif)
-            if single:
-                axes, shape = f"T{axes}", (len(single), *shape)
-            colour = "S" in axes and shape[axes.index("S")] in (3, 4)
+        with quiet(), tifffile.TiffFile(path) as tif:
+            axes, shape, single = layout_of(tif)
             check_complete(tif, path)
             facts = ome_facts(tif) if tif.is_ome else imagej_facts(tif)
-            dtype = series.dtype
-            contiguous = series.dataoffset is not None and not single
-    except (tifffile.TiffFileError, struct.error, IndexError, KeyError, ValueError) as error:
-        msg = f"{path.name} can't be read as a TIFF file; it may be cut short or damaged ({error})"
+            times = ome_times(tif) if tif.is_ome else None
+            kind = kind_of(tif)
+            dtype = np.dtype(tif.series[0].dtype)
+            offset = None if single else tif.series[0].dataoffset
+            order = tif.byteorder
+    except (tifffile.TiffFileError, struct.error, LookupError, ValueError, TypeError) as error:
+        msg = (
+            f"{path.name} can't be read as a TIFF file; it may be cut short or damaged "
+            f"({in_one_line(error)})"
+        )
         raise OSError(msg) from error
-    frames = mapped_frames(path, shape) if contiguous else paged_frames(path, shape, dtype)
-    keep = tuple(
-        slice(None) if n > 1 or a in "YX" else 0 for n, a in zip(shape, axes, strict=True)
-    )
-    return Video(frames[keep], colour=colour, **facts)
+    if dtype.kind not in "buif":
+        msg = f"{path.name} holds {dtype} values; a hologram video needs real numbers"
+        raise ValueError(msg)
+    places = chosen_places(path, axes, shape, dataset)
+    left = "".join(a for a, place in zip(axes, places, strict=True) if not isinstance(place, int))
+    if offset is not None and "S" not in left:
+        frames = map_frames(path, dtype.newbyteorder(order), shape, offset)[places]
+    else:
+        frames = paged_frames(path, shape, places, dtype, colour="S" in axes)
+        left = left.replace("S", "")
+    in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
+    return Video(
+        frames, kind=kind, axes=left, dataset=dataset or "",
+        times_s=times if in_time and "interval_s" not in facts else None, **facts,
+    )  # fmt: skip
+
+
+def layout_of(tif: tifffile.TiffFile) -> tuple[str, tuple[int, ...], bool]:
+    """Return axes and shape of the frames, and whether each is a series of its own."""
+    series = tif.series[0]
+    single = single_frames(tif)
+    if single:
+        return f"T{series.axes}", (len(single), *series.shape), True
+    return series.axes, tuple(int(n) for n in series.shape), False
 
 
 def single_frames(tif: tifffile.TiffFile) -> list[Any]:
@@ -83,122 +115,130 @@ def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
             raise OSError(msg)
 
 
-def mapped_frames(path: Path, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return the pixels of an uncompressed file with no gaps as a memory map."""
-    try:
-        mapped: NDArray[Any] = tifffile.memmap(path, series=0, mode="r").reshape(shape)
-    except ValueError as error:
-        msg = f"{path.name} is cut short: it has fewer bytes than its {shape[0]} frames need"
-        raise OSError(msg) from error
-    return mapped
+def chosen_places(
+    path: Path, axes: str, shape: tuple[int, ...], dataset: str | None
+) -> tuple[int | slice, ...]:
+    """Return what to take along each axis: a number, or all."""
+    # An axis of length 1 says nothing, but a picture keeps its own.
+    places: dict[str, int | slice] = {
+        a: slice(None) if n > 1 or a in PICTURE else 0 for a, n in zip(axes, shape, strict=True)
+    }
+    for part in () if dataset is None else dataset.split(","):
+        name, _, number = part.strip().partition("=")
+        name = name.strip().upper()
+        length = shape[axes.index(name)] if name and name in axes else 0
+        if name in PICTURE or not number.strip().isdigit() or int(number) >= length:
+            known = axes_in_words(axes, shape)
+            msg = f"{path.name} has {known}; {part.strip()!r} is no place there"
+            raise ValueError(msg)
+        places[name] = int(number)
+    return tuple(places[a] for a in axes)
 
 
-def paged_frames(path: Path, shape: tuple[int, ...], dtype: np.dtype[Any]) -> Any:
-    """Return the pages of any other file as a dask array with one page a chunk."""
-    pages = Pages(path)
-    page_shape = pages.shape
-    n_leading = len(shape) - len(page_shape)
-    leading = shape[:n_leading]
-
-    def read_block(block_info: Any = None) -> NDArray[Any]:
-        location = block_info[None]["array-location"][:n_leading]
-        flat = (
-            int(np.ravel_multi_index([start for start, _ in location], leading)) if leading else 0
-        )
-        return pages.read(flat).reshape((*((1,) * n_leading), *page_shape))
-
-    chunks = (*((1,) * n for n in leading), *((n,) for n in page_shape))
-    meta = np.empty((0,) * len(shape), dtype)
-    import dask.array as da
-
-    return da.map_blocks(read_block, chunks=chunks, dtype=dtype, meta=meta)
+def axes_in_words(axes: str, shape: tuple[int, ...]) -> str:
+    """Return axes with their lengths."""
+    named = ", ".join(f"{a}={n}" for a, n in zip(axes, shape, strict=True))
+    return f"the axes {named}"
 
 
-class Pages:
+def paged_frames(
+    path: Path,
+    shape: tuple[int, ...],
+    places: tuple[int | slice, ...],
+    dtype: np.dtype[Any],
+    *,
+    colour: bool,
+) -> Any:
+    """Return the chosen pages of a file as a dask array with one page a chunk."""
+    n_picture = 3 if colour else 2
+    leading = shape[:-n_picture]
+    with quiet():
+        pages = TiffPages(path, shape[-n_picture:], dtype)
+    numbers = np.arange(int(np.prod(leading, dtype=np.int64))).reshape(leading)
+    numbers = np.asarray(numbers[places[: len(leading)]])
+    reader = pages.taking(numbers.ravel())
+    frames = lazy_frames(reader)
+    return frames if numbers.ndim == 1 else frames.reshape(*numbers.shape, *reader.shape[1:])
+
+
+class TiffPages(FrameReader):
     """Reads single pages; the file stays open, so that its directory is parsed once.
 
     Parameters
     ----------
     path : Path
         The file.
+    picture : tuple of int
+        Shape of a page, its last axis colour if there are three.
+    dtype : dtype
+        Of the pixels.
+    numbers : ndarray of int, optional
+        The page that holds each frame.
+
+    Raises
+    ------
+    ValueError
+        If the first page is in colour.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._open()
+    def __init__(
+        self,
+        path: Path,
+        picture: tuple[int, ...],
+        dtype: np.dtype[Any],
+        numbers: NDArray[np.int64] | None = None,
+    ) -> None:
+        self.picture = picture
+        self.numbers = np.arange(1) if numbers is None else numbers
+        super().__init__(path, (len(self.numbers), picture[0], picture[1]), dtype)
+        self._lock = threading.RLock()
+        self._file: tifffile.TiffFile | None = None
+        self._series: Any = None
 
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of one page."""
-        return tuple(int(n) for n in self._file.series[0].keyframe.shape)
+    def taking(self, numbers: NDArray[np.int64]) -> TiffPages:
+        """Return a reader of these pages."""
+        reader = TiffPages(self.path, self.picture, self.dtype, numbers)
+        if len(self.picture) == 3:
+            reader.frame(0)
+        return reader
 
     def read(self, index: int) -> NDArray[Any]:
-        """Return one page.
-
-        Raises
-        ------
-        OSError
-            If the page can't be decoded.
-        """
-        try:
+        """Return one page."""
+        with quiet():
             with self._lock:
-                page = self._series[index]
+                page = self._pages()[int(self.numbers[index])]
             if page is None:
                 msg = "the file does not hold it"
                 raise ValueError(msg)
             # The lock guards the file alone, so that several threads can decode.
-            return np.asarray(page.asarray(lock=self._lock))
-        except (OSError, ValueError, RuntimeError, zlib.error, struct.error) as error:
-            msg = f"frame {index} of {self.path.name} can't be decoded ({error})"
-            raise OSError(msg) from error
+            image = grey(np.asarray(page.asarray(lock=self._lock)))
+        if image.ndim > 2:
+            raise WrongFrameError(colour_sentence(self.path.name))
+        return image.reshape(self.shape[1:])
 
-    def _open(self) -> None:
-        self._lock = threading.RLock()
-        self._file = tifffile.TiffFile(self.path)
-        self._series = single_frames(self._file) or self._file.series[0]
+    def _pages(self) -> Any:
+        """Return the pages of the open file."""
+        if self._file is None:
+            self._file = tifffile.TiffFile(self.path)
+            self._series = single_frames(self._file) or self._file.series[0]
+        return self._series
 
     def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path}
+        names = ("path", "picture", "dtype", "numbers")
+        return {name: getattr(self, name) for name in names}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
-        self.path = state["path"]
-        self._open()
+        self.__init__(**state)  # type: ignore[misc]
 
     def __del__(self) -> None:
-        if hasattr(self, "_file"):
-            self._file.close()
+        if getattr(self, "_file", None) is not None:
+            self._file.close()  # type: ignore[union-attr]
 
 
-def imagej_facts(tif: tifffile.TiffFile) -> dict[str, float]:
-    """Return pixel size (um) and frame interval (s) of an ImageJ file, where given."""
-    meta = tif.imagej_metadata or {}
-    facts: dict[str, float] = {}
-    if float(meta.get("finterval", 0) or 0) > 0:
-        facts["interval_s"] = float(meta["finterval"])
-    elif float(meta.get("fps", 0) or 0) > 0:
-        facts["interval_s"] = 1 / float(meta["fps"])
-    resolution = tif.pages.first.tags.get("XResolution")
-    if resolution is not None and str(meta.get("unit", "")) in MICROMETRES:
-        pixels, per = resolution.value
-        if pixels > 0:
-            facts["pixel_um"] = per / pixels
-    return facts
-
-
-def ome_facts(tif: tifffile.TiffFile) -> dict[str, float]:
-    """Return pixel size (um) and frame interval (s) of an OME-TIFF file, where given."""
-    facts: dict[str, float] = {}
-    try:
-        root = ET.fromstring(tif.ome_metadata or "<OME/>")
-    except ET.ParseError:
-        return facts
-    pixels = next((e for e in root.iter() if re.sub(r"\{.*\}", "", e.tag) == "Pixels"), None)
-    if pixels is None:
-        return facts
-    size = float(pixels.get("PhysicalSizeX", 0))
-    if size > 0:
-        facts["pixel_um"] = size * TO_MICROMETRES.get(pixels.get("PhysicalSizeXUnit", "µm"), 1.0)
-    interval = float(pixels.get("TimeIncrement", 0))
-    if interval > 0:
-        facts["interval_s"] = interval * TO_SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 1.0)
-    return facts
+def kind_of(tif: tifffile.TiffFile) -> str:
+    """Return what a file is, in words."""
+    base = "BigTIFF" if tif.is_bigtiff else "TIFF"
+    program = "OME-" if tif.is_ome else ("ImageJ " if tif.is_imagej else "")
+    packing = tif.series[0].keyframe.compression
+    packed = "" if packing == 1 else f", {getattr(packing, 'name', packing)}".lower()
+    return f"{program}{base}{packed}"

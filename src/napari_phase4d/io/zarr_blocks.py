@@ -23,7 +23,7 @@ def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
     shape : tuple of int
         Shape of the stack.
     frames : int
-        Frames in a block. One file holds a block; different blocks may be written at the same time.
+        Frames in a block. A file holds one; different ones may be written at the same time.
 
     Returns
     -------
@@ -36,8 +36,8 @@ def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
     zarr.create_group(group, zarr_format=3).create_array(
         ARRAY,
         shape=shape,
-        chunks=(1, 1, *shape[2:]),
-        shards=(min(frames, shape[0]), *shape[1:]),
+        # One chunk a block: several in a shard take twice as long to write.
+        chunks=(min(frames, shape[0]), *shape[1:]),
         dtype=np.float32,
         # The quickest: it keeps up with the reconstruction.
         compressors=BloscCodec(cname="lz4", clevel=1, shuffle="bitshuffle"),

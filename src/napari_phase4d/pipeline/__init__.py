@@ -3,11 +3,14 @@
 A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
 """
 
-from napari_phase4d.pipeline.needs import needed_bytes, working_bytes
+from napari_phase4d.pipeline.batch import run_batch
+from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint, fingerprinting
+from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.opening import found_anywhere, open_by
 from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, Recipe
 from napari_phase4d.pipeline.running import (
     Outcome,
+    focus_by,
     reconstruct_by,
     run,
     unwrap_by,
@@ -17,13 +20,21 @@ from napari_phase4d.pipeline.writing import write_outcome
 __all__ = [
     "DEFAULT_METHODS",
     "PAPER_METHODS",
+    "Fingerprint",
+    "Needs",
     "Outcome",
     "Recipe",
+    "fingerprint",
+    "fingerprinting",
+    "focus_by",
     "found_anywhere",
     "needed_bytes",
+    "needs_of",
     "open_by",
+    "phase_needs",
     "reconstruct_by",
     "run",
+    "run_batch",
     "unwrap_by",
     "working_bytes",
     "write_outcome",

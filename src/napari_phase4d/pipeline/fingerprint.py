@@ -69,9 +69,8 @@ class Hashing:
         self._before = [] if is_sample(self.source) else parts_of(self.source)
         self._stopped = threading.Event()
         self._pool = ThreadPoolExecutor(1, THREADS)
-        self._future = self._pool.submit(
-            hashed, self._before, Path(self.source).is_file(), self._stopped
-        )
+        is_file = Path(self.source).is_file()
+        self._future = self._pool.submit(hashed, self._before, self._stopped, is_file=is_file)
 
     @property
     def bytes(self) -> int:
@@ -150,7 +149,7 @@ def parts_of(source: str) -> Parts:
     return [(name, p, stat.st_size, stat.st_mtime_ns) for name, p, stat in facts]
 
 
-def hashed(parts: Parts, is_file: bool, stopped: threading.Event) -> str:
+def hashed(parts: Parts, stopped: threading.Event, *, is_file: bool) -> str:
     """Return the SHA-256 of a file, or of the names, sizes and contents of several."""
     digest = hashlib.sha256()
     for name, path, size, _ in parts:

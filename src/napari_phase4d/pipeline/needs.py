@@ -1,26 +1,129 @@
-"""What a run will need."""
+"""What a run will need, and whether this machine has it."""
 
 from __future__ import annotations
 
+import math
 import os
+import shutil
 from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 
-import numpy as np
+import psutil
 
 from napari_phase4d.holography import Demodulator, Lobe
+from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.streaming.blocks import block_frames
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, STACKS_OF_A_FRAME
 
-__all__ = ["needed_bytes", "working_bytes"]
+__all__ = ["Needs", "needed_bytes", "needs_of", "phase_needs", "working_bytes"]
+
+#: Share of the free memory that a run may fill.
+SHARE_OF_MEMORY = 0.7
+#: Memory of the program itself with its libraries.
+PROGRAM_BYTES = 400 * 2**20
+#: Bytes for each pixel of a block while it is worked on: phase, amplitude, turns, masks, result.
+BYTES_OF_A_PIXEL = 48
+#: Bytes for each pixel of a camera frame while it is transformed.
+BYTES_OF_A_CAMERA_PIXEL = 32
+#: What is needed on the way only, in stacks of float32: turns (3 of int16) and masks.
+SCRATCH_STACKS = 2.0
 
 
-def needed_bytes(recording: Recording, lobes: list[Lobe], methods: Sequence[str]) -> int:
-    """Return about how much memory a run will need, in bytes, beyond the recording itself."""
+@dataclass(frozen=True)
+class Needs:
+    """What a run needs.
+
+    Parameters
+    ----------
+    methods : tuple of str
+        Ids of the methods.
+    in_memory : int
+        Bytes of memory, if all stacks are held there.
+    on_disk : int
+        Bytes of memory, if stacks are written to disk a block at a time.
+    disk : int
+        Bytes of disk for all results (and, on disk, for what is needed on the way).
+    greediest : str
+        Method that needs the whole stack at once and most memory for it; empty if none does.
+    """
+
+    methods: tuple[str, ...]
+    in_memory: int
+    on_disk: int
+    disk: int
+    greediest: str = ""
+
+    def fits_in_memory(self) -> bool:
+        """Say whether all stacks can be held in memory now."""
+        return self.in_memory <= SHARE_OF_MEMORY * psutil.virtual_memory().available
+
+    def check(self, folder: Path, *, on_disk: bool) -> None:
+        """Raise OSError if the memory, or the disk that holds a folder, is too small.
+
+        Raises
+        ------
+        OSError
+            In one sentence, with what is needed, what there is, and what to do.
+        """
+        free = psutil.virtual_memory().available
+        needed = self.on_disk if on_disk else self.in_memory
+        if needed > free:
+            why = "this needs"
+            if self.greediest:
+                label = METHODS[self.greediest].label
+                why = f"{label} works on all frames at once and needs"
+            msg = (
+                f"{why} about {in_words(needed)} of memory, but {in_words(free)} are free; leave "
+                "such methods out (2-D, angular, temporal, T/A and A/T need little), or cut the "
+                "recording into shorter ones"
+            )
+            raise OSError(msg)
+        left = shutil.disk_usage(existing(folder)).free
+        if on_disk and self.disk > left:
+            msg = (
+                f"the results need about {in_words(self.disk)} of disk, but {existing(folder)} "
+                f"has {in_words(left)} left; choose another folder or fewer methods"
+            )
+            raise OSError(msg)
+
+
+def needs_of(recipe: Recipe, recording: Recording, lobes: Sequence[Lobe]) -> Needs:
+    """Return what a run from holograms needs."""
     height, width = Demodulator(recording.frame_shape, lobes).output_shape
-    stack = 4 * recording.n_frames * len(lobes) * height * width
-    # Phase and amplitude stay; the transforms of the frames in work do not.
-    unwrapping = working_bytes(stack, methods, frame=4 * height * width)
-    return 2 * stack + unwrapping + int(64 * np.prod(recording.frame_shape))
+    shape = (recording.n_frames, len(lobes), height, width)
+    found = phase_needs(recipe.methods, shape)
+    camera = (os.cpu_count() or 1) * BYTES_OF_A_CAMERA_PIXEL * math.prod(recording.frame_shape)
+    amplitude = 4 * math.prod(shape)
+    return Needs(
+        found.methods,
+        found.in_memory + amplitude + camera,
+        found.on_disk + camera,
+        found.disk + amplitude,
+        found.greediest,
+    )
+
+
+def phase_needs(methods: Sequence[str], shape: Sequence[int]) -> Needs:
+    """Return what unwrapping of a stack (time, angle, y, x) needs."""
+    stack, frame = 4 * math.prod(shape), 4 * math.prod(shape[2:])
+    whole = [m for m in methods if not METHODS[m].streams]
+    greediest = max(whole, key=lambda m: METHODS[m].working_stacks, default="")
+    at_once = stack + working_bytes(stack, [greediest], frame=frame) if greediest else 0
+    block = (os.cpu_count() or 1) * BYTES_OF_A_PIXEL * block_frames(shape) * math.prod(shape[1:])
+    return Needs(
+        tuple(methods),
+        stack + working_bytes(stack, methods, frame=frame),
+        PROGRAM_BYTES + block + at_once,
+        int(stack * (1 + len(methods) + SCRATCH_STACKS)),
+        greediest,
+    )
+
+
+def needed_bytes(recording: Recording, lobes: Sequence[Lobe], methods: Sequence[str]) -> int:
+    """Return about how much memory a run will need, in bytes, with all stacks held there."""
+    return needs_of(Recipe(methods=tuple(methods)), recording, lobes).in_memory
 
 
 def working_bytes(stack: int, methods: Sequence[str], *, frame: int) -> int:
@@ -39,3 +142,14 @@ def working_bytes(stack: int, methods: Sequence[str], *, frame: int) -> int:
     of_threads = (os.cpu_count() or 1) * STACKS_OF_A_FRAME * frame
     # The two-dimensional step and every result stay.
     return int(stack * (2 + len(methods) + largest) + of_threads)
+
+
+def existing(folder: Path) -> Path:
+    """Return a folder, or the nearest one above it that is there."""
+    folder = folder.absolute()
+    return next(p for p in (folder, *folder.parents) if p.exists())
+
+
+def in_words(size: int) -> str:
+    """Return a size in the unit that suits it."""
+    return f"{size / 2**30:.1f} GB" if size >= 2**30 else f"{size / 2**20:.0f} MB"

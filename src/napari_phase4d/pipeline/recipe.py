@@ -6,9 +6,16 @@ import json
 from pathlib import Path
 from typing import Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    FiniteFloat,
+    ValidationError,
+    field_validator,
+)
 
-from napari_phase4d.holography import BACKGROUND_ORDERS, WINDOWS, Lobe
+from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, WINDOWS, Lobe
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.unwrapping import check_method
@@ -51,7 +58,12 @@ class Recipe(BaseModel):
     window : str
         How a lobe is cut out: "disk", "smooth-disk", "gaussian" or "tukey".
     background : str
-        What is fitted to the empty field and removed: "none", "tilt" or "curvature".
+        What is fitted to the empty field and removed: "none", "tilt", "curvature", "polynomial"
+        or "zernike".
+    background_order : int
+        Degree of the last two, 1 to 8.
+    refocus_um : float, "auto" or None
+        How far the fields are carried along the light, in micrometres; "auto" to find the focus.
     drift : bool
         Whether the phase of the empty field is set to zero in every frame.
     mask : str or None
@@ -64,6 +76,9 @@ class Recipe(BaseModel):
         Method id to that method's options.
     confidence : bool
         Whether a map of how far to trust it is written with each result.
+    storage : str
+        Where stacks are held: "memory", "disk" (a block of frames at a time in memory, as for
+        recordings larger than it), or "auto" (default) for memory if they fit.
 
     Raises
     ------
@@ -84,12 +99,15 @@ class Recipe(BaseModel):
     reference: int | str | None = None
     window: str = "smooth-disk"
     background: str = "tilt"
+    background_order: int = Field(default=4, ge=MIN_ORDER, le=MAX_ORDER)
+    refocus_um: Literal["auto"] | FiniteFloat | None = None
     drift: bool = True
     mask: Literal["auto"] | None = "auto"
     boundary: tuple[tuple[int, int], ...] = ((0, 0),)
     methods: tuple[str, ...] = DEFAULT_METHODS
     options: Options = Field(default_factory=dict)
     confidence: bool = False
+    storage: Literal["auto", "memory", "disk"] = "auto"
 
     @field_validator("window")
     @classmethod

@@ -4,20 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
 from napari_phase4d.evaluation import Comparison, compare
-from napari_phase4d.holography import Lobe, find_lobes, reconstruct
+from napari_phase4d.holography import (
+    Focus,
+    Lobe,
+    find_focus,
+    find_lobes,
+    prepared,
+    reconstruct,
+)
 from napari_phase4d.io import open_recording
+from napari_phase4d.pipeline.needs import needs_of, phase_needs
 from napari_phase4d.pipeline.opening import open_by
+from napari_phase4d.pipeline.places import Place, place_for
 from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 
-__all__ = ["Outcome", "reconstruct_by", "run", "unwrap_by"]
+__all__ = ["Outcome", "focus_by", "reconstruct_by", "run", "unwrap_by"]
 
 
 @dataclass(frozen=True)
@@ -51,8 +62,14 @@ def run(
     truth: xr.DataArray | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
+    *,
+    folder: str | Path | None = None,
+    scheduler: str | None = None,
 ) -> Outcome:
     """Follow a recipe from the recording to the unwrapped phase.
+
+    A recording that does not fit into memory is worked on a block of frames at a time; the stacks
+    that come out lie on disk then, and are the same numbers.
 
     Parameters
     ----------
@@ -64,11 +81,17 @@ def run(
         Exact phase on the reconstruction's grid, for the table.
     progress, cancelled : callable, optional
         ``progress(done, total, message)``; ``cancelled()`` stops the work.
+    folder : str or Path, optional
+        Where stacks lie that are not held in memory; `write_outcome` to the same folder finds
+        them there. Default: a temporary folder that goes when Python ends.
+    scheduler : str, optional
+        Address of a ``dask.distributed`` scheduler whose workers see the recording and the folder
+        under the same paths. All stacks lie on disk then.
 
     Raises
     ------
     OSError, TypeError, ValueError
-        If the recording can't be read or a setting does not fit it.
+        If the recording can't be read, a setting does not fit it, or memory or disk are too small.
     Cancelled
         If ``cancelled()`` returned True.
     """
@@ -77,17 +100,29 @@ def run(
         raise ValueError(msg)
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
-        comparison = unwrap_by(recipe, opened, truth, progress, cancelled)
+        needs = phase_needs(recipe.methods, opened.shape)
+        with place_for(recipe, needs, folder, scheduler) as place:
+            comparison = unwrap_by(recipe, opened, truth, progress, cancelled, place=place)
         return Outcome(None, recipe, xr.Dataset({"phase": opened}), comparison, truth)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
         recording, recipe.n_views, angles_deg=recipe.angles_deg
     )
-    data = reconstruct_by(recipe, recording, lobes, progress, cancelled)
-    comparison = unwrap_by(
-        recipe, data["phase"], truth, progress, cancelled, amplitude=data["amplitude"]
+    needs = needs_of(recipe, recording, lobes)
+    with place_for(recipe, needs, folder, scheduler) as place:
+        data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
+        comparison = unwrap_by(
+            recipe,
+            data["phase"],
+            truth,
+            progress,
+            cancelled,
+            amplitude=data["amplitude"],
+            place=place,
+        )
+    used = recipe.changed(
+        lobes=tuple(lobes), optics=recording.optics, refocus_um=data.attrs.get("refocus_um")
     )
-    used = recipe.changed(lobes=tuple(lobes), optics=recording.optics)
     return Outcome(recording, used, data, comparison, truth)
 
 
@@ -100,11 +135,15 @@ def unwrap_by(
     *,
     amplitude: xr.DataArray | None = None,
     finished: Callable[[str, Comparison], None] | None = None,
+    place: Place | None = None,
 ) -> Comparison:
     """Unwrap wrapped phase with a recipe's methods and settings; NaN are left out.
 
-    ``finished`` is told each method and the comparison so far, see `compare`.
+    ``finished`` is told each method and the comparison so far, see `compare`. With a ``place``,
+    results are written there a block at a time.
     """
+    if place is not None:
+        return place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
     known = np.isfinite(phase.values)
     return compare(
         phase,
@@ -126,18 +165,47 @@ def reconstruct_by(
     lobes: list[Lobe],
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
+    *,
+    place: Place | None = None,
 ) -> xr.Dataset:
-    """Reconstruct a recording with a recipe's settings; a reference file is opened."""
-    reference: Any = recipe.reference
+    """Reconstruct a recording with a recipe's settings; a reference file is opened.
+
+    With a ``place``, phase and amplitude are written there a block at a time.
+    """
+    reference = opened_reference(recipe, recording)
+    settings = phase_settings(recipe)
+    if place is None:
+        return reconstruct(
+            recording, lobes, reference, **settings, progress=progress, cancelled=cancelled
+        )
+    work = prepared(recording, lobes, reference, **settings, cancelled=cancelled)
+    source = FrameSource(recipe, recording)
+    return reconstruct_to_disk(source, work, place.shelf, place.workers, progress, cancelled)
+
+
+def focus_by(
+    recipe: Recipe,
+    recording: Recording,
+    lobes: list[Lobe],
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Focus:
+    """Find the focus of a recording with a recipe's settings, see `find_focus`."""
+    settings = phase_settings(recipe) | {"refocus_um": None}
+    reference = opened_reference(recipe, recording)
+    work = prepared(recording, lobes, reference, **settings, cancelled=cancelled)
+    return find_focus(work, recording, progress=progress, cancelled=cancelled)
+
+
+def opened_reference(recipe: Recipe, recording: Recording) -> Any:
+    """Return a recipe's reference as `reconstruct` takes it; a file is opened."""
+    reference = recipe.reference
     if isinstance(reference, str) and reference != "median":
-        reference = open_recording(reference, recording.optics)
-    return reconstruct(
-        recording,
-        lobes,
-        reference,
-        window=recipe.window,
-        background=recipe.background,
-        drift=recipe.drift,
-        progress=progress,
-        cancelled=cancelled,
-    )
+        return open_recording(reference, recording.optics)
+    return reference
+
+
+def phase_settings(recipe: Recipe) -> dict[str, Any]:
+    """Return what a recipe sets of `reconstruct`, beside lobes and reference."""
+    names = ("window", "background", "background_order", "refocus_um", "drift")
+    return {name: getattr(recipe, name) for name in names}

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["BLOCK_FRAMES", "Block", "blocks_of"]
+__all__ = ["Block", "block_frames", "blocks_of"]
 
-#: Frames in a block: one file on disk holds so many.
-BLOCK_FRAMES = 16
+#: Frames in a block at most: one file on disk holds so many.
+MOST_FRAMES = 8
+#: Pixels, of all views, in a block at most, unless one frame has more.
+MOST_PIXELS = 4 * 2**20
 
 
 @dataclass(frozen=True)
@@ -27,7 +31,19 @@ class Block:
         return range(self.start, self.stop)
 
 
-def blocks_of(n_frames: int) -> list[Block]:
-    """Cut so many frames into blocks; only the last may be shorter."""
-    starts = range(0, n_frames, BLOCK_FRAMES)
-    return [Block(start, min(start + BLOCK_FRAMES, n_frames)) for start in starts]
+def block_frames(shape: Sequence[int]) -> int:
+    """Return how many frames a block of a stack (time, angle, y, x) has."""
+    fitting = MOST_PIXELS // max(math.prod(shape[1:]), 1)
+    return max(1, min(MOST_FRAMES, fitting, shape[0]))
+
+
+def blocks_of(shape: Sequence[int]) -> list[Block]:
+    """Cut a stack (time, angle, y, x) into blocks; only the last may be shorter."""
+    return [block_at(shape, start) for start in range(0, shape[0], block_frames(shape))]
+
+
+def block_at(shape: Sequence[int], time: int) -> Block:
+    """Return the block that a frame of a stack lies in."""
+    frames = block_frames(shape)
+    start = time // frames * frames
+    return Block(start, min(start + frames, shape[0]))

@@ -9,7 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.pipeline.streaming.blocks import BLOCK_FRAMES, Block
+from napari_phase4d.pipeline.streaming.blocks import Block, block_at
 from napari_phase4d.pipeline.streaming.scratch import Scratch
 from napari_phase4d.pipeline.streaming.spatial import (
     Mask,
@@ -149,8 +149,7 @@ class LineOnDisk:
     def given(self, k: int) -> tuple[Phase, Phase, Mask]:
         """Return what is known of map k, moved into place."""
         if self._block is None or k not in self._block.times:
-            start = k // BLOCK_FRAMES * BLOCK_FRAMES
-            self._block = Block(start, min(start + BLOCK_FRAMES, len(self)))
+            self._block = block_at(self._chain.phase.shape, k)
             self._maps = self._read(self._block)
         i = k - self._block.start
         wrapped, initial, mask = self._maps

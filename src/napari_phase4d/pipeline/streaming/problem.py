@@ -14,7 +14,7 @@ from napari_phase4d.pipeline.streaming.blocks import Block, blocks_of
 from napari_phase4d.pipeline.streaming.chaining import AlongAngle, AlongTime, Chain, FinishBlock
 from napari_phase4d.pipeline.streaming.scratch import Frames, Scratch
 from napari_phase4d.pipeline.streaming.spatial import LiftBlock, UnwrapBlock
-from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, limits_of, widest
+from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, widest
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.unwrapping import METHODS, Problem, SharedSteps, noted, run_method
@@ -101,7 +101,7 @@ class ProblemOnDisk:
         self._finds_mask = finds_mask
         self._amplitude = amplitude
         self._workers = Threads() if workers is None else workers
-        self._blocks = blocks_of(stored.shape[0])
+        self._blocks = blocks_of(stored.shape)
 
     def run(
         self,
@@ -143,14 +143,11 @@ class ProblemOnDisk:
         problem = Problem(self.phase, self._boundaries, mask, self._amplitude)
         problem.for_one_method = True
         found = run_method(problem, method, progress, cancelled, options)
-        result = self._shelf.new(method, self._stored.shape)
-        for block in self._blocks:
-            result.write(block, found.values[block.start : block.stop])
-        return self._put(method, found.attrs, limits_of(found.values))
+        return self._shelf.take(method, found, progress, cancelled)
 
     def _put(self, method: str, attrs: Mapping[str, Any], limits: Limits) -> xr.DataArray:
         """Give a result its name, axes and notes."""
-        result = self.phase.rename(method)
+        result = self.phase.copy(deep=False).rename(method)
         result.attrs = {**self.phase.attrs, "units": "rad", **attrs}
         return self._shelf.put(method, result, limits)
 
@@ -176,7 +173,8 @@ class ProblemOnDisk:
         turns = self._scratch("spatial", "int16")
         unwrap = UnwrapBlock(self._stored, turns)
         lift = self._lift(self._each(unwrap, "2-D unwrapping", progress, cancelled))
-        mask, found = self._scratch("mask", "bool"), self._scratch("object", "bool")
+        found = self._scratch("object", "bool")
+        mask = found if self._finds_mask else self._scratch("mask", "bool")
         work = LiftBlock(self._stored, turns, lift, mask, found, self._finds_mask)
         centres = self._each(work, "finding the object", progress, cancelled)
         return Found(turns, mask, found, np.concatenate(centres))

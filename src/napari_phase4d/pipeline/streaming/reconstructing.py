@@ -50,7 +50,7 @@ def reconstruct_to_disk(
     recording = source.recording
     shape = work.stack_shape(recording.n_frames)
     phase, amplitude = shelf.new("wrapped", shape), shelf.new("amplitude", shape)
-    blocks = blocks_of(recording.n_frames)
+    blocks = blocks_of(shape)
     watch = Watch(len(blocks), "reconstruct", progress, cancelled)
     each = ReconstructBlock(source, work, phase, amplitude)
     shares, limits = zip(*workers.map(each, blocks, watch), strict=True)

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.pipeline.streaming.blocks import BLOCK_FRAMES, Block
+from napari_phase4d.pipeline.streaming.blocks import Block, block_at
 
 __all__ = ["Frames", "ReadBlocks", "Scratch"]
 
@@ -99,13 +99,11 @@ class Frames:
     def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
         """Return frame (time, angle), shape (y, x)."""
         time, angle = frame
-        number = time // BLOCK_FRAMES
-        if number not in self._blocks:
-            start = number * BLOCK_FRAMES
-            block = Block(start, min(start + BLOCK_FRAMES, self.shape[0]))
-            self._blocks[number] = self._stack.read(block)
-        self._blocks.move_to_end(number)
+        block = block_at(self.shape, time)
+        if block.start not in self._blocks:
+            self._blocks[block.start] = self._stack.read(block)
+        self._blocks.move_to_end(block.start)
         if len(self._blocks) > KEPT_BLOCKS:
             self._blocks.popitem(last=False)
-        found: NDArray[Any] = self._blocks[number][time % BLOCK_FRAMES, angle]
+        found: NDArray[Any] = self._blocks[block.start][time - block.start, angle]
         return found

@@ -96,7 +96,7 @@ class LiftBlock:
     mask, found : Scratch
         Where the pixels to unwrap go, and the object.
     finds_mask : bool
-        Whether the object is what is to be unwrapped.
+        Whether the object is what is to be unwrapped, so that both are one.
     """
 
     phase: Stored
@@ -113,15 +113,14 @@ class LiftBlock:
         unwrapped = with_turns(wrapped, turns, known)
         found = np.empty(wrapped.shape, dtype=bool)
         centres = np.empty((*wrapped.shape[:2], 2))
-        mask = known
         for frame in np.ndindex(*wrapped.shape[:2]):
             found[frame] = object_mask(unwrapped[frame])
         if self.finds_mask:
             found &= known
-            mask = found
         for frame in np.ndindex(*wrapped.shape[:2]):
             centres[frame] = centre(found[frame])
         self.turns.write(block, turns)
-        self.mask.write(block, mask)
         self.found.write(block, found)
+        if not self.finds_mask:
+            self.mask.write(block, known)
         return centres

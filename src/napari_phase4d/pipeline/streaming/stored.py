@@ -18,8 +18,9 @@ from numpy.typing import NDArray
 from napari_phase4d.io import read_results
 from napari_phase4d.io.atomic import put_in_place
 from napari_phase4d.io.zarr_blocks import ARRAY, create_blocks, finish_blocks
-from napari_phase4d.pipeline.streaming.blocks import BLOCK_FRAMES, Block
+from napari_phase4d.pipeline.streaming.blocks import Block, block_frames, blocks_of
 from napari_phase4d.pipeline.streaming.scratch import Scratch
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 
 __all__ = ["Limits", "Shelf", "Stored", "limits_of", "stored_at", "widest"]
 
@@ -113,7 +114,7 @@ class Shelf:
         """Return an empty stack that will have this name."""
         group = self.scratch / f"{name}{ENDING}"
         shutil.rmtree(group, ignore_errors=True)
-        return Stored(create_blocks(group, shape, BLOCK_FRAMES), shape)
+        return Stored(create_blocks(group, shape, block_frames(shape)), shape)
 
     def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Scratch:
         """Return a stack of zeros that is needed on the way only."""
@@ -138,6 +139,25 @@ class Shelf:
         found = read_results(final)
         found.encoding["source"] = str(final)
         return found
+
+    def take(
+        self,
+        name: str,
+        stack: xr.DataArray,
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> xr.DataArray:
+        """Write a stack, in memory or lazy, under a name; return it as it lies."""
+        stored = self.new(name, stack.shape)
+        blocks = blocks_of(stack.shape)
+        watch = Watch(len(blocks), "writing", progress, cancelled)
+
+        def write(block: Block) -> Limits:
+            part = np.asarray(stack.data[block.start : block.stop], dtype=np.float32)
+            stored.write(block, part)
+            return limits_of(part)
+
+        return self.put(name, stack, widest(in_threads(write, blocks, watch)))
 
     def clear(self) -> None:
         """Remove what was needed on the way only."""

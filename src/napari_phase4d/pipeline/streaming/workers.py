@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from itertools import islice
 from typing import Any, Protocol, TypeVar
 
 from napari_phase4d.progress import LOOK_UP_S, Watch, in_threads
@@ -80,7 +81,7 @@ class Cluster:
         try:
             while True:
                 room = AHEAD * max(sum(self._client.nthreads().values()), 1) - len(waiting)
-                for item, _ in zip(left, range(max(room, 1)), strict=False):
+                for item in islice(left, max(room, 1)):
                     waiting.append(self._client.submit(work, item, pure=False, retries=RETRIES))
                 if not waiting:
                     return

@@ -1,0 +1,124 @@
+"""What is noted in the file of a stack, so that it can be read back as it was."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+__all__ = [
+    "AXES",
+    "SIGNATURE",
+    "checked",
+    "described",
+    "is_even",
+    "json_able",
+    "name_of",
+    "restored",
+    "stack_of",
+    "step_of",
+]
+
+AXES = ("time", "angle", "y", "x")
+#: Marks the description of a file that this program wrote.
+SIGNATURE = "napari-phase4d"
+#: Stands for a number that JSON has no sign for.
+NOT_FINITE = "not finite"
+
+
+def described(stack: xr.DataArray) -> dict[str, Any]:
+    """Return the name, coordinates, units and attributes of a stack, as JSON can hold them."""
+    return {
+        "program": SIGNATURE,
+        "name": name_of(stack),
+        "coords": {d: [float(v) for v in stack[d].values] for d in AXES},
+        "units": {d: str(stack[d].attrs["units"]) for d in AXES if "units" in stack[d].attrs},
+        "attrs": json_able(stack.attrs),
+    }
+
+
+def name_of(stack: xr.DataArray) -> str:
+    """Return the name of a stack, "phase" for one that has none."""
+    return "phase" if stack.name is None else str(stack.name)
+
+
+def checked(found: Any) -> dict[str, Any] | None:
+    """Return a description if this program could have written it, else None."""
+    if not isinstance(found, dict) or found.get("program") != SIGNATURE:
+        return None
+    coords, attrs, units = (found.get(name, {}) for name in ("coords", "attrs", "units"))
+    if not all(isinstance(part, dict) for part in (coords, attrs, units)):
+        return None
+    if tuple(coords) != AXES or not isinstance(found.get("name"), str):
+        return None
+    numbers = all(
+        isinstance(values, list) and all(isinstance(v, int | float) for v in values)
+        for values in coords.values()
+    )
+    return found if numbers else None
+
+
+def stack_of(description: dict[str, Any], values: Any) -> xr.DataArray:
+    """Return the stack that was described, with these values, NumPy or dask.
+
+    Raises
+    ------
+    ValueError
+        If the values have another shape.
+    """
+    units = description.get("units", {})
+    coords = {
+        name: (
+            name,
+            np.asarray(places, np.float64),
+            {"units": units[name]} if name in units else {},
+        )
+        for name, places in description["coords"].items()
+    }
+    shape = tuple(len(places) for places in description["coords"].values())
+    return xr.DataArray(
+        values.reshape(shape),
+        dims=AXES,
+        coords=coords,
+        name=description["name"],
+        attrs=restored(description.get("attrs", {})),
+    )
+
+
+def step_of(coordinates: NDArray[Any]) -> float:
+    """Return the mean spacing of coordinates (1 where there is only one)."""
+    if len(coordinates) < 2:
+        return 1.0
+    step = float(coordinates[1] - coordinates[0])
+    return step if is_even(coordinates) else float(np.mean(np.diff(coordinates)))
+
+
+def is_even(coordinates: NDArray[Any]) -> bool:
+    """Say whether coordinates are evenly spaced, give or take their rounding."""
+    steps = np.diff(np.asarray(coordinates, dtype=np.float64))
+    return len(steps) < 2 or bool(np.ptp(steps) <= 1e-6 * np.abs(steps).max())
+
+
+def json_able(value: Any) -> Any:
+    """Return a copy that JSON can hold, in the strict form that all programs read."""
+    if isinstance(value, dict):
+        return {str(k): json_able(v) for k, v in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [json_able(v) for v in value]
+    if isinstance(value, (np.generic, np.ndarray)):
+        return json_able(value.tolist())
+    if isinstance(value, float) and not math.isfinite(value):
+        return {NOT_FINITE: str(value)}
+    return value if isinstance(value, (str, int, float, bool, type(None))) else str(value)
+
+
+def restored(value: Any) -> Any:
+    """Return what `json_able` was given, with lists for tuples and arrays."""
+    if isinstance(value, dict):
+        if set(value) == {NOT_FINITE} and value[NOT_FINITE] in ("nan", "inf", "-inf"):
+            return float(value[NOT_FINITE])
+        return {k: restored(v) for k, v in value.items()}
+    return [restored(v) for v in value] if isinstance(value, list) else value

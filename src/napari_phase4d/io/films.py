@@ -1,0 +1,311 @@
+"""Camera films: AVI, MP4, MOV and MKV, read with PyAV (FFmpeg), each frame by its number."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.io.film_index import FilmIndex, declared_size, index_of
+from napari_phase4d.io.film_pixels import grey_values, is_lossy, is_tinted
+from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
+from napari_phase4d.io.video import Video
+
+__all__ = ["FILM_SUFFIXES", "read_film"]
+
+FILM_SUFFIXES = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
+CONTAINERS = {"avi": "AVI", "matroska": "MKV"}
+CODECS = {
+    "rawvideo": "uncompressed", "ffv1": "FFV1", "h264": "H.264", "hevc": "H.265",
+    "mjpeg": "Motion JPEG", "mpeg4": "MPEG-4", "huffyuv": "HuffYUV", "png": "PNG",
+}  # fmt: skip
+#: Decoded frames kept, since threads ask for neighbours in nearly the right order.
+KEPT = 8
+#: Frames decoded and thrown away rather than to search the file anew.
+PATIENCE = 32
+
+
+def read_film(path: Path) -> Video:
+    """Open a film lazily, with exact access to each frame.
+
+    An index of all frames is made once without decoding; a frame is decoded from the key frame
+    before it. Grey and YUV films give their brightness values as they are.
+
+    Parameters
+    ----------
+    path : Path
+        An AVI, MP4, MOV or MKV file with one grey value a pixel.
+
+    Raises
+    ------
+    OSError
+        If the package ``av`` is missing, or the file is damaged, cut short or no film.
+    ValueError
+        If it is in colour.
+    """
+    av = imported(path)
+    size = path.stat().st_size
+    needed = declared_size(path)
+    if needed > size:
+        msg = f"{path.name} is cut short: its header tells of {needed} bytes, the file has {size}"
+        raise OSError(msg)
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                msg = f"{path.name} holds no film"
+                raise OSError(msg)
+            stream = container.streams.video[0]
+            index = index_of(container, stream, size)
+            told = stream.frames
+            rate = float(stream.average_rate or stream.guessed_rate or 0)
+            tick = float(stream.time_base or 0)
+            kind = kind_of(path, container, stream)
+            lossy = is_lossy(stream.codec_context)
+    except (av.FFmpegError, ValueError) as error:
+        msg = (
+            f"{path.name} can't be read as a film; it may be cut short or damaged "
+            f"({in_one_line(error)})"
+        )
+        raise OSError(msg) from error
+    if index.n_frames == 0:
+        msg = f"{path.name} holds no frames; the recording may not have been finished"
+        raise OSError(msg)
+    if index.damaged is not None:
+        msg = f"{path.name} is cut short or damaged: frame {index.damaged} is only partly there"
+        raise OSError(msg)
+    reader, tinted = opened_reader(path, index)
+    notes = notes_of(index, told, lossy=lossy, tinted=tinted)
+    interval, times = timing(index, tick, rate)
+    return Video(
+        lazy_frames(reader), interval_s=interval, times_s=times, kind=kind, notes=tuple(notes)
+    )
+
+
+class FilmReader(FrameReader):
+    """Decodes frames by their number; threads take turns, as a film has one place at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The film; every process opens it for itself.
+    index : FilmIndex
+        Where each frame lies.
+    shape, dtype
+        Of the recording.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        index: FilmIndex,
+        shape: tuple[int, int, int] = (0, 0, 0),
+        dtype: np.dtype[Any] = np.dtype(np.uint8),  # noqa: B008 - a constant
+    ) -> None:
+        super().__init__(path, shape, dtype)
+        self.index = index
+        self._lock = threading.Lock()
+        self._container: Any = None
+        self._running: Iterator[tuple[int, Any]] = iter(())
+        self._next = -1
+        self._kept: OrderedDict[int, Any] = OrderedDict()
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return one frame as its grey values."""
+        grey = grey_values(self.picture(index))
+        if grey is None:
+            msg = (
+                f"frame {index} of {self.path.name} is in colour; a hologram has one grey value "
+                "a pixel, so pick one channel first"
+            )
+            raise WrongFrameError(msg)
+        return grey
+
+    def picture(self, index: int) -> Any:
+        """Return one frame as FFmpeg decodes it."""
+        with self._lock:
+            if index not in self._kept:
+                try:
+                    self._decode_up_to(index)
+                except Exception:
+                    self.close()
+                    raise
+            return self._kept[index]
+
+    def close(self) -> None:
+        """Close the file; the next frame opens it again."""
+        if self._container is not None:
+            self._container.close()
+        self._container, self._running, self._next = None, iter(()), -1
+
+    def _decode_up_to(self, index: int) -> None:
+        """Decode on to a frame if it is near ahead, else from the key frame before it."""
+        start = self.index.start_for(index)
+        near = index <= self._next + PATIENCE or start == self._place()
+        if not (0 <= self._next <= index and near):
+            self._search(start)
+        for number, picture in self._running:
+            self._next = number + 1
+            self._kept[number] = picture
+            self._kept.move_to_end(number)
+            if len(self._kept) > KEPT:
+                self._kept.popitem(last=False)
+            if number == index and not picture.is_corrupt:
+                return
+            if number >= index and not self.index.by_counting:
+                break
+        msg = "it can't be decoded"
+        raise ValueError(msg)
+
+    def _place(self) -> int:
+        """Return the key packet from which the next frame comes, -1 if it lies behind."""
+        behind = self._next >= self.index.n_frames
+        return -1 if behind else self.index.start_for(self._next)
+
+    def _search(self, start: int) -> None:
+        """Go to a packet, and check that it is that one; else begin at the first."""
+        for begin in dict.fromkeys((start, 0)):
+            packets = self._packets_from(begin)
+            if packets is not None:
+                self._running = self._pictures(packets)
+                return
+        msg = "its place can't be found again"
+        raise ValueError(msg)
+
+    def _packets_from(self, start: int) -> Iterator[tuple[int, Any]] | None:
+        """Return numbered packets from one on, None if the file doesn't lead there."""
+        stream = self._reopened() if start == 0 else self._opened()
+        if start > 0:
+            ticks = next(int(t) for t in self.index.stamps[start] if t > -(2**63))
+            self._container.seek(ticks, stream=stream)
+        packets = (p for p in self._container.demux(stream) if p.size or p.dts is None)
+        first = next(packets, None)
+        number = None if first is None else self._number_of(first, start)
+        if number is None or first is None:
+            return None
+
+        def numbered() -> Iterator[tuple[int, Any]]:
+            place, packet = number, first
+            while packet is not None:
+                if place >= start:
+                    yield place, packet
+                place, packet = place + 1, next(packets, None)
+
+        return numbered()
+
+    def _number_of(self, packet: Any, start: int) -> int | None:
+        """Return which packet was found after a search, None if it lies behind ``start``."""
+        if start == 0:
+            return 0
+        stamps = self.index.stamps
+        found = np.ones(len(stamps), bool)
+        for column, tick in enumerate((packet.dts, packet.pts)):
+            if tick is not None:
+                found &= stamps[:, column] == tick
+        places = np.flatnonzero(found)
+        return int(places[0]) if len(places) == 1 and places[0] <= start else None
+
+    def _pictures(self, packets: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
+        """Decode packets; yield each frame with its number."""
+        stream = self._container.streams.video[0]
+        index, count = self.index, 0
+        for place, packet in packets:
+            if place < index.n_frames and packet.size:
+                # The decoder hands the time through, so it may carry the frame's number.
+                packet.pts = int(index.shown[place])
+            for picture in stream.codec_context.decode(packet if packet.size else None):
+                yield (count if index.by_counting else picture.pts), picture
+                count += 1
+
+    def _opened(self) -> Any:
+        """Return the stream of the open file."""
+        import av
+
+        if self._container is None:
+            self._container = av.open(str(self.path))
+            self._container.streams.video[0].thread_type = "AUTO"
+        return self._container.streams.video[0]
+
+    def _reopened(self) -> Any:
+        """Return the stream of the file opened anew."""
+        self.close()
+        return self._opened()
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path, "index": self.index, "shape": self.shape, "dtype": self.dtype}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state)  # type: ignore[misc]
+
+
+def opened_reader(path: Path, index: FilmIndex) -> tuple[FilmReader, bool]:
+    """Return a reader whose first frame was decoded, and whether that one has colour."""
+    reader = FilmReader(path, index)
+    try:
+        picture = reader.picture(0)
+        first = reader.read(0)
+    except WrongFrameError as error:
+        msg = (
+            f"{path.name} is in colour; a hologram has one grey value a pixel, "
+            "so pick one channel first"
+        )
+        raise ValueError(msg) from error
+    except Exception as error:
+        msg = (
+            f"{path.name} can't be read as a film; its first frame can't be decoded "
+            f"({in_one_line(error)})"
+        )
+        raise OSError(msg) from error
+    height, width = first.shape
+    reader.shape, reader.dtype = (index.n_frames, height, width), first.dtype
+    return reader, is_tinted(picture)
+
+
+def notes_of(index: FilmIndex, told: int, *, lossy: bool, tinted: bool) -> Iterator[str]:
+    """Yield what the user should know of a film."""
+    if lossy:
+        yield "The film is compressed with loss, which changes fringes and so the phase."
+    if tinted:
+        yield "The film is in colour; its brightness is used."
+    if told and told != index.n_frames:
+        yield f"The header tells of {told} frames, but the film has {index.n_frames}."
+    if index.by_counting:
+        yield "The file doesn't say in which order frames are shown; going back in it is slow."
+
+
+def timing(
+    index: FilmIndex, tick: float, rate: float
+) -> tuple[float | None, NDArray[np.float64] | None]:
+    """Return the interval of evenly spaced frames, or else the times of all."""
+    ticks = index.times()
+    if ticks is None or index.n_frames < 2:
+        return (1 / rate if rate > 0 else None), None
+    times = ticks * tick
+    mean = float(times[-1] / (len(times) - 1))
+    even = np.abs(times - mean * np.arange(len(times))).max() <= 1.01 * tick
+    if not even:
+        return None, np.asarray(times, np.float64)
+    # Ticks are coarse (milliseconds in MKV); the rate is exact where it means the same.
+    agrees = rate > 0 and abs(times[-1] - (len(times) - 1) / rate) <= 1.01 * tick
+    return (1 / rate if agrees else mean), None
+
+
+def kind_of(path: Path, container: Any, stream: Any) -> str:
+    """Return what a film is, in words."""
+    codec = stream.codec_context.name
+    outer = CONTAINERS.get(container.format.name.split(",")[0], path.suffix[1:].upper())
+    return f"{CODECS.get(codec, codec)} in {outer}"
+
+
+def imported(path: Path) -> Any:
+    """Return PyAV, or say how to get it."""
+    try:
+        import av
+    except ImportError as error:
+        msg = f'{path.name} is a film; to read it, pip install "napari-phase4d[video]"'
+        raise OSError(msg) from error
+    return av

@@ -1,0 +1,217 @@
+"""Recordings and phase of Koala, the program of Lyncée Tec's holographic microscopes.
+
+The layout was taken from what public programs read and write; it is not described by Lyncée Tec:
+
+- holograms: folder ``Holograms`` with ``holo.raw`` or ``00000_holo.tif`` and so on; the raw file
+  begins with width, height, bits a pixel (8 seen) and number of frames, each a little-endian
+  4-byte integer (https://github.com/iivs-lab/iivs-lib, iivs/dhm/data/hologram)
+- times: ``timestamps.txt`` with "number time date milliseconds since the start" a line
+  (same place, iivs/dhm/data/timestamp.py)
+- phase: .bin files of a 23-byte header, see `PHASE_HEADER`, and 4-byte floats
+  (https://github.com/jejmule/pyKoalaUtils, binkoala.py), in ``Phase/Float/Bin``
+
+Raw files of more than 8 bits were not seen by that program either; 16 bits are taken as two bytes,
+the small one first.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.io.mapped import map_frames
+from napari_phase4d.io.sequences import by_number, read_files
+from napari_phase4d.io.tiff import read_tiff
+from napari_phase4d.io.video import Video
+
+__all__ = [
+    "is_koala", "is_koala_phase", "is_koala_raw", "read_koala", "read_koala_phase",
+    "read_koala_raw",
+]  # fmt: skip
+
+#: Head of a raw file: width, height, bits a pixel, frames.
+RAW_HEADER = np.dtype("<i4")
+RAW_HEADER_BYTES = 16
+PHASE_HEADER = np.dtype(
+    [
+        ("version", "u1"), ("big_endian", "u1"), ("header_bytes", "<i4"), ("width", "<i4"),
+        ("height", "<i4"), ("pixel_m", "<f4"), ("metres_per_rad", "<f4"), ("unit", "u1"),
+    ]
+)  # fmt: skip
+RADIANS, METRES = 1, 2
+#: Milliseconds since the start, last in a line of timestamps.txt.
+TIME_LINE = re.compile(r"\d+\s+\S+\s+\S+\s+(\d+(?:\.\d+)?)")
+LARGEST_SIDE = 2**16
+
+
+def is_koala(folder: Path) -> bool:
+    """Say whether a folder is a recording of Koala: one with Holograms, or Holograms itself."""
+    holograms = folder / "Holograms"
+    if holograms.is_dir():
+        return True
+    return folder.name == "Holograms" and (
+        (folder / "holo.raw").is_file() or any(folder.glob("*_holo.tif"))
+    )
+
+
+def read_koala(folder: Path) -> Video:
+    """Open the holograms of a Koala recording, with the times that it noted.
+
+    Raises
+    ------
+    OSError
+        If there are no holograms, or they are damaged.
+    """
+    holograms = folder / "Holograms" if (folder / "Holograms").is_dir() else folder
+    raw = sorted(holograms.glob("*.raw"))
+    images = sorted(holograms.glob("*.tif"), key=by_number)
+    if raw:
+        video = read_koala_raw(raw[0])
+    elif images:
+        video = replace(
+            read_files(folder, images, read_tiff), kind=f"Koala, {len(images)} TIFF images"
+        )
+    else:
+        msg = f"{folder.name} is a folder of Koala, but has no holograms (holo.raw or .tif)"
+        raise OSError(msg)
+    return timed(video, folder)
+
+
+def timed(video: Video, folder: Path) -> Video:
+    """Return the video with the times in timestamps.txt, beside Holograms or in it."""
+    places = (folder / "timestamps.txt", folder.parent / "timestamps.txt")
+    found = next((p for p in places if p.is_file()), None)
+    if found is None:
+        return video
+    lines = found.read_text(encoding="utf-8", errors="replace").splitlines()
+    matches = [TIME_LINE.fullmatch(line.strip()) for line in lines if line.strip()]
+    times = np.array([float(m[1]) / 1000 for m in matches if m], np.float64)
+    if len(times) != len(matches) or len(times) != len(video.frames):
+        msg = f"timestamps.txt has {len(times)} times for {len(video.frames)} frames; it is not used."
+        return replace(video, notes=(*video.notes, msg))
+    if (np.diff(times) <= 0).any():
+        msg = "The times in timestamps.txt do not grow; they are not used."
+        return replace(video, notes=(*video.notes, msg))
+    return replace(video, times_s=times - times[0])
+
+
+def is_koala_raw(path: Path) -> bool:
+    """Say whether a raw file begins as those of Koala do, and is as long as it then must be."""
+    found = raw_header(path)
+    if found is None:
+        return path.name.lower() == "holo.raw"
+    width, height, bits, count = found
+    return path.stat().st_size == RAW_HEADER_BYTES + count * height * width * (bits // 8)
+
+
+def read_koala_raw(path: Path) -> Video:
+    """Map the holograms in a raw file of Koala.
+
+    Raises
+    ------
+    OSError
+        If it is cut short or damaged.
+    """
+    found = raw_header(path)
+    if found is None:
+        msg = f"{path.name} can't be read as holograms of Koala; its header makes no sense"
+        raise OSError(msg)
+    width, height, bits, count = found
+    dtype = np.uint8 if bits == 8 else np.dtype("<u2")
+    frames = map_frames(path, dtype, (count, height, width), RAW_HEADER_BYTES)
+    return Video(frames, kind="Koala raw")
+
+
+def raw_header(path: Path) -> tuple[int, int, int, int] | None:
+    """Return width, height, bits and number of frames, None if they can't be that."""
+    with path.open("rb") as file:
+        start = file.read(RAW_HEADER_BYTES)
+    if len(start) < RAW_HEADER_BYTES:
+        return None
+    width, height, bits, count = (int(n) for n in np.frombuffer(start, RAW_HEADER))
+    sound = 0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE and bits in (8, 16)
+    return (width, height, bits, count) if sound and count > 0 else None
+
+
+def phase_files(path: Path) -> list[Path]:
+    """Return the phase files of a file, of a folder of them, or of a recording; none if none."""
+    if path.is_file():
+        return [path] if path.suffix.lower() == ".bin" else []
+    places = (path / "Phase" / "Float" / "Bin", path)
+    found = (sorted(place.glob("*.bin"), key=by_number) for place in places)
+    return next((files for files in found if files), [])
+
+
+def is_koala_phase(path: Path) -> bool:
+    """Say whether a file or folder is phase as Koala writes it, and no holograms beside it."""
+    if path.is_dir() and is_koala(path):
+        return False
+    files = phase_files(path)
+    if not files:
+        return False
+    try:
+        phase_header(files[0])
+    except OSError:
+        return False
+    return True
+
+
+def read_koala_phase(path: Path) -> Video:
+    """Read phase of Koala in radians, float32, (time, y, x).
+
+    Parameters
+    ----------
+    path : Path
+        A .bin file, a folder of them, or a recording with ``Phase/Float/Bin``.
+
+    Raises
+    ------
+    OSError
+        If a file is damaged, or the files differ in size.
+    """
+    files = phase_files(path)
+    if not files:
+        msg = f"{path.name} holds no phase of Koala (.bin files)"
+        raise OSError(msg)
+    head = phase_header(files[0])
+    frames = np.stack([phase_of(file, head) for file in files])
+    video = Video(frames, pixel_um=float(head["pixel_m"]) * 1e6, kind="Koala phase")
+    return timed(video, path) if path.is_dir() else video
+
+
+def phase_header(path: Path) -> NDArray[Any]:
+    """Return the header of a phase file, see `PHASE_HEADER`."""
+    with path.open("rb") as file:
+        start = file.read(PHASE_HEADER.itemsize)
+    if len(start) == PHASE_HEADER.itemsize:
+        head: NDArray[Any] = np.frombuffer(start, PHASE_HEADER)[0]
+        sound = (
+            int(head["version"]) == 1 and int(head["big_endian"]) == 0
+            and int(head["header_bytes"]) == PHASE_HEADER.itemsize
+            and 0 < int(head["width"]) <= LARGEST_SIDE
+            and 0 < int(head["height"]) <= LARGEST_SIDE
+            and math.isfinite(head["pixel_m"]) and float(head["pixel_m"]) > 0
+        )  # fmt: skip
+        if sound and (int(head["unit"]) != METRES or float(head["metres_per_rad"]) > 0):
+            return head
+    msg = f"{path.name} can't be read as phase of Koala; its header makes no sense"
+    raise OSError(msg)
+
+
+def phase_of(path: Path, first: NDArray[Any]) -> NDArray[np.float32]:
+    """Return the phase in one file, in radians."""
+    head = phase_header(path)
+    shape = (int(head["height"]), int(head["width"]))
+    if shape != (int(first["height"]), int(first["width"])):
+        msg = f"{path.name} is {shape}, but the files before it are not; all must be of one size"
+        raise OSError(msg)
+    values = np.asarray(map_frames(path, "<f4", shape, PHASE_HEADER.itemsize), np.float32)
+    if int(head["unit"]) == METRES:
+        values = values / np.float32(head["metres_per_rad"])
+    return values

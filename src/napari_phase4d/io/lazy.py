@@ -1,0 +1,112 @@
+"""Frames that are read one at a time, when they are asked for."""
+
+from __future__ import annotations
+
+import uuid
+from abc import ABC, abstractmethod
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.recording import remember_reader
+
+__all__ = ["FrameReader", "WrongFrameError", "in_one_line", "lazy_frames"]
+
+#: Longest part of another program's message that is passed on.
+LONGEST = 160
+
+
+class WrongFrameError(ValueError):
+    """A frame was read well, but doesn't fit the recording; its message is for the user."""
+
+
+class FrameReader(ABC):
+    """Reads single frames of one file or folder; several threads may ask at once.
+
+    Parameters
+    ----------
+    path : Path
+        The file or folder, named in messages.
+    shape : tuple of int
+        (time, y, x).
+    dtype : dtype
+        Of every frame.
+    """
+
+    def __init__(self, path: Path, shape: tuple[int, int, int], dtype: np.dtype[Any]) -> None:
+        self.path = path
+        self.shape = shape
+        self.dtype = np.dtype(dtype)
+
+    @property
+    def ndim(self) -> int:
+        """Number of axes, always 3."""
+        return 3
+
+    @abstractmethod
+    def read(self, index: int) -> NDArray[Any]:
+        """Return frame ``index`` from 0, shape (y, x); any error of a library may come out."""
+
+    def frame(self, index: int) -> NDArray[Any]:
+        """Return frame ``index`` from 0, shape (y, x).
+
+        Raises
+        ------
+        OSError
+            If it can't be read; one sentence names the frame and the file.
+        ValueError
+            If the frame is readable but of another size or kind than the first one.
+        """
+        try:
+            frame = np.asarray(self.read(index))
+        except WrongFrameError:
+            raise
+        except Exception as error:
+            # Readers stand on libraries that raise what they like, even KeyError or zlib.error.
+            msg = (
+                f"frame {index} of {self.path.name} can't be read, as the file is damaged or was "
+                f"changed or removed since it was opened ({in_one_line(error)})"
+            )
+            raise OSError(msg) from error
+        if frame.shape != self.shape[1:] or frame.dtype != self.dtype:
+            msg = (
+                f"frame {index} of {self.path.name} is {frame.dtype} {frame.shape}, but the "
+                f"recording is {self.dtype} {self.shape[1:]}; all frames must be of one kind"
+            )
+            raise WrongFrameError(msg)
+        return frame
+
+    def __getitem__(self, key: tuple[slice, slice, slice]) -> NDArray[Any]:
+        numbers = range(self.shape[0])[key[0]]
+        if len(numbers) == 1:
+            return self.frame(numbers[0])[None, key[1], key[2]]
+        block = np.empty((len(numbers), *self.shape[1:]), self.dtype)
+        for place, number in enumerate(numbers):
+            block[place] = self.frame(number)
+        return block[:, key[1], key[2]]
+
+
+def lazy_frames(reader: FrameReader) -> Any:
+    """Return a dask array (time, y, x) that reads a frame a chunk.
+
+    Single frames that a `Recording` is asked for in this process don't go through dask's graph.
+    """
+    import dask.array as da
+
+    # A name of its own spares dask the hashing of a reader, which it can't do the same way twice.
+    frames = da.from_array(
+        reader,
+        chunks=(1, *reader.shape[1:]),
+        name=f"frames-{uuid.uuid4().hex}",
+        meta=np.empty((0, 0, 0), reader.dtype),
+    )
+    remember_reader(frames.name, reader)
+    return frames
+
+
+def in_one_line(error: BaseException) -> str:
+    """Return what an error says in one line of bounded length, else what it is."""
+    said = " ".join(str(error).split()) or type(error).__name__
+    return said if len(said) <= LONGEST else f"{said[:LONGEST]}..."

@@ -1,0 +1,125 @@
+"""Frames of uncompressed files, mapped into memory."""
+
+from __future__ import annotations
+
+import mmap
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import DTypeLike, NDArray
+
+__all__ = ["MappedFrames", "map_frames"]
+
+#: Size in bytes and time of the last change in nanoseconds.
+Stamp = tuple[int, int]
+
+
+class MappedFrames(np.memmap[Any, Any]):
+    """A read-only memory map that looks at its file before it gives a part of it.
+
+    The system ends a program that touches a mapped file behind its end, so a file that became
+    shorter must be noticed before. A process that gets it by pickle maps the file itself.
+    """
+
+    stamp: Stamp | None
+
+    def __array_finalize__(self, obj: Any) -> None:
+        super().__array_finalize__(obj)
+        self.stamp = getattr(obj, "stamp", None)
+
+    def __getitem__(self, key: Any) -> Any:
+        if self.stamp is not None and self._is_map():
+            check_unchanged(Path(str(self.filename)), self.stamp, key)
+        return super().__getitem__(key)
+
+    def __reduce__(self) -> Any:
+        if self.stamp is None or not self._is_map():
+            return np.asarray(self).__reduce__()
+        return (
+            map_frames,
+            (Path(str(self.filename)), self.dtype, self.shape, self._place(), self.strides),
+        )
+
+    def _is_map(self) -> bool:
+        """Say whether the numbers lie in the file, and are no copy or result."""
+        return getattr(self, "_mmap", None) is not None
+
+    def _place(self) -> int:
+        """Return the place of the first number in the file, in bytes."""
+        mapped = np.frombuffer(self._mmap, np.uint8)  # type: ignore[attr-defined]
+        start = self.offset - self.offset % mmap.ALLOCATIONGRANULARITY
+        return int(start + self.ctypes.data - mapped.ctypes.data)
+
+
+def map_frames(
+    path: Path,
+    dtype: DTypeLike,
+    shape: tuple[int, ...],
+    offset: int = 0,
+    strides: tuple[int, ...] | None = None,
+) -> NDArray[Any]:
+    """Map numbers that lie in a file as they are.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    dtype : dtype
+        What the numbers are, with their byte order.
+    shape : tuple of int
+        Of the array.
+    offset : int, optional
+        Bytes before the first number.
+    strides : tuple of int, optional
+        Bytes from one number to the next along each axis; default: without gaps.
+
+    Raises
+    ------
+    OSError
+        If the file is too short.
+    """
+    dtype = np.dtype(dtype)
+    if strides is None:
+        strides = tuple(dtype.itemsize * n for n in np.cumprod((1, *shape[:0:-1]))[::-1].tolist())
+    length = sum(s * (n - 1) for s, n in zip(strides, shape, strict=True)) + dtype.itemsize
+    stamp = stamp_of(path)
+    if stamp[0] < offset + length:
+        msg = (
+            f"{path.name} is cut short: {shape[0]} frames need {offset + length} bytes, the file "
+            f"has {stamp[0]}"
+        )
+        raise OSError(msg)
+    numbers = MappedFrames(path, np.uint8, "r", offset, (length,))
+    frames: NDArray[Any] = np.ndarray.__new__(
+        MappedFrames, shape, dtype, buffer=numbers, strides=strides
+    )
+    for name in ("_mmap", "filename", "offset", "mode"):
+        setattr(frames, name, getattr(numbers, name))
+    frames.stamp = stamp  # type: ignore[attr-defined]
+    return frames
+
+
+def stamp_of(path: Path) -> Stamp:
+    """Return the size of a file and when it was changed."""
+    found = path.stat()
+    return found.st_size, found.st_mtime_ns
+
+
+def check_unchanged(path: Path, stamp: Stamp, key: Any) -> None:
+    """Raise OSError if a file is gone, shorter, or was written anew since it was opened.
+
+    One that grows, as the camera still writes it, holds what it held.
+    """
+    try:
+        size, changed = stamp_of(path)
+    except OSError:
+        what = "is gone"
+    else:
+        if size > stamp[0] or (size, changed) == stamp:
+            return
+        what = "became shorter" if size < stamp[0] else "was written anew"
+    first = key[0] if isinstance(key, tuple) and key else key
+    where = f"frame {int(first)}" if isinstance(first, (int, np.integer)) else "frames"
+    msg = f"{where} of {path.name} can't be read: the file {what} since it was opened"
+    raise OSError(msg)

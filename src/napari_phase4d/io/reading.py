@@ -1,0 +1,124 @@
+"""Choosing the reader of a file."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from napari_phase4d.io.bio import BIO_SUFFIXES, read_bio
+from napari_phase4d.io.films import FILM_SUFFIXES, read_film
+from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
+from napari_phase4d.io.images import IMAGE_SUFFIXES, PICTURE_SUFFIXES, read_image
+from napari_phase4d.io.koala import is_koala, is_koala_raw, read_koala, read_koala_raw
+from napari_phase4d.io.numpy_files import read_npy, read_npz
+from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout, read_raw
+from napari_phase4d.io.sequences import PATTERN_SIGNS, files_of, files_of_folder, read_files
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
+from napari_phase4d.io.video import Video
+from napari_phase4d.io.zarr_files import is_zarr, read_zarr
+
+__all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "read_list", "read_video"]
+
+#: Endings of what can be read; folders of them too.
+READABLE_SUFFIXES = (
+    *IMAGE_SUFFIXES, ".npy", ".npz", *HDF5_SUFFIXES, ".zarr", ".zip", ".ozx", *FILM_SUFFIXES,
+    *RAW_SUFFIXES, *BIO_SUFFIXES,
+)  # fmt: skip
+#: Kinds of which several files may follow one another in time.
+JOINED_SUFFIXES = (*IMAGE_SUFFIXES, ".npy", *HDF5_SUFFIXES, *FILM_SUFFIXES)
+
+
+def read_video(path: Path, dataset: str | None = None, raw: RawLayout | None = None) -> Video:
+    """Open a file, a folder, or a name with * in it.
+
+    Parameters
+    ----------
+    path : Path
+        What to open.
+    dataset : str, optional
+        Which array of a file with several, or which place on further axes, as "Z=0".
+    raw : RawLayout, optional
+        How frames lie in a raw file.
+
+    Raises
+    ------
+    OSError
+        If it is missing, damaged, or of a kind that can't be read.
+    ValueError
+        If it holds no such array, or one of a raw file's size is missing.
+    """
+    if any(sign in path.name for sign in PATTERN_SIGNS) and not path.exists():
+        return read_list(files_of(path), path)
+    if not path.exists():
+        msg = f"there is no file or folder {path}"
+        raise OSError(msg)
+    if path.is_dir():
+        return read_folder(path, dataset)
+    if path.stat().st_size == 0:
+        msg = f"{path.name} is empty (0 bytes)"
+        raise OSError(msg)
+    return read_file(path, dataset, raw)
+
+
+def read_folder(path: Path, dataset: str | None) -> Video:
+    """Open a folder: a Zarr store, a Koala recording, or files that follow one another."""
+    if is_zarr(path):
+        return read_zarr(path, dataset)
+    if is_koala(path):
+        return read_koala(path)
+    files, notes = files_of_folder(path, JOINED_SUFFIXES)
+    video = read_files(path, files, read_part)
+    return replace(video, notes=(*video.notes, *notes))
+
+
+def read_list(files: Sequence[Path], name: Path | None = None) -> Video:
+    """Open files that follow one another in time, as they are listed.
+
+    Raises
+    ------
+    ValueError
+        If they are of several kinds, or of one that can't be joined.
+    """
+    kinds = sorted({path.suffix.lower() for path in files})
+    if len(kinds) > 1 or kinds[0] not in JOINED_SUFFIXES:
+        msg = (
+            f"{len(files)} files with {', '.join(kinds)} can't be joined to one recording; "
+            f"give files of one kind out of {', '.join(JOINED_SUFFIXES)}"
+        )
+        raise ValueError(msg)
+    return read_files(name or files[0].parent, files, read_part)
+
+
+def read_part(path: Path) -> Video:
+    """Open one of several files."""
+    return read_file(path, None, None)
+
+
+def read_file(path: Path, dataset: str | None, raw: RawLayout | None) -> Video:
+    """Open one file; its ending says how."""
+    suffix = path.suffix.lower()
+    if raw is not None:
+        return read_raw(path, raw)
+    if suffix in TIFF_SUFFIXES:
+        return read_tiff(path, dataset)
+    if suffix == ".npy":
+        return read_npy(path)
+    if suffix == ".npz":
+        return read_npz(path, dataset)
+    if suffix in HDF5_SUFFIXES:
+        return read_hdf5(path, dataset)
+    if suffix in FILM_SUFFIXES:
+        return read_film(path)
+    if suffix in PICTURE_SUFFIXES:
+        return read_image(path)
+    return read_other(path, dataset)
+
+
+def read_other(path: Path, dataset: str | None) -> Video:
+    """Open a file whose ending alone doesn't tell all."""
+    if is_zarr(path):
+        return read_zarr(path, dataset)
+    if path.suffix.lower() in RAW_SUFFIXES:
+        return read_koala_raw(path) if is_koala_raw(path) else read_raw(path, None)
+    return read_bio(path, dataset)

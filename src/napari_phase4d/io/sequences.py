@@ -1,0 +1,246 @@
+"""Recordings in many files: one image a frame, or one stack after the other."""
+
+from __future__ import annotations
+
+import os
+import re
+import threading
+from bisect import bisect_right
+from collections import Counter, OrderedDict
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.io.grey import colour_sentence
+from napari_phase4d.io.images import IMAGE_SUFFIXES, PICTURE_SUFFIXES, load_image
+from napari_phase4d.io.lazy import FrameReader, WrongFrameError, lazy_frames
+from napari_phase4d.io.video import Video
+from napari_phase4d.recording import one_frame
+
+__all__ = ["PATTERN_SIGNS", "files_of", "files_of_folder", "read_files"]
+
+PATTERN_SIGNS = ("*", "?")
+#: Files that are kept open at a time.
+MOST_OPEN = 8
+
+#: Opens one file.
+ReadOne = Callable[[Path], Video]
+
+
+def files_of_folder(folder: Path, suffixes: Sequence[str]) -> tuple[list[Path], tuple[str, ...]]:
+    """Return the files of a folder that make a recording, in the order of their numbers.
+
+    Where there are images, they are taken; of several kinds the most frequent one.
+
+    Raises
+    ------
+    OSError
+        If there are none.
+    """
+    with os.scandir(folder) as entries:
+        names = [e.name for e in entries if not e.name.startswith(".")]
+    kinds = Counter(Path(n).suffix.lower() for n in names)
+    usable = [s for s in kinds if s in IMAGE_SUFFIXES] or [s for s in kinds if s in suffixes]
+    if not usable:
+        msg = f"{folder.name} holds no images ({', '.join(IMAGE_SUFFIXES)})"
+        raise OSError(msg)
+    best = max(usable, key=lambda s: (kinds[s], s))
+    files = sorted((folder / n for n in names if Path(n).suffix.lower() == best), key=by_number)
+    others = [s for s in usable if s != best]
+    if not others:
+        return files, ()
+    return files, (f"{folder.name} also holds {', '.join(others)} files, which are not read.",)
+
+
+def files_of(pattern: Path) -> list[Path]:
+    """Return the files that a name with * or ? stands for, in the order of their numbers.
+
+    Raises
+    ------
+    OSError
+        If there are none.
+    """
+    files = sorted((p for p in pattern.parent.glob(pattern.name) if p.is_file()), key=by_number)
+    if not files:
+        msg = f"there is no file {pattern}"
+        raise OSError(msg)
+    return files
+
+
+def read_files(name: Path, files: Sequence[Path], read_one: ReadOne) -> Video:
+    """Open files as one video, lazily.
+
+    Images are frames, and only the first is read. Stacks are joined over time, and of each the
+    header is read.
+
+    Parameters
+    ----------
+    name : Path
+        What to call them all in messages: the folder or pattern.
+    files : sequence of Path
+        In the order of time, all of one kind.
+    read_one : callable
+        Opens a single file; of the top level of a module, so that other processes find it.
+
+    Raises
+    ------
+    OSError
+        If the first file, or any stack, can't be read.
+    ValueError
+        If stacks differ in size or kind of pixels. Images that do are found while reading them.
+    """
+    if files[0].suffix.lower() in PICTURE_SUFFIXES:
+        image = load_image(files[0])
+        if image.ndim == 3:
+            return Video(image, colour=True)
+        images = ImageFiles(name, files, image.shape, image.dtype)
+        return Video(
+            lazy_frames(images), kind=f"{len(files)} {files[0].suffix[1:].upper()} images"
+        )
+    first = read_one(files[0])
+    shape, dtype = frame_kind(first)
+    if first.frames.ndim == 2 or len(first.frames) == 1:
+        alone = ImageFiles if files[0].suffix.lower() in IMAGE_SUFFIXES else None
+        if alone is not None:
+            video = Video(lazy_frames(alone(name, files, shape, dtype)))
+            return replaced(video, first, f"{len(files)} {first.kind} images")
+    lengths = [length_of(path, read_one, shape, dtype) for path in files]
+    reader = JoinedFiles(name, files, lengths, shape, dtype, read_one)
+    return replaced(Video(lazy_frames(reader)), first, f"{len(files)} {first.kind} files")
+
+
+def replaced(video: Video, first: Video, kind: str) -> Video:
+    """Return the video with the facts of its first file."""
+    return Video(
+        video.frames, pixel_um=first.pixel_um, interval_s=first.interval_s, kind=kind,
+        notes=first.notes,
+    )  # fmt: skip
+
+
+def frame_kind(video: Video) -> tuple[tuple[int, int], np.dtype[Any]]:
+    """Return height and width of the frames of a file, and their pixels."""
+    frames = video.frames
+    if video.colour or frames.ndim not in (2, 3):
+        msg = f"the files of a sequence must be (time, y, x), but the first is {frames.shape}"
+        raise ValueError(msg)
+    return (int(frames.shape[-2]), int(frames.shape[-1])), np.dtype(frames.dtype)
+
+
+def length_of(path: Path, read_one: ReadOne, shape: tuple[int, int], dtype: np.dtype[Any]) -> int:
+    """Return the number of frames in a file, or say why it doesn't fit the others."""
+    video = read_one(path)
+    found = frame_kind(video)
+    if found != (shape, dtype):
+        msg = (
+            f"{path.name} holds {found[1]} frames of {found[0]}, but the first file {dtype} frames "
+            f"of {shape}; all files of a recording must be of one kind"
+        )
+        raise ValueError(msg)
+    return 1 if video.frames.ndim == 2 else len(video.frames)
+
+
+class ImageFiles(FrameReader):
+    """Reads one image a frame.
+
+    Parameters
+    ----------
+    path : Path
+        What to call them all.
+    files : sequence of Path
+        One a frame.
+    shape : tuple of int
+        (y, x) of every frame.
+    dtype : dtype
+        Of every frame.
+    """
+
+    def __init__(
+        self, path: Path, files: Sequence[Path], shape: tuple[int, int], dtype: np.dtype[Any]
+    ) -> None:
+        super().__init__(path, (len(files), *shape), dtype)
+        self.files = files
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return one image."""
+        path, first = self.files[index], self.files[0].name
+        frame = load_image(path)
+        if frame.ndim == 3 and frame.shape[-1] in (3, 4):
+            raise WrongFrameError(colour_sentence(path.name))
+        if frame.shape != self.shape[1:]:
+            msg = (
+                f"{path.name} is {frame.shape}, but {first} is {self.shape[1:]}; "
+                "all images of a folder must be of one size"
+            )
+            raise WrongFrameError(msg)
+        if frame.dtype != self.dtype:
+            msg = (
+                f"{path.name} holds {frame.dtype} values, but {first} {self.dtype}; "
+                "all images of a folder must be of one kind"
+            )
+            raise WrongFrameError(msg)
+        return frame
+
+
+class JoinedFiles(FrameReader):
+    """Reads frames of stacks that follow one another; few of them are open at a time.
+
+    Parameters
+    ----------
+    path : Path
+        What to call them all.
+    files : sequence of Path
+        The stacks.
+    lengths : sequence of int
+        Frames in each.
+    shape, dtype
+        Height and width of a frame, and its pixels.
+    read_one : callable
+        Opens a stack.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        files: Sequence[Path],
+        lengths: Sequence[int],
+        shape: tuple[int, int],
+        dtype: np.dtype[Any],
+        read_one: ReadOne,
+    ) -> None:
+        super().__init__(path, (sum(lengths), *shape), dtype)
+        self.files = files
+        self.read_one = read_one
+        self.ends = np.cumsum(lengths).tolist()
+        self._open: OrderedDict[int, Any] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return one frame."""
+        place = bisect_right(self.ends, index)
+        within = index - (self.ends[place - 1] if place else 0)
+        return one_frame(self._opened(place), within)
+
+    def _opened(self, place: int) -> Any:
+        """Return the frames of a stack (time, y, x)."""
+        with self._lock:
+            if place not in self._open:
+                frames = self.read_one(self.files[place]).frames
+                self._open[place] = frames[None] if frames.ndim == 2 else frames
+                if len(self._open) > MOST_OPEN:
+                    self._open.popitem(last=False)
+            self._open.move_to_end(place)
+            return self._open[place]
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {k: v for k, v in self.__dict__.items() if k not in ("_open", "_lock")}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__dict__.update(state, _open=OrderedDict(), _lock=threading.Lock())
+
+
+def by_number(path: Path) -> tuple[list[int], str]:
+    """Sort key: the numbers in the name as numbers, so that frame2 comes before frame10."""
+    return [int(n) for n in re.findall(r"\d+", path.stem)], path.name

@@ -1,0 +1,139 @@
+"""4-D phase as OME-TIFF."""
+
+from __future__ import annotations
+
+import json
+import struct
+import uuid
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+import xarray as xr
+
+from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.io.describing import (
+    SIGNATURE,
+    checked,
+    described,
+    is_even,
+    name_of,
+    stack_of,
+    step_of,
+)
+from napari_phase4d.io.slabs import slabs
+from napari_phase4d.progress import CancelledCall, ProgressCall
+
+__all__ = ["read_tiff_result", "tiff_description", "write_tiff_result"]
+
+#: Pixels up to this size leave room for the directory in a file whose places are 32 bits wide.
+CLASSIC_BYTES = 2**32 - 2**27
+#: Ids of files are made from what is noted in them, so that the same run gives the same bytes.
+NAMESPACE = uuid.uuid5(uuid.NAMESPACE_OID, SIGNATURE)
+
+
+def write_tiff_result(
+    path: Path,
+    stack: xr.DataArray,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> None:
+    """Write a stack (time, angle, y, x) as OME-TIFF, some frames at a time."""
+    metadata = ome_metadata(stack)
+    with (
+        written_whole(path) as temporary,
+        closing(slabs(stack, progress, cancelled)) as parts,
+    ):
+        tifffile.imwrite(
+            temporary,
+            (frame for _, values in parts for frame in values.reshape(-1, *values.shape[2:])),
+            shape=stack.shape,
+            dtype=stack.dtype,
+            ome=True,
+            bigtiff=stack.nbytes > CLASSIC_BYTES,
+            photometric="minisblack",
+            metadata=metadata,
+        )
+
+
+def ome_metadata(stack: xr.DataArray) -> dict[str, Any]:
+    """Return what OME can say of a stack, and in its description what it can't."""
+    times = np.asarray(stack["time"].values, dtype=np.float64)
+    n_angles = stack.sizes["angle"]
+    description = json.dumps(described(stack))
+    metadata: dict[str, Any] = {
+        "axes": "TCYX",
+        "UUID": str(uuid.uuid5(NAMESPACE, f"{stack.shape} {stack.dtype} {description}")),
+        "Name": name_of(stack),
+        "Channel": {"Name": [f"view {a:g} deg" for a in stack["angle"].values]},
+        "PhysicalSizeX": step_of(stack["x"].values),
+        "PhysicalSizeXUnit": "µm",
+        "PhysicalSizeY": step_of(stack["y"].values),
+        "PhysicalSizeYUnit": "µm",
+        "TimeIncrement": step_of(times),
+        "TimeIncrementUnit": "s",
+        "Description": description,
+    }
+    if not is_even(times):
+        metadata["Plane"] = {
+            "DeltaT": [float(t) for t in np.repeat(times, n_angles)],
+            "DeltaTUnit": ["s"] * (len(times) * n_angles),
+        }
+    return metadata
+
+
+def read_tiff_result(path: Path) -> xr.DataArray:
+    """Read a stack that `write_tiff_result` wrote.
+
+    Raises
+    ------
+    OSError
+        If the file is missing, damaged, or was not written by this program.
+    """
+    try:
+        with tifffile.TiffFile(path) as tif:
+            description = description_of(tif)
+            if description is None:
+                msg = f"{path.name} holds no phase written by napari-phase4d"
+                raise OSError(msg)
+            check_size(tif, description, path)
+            return stack_of(description, tif.asarray())
+    except (tifffile.TiffFileError, struct.error, ValueError, KeyError, IndexError) as error:
+        msg = f"{path.name} can't be read; it may be cut short or damaged ({error})"
+        raise OSError(msg) from error
+
+
+def check_size(tif: tifffile.TiffFile, description: dict[str, Any], path: Path) -> None:
+    """Raise OSError if the pixels are not those described; nothing of them is read."""
+    wanted = tuple(len(places) for places in description["coords"].values())
+    series = tif.series[0]
+    if int(np.prod(series.shape, dtype=object)) != int(np.prod(wanted, dtype=object)):
+        msg = f"{path.name} is damaged: it has {series.shape} pixels, but notes {wanted}"
+        raise OSError(msg)
+    size = path.stat().st_size
+    needed = 0 if series.dataoffset is None else series.dataoffset + series.nbytes
+    if needed > size:
+        msg = f"{path.name} is cut short: its frames need {needed} bytes, the file has {size}"
+        raise OSError(msg)
+
+
+def tiff_description(path: str | Path) -> dict[str, Any] | None:
+    """Return what `write_tiff_result` noted in a file, or None if it did not write it."""
+    try:
+        with tifffile.TiffFile(path) as tif:
+            return description_of(tif)
+    except (OSError, struct.error, tifffile.TiffFileError):
+        return None
+
+
+def description_of(tif: tifffile.TiffFile) -> dict[str, Any] | None:
+    """Return what `write_tiff_result` noted in an open file."""
+    if not tif.is_ome or SIGNATURE not in (tif.ome_metadata or ""):
+        return None
+    try:
+        image = tifffile.xml2dict(tif.ome_metadata)["OME"]["Image"]
+        return checked(json.loads(str(image.get("Description", ""))))
+    except (ValueError, KeyError, TypeError, AttributeError, SyntaxError):
+        return None

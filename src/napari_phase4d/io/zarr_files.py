@@ -1,0 +1,289 @@
+"""Zarr and OME-Zarr, read with zarr-python; versions 2 and 3 of the format."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.io.choosing import Found, chosen_name, other_arrays
+from napari_phase4d.io.lazy import FrameReader, in_one_line, lazy_frames
+from napari_phase4d.io.units import MICROMETRES, SECONDS
+from napari_phase4d.io.video import Facts, Video
+
+__all__ = ["is_zarr", "read_zarr"]
+
+#: Files of which one lies at the top of every Zarr folder.
+MARKS = ("zarr.json", ".zarray", ".zgroup", ".zmetadata")
+#: What a piece of a store (a Zarr chunk) may hold unpacked.
+LARGEST_PIECE = 2**30
+#: Pieces that hold several frames are kept unpacked up to this size.
+LARGEST_KEPT = 2**28
+
+
+def is_zarr(path: Path) -> bool:
+    """Say whether a folder is a Zarr store, or a file a zipped one."""
+    if path.is_dir():
+        return path.suffix.lower() == ".zarr" or any((path / mark).is_file() for mark in MARKS)
+    return path.name.lower().endswith((".zarr.zip", ".ozx"))
+
+
+def read_zarr(path: Path, dataset: str | None = None) -> Video:
+    """Open an array of a Zarr store, lazily.
+
+    Of an OME-Zarr image (specification 0.4 and 0.5, https://ngff.openmicroscopy.org) the largest
+    level is taken, with its pixel and frame interval where their units are given.
+
+    Parameters
+    ----------
+    path : Path
+        A folder, or a zipped one that ends with .zarr.zip.
+    dataset : str, optional
+        Name of the array in a group, as "group/name". Default: the image of an OME-Zarr, else a
+        guess, see `choosing.chosen_name`, told in ``notes``.
+
+    Raises
+    ------
+    OSError
+        If the store is damaged or would run code.
+    ValueError
+        If there is no such array.
+    """
+    import zarr
+
+    try:
+        root = opened(path)
+        if isinstance(root, zarr.Array):
+            return video_of(path, root, "", {}, "Zarr")
+        image = ome_image(root.attrs)
+        if image and dataset is None:
+            name = str(image["datasets"][0]["path"])
+            facts = ome_facts(image)
+            return video_of(path, root[name], name, facts, "OME-Zarr", axes_of(image))
+        arrays: dict[str, Found] = {
+            name: (tuple(item.shape), np.dtype(item.dtype))
+            for name, item in root.members(max_depth=6)
+            if isinstance(item, zarr.Array)
+        }
+        name = chosen_name(path, arrays, dataset)
+        notes = other_arrays(name, arrays, dataset)
+        return video_of(path, root[name], name, facts_of_group(root, name), "Zarr", notes=notes)
+    except (WrongStore, ValueError) as error:
+        if isinstance(error, WrongStore) or str(error).startswith(path.name):
+            raise
+        raise OSError(unreadable(path, error)) from error
+    except Exception as error:
+        # zarr-python raises errors of its own, of codecs, and of JSON for a damaged store.
+        raise OSError(unreadable(path, error)) from error
+
+
+class WrongStore(OSError):  # noqa: N818 - it is an OSError to everybody else
+    """The store may not be followed, or can't hold what it says."""
+
+
+class ZarrReader(FrameReader):
+    """Reads frames of one array; pieces that hold several frames are unpacked once.
+
+    Parameters
+    ----------
+    path : Path
+        The store; every process opens it for itself.
+    name : str
+        The array in it, empty where the store is an array.
+    axis : int or None
+        Which axis of the array is time.
+    shape, dtype
+        Of the recording.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        name: str,
+        axis: int | None,
+        shape: tuple[int, int, int],
+        dtype: np.dtype[Any],
+    ) -> None:
+        super().__init__(path, shape, dtype)
+        self.name = name
+        self.axis = axis
+        self._lock = threading.Lock()
+        self._array: Any = None
+        self._block = (0, np.empty((0, *shape[1:]), dtype))
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return one frame."""
+        with self._lock:
+            array = self._opened()
+            step = 1 if self.axis is None else int(array.chunks[self.axis])
+            first, block = self._block
+            if not first <= index < first + len(block):
+                if step * math.prod(self.shape[1:]) * self.dtype.itemsize > LARGEST_KEPT:
+                    step = 1
+                first = index - index % step
+                check_written(self.path, self.name, array, self.axis, index)
+                block = self._read(array, first, min(first + step, self.shape[0]))
+                if step > 1:
+                    self._block = (first, block)
+        return block[index - first]  # type: ignore[no-any-return]
+
+    def _read(self, array: Any, first: int, stop: int) -> NDArray[Any]:
+        """Return frames from the store."""
+        place: list[Any] = [0] * (array.ndim - 2) + [slice(None), slice(None)]
+        if self.axis is not None:
+            place[self.axis] = slice(first, stop)
+        return np.asarray(array[tuple(place)]).reshape(stop - first, *self.shape[1:])
+
+    def _opened(self) -> Any:
+        """Return the array, opened once."""
+        if self._array is None:
+            root = opened(self.path)
+            self._array = root[self.name] if self.name else root
+        return self._array
+
+    def __getstate__(self) -> dict[str, Any]:
+        names = ("path", "name", "axis", "shape", "dtype")
+        return {name: getattr(self, name) for name in names}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.__init__(**state)  # type: ignore[misc]
+
+
+def opened(path: Path) -> Any:
+    """Return the group or array at the top of a store."""
+    import zarr
+
+    if path.is_dir():
+        return zarr.open(str(path), mode="r")
+    return zarr.open(zarr.storage.ZipStore(path, mode="r"), mode="r")
+
+
+def video_of(
+    path: Path,
+    array: Any,
+    name: str,
+    facts: Facts,
+    kind: str,
+    axes: str = "",
+    notes: tuple[str, ...] = (),
+) -> Video:
+    """Return the lazy frames of an array."""
+    check_sound(path, array)
+    shape = tuple(int(n) for n in array.shape)
+    dtype = np.dtype(array.dtype)
+    long = [i for i in range(len(shape) - 2) if shape[i] != 1]
+    if len(shape) < 2 or len(long) > 1 or dtype.kind not in "buif":
+        of_axes = f" ({axes})" if axes else ""
+        msg = (
+            f"{path.name} holds {dtype} values {shape}{of_axes}; a hologram video has three axes "
+            "of numbers: time, y, x"
+        )
+        raise ValueError(msg)
+    time = axes.find("t")
+    axis = long[0] if long else (time if 0 <= time < len(shape) - 2 else None)
+    if axis is None and len(shape) > 2:
+        axis = 0
+    video = (1 if axis is None else shape[axis], shape[-2], shape[-1])
+    reader = ZarrReader(path, name, axis, video, dtype)
+    version = array.metadata.zarr_format
+    return Video(
+        lazy_frames(reader), kind=f"{kind} (version {version})", dataset=name, notes=notes, **facts
+    )
+
+
+def check_sound(path: Path, array: Any) -> None:
+    """Raise WrongStore if reading an array could run code or take absurd amounts of memory."""
+    metadata = array.metadata
+    parts: list[Any] = []
+    for field in ("codecs", "filters", "compressor"):
+        found = getattr(metadata, field, None) or ()
+        parts += list(found) if isinstance(found, (list, tuple)) else [found]
+    if any("pickle" in f"{type(part).__name__} {part}".lower() for part in parts):
+        msg = (
+            f"{path.name} holds Python objects, which are never loaded because they could run "
+            "code; save it as plain numbers"
+        )
+        raise WrongStore(msg)
+    piece = math.prod(int(n) for n in array.chunks) * np.dtype(array.dtype).itemsize
+    if piece > LARGEST_PIECE:
+        msg = (
+            f"{path.name} packs its frames in pieces of {piece / 2**30:.3g} GiB, more than can be "
+            "unpacked for a frame; save it in pieces of a frame"
+        )
+        raise WrongStore(msg)
+
+
+def check_written(path: Path, name: str, array: Any, axis: int | None, index: int) -> None:
+    """Raise OSError if nothing of a frame is in a folder; zarr-python would give it as zeros."""
+    if not path.is_dir():
+        return
+    pieces = array.shards or array.chunks
+    counts = [-(-n // p) for n, p in zip(array.shape[-2:], pieces[-2:], strict=True)]
+    leading = [0] * (array.ndim - 2)
+    if axis is not None:
+        leading[axis] = index // pieces[axis]
+    folder = path / name
+    for row in range(counts[0]):
+        for column in range(counts[1]):
+            key = array.metadata.encode_chunk_key((*leading, row, column))
+            if (folder / key).exists():
+                return
+    msg = "nothing of it is in the store"
+    raise OSError(msg)
+
+
+def ome_image(attrs: Mapping[str, Any]) -> dict[str, Any] | None:
+    """Return the description of the first image of an OME-Zarr group."""
+    inner = attrs.get("ome", attrs)
+    images = inner.get("multiscales") if isinstance(inner, Mapping) else None
+    if not isinstance(images, list) or not images or not isinstance(images[0], dict):
+        return None
+    return images[0] if images[0].get("datasets") else None
+
+
+def axes_of(image: Mapping[str, Any]) -> str:
+    """Return the axes of an OME-Zarr image as letters."""
+    return "".join(
+        str(axis.get("name", "?") if isinstance(axis, Mapping) else axis)[:1]
+        for axis in image.get("axes", ())
+    )
+
+
+def ome_facts(image: Mapping[str, Any]) -> Facts:
+    """Return pixel (um) and interval (s) of an OME-Zarr image, where their units are given."""
+    axes = [axis for axis in image.get("axes", ()) if isinstance(axis, Mapping)]
+    scale = np.ones(len(axes))
+    steps = [part.get("coordinateTransformations") for part in (image, image["datasets"][0])]
+    for step in [one for many in steps for one in many or () if one.get("type") == "scale"]:
+        if len(step.get("scale", ())) == len(axes):
+            scale = scale * np.asarray(step["scale"], np.float64)
+    facts: Facts = {}
+    for axis, size in zip(axes, scale, strict=True):
+        unit = str(axis.get("unit", ""))
+        if not (math.isfinite(size) and size > 0):
+            continue
+        if axis.get("name") == "x" and unit in MICROMETRES:
+            facts["pixel_um"] = float(size) * MICROMETRES[unit]
+        elif axis.get("type") == "time" and unit in SECONDS:
+            facts["interval_s"] = float(size) * SECONDS[unit]
+    return facts
+
+
+def facts_of_group(root: Any, name: str) -> Facts:
+    """Return what the OME-Zarr image says whose level was chosen by name."""
+    parent, _, _ = name.rpartition("/")
+    image = ome_image((root[parent] if parent else root).attrs)
+    return ome_facts(image) if image else {}
+
+
+def unreadable(path: Path, error: Exception) -> str:
+    """Return the sentence for a store that can't be read."""
+    return (
+        f"{path.name} can't be read as a Zarr store; it may be incomplete or damaged "
+        f"({in_one_line(error)})"
+    )

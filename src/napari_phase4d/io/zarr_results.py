@@ -1,0 +1,209 @@
+"""4-D phase as OME-Zarr: version 0.5 of the format, which is made of Zarr 3.
+
+The format is described at https://ngff.openmicroscopy.org/0.5.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from contextlib import closing
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.io.atomic import folder_written_whole
+from napari_phase4d.io.describing import SIGNATURE, checked, described, name_of, stack_of, step_of
+from napari_phase4d.io.slabs import slabs
+from napari_phase4d.progress import CancelledCall, ProgressCall
+
+__all__ = ["read_zarr_result", "write_zarr_result", "zarr_description"]
+
+VERSION = "0.5"
+#: Name of the only array, and of the file that says what a group or an array is.
+ARRAY, NOTE = "0", "zarr.json"
+#: Names that other programs know these axes by: the angles are channels.
+NAMES = ("t", "c", "y", "x")
+#: Numbers of a frame are all that a chunk holds, so that a slider reads no more than it shows.
+Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+def write_zarr_result(
+    path: Path,
+    stack: xr.DataArray,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> None:
+    """Write a stack (time, angle, y, x) as OME-Zarr, some frames at a time."""
+    import zarr
+
+    with folder_written_whole(path) as temporary:
+        group = zarr.create_group(temporary, zarr_format=3)
+        array = new_array(group, stack)
+        low = np.full(stack.sizes["angle"], np.inf)
+        high = -low
+        with closing(slabs(stack, progress, cancelled)) as parts:
+            for times, values in parts:
+                array[times] = values
+                low, high = widened((low, high), values)
+        group.update_attributes(
+            {"ome": ome_note(stack, path, (low, high)), SIGNATURE: described(stack)}
+        )
+
+
+def new_array(group: Any, stack: xr.DataArray) -> Any:
+    """Return a new array of a group, of one chunk a frame."""
+    from zarr.codecs import BloscCodec, Crc32cCodec
+
+    return group.create_array(
+        ARRAY,
+        shape=stack.shape,
+        chunks=(1, 1, *stack.shape[2:]),
+        dtype=stack.dtype.newbyteorder("="),
+        # Quick, and of the lossless ones the one that makes phase smallest: to about 80 %.
+        # The sum is checked first: Blosc crashes on what is cut short.
+        compressors=[BloscCodec(cname="zstd", clevel=1, shuffle="bitshuffle"), Crc32cCodec()],
+        dimension_names=NAMES,
+        # Chunks of zeros are written too: one that is missing is then one that was lost.
+        config={"write_empty_chunks": True},
+    )
+
+
+def widened(limits: Limits, values: NDArray[Any]) -> Limits:
+    """Return the smallest and largest number of each angle, with those of more frames."""
+    for angle in range(values.shape[1]):
+        known = values[:, angle][np.isfinite(values[:, angle])]
+        if known.size:
+            limits[0][angle] = min(limits[0][angle], float(known.min()))
+            limits[1][angle] = max(limits[1][angle], float(known.max()))
+    return limits
+
+
+def ome_note(stack: xr.DataArray, path: Path, limits: Limits) -> dict[str, Any]:
+    """Return what OME-Zarr can say of a stack: axes, units, scale, and names of the angles."""
+    places = [np.asarray(stack[axis].values, dtype=np.float64) for axis in stack.dims]
+    kinds = (
+        ("time", "second"),
+        ("channel", None),
+        ("space", "micrometer"),
+        ("space", "micrometer"),
+    )
+    axes = [
+        {"name": name, "type": kind} | ({} if unit is None else {"unit": unit})
+        for name, (kind, unit) in zip(NAMES, kinds, strict=True)
+    ]
+    # Channels are counted, in this format; their angles are their names.
+    scale = [1.0 if name == "c" else step_of(p) for name, p in zip(NAMES, places, strict=True)]
+    start = [0.0 if name == "c" else float(p[0]) for name, p in zip(NAMES, places, strict=True)]
+    transformations = [
+        {"type": "scale", "scale": scale},
+        {"type": "translation", "translation": start},
+    ]
+    datasets = [{"path": ARRAY, "coordinateTransformations": transformations}]
+    name = name_of(stack)
+    channels = [
+        channel(f"view {angle:g} deg", low, high)
+        for angle, low, high in zip(places[1], *limits, strict=True)
+    ]
+    return {
+        "version": VERSION,
+        "multiscales": [{"name": name, "axes": axes, "datasets": datasets}],
+        "omero": {"name": name, "channels": channels, "rdefs": {"model": "greyscale"}},
+    }
+
+
+def channel(label: str, low: float, high: float) -> dict[str, Any]:
+    """Return how other programs show one angle: in grey, from its smallest to its largest."""
+    low, high = (float(low), float(high)) if low < high else (0.0, 1.0)
+    window = {"min": low, "max": high, "start": low, "end": high}
+    return {"label": label, "color": "FFFFFF", "active": True, "window": window}
+
+
+def read_zarr_result(path: Path) -> xr.DataArray:
+    """Read a stack that `write_zarr_result` wrote; its frames are read when they are used.
+
+    Raises
+    ------
+    OSError
+        If the folder is damaged, or was not written by this program.
+    """
+    description = zarr_description(path)
+    if description is None:
+        msg = f"{path.name} holds no phase written by napari-phase4d"
+        raise OSError(msg)
+    wanted = tuple(len(places) for places in description["coords"].values())
+    try:
+        frames = Frames(path)
+    except Exception as error:  # whatever Zarr makes of a damaged description
+        msg = f"{path.name} can't be read; it may be damaged ({one_line(error)})"
+        raise OSError(msg) from error
+    if frames.shape != wanted:
+        msg = f"{path.name} is damaged: it has {frames.shape} pixels, but notes {wanted}"
+        raise OSError(msg)
+    count = sum(1 for file in (path / ARRAY / "c").rglob("*") if file.is_file())
+    if count != frames.n_files:
+        msg = f"{path.name} is not complete: it has {count} of {frames.n_files} files of frames"
+        raise OSError(msg)
+    import dask.array as da
+
+    lazy = da.from_array(frames, chunks=frames.chunks, asarray=False, fancy=False)
+    return stack_of(description, lazy)
+
+
+class Frames:
+    """The numbers of an OME-Zarr, read when they are asked for.
+
+    Parameters
+    ----------
+    path : Path
+        The folder.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self._open()
+
+    def __getitem__(self, key: Any) -> NDArray[Any]:
+        try:
+            return np.asarray(self._array[key])
+        except Exception as error:  # each compressor has errors of its own
+            msg = (
+                f"frames of {self.path.name} can't be read; it may be damaged, or was moved "
+                f"({one_line(error)})"
+            )
+            raise OSError(msg) from error
+
+    def _open(self) -> None:
+        import zarr
+
+        self._array: Any = zarr.open_array(self.path / ARRAY, mode="r")
+        self.shape = tuple(int(n) for n in self._array.shape)
+        self.dtype = np.dtype(self._array.dtype)
+        self.chunks = tuple(int(n) for n in self._array.chunks)
+        #: Files that hold them all.
+        self.n_files = math.prod(-(-n // m) for n, m in zip(self.shape, self.chunks, strict=True))
+        self.ndim = len(self.shape)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {"path": self.path}
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        self.path = state["path"]
+        self._open()
+
+
+def zarr_description(path: str | Path) -> dict[str, Any] | None:
+    """Return what `write_zarr_result` noted in a folder, or None if it did not write it."""
+    try:
+        note = json.loads((Path(path) / NOTE).read_text(encoding="utf-8"))
+        return checked(note["attributes"][SIGNATURE])
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None
+
+
+def one_line(error: Exception) -> str:
+    """Return an error in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())

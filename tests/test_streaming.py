@@ -1,0 +1,280 @@
+"""Recordings larger than memory: the same numbers as in memory, in bounded memory."""
+
+from __future__ import annotations
+
+import os
+import signal
+import threading
+import time
+import warnings
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import napari_phase4d as p4d
+from napari_phase4d.evaluation.resources import measured
+from napari_phase4d.io.lazy import FrameReader, lazy_frames
+from napari_phase4d.pipeline import Needs, needs_of, phase_needs
+from napari_phase4d.pipeline.streaming import Shelf
+from napari_phase4d.pipeline.streaming.blocks import block_at, block_frames, blocks_of
+from napari_phase4d.progress import Cancelled
+from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import METHODS
+
+STREAMING = tuple(m for m, method in METHODS.items() if method.streams)
+
+
+@pytest.fixture(scope="module")
+def video() -> Recording:
+    """Nineteen frames of a moving cell: two whole blocks and a part of one."""
+    exact = p4d.simulation.swimming_euglena((96, 112), 19, pixel_um=0.35, peak_rad=9)
+    return p4d.simulation.multiplexed_video(exact["phase"], name="video")
+
+
+@pytest.fixture(scope="module")
+def recipe(video: Recording) -> p4d.Recipe:
+    lobes = tuple(p4d.find_lobes(video, 2))
+    return p4d.Recipe(lobes=lobes, methods=STREAMING, storage="memory")
+
+
+def assert_same(found: p4d.pipeline.Outcome, expected: p4d.pipeline.Outcome) -> None:
+    for name in ("phase", "amplitude"):
+        xr.testing.assert_identical(
+            found.reconstruction[name].compute(), expected.reconstruction[name]
+        )
+    assert list(found.comparison.results) == list(expected.comparison.results)
+    for method, result in expected.comparison.results.items():
+        on_disk = found.comparison.results[method]
+        assert on_disk.chunks is not None, "it lies in memory"
+        xr.testing.assert_identical(on_disk.compute(), result)
+
+
+@pytest.mark.parametrize(
+    "settings",
+    [
+        {},
+        {"mask": None},
+        {"boundary": ((11, 1),)},
+        {"boundary": ((0, 0), (18, 1), (9, 0))},
+        {"options": {"temporal-angular": {"registration": False, "split": False}}},
+        {"options": {"spatial-2d": {"reliability": "coherence"}}},
+        {"background": "none", "drift": False, "reference": 3},
+    ],
+    ids=str,
+)
+def test_stacks_on_disk_are_those_in_memory(
+    settings: dict, video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    chosen = recipe.changed(**settings)
+    expected = p4d.run(chosen, video)
+    found = p4d.run(chosen.changed(storage="disk"), video, folder=tmp_path)
+    assert_same(found, expected)
+    names = {"wrapped", "amplitude", *STREAMING}
+    assert {p.name for p in tmp_path.iterdir()} == {f"{name}.ome.zarr" for name in names}
+
+
+def test_methods_that_need_all_frames_write_to_disk_too(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    chosen = recipe.changed(methods=("temporal-angular", "laplacian", "directional-l1"))
+    expected = p4d.run(chosen, video)
+    found = p4d.run(chosen.changed(storage="disk"), video, folder=tmp_path)
+    assert_same(found, expected)
+
+
+def test_phase_that_is_not_known_everywhere(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    phase = p4d.reconstruct(video, recipe.lobes)["phase"]
+    phase[2, 1, 10:20, 10:30] = np.nan
+    p4d.write_phase(tmp_path / "in.ome.zarr", phase)
+    chosen = recipe.changed(recording=str(tmp_path / "in.ome.zarr"), mask=None)
+    expected = p4d.run(chosen).comparison.results
+    found = p4d.run(chosen.changed(storage="disk"), folder=tmp_path / "out").comparison.results
+    for method, result in expected.items():
+        np.testing.assert_array_equal(found[method].values, result.values)
+        assert not found[method].values[2, 1, 10:20, 10:30].any()
+
+
+class Endless(FrameReader):
+    """A long video that is made as it is read; it repeats a short one."""
+
+    def __init__(self, short: np.ndarray, n_frames: int) -> None:
+        super().__init__(Path("endless"), (n_frames, *short.shape[1:]), short.dtype)
+        self.short = short
+        self.once = threading.Event()
+
+    def read(self, index: int) -> np.ndarray:
+        return self.short[index % len(self.short)]
+
+
+def long_video(video: Recording, n_frames: int) -> tuple[Recording, Endless]:
+    reader = Endless(video.holograms.values, n_frames)
+    return Recording.from_frames(lazy_frames(reader), optics=video.optics), reader
+
+
+def test_memory_does_not_grow_with_the_recording(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path, traced_memory: None
+) -> None:
+    def peak_of(n_frames: int) -> float:
+        rec, _ = long_video(video, n_frames)
+        chosen = recipe.changed(storage="disk", methods=("temporal-angular",))
+        return measured(lambda: p4d.run(chosen, rec, folder=tmp_path / str(n_frames))).peak_mb
+
+    peak_of(20)  # what is loaded and compiled once
+    short, long = peak_of(40), peak_of(200)
+    stack = 160 * np.prod(p4d.reconstruct(video, recipe.lobes)["phase"].shape[1:]) * 4 / 2**20
+    assert long - short < 0.1 * stack, f"{short:.1f} and {long:.1f} MB; the rest is {stack:.1f} MB"
+
+
+def test_cancelling_leaves_whole_stacks_only(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    said: list[str] = []
+
+    def cancelled() -> bool:
+        return any("along time" in message for message in said)
+
+    with pytest.raises(Cancelled):
+        p4d.run(
+            recipe.changed(storage="disk", methods=("spatial-2d", "temporal-angular")),
+            video,
+            folder=tmp_path,
+            progress=lambda done, total, message: said.append(message),
+            cancelled=cancelled,
+        )
+    names = {p.name for p in tmp_path.iterdir()}
+    assert names == {"wrapped.ome.zarr", "amplitude.ome.zarr", "spatial-2d.ome.zarr"}
+    for name in names:
+        assert np.isfinite(p4d.read_results(tmp_path / name).values).all()
+
+
+def test_the_default_place_goes_when_it_is_not_needed(
+    video: Recording, recipe: p4d.Recipe
+) -> None:
+    found = p4d.run(recipe.changed(storage="disk", methods=("spatial-2d",)), video)
+    assert found.comparison.results["spatial-2d"].shape[0] == 19
+
+
+def test_what_does_not_fit_is_said_before_it_begins(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    rec, reader = long_video(video, 3_000_000)
+    with pytest.raises(OSError, match=r"RG works on all frames at once and needs about .* GB"):
+        p4d.run(recipe.changed(methods=("region-growing",), storage="auto"), rec, folder=tmp_path)
+    with pytest.raises(OSError, match=r"results need about .* of disk, but .* has .* left"):
+        p4d.run(recipe.changed(storage="disk"), rec, folder=tmp_path / "not there yet")
+    with pytest.raises(OSError, match=r"this needs about .* GB of memory, but"):
+        p4d.run(recipe, rec, folder=tmp_path)
+    assert not list(tmp_path.iterdir())
+    assert not reader.once.is_set()
+
+
+def test_what_is_needed_is_what_is_used(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    needs = needs_of(recipe.changed(methods=("temporal-angular",)), video, recipe.lobes)
+    assert isinstance(needs, Needs)
+    assert needs.greediest == ""
+    chosen = recipe.changed(storage="disk", methods=("temporal-angular",))
+    p4d.run(chosen, video, folder=tmp_path)
+    used = sum(f.stat().st_size for f in tmp_path.rglob("*") if f.is_file())
+    assert used < needs.disk < 4 * used  # scratch is gone by now, and zeros are small
+    shape = (1000, 2, 100, 100)
+    whole = phase_needs(("spatial-2d", "region-growing", "laplacian"), shape)
+    assert whole.greediest == "region-growing"
+    assert whole.on_disk > METHODS["region-growing"].working_stacks * 4 * np.prod(shape)
+    assert phase_needs(("spatial-2d",), shape).on_disk == pytest.approx(
+        phase_needs(("spatial-2d",), (10**6, *shape[1:])).on_disk
+    )
+
+
+def test_blocks_cover_all_frames_once() -> None:
+    shape = (19, 2, 30, 40)
+    blocks = blocks_of(shape)
+    assert [t for block in blocks for t in block.times] == list(range(19))
+    assert all(t in block_at(shape, t).times for t in range(19))
+    assert block_frames((1000, 2, 4096, 4096)) == 1
+    assert block_frames((3, 2, 10, 10)) == 3
+
+
+def test_a_half_written_stack_has_no_name(tmp_path: Path) -> None:
+    shelf = Shelf(tmp_path)
+    stored = shelf.new("wrapped", (19, 2, 30, 40))
+    stored.write(block_at(stored.shape, 0), np.ones((8, 2, 30, 40), np.float32))
+    assert not (tmp_path / "wrapped.ome.zarr").exists()
+    shelf.clear()
+    assert not list(tmp_path.iterdir())
+
+
+# On a cluster
+
+
+@pytest.fixture
+def cluster() -> Iterator[object]:
+    distributed = pytest.importorskip("distributed")
+    with warnings.catch_warnings():
+        # Its own servers are closed in an order that some of its versions warn of.
+        warnings.simplefilter("ignore")
+        with distributed.LocalCluster(
+            n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=50
+        ) as found:
+            yield found
+
+
+@pytest.fixture(scope="module")
+def saved(video: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("saved") / "video.npy"
+    np.save(path, np.concatenate([video.holograms.values] * 4))
+    return path
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore")
+def test_a_cluster_gives_the_same_though_a_worker_is_killed(
+    cluster: object, saved: Path, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    chosen = recipe.changed(recording=str(saved), methods=("temporal-angular", "spatial-2d"))
+    expected = p4d.run(chosen)
+    killed: list[int] = []
+
+    def progress(done: int, total: int, message: str) -> None:
+        if "2-D unwrapping" in message and done == 2 and not killed:
+            victim = next(iter(cluster.workers.values())).pid  # type: ignore[attr-defined]
+            os.kill(victim, signal.SIGKILL)
+            killed.append(victim)
+
+    address = cluster.scheduler_address  # type: ignore[attr-defined]
+    found = p4d.run(chosen, folder=tmp_path, scheduler=address, progress=progress)
+    assert killed
+    assert_same(found, expected)
+
+
+def test_a_cluster_can_be_cancelled(
+    cluster: object, saved: Path, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    began: list[float] = []
+
+    def cancelled() -> bool:
+        began.append(time.monotonic())
+        return len(began) > 3
+
+    with pytest.raises(Cancelled):
+        p4d.run(
+            recipe.changed(recording=str(saved)),
+            folder=tmp_path,
+            scheduler=cluster.scheduler_address,  # type: ignore[attr-defined]
+            cancelled=cancelled,
+        )
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_a_scheduler_there_is_one_sentence(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("napari_phase4d.pipeline.streaming.workers.ANSWER_S", 1)
+    with pytest.raises(OSError, match="no dask scheduler answers at tcp://127.0.0.1:9"):
+        p4d.run(recipe, video, folder=tmp_path, scheduler="tcp://127.0.0.1:9")
