@@ -5,7 +5,8 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Protocol
+from weakref import WeakValueDictionary
 
 import numpy as np
 import xarray as xr
@@ -13,10 +14,34 @@ from numpy.typing import NDArray
 
 from napari_phase4d.optics import Optics
 
-__all__ = ["Recording"]
+__all__ = ["Recording", "one_frame", "remember_reader"]
 
 #: Frames per second assumed where neither the file nor the user says it.
 DEFAULT_FRAME_RATE_HZ = 1.0
+
+
+class ReadsFrames(Protocol):
+    """Reads frames by their number."""
+
+    def frame(self, index: int) -> NDArray[Any]:
+        """Return one frame, shape (y, x)."""
+
+
+#: Who reads the frames of a dask array, by the array's name. One frame through dask's graph costs
+#: milliseconds, more than reading it.
+READERS: WeakValueDictionary[str, ReadsFrames] = WeakValueDictionary()
+
+
+def remember_reader(name: str, reader: ReadsFrames) -> None:
+    """Let single frames of the dask array of this name be read by its reader, without dask."""
+    READERS[name] = reader
+
+
+def one_frame(frames: Any, index: int) -> NDArray[np.generic]:
+    """Return one frame of an array (time, y, x), by the shortest way."""
+    reader = READERS.get(str(getattr(frames, "name", "")))
+    frame = frames[index] if reader is None else reader.frame(range(len(frames))[index])
+    return np.asarray(frame)
 
 
 @dataclass(frozen=True)
@@ -37,6 +62,8 @@ class Recording:
         The file or folder that the frames come from; empty for arrays.
     notes : tuple of str, optional
         What the reader assumed, in sentences for the user ("no frame rate in the file ...").
+    kind : str, optional
+        What was read, in words ("BigTIFF", "H.264 in MP4"); empty for arrays.
     """
 
     holograms: xr.DataArray
@@ -44,6 +71,7 @@ class Recording:
     name: str = "recording"
     source: str = ""
     notes: tuple[str, ...] = field(default=())
+    kind: str = ""
 
     @property
     def times_s(self) -> NDArray[np.float64]:
@@ -81,6 +109,7 @@ class Recording:
                 and not (frame_rate_hz is not None and "frame rate" in note)
             ),
             attrs={str(k): v for k, v in self.holograms.attrs.items()},
+            kind=self.kind,
         )
 
     @property
@@ -103,6 +132,8 @@ class Recording:
 
         Raises
         ------
+        OSError
+            If the file can't be read there any more.
         ValueError
             If the frame holds NaN or infinity, from which no phase can be computed.
         """
@@ -115,10 +146,12 @@ class Recording:
 
         Raises
         ------
+        OSError
+            If the file can't be read there any more.
         ValueError
             If the frame holds NaN or infinity, from which no phase can be computed.
         """
-        raw: NDArray[np.generic] = np.asarray(self.holograms.data[index])
+        raw = one_frame(self.holograms.data, index)
         if raw.dtype.kind != "f":
             return raw
         frame = np.asarray(raw, dtype=np.float32)
@@ -154,6 +187,7 @@ class Recording:
         source: str = "",
         notes: tuple[str, ...] = (),
         attrs: dict[str, object] | None = None,
+        kind: str = "",
     ) -> Recording:
         """Make a recording from an array of frames.
 
@@ -168,7 +202,7 @@ class Recording:
             Frames per second, default 1.
         times_s : array_like, optional
             Time of each frame in seconds, instead of ``frame_rate_hz``.
-        name, source, notes, attrs : optional
+        name, source, notes, attrs, kind : optional
             See the class; ``attrs`` go to ``holograms.attrs``.
 
         Raises
@@ -191,7 +225,7 @@ class Recording:
             "x": ("x", np.arange(width) * optics.pixel_um, {"units": "um"}),
         }
         holograms = xr.DataArray(video, dims=("time", "y", "x"), coords=coords, attrs=attrs or {})
-        return cls(holograms, optics, name, source, notes)
+        return cls(holograms, optics, name, source, notes, kind)
 
 
 def checked_frames(frames: Any, name: str) -> NDArray[np.generic]:

@@ -9,6 +9,7 @@ from napari_phase4d.cli.comparing import compare_command
 from napari_phase4d.cli.console import errors
 from napari_phase4d.cli.demo import demo
 from napari_phase4d.cli.info import info
+from napari_phase4d.cli.look import look
 from napari_phase4d.cli.reproducing import reproduce
 from napari_phase4d.cli.running import run_command
 
@@ -23,6 +24,7 @@ app = typer.Typer(
 # In the order of the help.
 app.command("demo")(demo)
 app.command("info")(info)
+app.command("look")(look)
 app.command("run")(run_command)
 app.command("compare")(compare_command)
 app.command("reproduce")(reproduce)

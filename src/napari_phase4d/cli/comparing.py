@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 import xarray as xr
 
-from napari_phase4d.cli.batches import batch
+from napari_phase4d.cli.batches import batch, stoppable
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import (
     Angles,
@@ -27,7 +27,13 @@ from napari_phase4d.evaluation import (
     residues,
 )
 from napari_phase4d.io import open_phase
-from napari_phase4d.pipeline import Outcome, found_anywhere, run, write_outcome
+from napari_phase4d.pipeline import (
+    Outcome,
+    fingerprinting,
+    found_anywhere,
+    run,
+    write_outcome,
+)
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["compare_command"]
@@ -65,20 +71,27 @@ def compare_command(
         msg = "give at least one file to compare the methods on"
         raise ValueError(msg)
 
-    def compare_one(file: Path, folder: Path) -> None:
-        with bar() as progress:
-            outcome = run(
-                recipe.changed(recording=found_anywhere(file)), truth=exact, progress=progress
-            )
+    def show(outcome: Outcome) -> None:
         print_notes(outcome)
         print_table(outcome.comparison.table)
         print_itoh(outcome, exact)
-        written = write_outcome(outcome, folder)
-        picture = folder / "comparison.png"
-        write_picture(outcome, exact, picture)
-        console.print(f"{len(written) + 1} files written to [bold]{folder.resolve()}[/bold]")
 
-    batch(compare_one, files or [Path(recipe.recording)], out)
+    def finish(outcome: Outcome, folder: Path) -> None:
+        show(outcome)
+        write_picture(outcome, exact, folder / "comparison.png")
+
+    with stoppable():
+        if len(files) > 1:
+            batch(recipe, files, out, truth=exact, finished=finish)
+            return
+        recording = found_anywhere(files[0] if files else recipe.recording)
+        with fingerprinting(recording) as hashing:
+            with bar() as progress:
+                outcome = run(recipe.changed(recording=recording), truth=exact, progress=progress)
+            show(outcome)
+            written = write_outcome(outcome, out, source=hashing.result())
+        write_picture(outcome, exact, out / "comparison.png")
+    console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
 
 
 def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:

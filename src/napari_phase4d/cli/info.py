@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -11,13 +12,16 @@ from rich.markup import escape
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.printing import megabytes, print_lobes
-from napari_phase4d.evaluation import residues
-from napari_phase4d.holography import find_lobes
+from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
+from napari_phase4d.holography import Lobe, find_lobes, reconstruct
 from napari_phase4d.pipeline import Recipe, needed_bytes, open_by, working_bytes
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, score_boundaries
 
 __all__ = ["info"]
+
+#: Frames from the beginning of which the noise is measured.
+NOISE_FRAMES = 8
 
 
 def info(
@@ -28,7 +32,9 @@ def info(
             "sample:yeast."
         ),
     ],
-    views: Annotated[int, typer.Option(help="Number of views to look for, 1 to 6.")] = 2,
+    views: Annotated[
+        int | None, typer.Option(help="Number of views, 1 to 6. Default: found by itself.")
+    ] = None,
     dataset: Annotated[str | None, typer.Option(help="Which array of an NPZ file.")] = None,
 ) -> None:
     """Say what a recording holds, where its lobes are, and what a run would need."""
@@ -40,7 +46,7 @@ def info(
     first = recording.frame(0)
     console.print(f"[bold]{escape(recording.name)}[/bold]")
     console.print(
-        f"  {recording.n_frames} frames of {height} x {width} pixels, "
+        f"  {frames_in_words(recording.n_frames)} of {height} x {width} pixels, "
         f"{recording.holograms.dtype}, {megabytes(recording.nbytes)}"
     )
     console.print(
@@ -56,6 +62,7 @@ def info(
         console.print(f"  [yellow]{escape(str(error))}[/yellow]")
         return
     print_lobes(lobes)
+    console.print(noise_sentence(noise_figures(first_frames(recording, lobes))))
     console.print(
         f"A run with all {len(METHODS)} methods needs about "
         f"{megabytes(needed_bytes(recording, lobes, list(METHODS)))} of memory."
@@ -83,6 +90,16 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
     console.print(
         f"A run with all {len(METHODS)} methods needs about {megabytes(need)} of memory."
     )
+
+
+def first_frames(recording: Recording, lobes: list[Lobe]) -> xr.Dataset:
+    """Reconstruct so many frames that their noise can be told."""
+    return reconstruct(replace(recording, holograms=recording.holograms[:NOISE_FRAMES]), lobes)
+
+
+def frames_in_words(number: int) -> str:
+    """Return "1 frame", "2 frames" and so on."""
+    return "1 frame" if number == 1 else f"{number} frames"
 
 
 def rate_of(recording: Recording) -> str:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 import xarray as xr
 
-from napari_phase4d.cli.batches import batch
+from napari_phase4d.cli.batches import batch, stoppable
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import (
     Angles,
@@ -21,7 +22,16 @@ from napari_phase4d.cli.options import (
 )
 from napari_phase4d.cli.printing import bar, print_lobes, print_notes, print_table
 from napari_phase4d.optics import Optics
-from napari_phase4d.pipeline import Outcome, Recipe, found_anywhere, open_by, run, write_outcome
+from napari_phase4d.pipeline import (
+    Outcome,
+    Recipe,
+    fingerprinting,
+    found_anywhere,
+    open_by,
+    run,
+    write_outcome,
+)
+from napari_phase4d.pipeline.writing import checked_form
 from napari_phase4d.recording import Recording
 
 __all__ = ["run_command"]
@@ -44,8 +54,22 @@ def run_command(
     frame_rate: Annotated[float | None, typer.Option(help="Frames per second.")] = None,
     *,
     confidence: Confidence = False,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Leave files whose results are complete as they are.")
+    ] = False,
+    form: Annotated[
+        str | None,
+        typer.Option(help="tiff or zarr: OME-TIFF (default), or OME-Zarr, also beyond memory."),
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
+    ] = None,
 ) -> None:
-    """Take recordings from file to unwrapped phase, table and recipe."""
+    """Take recordings from file to unwrapped phase, table and recipe.
+
+    Several files, or --resume, make a batch: a folder for each, and a summary.
+    """
+    checked_form(form)
     recipe, files = recipe_and_files(inputs)
     recipe = with_settings(
         recipe, views, angle, boundary, method, frame_rate, confidence=confidence
@@ -56,29 +80,37 @@ def run_command(
         "magnification": magnification,
     }
     typed = {name: number for name, number in numbers.items() if number is not None}
-    if not files:
-        process(recipe, typed, out)
-    else:
-        batch(
-            lambda file, folder: process(
-                recipe.changed(recording=found_anywhere(file)), typed, folder
-            ),
-            files,
-            out,
-        )
+    with stoppable():
+        if len(files) > 1 or (files and resume):
+            adapt = partial(typed_in, typed)
+            wishes = {"resume": resume, "form": form, "scheduler": scheduler}
+            batch(recipe, files, out, prepared=adapt, **wishes)
+        else:
+            named = {"recording": found_anywhere(files[0])} if files else {}
+            process(typed_in(typed, recipe.changed(**named)), out, form, scheduler)
 
 
-def process(recipe: Recipe, typed: dict[str, float], folder: Path) -> None:
-    """Run one recording, with the optics that were typed in, and write what comes out."""
-    if typed and recipe.recording:
-        known = recipe.optics or optics_of(open_by(recipe))
-        recipe = recipe.changed(optics=replace(known, **typed))
-    with bar() as progress:
-        outcome: Outcome = run(recipe, progress=progress)
-    print_notes(outcome)
-    print_lobes(outcome.recipe.lobes)
-    print_table(outcome.comparison.table)
-    written = write_outcome(outcome, folder)
+def typed_in(typed: dict[str, float], recipe: Recipe) -> Recipe:
+    """Return a recipe with the optics that were typed in; the rest is as the file says."""
+    if not typed or not recipe.recording:
+        return recipe
+    known = recipe.optics or optics_of(open_by(recipe))
+    return recipe.changed(optics=replace(known, **typed))
+
+
+def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | None) -> None:
+    """Run one recording and write what comes out."""
+    if not recipe.recording:
+        run(recipe)  # which says what is missing
+    with fingerprinting(recipe.recording) as hashing:
+        with bar() as progress:
+            outcome: Outcome = run(recipe, progress=progress, folder=folder, scheduler=scheduler)
+        print_notes(outcome)
+        print_lobes(outcome.recipe.lobes)
+        print_table(outcome.comparison.table)
+        with bar() as progress:
+            source = hashing.result()
+            written = write_outcome(outcome, folder, progress, form=form, source=source)
     console.print(f"{len(written)} files written to [bold]{folder.resolve()}[/bold]")
 
 

@@ -14,8 +14,10 @@ from napari_phase4d.evaluation.errors import (
     wrong_cycle_share,
 )
 from napari_phase4d.evaluation.figures import comparison_figure, movie_frames, phase_limits
+from napari_phase4d.evaluation.holding import held
 from napari_phase4d.evaluation.itoh import itoh_margin, order_shares, residues
 from napari_phase4d.evaluation.measures import measure
+from napari_phase4d.evaluation.noise import noise_figures, noise_sentence
 from napari_phase4d.evaluation.order import best_known, most_trusted, order_verdict
 from napari_phase4d.evaluation.regions import polygon_mask, region_masks
 from napari_phase4d.evaluation.telling import EXACT, named_results, telling_frames
@@ -33,12 +35,15 @@ __all__ = [
     "confidence_of",
     "difference",
     "firmness",
+    "held",
     "itoh_margin",
     "mean_squared_error",
     "measure",
     "most_trusted",
     "movie_frames",
     "named_results",
+    "noise_figures",
+    "noise_sentence",
     "order_shares",
     "order_verdict",
     "phase_limits",

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
+from napari_phase4d.evaluation.holding import frame_of, held
+
 __all__ = ["comparison_figure", "movie_frames", "phase_limits"]
 
 #: Inches that one picture takes.
@@ -65,13 +67,13 @@ def comparison_figure(
     rows, n_columns = len(frames), len(columns)
     figure = Figure(figsize=(CELL * n_columns + 1.2, CELL * rows + 0.5), layout="constrained")
     axes = figure.subplots(rows, n_columns, squeeze=False)
-    shown = [s.values[t, a] for s in columns.values() for t, a in frames]
+    shown = [frame_of(s, t, a) for s in columns.values() for t, a in frames]
     low, high = limits or phase_limits(shown)
     for row, (t, a) in enumerate(frames):
         for column, (title, stack) in enumerate(columns.items()):
             axis = axes[row, column]
             image = axis.imshow(
-                stack.values[t, a], vmin=low, vmax=high, cmap=COLOURS, extent=extent_of(first)
+                frame_of(stack, t, a), vmin=low, vmax=high, cmap=COLOURS, extent=extent_of(first)
             )
             axis.set_xticks([])
             axis.set_yticks([])
@@ -224,7 +226,7 @@ def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
     if not columns:
         msg = "there are no stacks to show; give at least one"
         raise ValueError(msg)
-    stacks = [stack.transpose("time", "angle", "y", "x") for stack in columns.values()]
+    stacks = [held(stack.transpose("time", "angle", "y", "x")) for stack in columns.values()]
     first = next(iter(columns))
     for name, stack in zip(columns, stacks, strict=True):
         if stack.shape[:2] != stacks[0].shape[:2]:

@@ -6,6 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.evaluation.holding import held
 from napari_phase4d.unwrapping import both_ends
 
 __all__ = ["itoh_margin", "order_shares", "residues"]
@@ -34,6 +35,7 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         ``attrs["share_beyond"]`` is the share of steps beyond pi (of those with both ends in
         ``where``).
     """
+    phase = held(phase)
     inside = np.ones(phase.shape, bool) if where is None else where.transpose(*phase.dims).values
     maps = {}
     for dim in phase.dims:
@@ -74,7 +76,7 @@ def order_shares(
     dict
         Method id "temporal-angular" and "angular-temporal" to a share from 0 to 1.
     """
-    stack = phase.transpose("time", "angle", "y", "x").values
+    stack = held(phase.transpose("time", "angle", "y", "x")).values
     inside = (
         np.ones(stack.shape, dtype=bool)
         if where is None
@@ -118,7 +120,7 @@ def residues(wrapped: xr.DataArray) -> xr.DataArray:
     xarray.DataArray
         int8: +1, -1 or 0, with one row and one column less than ``wrapped``.
     """
-    values = wrapped.values.astype(np.float64)
+    values = held(wrapped).values.astype(np.float64)
 
     def turns(axis: int) -> np.ndarray:
         return np.round(np.diff(values, axis=axis) / TURN)

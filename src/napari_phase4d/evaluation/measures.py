@@ -11,6 +11,7 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.evaluation.holding import parts_over_time
 from napari_phase4d.evaluation.regions import Mask
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
@@ -85,7 +86,7 @@ def measure(
     watch.check()
     tables = []
     for name, mask in masks.items():
-        sums, counts = totals(stack.values, mask)
+        sums, counts = totals(stack, mask, watch)
         row = {"region": name, **frames_of(stack), "area (um^2)": counts * pixel_um2}
         row |= phase_columns(sums, counts, pixel_um2, optics, object_index)
         row["dry mass (pg)"] = [
@@ -96,15 +97,21 @@ def measure(
     return pd.concat(tables, ignore_index=True)
 
 
-def totals(stack: NDArray[Any], mask: Mask) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+def totals(
+    stack: xr.DataArray, mask: Mask, watch: Watch
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
     """Return the sum and the number of the finite pixels of a region, frame after frame."""
-    frames = list(np.ndindex(*stack.shape[:2]))
-    sums, counts = np.zeros(len(frames)), np.zeros(len(frames), dtype=np.intp)
-    for i, frame in enumerate(frames):
-        values = stack[frame][mask[frame]]
-        known = values[np.isfinite(values)]
-        sums[i], counts[i] = known.sum(dtype=np.float64), known.size
-    return sums, counts
+    sums = np.zeros(stack.shape[:2])
+    counts = np.zeros(stack.shape[:2], dtype=np.intp)
+    for part, phase in parts_over_time(stack):
+        watch.check()
+        inside = np.asarray(mask[part])
+        for time, angle in np.ndindex(*phase.shape[:2]):
+            frame = (part.start + time, angle)
+            values = phase[time, angle][inside[time, angle]]
+            known = values[np.isfinite(values)]
+            sums[frame], counts[frame] = known.sum(dtype=np.float64), known.size
+    return sums.ravel(), counts.ravel()
 
 
 def phase_columns(
@@ -173,10 +180,12 @@ def pixel_area_um2(stack: xr.DataArray) -> float:
 
 def fitted(name: str, mask: Any, shape: tuple[int, ...]) -> Mask:
     """Return a region's mask in the shape of the phase, without a copy."""
-    values = np.asarray(mask)
+    values = mask if hasattr(mask, "dask") and mask.shape == shape else np.asarray(mask)
     if values.dtype != np.bool_:
         msg = f"the mask of {name} is {values.dtype}; make masks of labels with region_masks"
         raise TypeError(msg)
+    if values.shape == shape:  # lazy ones, as large as the phase, stay so
+        return values
     full = values[:, None] if values.ndim == 3 else values
     sizes = (1,) * (4 - full.ndim) + full.shape
     fits = full.ndim in (2, 4) and sizes[2:] == shape[2:]

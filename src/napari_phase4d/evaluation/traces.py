@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.evaluation.holding import held
 from napari_phase4d.unwrapping import DIMS, METHODS, label_of
 
 __all__ = ["Traces", "difference", "traces"]
@@ -93,6 +94,7 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
 
 def on_all_axes(stack: xr.DataArray) -> NDArray[Any]:
     """Return the values as (time, angle, y, x); a view."""
+    stack = held(stack)
     if stack.dims == DIMS:  # which takes microseconds, and is the rule
         return stack.values
     full = stack.expand_dims([d for d in DIMS if d not in stack.dims])
@@ -162,7 +164,7 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
             "take two results of one phase"
         )
         raise ValueError(msg)
-    reference = reference.transpose(*result.dims)
+    result, reference = held(result), held(reference.transpose(*result.dims))
     values = (result.values - reference.values).astype(np.float32, copy=False)
     for stack in (result, reference):
         if stack.attrs.get("mask", "none") != "none":

@@ -1,36 +1,54 @@
-"""From hologram frames to wrapped phase: spectrum, lobes, demodulation, background."""
+"""From hologram frames to wrapped phase: spectrum, lobes, demodulation, background, focus."""
 
+from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
+from napari_phase4d.holography.corrections import BACKGROUND_ORDERS
+from napari_phase4d.holography.datasets import recalibrated
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.finding import find_lobes
+from napari_phase4d.holography.focusing import (
+    FOCUS_METRICS,
+    FOCUS_OBJECTS,
+    Focus,
+    autofocus,
+    depth_of_focus_um,
+)
+from napari_phase4d.holography.frame_work import FrameWork
 from napari_phase4d.holography.lobes import Lobe, pair_distance
 from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
 from napari_phase4d.holography.preview import Preview
-from napari_phase4d.holography.quality import fringe_contrast
-from napari_phase4d.holography.reconstruction import (
-    BACKGROUND_ORDERS,
-    FrameWork,
-    prepared,
-    recalibrated,
-    reconstruct,
-)
+from napari_phase4d.holography.quality import fringe_contrast, fringe_visibility
+from napari_phase4d.holography.reconstruction import find_focus, prepared, reconstruct
+from napari_phase4d.holography.refocusing import Propagator, propagate, refocused
 from napari_phase4d.holography.spectrum import power_spectrum
 from napari_phase4d.holography.windows import WINDOWS
 
 __all__ = [
     "BACKGROUND_ORDERS",
+    "FOCUS_METRICS",
+    "FOCUS_OBJECTS",
+    "MAX_ORDER",
+    "MIN_ORDER",
     "WINDOWS",
     "Demodulator",
+    "Focus",
     "FrameWork",
     "Lobe",
     "Preview",
+    "Propagator",
     "StrayTerm",
+    "autofocus",
+    "depth_of_focus_um",
+    "find_focus",
     "find_lobes",
     "fringe_contrast",
+    "fringe_visibility",
     "lobe_warnings",
     "pair_distance",
     "power_spectrum",
     "prepared",
+    "propagate",
     "recalibrated",
     "reconstruct",
+    "refocused",
     "stray_terms",
 ]

@@ -1,15 +1,17 @@
-"""What the empty field round the object tells: tilt, curvature and drift."""
+"""What the empty field round the object tells: tilt, curvature, aberrations and drift."""
 
 from __future__ import annotations
 
 import math
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-__all__ = ["background_offset", "fit_background", "flat_share", "mode_phase"]
+from napari_phase4d.holography.aberrations import surface_terms
+
+__all__ = ["background_offset", "fit_background", "fitted_surface", "flat_share", "mode_phase"]
 
 Real = TypeVar("Real", np.float32, np.float64)
 
@@ -29,14 +31,18 @@ KERNEL = np.exp(-0.5 * (np.arange(-4, 5) / 2.0) ** 2)
 FLAT_RAD = 0.8
 #: Below this share of background pixels nothing is fitted or removed.
 ENOUGH_BACKGROUND = 0.15
+#: Slopes are fitted to about so many pixels, so many times over.
+SLOPE_PIXELS, SLOPE_ROUNDS = 40_000, 12
 
 
-def fit_background(fields: NDArray[np.complex64], order: int) -> NDArray[np.float32]:
-    """Fit a polynomial to the phase of the background.
+def fit_background(
+    fields: NDArray[np.complex64], order: int, kind: str = "powers"
+) -> NDArray[np.float32]:
+    """Fit a surface to the phase of the background.
 
     The background is what most frames have in common: the fields are averaged after their
-    constant phases have been aligned, a tilt is guessed from the median wrapped difference of
-    neighbours, and a polynomial is fitted to the pixels near the most frequent phase, again and
+    constant phases have been aligned, a first surface is guessed from the wrapped differences of
+    neighbours, and the surface is fitted to the pixels near the most frequent phase, again and
     again with a tighter limit.
 
     Parameters
@@ -44,31 +50,75 @@ def fit_background(fields: NDArray[np.complex64], order: int) -> NDArray[np.floa
     fields : ndarray of shape (frame, y, x)
         Complex fields of one view.
     order : int
-        1 for tilt, 2 for tilt and curvature, 0 for nothing.
+        Degree of the surface: 1 for tilt, 2 for tilt and curvature, up to 8; 0 for nothing.
+    kind : str, optional
+        "powers" (default, up to order 2), "polynomial" or "zernike"; see `fitted_surface`.
 
     Returns
     -------
     ndarray of shape (y, x)
         Phase in radians with mean 0, to be subtracted.
     """
+    return fitted_surface(fields, order, kind)[0]
+
+
+def fitted_surface(
+    fields: NDArray[np.complex64], order: int, kind: str
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return what `fit_background` does, and the coefficients of the terms in radians.
+
+    A plain tilt begins with the median difference of neighbours. All else begins with a robust
+    fit of the slopes, since strong curvature or coma leaves no one tilt to begin with.
+    """
     mean = aligned_mean(fields)
-    surface = np.zeros(mean.shape)
     if order == 0:
-        return surface.astype(np.float32)
-    y, x = (np.linspace(-1, 1, n) for n in mean.shape)
-    grid_y, grid_x = np.broadcast_arrays(y[:, None], x[None, :])
+        return np.zeros(mean.shape, dtype=np.float32), np.zeros(0)
+    terms = surface_terms(kind, order, mean.shape)
     unit = mean / np.maximum(np.abs(mean), np.finfo(np.float32).tiny)
     phase = np.angle(unit).astype(np.float64)
-    surface += grid_y * slope(unit, 0) + grid_x * slope(unit, 1)
-    for i, limit in enumerate(LIMITS_RAD):
-        residual = wrapped(phase - surface)
+    plain_tilt = kind == "powers" and order == 1
+    found = first_tilt(unit) if plain_tilt else fitted_slopes(unit, terms)
+    for limit in LIMITS_RAD:
+        residual = wrapped(phase - np.tensordot(found, terms, 1))
         residual = wrapped(residual - mode_phase(residual))
         near = joined_to_the_border(np.abs(residual) < limit)
         if near.mean() < ENOUGH_BACKGROUND:
             break
-        surface += fitted(residual, near, grid_y, grid_x, min(order, 1 + (i >= 2)))
+        found += fitted(residual, near, terms)
+    surface = np.tensordot(found, terms, 1)
     centred: NDArray[np.float32] = (surface - surface.mean()).astype(np.float32)
-    return centred
+    return centred, found
+
+
+def first_tilt(unit: NDArray[np.complexfloating]) -> NDArray[np.float64]:
+    """Return the coefficients of 1, y and x that median differences give."""
+    return np.array([0.0, slope(unit, 0), slope(unit, 1)])
+
+
+def fitted_slopes(
+    unit: NDArray[np.complexfloating], terms: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the coefficients whose slopes fit the wrapped differences of neighbours best.
+
+    Differences need no unwrapping. The object's are left out by Tukey's biweight, with a limit of
+    4.685 standard deviations, which are told by the median (Huber & Ronchetti, Robust
+    Statistics).
+    """
+    thin = max(1, math.isqrt(unit.size // SLOPE_PIXELS))
+    steps, of_terms = [], []
+    for axis in (0, 1):
+        ahead, here = (np.delete(unit, end, axis) for end in (0, -1))
+        steps.append(np.angle(ahead * here.conj())[::thin, ::thin].ravel())
+        of_terms.append(np.diff(terms, axis=axis + 1)[:, ::thin, ::thin].reshape(len(terms), -1))
+    step, matrix = np.concatenate(steps).astype(np.float64), np.concatenate(of_terms, axis=1)
+    weights: NDArray[np.float64] = np.ones(step.size)
+    found: NDArray[np.float64] = np.zeros(len(terms))
+    for _ in range(SLOPE_ROUNDS):
+        found = solved(matrix, weights, step)
+        rest = wrapped(step - found @ matrix)
+        limit = 4.685 * 1.4826 * max(float(np.median(np.abs(rest))), 1e-6)
+        weights = np.maximum(1 - (rest / limit) ** 2, 0) ** 2
+    return found
 
 
 def joined_to_the_border(near: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -138,22 +188,21 @@ def wrapped(phase: NDArray[Real]) -> NDArray[Real]:
 
 
 def fitted(
-    residual: NDArray[np.floating],
-    near: NDArray[np.bool_],
-    y: NDArray[np.float64],
-    x: NDArray[np.float64],
-    order: int,
+    residual: NDArray[np.floating], near: NDArray[np.bool_], terms: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return the least-squares polynomial through the background pixels."""
-    terms = [np.ones_like(y), y, x]
-    if order >= 2:
-        terms += [y**2, y * x, x**2]
-    matrix = np.stack([t.ravel() for t in terms])
-    weighed = matrix * near.ravel()
-    normal, right = weighed @ matrix.T, weighed @ residual.ravel()
-    coefficients, *_ = np.linalg.lstsq(normal, right, rcond=None)
-    surface: NDArray[np.float64] = (coefficients @ matrix).reshape(near.shape)
-    return surface
+    """Return the least-squares coefficients of terms (term, y, x) at the background pixels."""
+    return solved(terms.reshape(len(terms), -1), near.ravel(), residual.ravel())
+
+
+def solved(
+    matrix: NDArray[np.float64], weights: NDArray[Any], values: NDArray[np.floating]
+) -> NDArray[np.float64]:
+    """Return the coefficients of terms (term, pixel) that fit weighted values (pixel) best."""
+    weighed = matrix * weights
+    found: NDArray[np.float64] = np.linalg.lstsq(weighed @ matrix.T, weighed @ values, rcond=None)[
+        0
+    ]
+    return found
 
 
 def background_offset(

@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.lobes import Lobe, pair_distance, wrapped_distance
 
-__all__ = ["choose_views"]
+__all__ = ["choose_views", "count_views"]
 
 #: Peaks that are considered at all; three views leave six.
 MAX_CANDIDATES = 14
@@ -47,6 +47,12 @@ LOOK_SHARE = 0.4
 LEAST_MISFIT = 1e-3
 #: Phase wander from frame to frame (rad) below which steadiness says nothing.
 WANDER_FLOOR_RAD = 0.05
+
+
+#: Views are weaker than the strongest by less than this (10 dB), where they are to be counted.
+SIMILAR = 0.1
+#: Views that are looked for, where they are to be counted.
+MAX_COUNT = 6
 
 
 class HasCarrier(Protocol):
@@ -107,6 +113,31 @@ def choose_views(
 
     best = max(itertools.combinations(range(len(candidates)), n_views), key=score)
     return [candidates[i] for i in best]
+
+
+def count_views(peaks: Sequence[P], shape: tuple[int, int]) -> int:
+    """Return how many views there are: the fewest peaks of which all others are beats.
+
+    Peaks that are weaker than the strongest by more than 10 dB don't count. Of the frames alone
+    this can't be told for certain: two views whose sum or difference is a third view count as
+    two.
+
+    Parameters
+    ----------
+    peaks : sequence
+        Candidates, strongest first; ghosts have been left out.
+    shape : tuple of int
+        Height and width of the frames.
+    """
+    strong = [p for p in peaks[:MAX_CANDIDATES] if p.power >= SIMILAR * peaks[0].power]
+    triples = beat_triples([p.carrier for p in strong], max(3 / min(shape), 0.006))
+    everything = set(range(len(strong)))
+    for n_views in range(1, min(len(strong), MAX_COUNT) + 1):
+        for chosen in itertools.combinations(range(len(strong)), n_views):
+            beats = {c for a, b, c in triples if a in chosen and b in chosen}
+            if everything <= beats | set(chosen):
+                return n_views
+    return min(len(strong), MAX_COUNT)
 
 
 def beat_triples(

@@ -22,7 +22,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.holography.beams import choose_views
+from napari_phase4d.holography.beams import choose_views, count_views
 from napari_phase4d.holography.lobes import Lobe, canonical, pair_distance, wrapped_distance
 from napari_phase4d.holography.sign import object_is_dark
 from napari_phase4d.holography.spectrum import mean_half_spectrum
@@ -62,7 +62,7 @@ class Peak:
 
 def find_lobes(
     rec: Recording,
-    n_views: int = 2,
+    n_views: int | None = 2,
     *,
     angles_deg: Sequence[float] | None = None,
     radius: float | None = None,
@@ -77,7 +77,7 @@ def find_lobes(
     rec : Recording
         The hologram video; up to 64 frames of it are looked at.
     n_views : int, optional
-        How many views there are, 1 to 6, default 2.
+        How many views there are, 1 to 6, default 2. None: as many as there seem to be.
     angles_deg : sequence of float, optional
         Viewing angles in degrees, in the order of the lobes. A hologram can't tell them; by
         default the views are numbered 0, 1, 2 ...
@@ -101,15 +101,18 @@ def find_lobes(
     ValueError
         If ``n_views`` is out of range or fewer carriers can be seen.
     """
-    if not isinstance(n_views, (int, np.integer)) or not 1 <= n_views <= MAX_VIEWS:
+    known = isinstance(n_views, (int, np.integer))
+    if n_views is not None and not (known and 1 <= n_views <= MAX_VIEWS):
         msg = f"n_views must lie between 1 and {MAX_VIEWS}, but is {n_views!r}"
         raise ValueError(msg)
+    if n_views is None and angles_deg is not None:
+        n_views = len(angles_deg)
     if angles_deg is not None and len(angles_deg) != n_views:
         msg = f"angles_deg has {len(angles_deg)} angles for {n_views} views; give one each"
         raise ValueError(msg)
     at_most = max(4, MAX_FRAME_BYTES // (4 * math.prod(rec.frame_shape)))
     indices = rec.sample_indices(min(MAX_FRAMES, at_most))
-    watch = Watch(len(indices) + n_views + 1, "finding the lobes", progress, cancelled)
+    watch = Watch(len(indices) + (n_views or 1) + 1, "finding the lobes", progress, cancelled)
     frames = []
     for index in indices:
         frames.append(rec.frame(index))
@@ -117,12 +120,11 @@ def find_lobes(
     half = mean_half_spectrum(frames, rec.frame_shape)
     watch.check()
     peaks = without_ghosts(find_peaks(half, rec.frame_shape), rec.frame_shape)
-    if len(peaks) < n_views:
-        msg = (
-            f"{rec.name} shows {len(peaks)} carrier(s), but {n_views} views were asked for; "
-            "ask for fewer, or place the lobes by hand"
-        )
-        raise ValueError(msg)
+    if not peaks or (n_views is not None and len(peaks) < n_views):
+        raise ValueError(too_few(rec.name, len(peaks), n_views or 1))
+    if n_views is None:
+        n_views = count_views(peaks, rec.frame_shape)
+        watch.total = len(indices) + n_views + 1
     views = choose_views(peaks, n_views, frames)
     watch.step()
     carriers = []
@@ -146,6 +148,15 @@ def find_lobes(
         )
         for lobe, angle in zip(lobes, angles, strict=True)
     ]
+
+
+def too_few(name: str, found: int, wanted: int) -> str:
+    """Say that fewer carriers can be seen than views were asked for, and what to do."""
+    instead = {0: "", 1: "ask for 1 view, or "}.get(found, f"ask for {found} views, or ")
+    return (
+        f"{name} shows {found} carrier(s), but {wanted} views were asked for; {instead}"
+        "place the lobes by hand"
+    )
 
 
 def find_peaks(half: NDArray[np.float64], shape: tuple[int, int]) -> list[Peak]:

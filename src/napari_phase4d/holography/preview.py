@@ -8,7 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.demodulation import Demodulator, half_spectrum
+from napari_phase4d.holography.frame_work import refocusing
 from napari_phase4d.holography.lobes import Lobe
+from napari_phase4d.optics import Optics
 
 __all__ = ["Preview"]
 
@@ -44,7 +46,12 @@ class Preview:
         self._spectrum = half_spectrum(frame)
 
     def phases(
-        self, lobes: Sequence[Lobe], window: str = "smooth-disk"
+        self,
+        lobes: Sequence[Lobe],
+        window: str = "smooth-disk",
+        *,
+        refocus_um: float = 0.0,
+        optics: Optics | None = None,
     ) -> list[NDArray[np.float32]]:
         """Return the wrapped phase of every lobe.
 
@@ -58,6 +65,10 @@ class Preview:
             The views, in any order; there may be none.
         window : str, optional
             "disk", "smooth-disk" (default), "gaussian" or "tukey".
+        refocus_um : float, optional
+            How far to carry the fields along the light, in micrometres. Default 0.
+        optics : Optics, optional
+            The microscope, without which nothing is refocused.
 
         Returns
         -------
@@ -73,7 +84,10 @@ class Preview:
         if not lobes:
             return []
         demodulate = Demodulator(self.shape, lobes, window)
-        return [steady_phase(field) for field in demodulate.from_half_spectrum(self._spectrum)]
+        fields = demodulate.from_half_spectrum(self._spectrum)
+        if refocus_um and optics is not None:
+            fields = refocusing(demodulate, optics, refocus_um)(fields)
+        return [steady_phase(field) for field in fields]
 
 
 def steady_phase(field: NDArray[np.complex64]) -> NDArray[np.float32]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["fringe_contrast"]
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.recording import Recording
+
+__all__ = ["fringe_contrast", "fringe_visibility"]
 
 #: Fringes are looked at in squares of so many pixels, so that uneven light does not count.
 BLOCK = 16
@@ -36,3 +39,28 @@ def fringe_contrast(frame: NDArray[np.floating]) -> float:
     if not lit.any():
         return 0.0
     return float(np.median((high - low)[lit] / (high + low)[lit]))
+
+
+def fringe_visibility(rec: Recording, demodulate: Demodulator) -> list[float]:
+    """Return the visibility of each view's own fringes, in the middle frame of a recording.
+
+    Fringes I (1 + V cos(2 pi k r)) leave a field of amplitude I V / 2 in their lobe; so V is twice
+    the median amplitude over the mean grey value. Noise outside the lobe does not count, nor do
+    the fringes of the other views, but a dark level of the camera counts as light.
+
+    Parameters
+    ----------
+    rec : Recording
+        The hologram video.
+    demodulate : Demodulator
+        Gives the fields of all views.
+
+    Returns
+    -------
+    list of float
+        One a view, in the order of the demodulator's lobes; 0 for a dark frame.
+    """
+    frame = rec.raw_frame(rec.n_frames // 2)
+    mean = float(frame.mean(dtype=np.float64))
+    fields = demodulate(frame)
+    return [2 * float(np.median(np.abs(view))) / mean if mean > 0 else 0.0 for view in fields]

@@ -164,7 +164,7 @@ def facts_of(image: Any) -> Facts:
         facts["pixel_um"] = float(pixel)
     try:
         interval = image.time_interval
-    except Exception:  # noqa: BLE001 - readers that don't know it raise what they like
+    except Exception:
         interval = None
     seconds = interval.total_seconds() if isinstance(interval, timedelta) else interval
     if isinstance(seconds, int | float) and np.isfinite(seconds) and seconds > 0:

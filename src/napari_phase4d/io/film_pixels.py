@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["grey_values", "is_lossy", "is_tinted"]
+__all__ = ["grey_values", "is_lossy", "is_tinted", "palette_of", "through_palette"]
 
 #: Codecs that keep every value.
 LOSSLESS = {
@@ -24,11 +24,10 @@ FAINT = 6
 def grey_values(picture: Any) -> NDArray[Any] | None:
     """Return the grey values of a decoded frame (y, x), None if it is in colour.
 
-    Brightness comes as it is stored, without stretching its range.
+    Brightness comes as it is stored, without stretching its range. Pictures with a palette are for
+    `through_palette`.
     """
     name = picture.format.name
-    if name == "pal8":
-        return through_palette(picture)
     if name in MIXED:
         first, step = MIXED[name]
         return plane(picture, 0, 2 * picture.width)[:, first::step].copy()
@@ -65,10 +64,14 @@ def plane(picture: Any, number: int, width: int) -> NDArray[np.uint8]:
     return np.ascontiguousarray(lines[: part.height, :width])
 
 
-def through_palette(picture: Any) -> NDArray[Any] | None:
+def palette_of(picture: Any) -> NDArray[np.uint8]:
+    """Return the colours that the numbers of a picture stand for, shape (256, 4)."""
+    return np.frombuffer(picture.planes[1], np.uint8)[:1024].reshape(256, 4).copy()
+
+
+def through_palette(picture: Any, palette: NDArray[np.uint8]) -> NDArray[Any] | None:
     """Return the grey values that the numbers of a picture stand for, None if any is a colour."""
     numbers = plane(picture, 0, picture.width)
-    palette = np.frombuffer(picture.planes[1], np.uint8)[:1024].reshape(256, 4)
     used = palette[np.unique(numbers)]
     if (used[:, 0] != used[:, 1]).any() or (used[:, 1] != used[:, 2]).any():
         return None
@@ -97,7 +100,7 @@ def is_tinted(picture: Any) -> bool:
     middle, faint = 2 ** (bits - 1), FAINT * 2 ** (bits - 8)
     for number in range(1, len(picture.planes)):
         width = picture.planes[number].width * kind.itemsize
-        values = plane(picture, number, width).view(kind).astype(np.int32)
+        values = plane(picture, number, width).view(kind)[::2, ::2].astype(np.int32)
         if np.abs(values - middle).mean() > faint:
             return True
     return False

@@ -12,7 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.film_index import FilmIndex, declared_size, index_of
-from napari_phase4d.io.film_pixels import grey_values, is_lossy, is_tinted
+from napari_phase4d.io.film_pixels import (
+    grey_values,
+    is_lossy,
+    is_tinted,
+    palette_of,
+    through_palette,
+)
 from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
 from napari_phase4d.io.video import Video
 
@@ -56,17 +62,15 @@ def read_film(path: Path) -> Video:
         raise OSError(msg)
     try:
         with av.open(str(path)) as container:
-            if not container.streams.video:
-                msg = f"{path.name} holds no film"
-                raise OSError(msg)
-            stream = container.streams.video[0]
+            stream = film_stream(container)
             index = index_of(container, stream, size)
             told = stream.frames
             rate = float(stream.average_rate or stream.guessed_rate or 0)
             tick = float(stream.time_base or 0)
             kind = kind_of(path, container, stream)
             lossy = is_lossy(stream.codec_context)
-    except (av.FFmpegError, ValueError) as error:
+    except Exception as error:
+        # FFmpeg's errors have many classes, and PyAV's own for odd files are no fewer.
         msg = (
             f"{path.name} can't be read as a film; it may be cut short or damaged "
             f"({in_one_line(error)})"
@@ -112,11 +116,13 @@ class FilmReader(FrameReader):
         self._container: Any = None
         self._running: Iterator[tuple[int, Any]] = iter(())
         self._next = -1
+        self._palette: NDArray[np.uint8] | None = None
         self._kept: OrderedDict[int, Any] = OrderedDict()
 
     def read(self, index: int) -> NDArray[Any]:
         """Return one frame as its grey values."""
-        grey = grey_values(self.picture(index))
+        with self._lock:  # the conversion of one picture by two threads at once never ends
+            grey = self._grey(self._picture(index))
         if grey is None:
             msg = (
                 f"frame {index} of {self.path.name} is in colour; a hologram has one grey value "
@@ -125,16 +131,28 @@ class FilmReader(FrameReader):
             raise WrongFrameError(msg)
         return grey
 
-    def picture(self, index: int) -> Any:
-        """Return one frame as FFmpeg decodes it."""
+    def _grey(self, picture: Any) -> NDArray[Any] | None:
+        """Return grey values; some containers give the palette with the first frame only."""
+        if picture.format.name != "pal8":
+            return grey_values(picture)
+        if self._palette is None:
+            self._palette = palette_of(self._picture(0))
+        return through_palette(picture, self._palette)
+
+    def is_tinted(self) -> bool:
+        """Say whether the first frame has colour beside its brightness."""
         with self._lock:
-            if index not in self._kept:
-                try:
-                    self._decode_up_to(index)
-                except Exception:
-                    self.close()
-                    raise
-            return self._kept[index]
+            return is_tinted(self._picture(0))
+
+    def _picture(self, index: int) -> Any:
+        """Return one frame as FFmpeg decodes it."""
+        if index not in self._kept:
+            try:
+                self._decode_up_to(index)
+            except Exception:
+                self.close()
+                raise
+        return self._kept[index]
 
     def close(self) -> None:
         """Close the file; the next frame opens it again."""
@@ -211,7 +229,7 @@ class FilmReader(FrameReader):
 
     def _pictures(self, packets: Iterator[tuple[int, Any]]) -> Iterator[tuple[int, Any]]:
         """Decode packets; yield each frame with its number."""
-        stream = self._container.streams.video[0]
+        stream = film_stream(self._container)
         index, count = self.index, 0
         for place, packet in packets:
             if place < index.n_frames and packet.size:
@@ -227,8 +245,8 @@ class FilmReader(FrameReader):
 
         if self._container is None:
             self._container = av.open(str(self.path))
-            self._container.streams.video[0].thread_type = "AUTO"
-        return self._container.streams.video[0]
+            film_stream(self._container).thread_type = "AUTO"
+        return film_stream(self._container)
 
     def _reopened(self) -> Any:
         """Return the stream of the file opened anew."""
@@ -246,8 +264,7 @@ def opened_reader(path: Path, index: FilmIndex) -> tuple[FilmReader, bool]:
     """Return a reader whose first frame was decoded, and whether that one has colour."""
     reader = FilmReader(path, index)
     try:
-        picture = reader.picture(0)
-        first = reader.read(0)
+        first, tinted = reader.read(0), reader.is_tinted()
     except WrongFrameError as error:
         msg = (
             f"{path.name} is in colour; a hologram has one grey value a pixel, "
@@ -262,7 +279,7 @@ def opened_reader(path: Path, index: FilmIndex) -> tuple[FilmReader, bool]:
         raise OSError(msg) from error
     height, width = first.shape
     reader.shape, reader.dtype = (index.n_frames, height, width), first.dtype
-    return reader, is_tinted(picture)
+    return reader, tinted
 
 
 def notes_of(index: FilmIndex, told: int, *, lossy: bool, tinted: bool) -> Iterator[str]:
@@ -292,6 +309,15 @@ def timing(
     # Ticks are coarse (milliseconds in MKV); the rate is exact where it means the same.
     agrees = rate > 0 and abs(times[-1] - (len(times) - 1) / rate) <= 1.01 * tick
     return (1 / rate if agrees else mean), None
+
+
+def film_stream(container: Any) -> Any:
+    """Return the first stream of pictures that FFmpeg can decode."""
+    known = [s for s in container.streams.video if s.codec_context is not None]
+    if not known:
+        msg = "it holds no film that can be decoded"
+        raise ValueError(msg)
+    return known[0]
 
 
 def kind_of(path: Path, container: Any, stream: Any) -> str:

@@ -119,6 +119,7 @@ class Hdf5Reader(FrameReader):
             data = self._open()[self.names[0]]
             long = [n > 1 for n in data.shape[:-2]]
             place = tuple(index if is_time else 0 for is_time in long)
+            check_written(data, place)
             return data[place].reshape(self.shape[1:])  # type: ignore[no-any-return]
 
     def _open(self) -> Any:
@@ -139,6 +140,16 @@ class Hdf5Reader(FrameReader):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
+
+
+def check_written(data: Any, place: tuple[int, ...]) -> None:
+    """Raise OSError if the first piece of a frame was never written; it would come as zeros."""
+    if data.chunks is None or data.is_virtual:
+        return
+    corner = (*(p - p % c for p, c in zip(place, data.chunks, strict=False)), 0, 0)
+    if data.id.get_chunk_info_by_coord(corner).byte_offset is None:
+        msg = "it was never written"
+        raise OSError(msg)
 
 
 def frames_of(

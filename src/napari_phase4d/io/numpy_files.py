@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import zipfile
-import zlib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -35,7 +34,8 @@ def read_npy(path: Path) -> Video:
     """
     try:
         found = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (ValueError, EOFError, OSError) as error:
+    except Exception as error:
+        # NumPy parses the header as Python, whose SyntaxError and others come through.
         raise OSError(unreadable(path, error)) from error
     if found.size:
         found = map_frames(path, found.dtype, found.shape, found.offset, found.strides)
@@ -83,7 +83,9 @@ def read_npz(
             values = member(members, name, path)
     except TooLarge:
         raise
-    except (zipfile.BadZipFile, EOFError, OSError, TypeError, zlib.error) as error:
+    except (ValueError, MemoryError):
+        raise
+    except Exception as error:
         raise OSError(unreadable(path, error)) from error
     return Video(values, kind="NPZ", dataset=name if len(arrays) > 1 else "")
 
@@ -108,7 +110,7 @@ def declared_arrays(archive: zipfile.ZipFile) -> dict[str, Found]:
                     else np.lib.format.read_array_header_2_0
                 )
                 shape, _, dtype = read(file)
-        except (ValueError, zlib.error, EOFError):
+        except Exception:  # NumPy parses the header as Python
             shape, dtype = (), np.dtype("O")  # reading it will say what is wrong
         arrays[name] = (shape, dtype)
     return arrays
@@ -165,7 +167,7 @@ def member(archive: Any, name: str, path: Path) -> NDArray[Any]:
     """Return one array of an archive, unless it would have to be unpickled."""
     try:
         return np.asarray(archive[name])
-    except ValueError as error:
+    except Exception as error:
         raise OSError(unreadable(path, error)) from error
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import struct
 import threading
 from pathlib import Path
@@ -15,7 +16,7 @@ from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.grey import colour_sentence, grey
 from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
 from napari_phase4d.io.mapped import map_frames
-from napari_phase4d.io.tiff_facts import imagej_facts, ome_facts, ome_times
+from napari_phase4d.io.tiff_facts import imagej_facts, ome_facts, ome_times, told_frames
 from napari_phase4d.io.video import Video
 
 __all__ = ["TIFF_SUFFIXES", "read_tiff"]
@@ -56,16 +57,23 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             check_complete(tif, path)
             facts = ome_facts(tif) if tif.is_ome else imagej_facts(tif)
             times = ome_times(tif) if tif.is_ome else None
+            check_number(tif, path, shape)
             kind = kind_of(tif)
             dtype = np.dtype(tif.series[0].dtype)
             offset = None if single else tif.series[0].dataoffset
             order = tif.byteorder
-    except (tifffile.TiffFileError, struct.error, LookupError, ValueError, TypeError) as error:
+    except CutShort:
+        raise
+    except Exception as error:
+        # A damaged directory leads to any error: RuntimeError, ZeroDivisionError, UnicodeError ...
         msg = (
             f"{path.name} can't be read as a TIFF file; it may be cut short or damaged "
             f"({in_one_line(error)})"
         )
         raise OSError(msg) from error
+    if axes.rstrip("S")[-2:] != "YX":
+        msg = f"{path.name} holds no pictures, but {axes_in_words(axes, shape)}; it may be damaged"
+        raise OSError(msg)
     if dtype.kind not in "buif":
         msg = f"{path.name} holds {dtype} values; a hologram video needs real numbers"
         raise ValueError(msg)
@@ -112,7 +120,40 @@ def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
         ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
         if ends and max(ends) > size:
             msg = f"{path.name} is cut short: a frame needs {max(ends)} bytes, the file has {size}"
-            raise OSError(msg)
+            raise CutShort(msg)
+    following = next_page(tif)
+    if following >= size:
+        msg = (
+            f"{path.name} is cut short: behind {len(tif.pages)} frames another one follows at "
+            f"{following} bytes, the file has {size}"
+        )
+        raise CutShort(msg)
+
+
+def next_page(tif: tifffile.TiffFile) -> int:
+    """Return where the page behind the last one that could be read lies, 0 if there is none.
+
+    tifffile takes a directory that lies behind the end of the file for the end of all pages.
+    """
+    form, file = tif.tiff, tif.filehandle
+    file.seek(tif.pages[-1].offset)
+    (count,) = struct.unpack(form.tagnoformat, file.read(form.tagnosize))
+    file.seek(count * form.tagsize, 1)
+    (following,) = struct.unpack(form.offsetformat, file.read(form.offsetsize))
+    return int(following)
+
+
+def check_number(tif: tifffile.TiffFile, path: Path, shape: tuple[int, ...]) -> None:
+    """Raise OSError if fewer frames are there than the description of the file says."""
+    told = told_frames(tif)
+    found = math.prod(shape) // max(1, math.prod(tif.series[0].keyframe.shape))
+    if found < told:
+        msg = f"{path.name} is cut short: its description tells of {told} frames, {found} are there"
+        raise CutShort(msg)
+
+
+class CutShort(OSError):  # noqa: N818 - it is an OSError to everybody else
+    """Pixels lie behind the end of the file."""
 
 
 def chosen_places(
@@ -210,11 +251,23 @@ class TiffPages(FrameReader):
             if page is None:
                 msg = "the file does not hold it"
                 raise ValueError(msg)
-            # The lock guards the file alone, so that several threads can decode.
-            image = grey(np.asarray(page.asarray(lock=self._lock)))
+            image = grey(self._decoded(page))
         if image.ndim > 2:
             raise WrongFrameError(colour_sentence(self.path.name))
         return image.reshape(self.shape[1:])
+
+    def _decoded(self, page: Any) -> NDArray[Any]:
+        """Return the pixels of a page, of which another file of a series may hold it."""
+        handle = page.parent.filehandle
+        if page.parent is self._file:
+            # The lock guards the file alone, so that several threads can decode.
+            return np.asarray(page.asarray(lock=self._lock))
+        with self._lock:
+            handle.open()
+            try:
+                return np.asarray(page.asarray())
+            finally:
+                handle.close()
 
     def _pages(self) -> Any:
         """Return the pages of the open file."""

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.io.units import MICROMETRES, SECONDS
 from napari_phase4d.io.video import Facts
 
-__all__ = ["imagej_facts", "ome_facts", "ome_times"]
+__all__ = ["imagej_facts", "ome_facts", "ome_times", "told_frames"]
 
 
 def imagej_facts(tif: tifffile.TiffFile) -> Facts:
@@ -61,6 +61,16 @@ def ome_times(tif: tifffile.TiffFile) -> NDArray[np.float64] | None:
         return None
     all_times = np.array([times[i] for i in range(len(times))])
     return all_times - all_times[0] if (np.diff(all_times) > 0).all() else None
+
+
+def told_frames(tif: tifffile.TiffFile) -> int:
+    """Return how many frames the description of a file tells of, 0 if it doesn't."""
+    if tif.is_imagej:
+        return int(number((tif.imagej_metadata or {}).get("images")))
+    pixels = ome_pixels(tif) if tif.is_ome else None
+    if pixels is None:
+        return 0
+    return int(np.prod([number(pixels.get(f"Size{axis}", 1)) for axis in "TCZ"]))
 
 
 def ome_pixels(tif: tifffile.TiffFile) -> ET.Element | None:

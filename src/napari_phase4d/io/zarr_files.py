@@ -126,7 +126,7 @@ class ZarrReader(FrameReader):
                 if step * math.prod(self.shape[1:]) * self.dtype.itemsize > LARGEST_KEPT:
                     step = 1
                 first = index - index % step
-                check_written(self.path, self.name, array, self.axis, index)
+                check_pieces(self.path, self.name, array, self.axis, index)
                 block = self._read(array, first, min(first + step, self.shape[0]))
                 if step > 1:
                     self._block = (first, block)
@@ -218,8 +218,12 @@ def check_sound(path: Path, array: Any) -> None:
         raise WrongStore(msg)
 
 
-def check_written(path: Path, name: str, array: Any, axis: int | None, index: int) -> None:
-    """Raise OSError if nothing of a frame is in a folder; zarr-python would give it as zeros."""
+def check_pieces(path: Path, name: str, array: Any, axis: int | None, index: int) -> None:
+    """Raise OSError if the pieces of a frame in a folder are missing or cut short.
+
+    zarr-python gives zeros for pieces that aren't there, and Blosc for the missing end of one that
+    it could not make smaller. Single missing pieces are black places, which Zarr leaves out.
+    """
     if not path.is_dir():
         return
     pieces = array.shards or array.chunks
@@ -227,14 +231,28 @@ def check_written(path: Path, name: str, array: Any, axis: int | None, index: in
     leading = [0] * (array.ndim - 2)
     if axis is not None:
         leading[axis] = index // pieces[axis]
-    folder = path / name
-    for row in range(counts[0]):
-        for column in range(counts[1]):
-            key = array.metadata.encode_chunk_key((*leading, row, column))
-            if (folder / key).exists():
-                return
-    msg = "nothing of it is in the store"
-    raise OSError(msg)
+    keys = (
+        array.metadata.encode_chunk_key((*leading, row, column))
+        for row in range(counts[0])
+        for column in range(counts[1])
+    )
+    files = [file for key in keys if (file := path / name / key).is_file()]
+    if not files:
+        msg = "nothing of it is in the store"
+        raise OSError(msg)
+    if array.shards is None and packs_with_blosc(array.metadata):
+        for file in files:
+            with file.open("rb") as opened_file:
+                told = int.from_bytes(opened_file.read(16)[12:], "little")  # c-blosc's header
+            if told > file.stat().st_size:
+                msg = f"its piece {file.name} is cut short"
+                raise OSError(msg)
+
+
+def packs_with_blosc(metadata: Any) -> bool:
+    """Say whether Blosc packs the pieces of an array last."""
+    codecs = getattr(metadata, "codecs", None) or (getattr(metadata, "compressor", None),)
+    return "blosc" in type(codecs[-1]).__name__.lower()
 
 
 def ome_image(attrs: Mapping[str, Any]) -> dict[str, Any] | None:

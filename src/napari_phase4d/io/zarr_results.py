@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import math
+import uuid
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -15,12 +16,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.io.atomic import folder_written_whole
+from napari_phase4d.io.atomic import folder_written_whole, written_whole
 from napari_phase4d.io.describing import SIGNATURE, checked, described, name_of, stack_of, step_of
 from napari_phase4d.io.slabs import slabs
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.progress import CancelledCall, ProgressCall, on_all_cores
+from napari_phase4d.recording import remember_reader
 
-__all__ = ["read_zarr_result", "write_zarr_result", "zarr_description"]
+__all__ = ["note_zarr_result", "read_zarr_result", "write_zarr_result", "zarr_description"]
 
 VERSION = "0.5"
 #: Name of the only array, and of the file that says what a group or an array is.
@@ -47,7 +49,7 @@ def write_zarr_result(
         high = -low
         with closing(slabs(stack, progress, cancelled)) as parts:
             for times, values in parts:
-                array[times] = values
+                write_frames(array, times.start, values)
                 low, high = widened((low, high), values)
         group.update_attributes(
             {"ome": ome_note(stack, path, (low, high)), SIGNATURE: described(stack)}
@@ -70,6 +72,38 @@ def new_array(group: Any, stack: xr.DataArray) -> Any:
         # Chunks of zeros are written too: one that is missing is then one that was lost.
         config={"write_empty_chunks": True},
     )
+
+
+def note_zarr_result(path: Path, stack: xr.DataArray) -> None:
+    """Note anew what an OME-Zarr of this program is; its numbers stay as they are.
+
+    Raises
+    ------
+    OSError
+        If it is not there or can't be written.
+    """
+    file = path / NOTE
+    try:
+        note = json.loads(file.read_text(encoding="utf-8"))
+        note["attributes"][SIGNATURE] = described(stack)
+    except (ValueError, KeyError, TypeError) as error:
+        msg = f"{path.name} is damaged: it does not say any more what it is"
+        raise OSError(msg) from error
+    with written_whole(file) as temporary:
+        temporary.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")
+
+
+def write_frames(array: Any, start: int, values: NDArray[Any]) -> None:
+    """Write the frames of some times, several at once, and wait for all, also if one fails.
+
+    Zarr itself does not wait, and would go on writing into a folder that is removed.
+    """
+
+    def write(place: tuple[int, ...]) -> None:
+        time, angle = place
+        array[start + time, angle] = values[time, angle]
+
+    on_all_cores(write, np.ndindex(values.shape[:2]))
 
 
 def widened(limits: Limits, values: NDArray[Any]) -> Limits:
@@ -149,8 +183,19 @@ def read_zarr_result(path: Path) -> xr.DataArray:
         raise OSError(msg)
     import dask.array as da
 
-    lazy = da.from_array(frames, chunks=frames.chunks, asarray=False, fancy=False)
-    return stack_of(description, lazy)
+    name = f"frames-{uuid.uuid4().hex}"  # spares dask the hashing of what it can't hash
+    lazy = da.from_array(
+        frames,
+        chunks=frames.chunks,
+        name=name,
+        asarray=False,
+        fancy=False,
+        meta=np.empty((0,) * 4, frames.dtype),
+    )
+    remember_reader(name, frames)
+    stack = stack_of(description, lazy)
+    stack.encoding["source"] = str(path)
+    return stack
 
 
 class Frames:
@@ -164,6 +209,8 @@ class Frames:
 
     def __init__(self, path: Path) -> None:
         self.path = path
+        self.chunks: tuple[int, ...]
+        self._kept: tuple[int, NDArray[Any]] | None
         self._open()
 
     def __getitem__(self, key: Any) -> NDArray[Any]:
@@ -176,8 +223,19 @@ class Frames:
             )
             raise OSError(msg) from error
 
+    def frame(self, index: int) -> NDArray[Any]:
+        """Return the frames of one time, shape (angle, y, x); the last chunk of them is kept."""
+        start = index // self.chunks[0] * self.chunks[0]
+        kept = self._kept
+        if kept is None or kept[0] != start:
+            kept = self._kept = (start, self[start : start + self.chunks[0]])
+        found: NDArray[Any] = kept[1][index - start]
+        return found
+
     def _open(self) -> None:
         import zarr
+
+        self._kept = None
 
         self._array: Any = zarr.open_array(self.path / ARRAY, mode="r")
         self.shape = tuple(int(n) for n in self._array.shape)

@@ -7,6 +7,7 @@ from napari_phase4d.pipeline.batch import run_batch
 from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint, fingerprinting
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.opening import found_anywhere, open_by
+from napari_phase4d.pipeline.places import Place, find_place
 from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, Recipe
 from napari_phase4d.pipeline.running import (
     Outcome,
@@ -23,7 +24,9 @@ __all__ = [
     "Fingerprint",
     "Needs",
     "Outcome",
+    "Place",
     "Recipe",
+    "find_place",
     "fingerprint",
     "fingerprinting",
     "focus_by",

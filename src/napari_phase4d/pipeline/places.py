@@ -6,7 +6,7 @@ import atexit
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,7 +25,7 @@ from napari_phase4d.pipeline.streaming import (
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
-__all__ = ["Place", "place_for"]
+__all__ = ["Place", "find_place", "place_for"]
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,12 @@ class Place:
 
     shelf: Shelf
     workers: Workers
+
+    def close(self) -> None:
+        """Remove what was needed on the way only, and leave a cluster."""
+        self.shelf.clear()
+        if isinstance(self.workers, Cluster):
+            self.workers.close()
 
     def unwrap(
         self,
@@ -77,7 +83,33 @@ class Place:
 def place_for(
     recipe: Recipe, needs: Needs, folder: str | Path | None, scheduler: str | None
 ) -> Iterator[Place | None]:
-    """Give the place of a run's stacks, None for memory, and tidy up afterwards.
+    """Give the place of a run's stacks, see `find_place`, and tidy up afterwards."""
+    place = find_place(recipe, needs, folder, scheduler)
+    try:
+        yield place
+    finally:
+        if place is not None:
+            place.close()
+
+
+def find_place(
+    recipe: Recipe,
+    needs: Needs,
+    folder: str | Path | None = None,
+    scheduler: str | None = None,
+) -> Place | None:
+    """Return the place of a run's stacks, None for memory.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        Its ``storage`` says where they are wished for.
+    needs : Needs
+        What the run needs.
+    folder : str or Path, optional
+        Where stacks on disk go; default a temporary folder.
+    scheduler : str, optional
+        Address of a cluster.
 
     Raises
     ------
@@ -90,17 +122,9 @@ def place_for(
     where = Path(tempfile.gettempdir()) if folder is None else Path(folder)
     needs.check(where, on_disk=on_disk)
     if not on_disk:
-        yield None
-        return
-    with ExitStack() as at_end:
-        workers: Workers = Threads()
-        if scheduler is not None:
-            cluster = Cluster(scheduler)
-            at_end.callback(cluster.close)
-            workers = cluster
-        shelf = Shelf(temporary_folder() if folder is None else Path(folder))
-        at_end.callback(shelf.clear)
-        yield Place(shelf, workers)
+        return None
+    workers: Workers = Threads() if scheduler is None else Cluster(scheduler)
+    return Place(Shelf(temporary_folder() if folder is None else Path(folder)), workers)
 
 
 def temporary_folder() -> Path:

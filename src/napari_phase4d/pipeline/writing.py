@@ -8,6 +8,7 @@ from typing import Any, Literal, get_args
 import xarray as xr
 
 from napari_phase4d.io import write_phase, write_table
+from napari_phase4d.io.zarr_results import note_zarr_result
 from napari_phase4d.pipeline.fingerprint import Fingerprint
 from napari_phase4d.pipeline.provenance import provenance_of, with_provenance
 from napari_phase4d.pipeline.running import Outcome
@@ -76,10 +77,24 @@ def write_outcome(
     for place, (name, stack) in enumerate(stacks.items(), 1):
         report = named(progress, f"{name} ({place} of {len(stacks)})")
         noted = with_provenance(stack, provenance)
-        written.append(write_phase(folder / f"{name}{ending}", noted, report, cancelled))
+        written.append(put(folder / f"{name}{ending}", noted, report, cancelled))
     written.append(write_table(folder / "table.csv", comparison.table))
     written.append(outcome.recipe.to_file(folder / "recipe.json"))
     return written
+
+
+def put(
+    path: Path,
+    stack: xr.DataArray,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> Path:
+    """Write a stack; of one that lies there already, only note what made it."""
+    source = stack.encoding.get("source")
+    if source is None or stack.chunks is None or Path(source).resolve() != path.resolve():
+        return write_phase(path, stack, progress, cancelled)
+    note_zarr_result(path, stack)
+    return path
 
 
 def checked_form(form: str | None) -> Form | None:

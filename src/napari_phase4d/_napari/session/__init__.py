@@ -4,6 +4,7 @@ from napari_phase4d._napari.session.opening import EUGLENA_SOURCE, YEAST_SOURCE,
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.plans import (
     plan_confidence,
+    plan_focus,
     plan_lobes,
     plan_margin,
     plan_opening,
@@ -25,6 +26,7 @@ __all__ = [
     "Session",
     "StepState",
     "plan_confidence",
+    "plan_focus",
     "plan_lobes",
     "plan_margin",
     "plan_opening",

@@ -2,26 +2,46 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
+import pandas as pd
 import xarray as xr
 
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.state import Changed, State
 from napari_phase4d._napari.session.states import phase_is_stale
-from napari_phase4d.evaluation import REFERENCE, Comparison, best_known, itoh_margin
-from napari_phase4d.holography import Lobe, find_lobes, pair_distance, power_spectrum
-from napari_phase4d.pipeline import Outcome, reconstruct_by, unwrap_by
+from napari_phase4d.evaluation import (
+    REFERENCE,
+    Comparison,
+    best_known,
+    held,
+    itoh_margin,
+    noise_figures,
+)
+from napari_phase4d.holography import Focus, Lobe, find_lobes, pair_distance, power_spectrum
+from napari_phase4d.pipeline import (
+    Outcome,
+    find_place,
+    focus_by,
+    needs_of,
+    phase_needs,
+    reconstruct_by,
+    unwrap_by,
+)
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import score_boundaries
+from napari_phase4d.unwrapping import METHODS, score_boundaries
 
 __all__ = [
     "plan_confidence",
+    "plan_focus",
     "plan_lobes",
     "plan_margin",
+    "plan_noise",
     "plan_opening",
     "plan_reconstruction",
     "plan_scores",
@@ -32,6 +52,8 @@ __all__ = [
 
 #: Frames averaged for the spectrum on screen.
 SPECTRUM_FRAMES = 32
+#: Times that are scored of a recording larger than memory.
+SCORED_TIMES = 100
 
 
 def plan_opening(state: State, source: object, content: str = "auto", title: str = "") -> Plan:
@@ -116,19 +138,79 @@ def plan_reconstruction(state: State) -> Plan:
         msg = "there are no lobes yet; press Find lobes in step 2"
         raise ValueError(msg)
 
+    lobes = list(recipe.lobes)
+    # Methods that need all frames at once can still be left out.
+    modest = recipe.changed(methods=[m for m in recipe.methods if METHODS[m].streams])
+    place = find_place(recipe, needs_of(modest, recording, lobes))
+
     def work(
         progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> tuple[xr.Dataset, xr.DataArray | None]:
-        data = reconstruct_by(recipe, recording, list(recipe.lobes), progress, cancelled)
+        data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
         return data, known_truth(truth_for, data["phase"])
 
     def receive(found: tuple[xr.Dataset, xr.DataArray | None]) -> None:
         check_recording(state, recording)
+        state.leave_place(place)
         data, state.known_truth = found
         state.truth = state.known_truth
-        state.set_reconstruction(data, recipe)
+        # "auto" has become a number of micrometres.
+        used = recipe.changed(refocus_um=data.attrs.get("refocus_um"))
+        if state.recipe.refocus_um == recipe.refocus_um:
+            state.update(refocus_um=used.refocus_um)
+        state.set_reconstruction(data, used)
 
     return Plan("Reconstructing", work, receive)
+
+
+def plan_focus(state: State) -> Plan:
+    """Plan to find the distance at which the object is sharp.
+
+    Raises
+    ------
+    ValueError
+        If there is no recording or no lobe yet.
+    """
+    recording, recipe = state.needed_recording(), state.recipe
+    if not recipe.lobes:
+        msg = "there are no lobes yet; press Find lobes in step 2"
+        raise ValueError(msg)
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> Focus:
+        return focus_by(recipe, recording, list(recipe.lobes), progress, cancelled)
+
+    def receive(focus: Focus) -> None:
+        check_recording(state, recording)
+        state.focus = focus
+        state.update(refocus_um=round(focus.distance_um, 2))
+
+    return Plan("Looking for the focus", work, receive)
+
+
+def plan_noise(state: State) -> Plan:
+    """Plan to measure how noisy the phase is, until something else is asked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase yet.
+    """
+    data = state.needed_reconstruction()
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> pd.DataFrame:
+        return noise_figures(data, progress, cancelled)
+
+    def receive(noise: pd.DataFrame) -> None:
+        if state.reconstruction is not data:
+            raise Changed
+        state.noise = noise
+        state.noise_changed.emit()
+
+    return Plan("Measuring the noise", work, receive, gives_way=True)
 
 
 def plan_unwrapping(state: State) -> Plan:
@@ -154,6 +236,9 @@ def plan_unwrapping(state: State) -> Plan:
         options=chosen.options,
         confidence=chosen.confidence,
     )
+    place = state.place
+    folder = Path(tempfile.gettempdir()) if place is None else place.shelf.folder
+    phase_needs(recipe.methods, data["phase"].shape).check(folder, on_disk=place is not None)
 
     def work(
         progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
@@ -168,6 +253,7 @@ def plan_unwrapping(state: State) -> Plan:
                 cancelled,
                 amplitude=data.get("amplitude"),
                 finished=lambda _, comparison: so_far.append(comparison),
+                place=place,
             )
         except Cancelled:
             if not so_far:
@@ -298,11 +384,13 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
         If there is no phase yet.
     """
     data = state.needed_reconstruction()
-    reference = state.results.get(REFERENCE)
+    reference, place = state.results.get(REFERENCE), state.place
 
     def work(
         progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> xr.DataArray:
+        if place is not None:
+            return scores_of_some(data["phase"], progress, cancelled)
         return score_boundaries(data["phase"], reference, progress=progress, cancelled=cancelled)
 
     def receive(scores: xr.DataArray) -> None:
@@ -312,6 +400,18 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
         state.scores_changed.emit()
 
     return Plan("Scoring the frames", work, receive, gives_way=unasked)
+
+
+def scores_of_some(
+    phase: xr.DataArray, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> xr.DataArray:
+    """Score some frames of a recording larger than memory; the others stay unknown."""
+    every = max(1, -(-phase.sizes["time"] // SCORED_TIMES))
+    some = held(phase.isel(time=slice(None, None, every)))
+    found = score_boundaries(some, progress=progress, cancelled=cancelled)
+    scores = found.reindex(time=phase["time"])
+    time, angle = found.attrs["best"]
+    return scores.assign_attrs(best=[time * every, angle])
 
 
 def check_recording(state: State, recording: Recording) -> None:

@@ -12,8 +12,10 @@ import xarray as xr
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.plans import (
     plan_confidence,
+    plan_focus,
     plan_lobes,
     plan_margin,
+    plan_noise,
     plan_reconstruction,
     plan_scores,
     plan_spectrum,
@@ -21,7 +23,7 @@ from napari_phase4d._napari.session.plans import (
 )
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.evaluation import REFERENCE
-from napari_phase4d.holography import Lobe
+from napari_phase4d.holography import Focus, Lobe
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.scripting import as_python
 
@@ -54,6 +56,18 @@ class Session(State):
         self.update(**settings)
         plan_reconstruction(self).run()
         return self.needed_reconstruction()
+
+    def autofocus(self) -> Focus:
+        """Find where the object is sharp, and refocus to there from now on (step 3)."""
+        plan_focus(self).run()
+        assert self.focus is not None
+        return self.focus
+
+    def measure_noise(self) -> pd.DataFrame:
+        """Return how noisy phase and amplitude are in the empty field (step 3)."""
+        plan_noise(self).run()
+        assert self.noise is not None
+        return self.noise
 
     def suggest_boundary(self) -> tuple[int, int]:
         """Score all frames and start from the safest (step 4)."""
@@ -110,7 +124,7 @@ class Session(State):
         return as_python(self.needed_outcome().recipe)
 
     def quiet_plan(self, failed: Sequence[str] = ()) -> Plan | None:
-        """Return what is best computed unasked now: spectrum, scores, or confidence.
+        """Return what is best computed unasked now: spectrum, scores, noise, or confidence.
 
         Parameters
         ----------
@@ -122,7 +136,9 @@ class Session(State):
             plans.append(plan_spectrum(self))
         if self.reconstruction is not None and self.scores is None:
             plans.append(plan_scores(self, unasked=True))
+        if self.reconstruction is not None and self.noise is None:
+            plans.append(plan_noise(self))
         # Without WL1, weighing would first have to compute it.
-        if REFERENCE in self.results and not self.confidence:
+        if REFERENCE in self.results and not self.confidence and self.place is None:
             plans.append(plan_confidence(self, unasked=True))
         return next((plan for plan in plans if plan.title not in failed), None)

@@ -9,19 +9,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
+import pandas as pd
 import xarray as xr
 from psygnal import Signal
 
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d.evaluation import Comparison
-from napari_phase4d.holography import Lobe, pair_distance, recalibrated
-from napari_phase4d.pipeline import Outcome, Recipe
+from napari_phase4d.holography import Focus, Lobe, pair_distance, recalibrated
+from napari_phase4d.pipeline import Outcome, Place, Recipe
 from napari_phase4d.recording import Recording
 
 __all__ = ["PHASE_FIELDS", "Changed", "State"]
 
 #: Settings that wrapped phase depends on.
-PHASE_FIELDS = ("lobes", "reference", "window", "background", "drift")
+PHASE_FIELDS = (
+    "lobes",
+    "reference",
+    "window",
+    "background",
+    "background_order",
+    "refocus_um",
+    "drift",
+)
 #: How many changes of the lobes can be undone.
 UNDO_DEPTH = 50
 
@@ -53,6 +62,7 @@ class State:
     scores_changed = Signal()
     recipe_changed = Signal()
     truth_changed = Signal()
+    noise_changed = Signal()
 
     def __init__(self) -> None:
         self.recipe = Recipe()
@@ -70,9 +80,15 @@ class State:
         #: How far to trust each result, and what to say of whole objects: method id -> it.
         self.confidence: dict[str, xr.DataArray] = {}
         self.warnings: dict[str, str] = {}
+        #: How the last search for the focus ended, see `autofocus`.
+        self.focus: Focus | None = None
+        #: How noisy the phase is, see `noise_figures`.
+        self.noise: pd.DataFrame | None = None
         #: How safe each frame is as boundary condition, see `score_boundaries`.
         self.scores: xr.DataArray | None = None
         self.truth_for: TruthCall | None = None
+        #: Where stacks lie that do not fit into memory, None if they do.
+        self.place: Place | None = None
         #: The recipe that the present reconstruction was made with.
         self.phase_recipe = self.recipe
         self._lobes_before: list[tuple[Lobe, ...]] = []
@@ -238,6 +254,7 @@ class State:
         self.recipe = recipe
         self.spectrum = None
         self.reconstruction = None
+        self.leave_place()
         self.truth = self.known_truth = None
         self._lobes_before = []
         self.forget_results()
@@ -245,16 +262,22 @@ class State:
         self.recording_changed.emit()
         self.recipe_changed.emit()
 
+    def leave_place(self, place: Place | None = None) -> None:
+        """Let stacks lie elsewhere from now on; those that are shown stay where they are."""
+        if self.place is not None:
+            self.place.close()
+        self.place = place
+
     def forget_results(self) -> None:
         """Forget what was made of the phase."""
-        self.outcome = self.margin = self.scores = None
+        self.outcome = self.margin = self.scores = self.noise = None
         self.confidence, self.warnings = {}, {}
 
     def recalibrate(self, recording: Recording) -> None:
         """Take the same frames with other optics or times; all else gets the new scale."""
         changes = {"optics": recording.optics, "frame_rate_hz": recording.frame_rate_hz}
         self.recording = recording
-        self.phase_recipe = self.phase_recipe.changed(**changes)
+        self.phase_recipe = recalibrated_recipe(self.phase_recipe, changes)
 
         def scaled(stack: Stack) -> Stack:
             return recalibrated(stack, recording)
@@ -277,7 +300,7 @@ class State:
             results = {m: scaled(r) for m, r in comparison.results.items()}
             self.outcome = Outcome(
                 recording,
-                self.outcome.recipe.changed(**changes),
+                recalibrated_recipe(self.outcome.recipe, changes),
                 scaled(self.outcome.reconstruction),
                 replace(comparison, results=results),
                 self.truth,
@@ -378,6 +401,16 @@ class State:
             msg = "there are no results yet; press Run in step 4"
             raise ValueError(msg)
         return self.outcome
+
+
+def recalibrated_recipe(recipe: Recipe, changes: dict[str, Any]) -> Recipe:
+    """Return the recipe of what was made before, with another microscope or frame rate.
+
+    Refocused phase belongs to the microscope that it was refocused with.
+    """
+    if recipe.refocus_um is None:
+        return recipe.changed(**changes)
+    return recipe.changed(frame_rate_hz=changes["frame_rate_hz"])
 
 
 def is_frame(frame: tuple[int, int], shape: tuple[int, ...]) -> bool:

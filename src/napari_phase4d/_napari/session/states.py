@@ -5,6 +5,7 @@ from __future__ import annotations
 from enum import Enum
 
 from napari_phase4d._napari.session.state import PHASE_FIELDS, State
+from napari_phase4d.holography import BACKGROUND_ORDERS
 
 __all__ = ["StepState", "phase_is_stale", "step_states"]
 
@@ -59,7 +60,13 @@ def phase_is_stale(state: State) -> bool:
     """Say whether the phase was made with other lobes or settings than those set now."""
     if state.recording is None:
         return False
-    return any(getattr(state.recipe, f) != getattr(state.phase_recipe, f) for f in PHASE_FIELDS)
+    now, then = state.recipe, state.phase_recipe
+    changed = {f for f in PHASE_FIELDS if getattr(now, f) != getattr(then, f)}
+    if BACKGROUND_ORDERS[now.background] is not None:  # the order does nothing then
+        changed.discard("background_order")
+    if now.refocus_um is not None and now.optics != then.optics:
+        return True
+    return bool(changed)
 
 
 def results_are_stale(state: State) -> bool:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from magicgui.widgets import ComboBox
 from qtpy.QtCore import Qt
@@ -180,7 +181,7 @@ class BoundaryPart(Step):
             f"angle {float(phase['angle'][angle]):g}°</b>",
             words_on_score(self.session.scores, time, angle),
         ]
-        self.thumbnail.show_frame(phase.values[time, angle], "<br>".join(lines))
+        self.thumbnail.show_frame(np.asarray(phase.data[time, angle]), "<br>".join(lines))
 
 
 def words_on_score(scores: Any, time: int, angle: int) -> str:

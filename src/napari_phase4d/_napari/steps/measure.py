@@ -19,7 +19,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
 from napari_phase4d._napari.widgets.curves import CurvePlot
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.evaluation import measure, most_trusted
+from napari_phase4d.evaluation import Comparison, measure, most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
@@ -173,7 +173,7 @@ class MeasurePart(Step):
             if drawn is not None:
                 masks = drawn
             elif layer == OBJECT:
-                masks = {"object": comparison.object_mask().values.astype(bool)}
+                masks = {"object": object_in(comparison, result)}
             else:
                 masks = regions_of_layer(layer, result)
             return measure(result, masks, optics, **chosen, progress=progress, cancelled=cancelled)
@@ -254,3 +254,19 @@ class MeasurePart(Step):
         path, _ = QFileDialog.getSaveFileName(self, "Measurement", "measured.csv", "CSV (*.csv)")
         if path:
             self.save_to(path)
+
+
+def object_in(comparison: Comparison, result: xr.DataArray) -> Any:
+    """Return the mask of the object: of results on disk, what they were unwrapped in.
+
+    Raises
+    ------
+    ValueError
+        If results on disk were unwrapped in the whole field.
+    """
+    if comparison.problem is not None:
+        return comparison.object_mask().values.astype(bool)
+    if result.attrs.get("mask") == "auto":
+        return result.data != 0
+    msg = "the object was not looked for in this recording; draw a region to measure"
+    raise ValueError(msg)

@@ -18,6 +18,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.evaluation import (
     EXACT,
     comparison_figure,
+    held,
     movie_frames,
     named_results,
     phase_limits,
@@ -104,7 +105,7 @@ class SharePart(Step):
 
         def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Path:
             shown = [stacks[EXACT]] if EXACT in stacks else list(stacks.values())
-            some = [s.values[:: max(1, len(s) // 16), :, ::2, ::2] for s in shown]
+            some = [held(s[:: max(1, len(s) // 16), :, ::2, ::2]).values for s in shown]
             limits = phase_limits(some)
             frames = movie_frames(stacks, limits, title=self.session.name)
             return write_movie(

@@ -99,6 +99,9 @@ class TracePart(Step):
         if outcome is None or where is None:
             self.plot.message("Move the mouse over a result, or draw a region.")
             return
+        if self.session.place is not None:
+            self.plot.message("These results lie on disk; Measure gives curves of a region.")
+            return
         stacks = named_results(outcome.comparison, self.session.truth)
         found = traces(stacks, self.presenter.current_frame(), where)
         time, angle = found.frame

@@ -13,6 +13,7 @@ import xarray as xr
 from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d._napari.viewing.on_demand import OnDemand, is_lazy, shown
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 
@@ -109,7 +110,7 @@ def layer_tuple(
             }
         },
     }
-    return stack.data, keywords, "image"
+    return shown(stack.data), keywords, "image"
 
 
 def hologram_layer(recording: Recording, sample: str = "") -> LayerTuple:
@@ -126,7 +127,11 @@ def hologram_layer(recording: Recording, sample: str = "") -> LayerTuple:
     stack = recording.holograms.expand_dims({"angle": [0.0]}, axis=1)
     stack.attrs = optics_note(recording) | ({"sample": sample} if sample else {})
     limits = contrast(first, (0.001, 0.999))
-    return layer_tuple(stack, recording.name, "holograms", limits=limits, colormap="gray")
+    data, keywords, kind = layer_tuple(
+        stack, recording.name, "holograms", limits=limits, colormap="gray"
+    )
+    # Of lazy frames the file is asked, not what was made of them here.
+    return OnDemand(recording.holograms.data) if is_lazy(data) else data, keywords, kind
 
 
 def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = True) -> LayerTuple:
@@ -143,15 +148,19 @@ def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = Tr
     visible : bool, optional
         Whether it is shown at once.
     """
-    values = stack.values
     if kind in FIXED:
         limits, colours = FIXED[kind]
         return layer_tuple(stack, name, kind, limits=limits, colormap=colours, visible=visible)
     colormap = "gray" if kind == "amplitude" else "turbo"
-    # A sixteenth of the pixels of some frames tells the range, and does not hold up the window.
-    some = values[:: max(1, len(values) // 16), :, ::4, ::4]
-    limits = contrast(some, (0.001, 0.9995))
+    limits = contrast(some_of(stack), (0.001, 0.9995))
     return layer_tuple(stack, name, kind, limits=limits, colormap=colormap, visible=visible)
+
+
+def some_of(stack: xr.DataArray) -> NDArray[Any]:
+    """Return a sixteenth of the pixels of some frames, which tells the range and is quick."""
+    data = shown(stack.data)
+    times = range(0, len(stack), max(1, len(stack) // 16))
+    return np.stack([[data[t, a][::4, ::4] for a in range(stack.shape[1])] for t in times])
 
 
 def contrast(values: NDArray[Any], quantiles: tuple[float, float]) -> tuple[float, float]:
@@ -174,14 +183,11 @@ def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
     A camera frame holds all views at once. The frames are repeated without being copied.
     """
     coordinates = np.asarray(angles_deg, dtype=np.float64)
-    data = layer.data[:, :1]
-    shape = (data.shape[0], len(coordinates), *data.shape[2:])
-    if isinstance(data, np.ndarray):
-        layer.data = np.broadcast_to(data, shape)
+    if isinstance(layer.data, OnDemand):
+        layer.data = layer.data.spread(len(coordinates))
     else:
-        import dask.array as da
-
-        layer.data = da.broadcast_to(data, shape)
+        data = layer.data[:, :1]
+        layer.data = np.broadcast_to(data, (len(data), len(coordinates), *data.shape[2:]))
     layer.scale = [layer.scale[0], step_of(coordinates), *layer.scale[2:]]
     layer.translate = [layer.translate[0], float(coordinates[0]), *layer.translate[2:]]
     note = {**layer.metadata[METADATA_KEY], "angles_deg": coordinates.tolist()}

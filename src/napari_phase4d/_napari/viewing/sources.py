@@ -8,6 +8,7 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
+from napari_phase4d._napari.viewing.on_demand import frames_of, lazy_of
 from napari_phase4d.io import open_recording
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
@@ -49,7 +50,7 @@ def stack_of_layer(layer: Any) -> xr.DataArray:
         axis: (axis, values, {"units": unit})
         for axis, values, unit in zip(AXES, known, units, strict=True)
     }
-    return xr.DataArray(np.asarray(layer.data), dims=AXES, coords=coords, attrs=note)
+    return xr.DataArray(lazy_of(layer.data), dims=AXES, coords=coords, attrs=note)
 
 
 def truth_among(layers: Any, phase: xr.DataArray) -> xr.DataArray | None:
@@ -81,7 +82,7 @@ def recording_of_layer(layer: Any) -> Recording:
         note["medium_index"],
     )
     return Recording.from_frames(
-        layer.data[:, 0],
+        frames_of(layer.data),
         optics=optics,
         times_s=np.asarray(note["times_s"]),
         name=str(layer.name),

@@ -136,9 +136,7 @@ class Shelf:
         finish_blocks(group, stack, limits)
         final = self.folder / group.name
         put_in_place(group, final, self.scratch / f"{name}-old")
-        found = read_results(final)
-        found.encoding["source"] = str(final)
-        return found
+        return read_results(final)
 
     def take(
         self,

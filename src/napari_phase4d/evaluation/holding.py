@@ -1,0 +1,57 @@
+"""Stacks that lie on disk, brought into memory where all frames are needed at once."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import psutil
+import xarray as xr
+from numpy.typing import NDArray
+
+__all__ = ["frame_of", "held", "parts_over_time"]
+
+#: Copies that work on a whole stack makes of it, about.
+COPIES = 4
+#: Bytes that are read at a time.
+PART_BYTES = 64 * 2**20
+
+
+def held(stack: xr.DataArray) -> xr.DataArray:
+    """Return a stack whose numbers are in memory.
+
+    Raises
+    ------
+    OSError
+        If they lie on disk and are too many to work on all at once.
+    """
+    if stack.chunks is None:
+        return stack
+    needed, free = COPIES * stack.nbytes, psutil.virtual_memory().available
+    if needed > free:
+        msg = (
+            f"this looks at all frames at once and needs about {needed / 2**30:.1f} GB of memory, "
+            f"but {free / 2**30:.1f} GB are free; take some frames only, such as "
+            "stack.isel(time=slice(200))"
+        )
+        raise OSError(msg)
+    return stack.copy(data=np.asarray(stack.data))
+
+
+def frame_of(stack: xr.DataArray, time: int, angle: int) -> NDArray[Any]:
+    """Return one frame (y, x) of a stack (time, angle, y, x), wherever it lies."""
+    return np.asarray(stack.data[time, angle])
+
+
+def parts_over_time(stack: xr.DataArray) -> Iterator[tuple[slice, NDArray[Any]]]:
+    """Yield the times of a part of a stack (time, ...) and its values, part after part."""
+    n_times = stack.shape[0]
+    if stack.chunks is None:
+        yield slice(0, n_times), stack.values
+        return
+    chunk = max(int(stack.data.chunksize[0]), 1)
+    at_once = max(1, PART_BYTES // max(chunk * stack[0].nbytes, 1)) * chunk
+    for start in range(0, n_times, at_once):
+        part = slice(start, min(start + at_once, n_times))
+        yield part, np.asarray(stack.data[part])

@@ -1,0 +1,163 @@
+"""What is taken off all frames alike: the reference, and the phase of the empty field."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
+from napari_phase4d.holography.background import fitted_surface
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.progress import CancelledCall, Watch, in_threads
+from napari_phase4d.recording import Recording
+
+__all__ = ["BACKGROUND_ORDERS", "Reference", "background_surface", "corrections", "reference_note"]
+
+#: What to take off the background, and the degree of the surface that does it; None for the
+#: degree that is asked for.
+BACKGROUND_ORDERS: dict[str, int | None] = {
+    "none": 0,
+    "tilt": 1,
+    "curvature": 2,
+    "polynomial": None,
+    "zernike": None,
+}
+#: Frames from which the static background and the median reference are measured.
+STATIC_FRAMES = 32
+#: Below this share of its median the reference's amplitude is not divided by.
+DARKEST_REFERENCE = 0.05
+
+Reference = Any
+
+
+def corrections(
+    rec: Recording,
+    demodulate: Demodulator,
+    reference: Reference,
+    background: str,
+    background_order: int,
+    cancelled: CancelledCall | None,
+) -> tuple[NDArray[np.complex64], list[NDArray[np.float64]]]:
+    """Return what to multiply the fields of all frames by, and what the background was.
+
+    It divides by the reference and takes off the phase that the empty field has in all frames.
+
+    Returns
+    -------
+    ndarray of shape (view, y, x) or (1, 1, 1)
+        The factor.
+    list of ndarray
+        For each view the coefficients of the background's terms in radians; empty if none was
+        fitted.
+    """
+    kind, order = background_surface(background, background_order)
+    factor = np.ones((1, 1, 1), dtype=np.complex64)
+    by_median = isinstance(reference, str) and reference == "median"
+    if reference is not None and not by_median:
+        factor = inverse(demodulate(reference_frame(rec, reference)))
+    if order or by_median:
+        static = static_fields(rec, demodulate, cancelled)
+    if by_median:
+        factor = inverse(median_fields(static))
+    if order:
+        static *= factor
+        found = [fitted_surface(view, order, kind) for view in static.swapaxes(0, 1)]
+        surfaces = np.stack([surface for surface, _ in found])
+        factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
+        return factor, [coefficients for _, coefficients in found]
+    return factor, []
+
+
+def background_surface(background: str, background_order: int) -> tuple[str, int]:
+    """Return the kind of terms and the degree that a way to remove the background stands for.
+
+    Raises
+    ------
+    ValueError
+        If there is no such way or degree.
+    """
+    if background not in BACKGROUND_ORDERS:
+        msg = f"background must be one of {', '.join(BACKGROUND_ORDERS)}, but is {background!r}"
+        raise ValueError(msg)
+    fixed = BACKGROUND_ORDERS[background]
+    if fixed is not None:
+        return "powers", fixed
+    if not MIN_ORDER <= background_order <= MAX_ORDER:
+        msg = (
+            f"background_order must lie between {MIN_ORDER} and {MAX_ORDER}, "
+            f"but is {background_order!r}"
+        )
+        raise ValueError(msg)
+    return background, int(background_order)
+
+
+def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Return 1 / the fields of a reference, held small where the reference is dark."""
+    amplitude = np.abs(fields)
+    darkest = DARKEST_REFERENCE * np.median(amplitude, axis=(1, 2), keepdims=True)
+    if not (darkest > 0).all():
+        msg = "the reference shows no fringes in at least one lobe; choose another reference"
+        raise ValueError(msg)
+    result: NDArray[np.complex64] = fields.conj() / np.maximum(amplitude, darkest) ** 2
+    return result
+
+
+def static_fields(
+    rec: Recording, demodulate: Demodulator, cancelled: CancelledCall | None
+) -> NDArray[np.complex64]:
+    """Return the fields of some frames, spread over the recording, (frame, view, y, x)."""
+    indices = rec.sample_indices(STATIC_FRAMES)
+    watch = Watch(len(indices), "look at the background", None, cancelled)
+    return np.stack(list(in_threads(lambda i: demodulate(rec.raw_frame(i)), indices, watch)))
+
+
+def median_fields(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Return the median over time of fields, whose constant phases are aligned in place."""
+    overlap = np.einsum("avyx,vyx->av", stack, stack[0].conj())
+    stack *= np.exp(-1j * np.angle(overlap)).astype(np.complex64)[..., None, None]
+    middle: NDArray[np.complex64] = (
+        np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0)
+    ).astype(np.complex64)
+    return middle
+
+
+def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]:
+    """Return the frame of the reference: the mean, if it is a recording of several."""
+    if isinstance(reference, (int, np.integer)):
+        if not -rec.n_frames <= reference < rec.n_frames:
+            msg = (
+                f"reference frame {reference} does not exist; {rec.name} has {rec.n_frames} frames"
+            )
+            raise ValueError(msg)
+        return rec.raw_frame(int(reference) % rec.n_frames)
+    if isinstance(reference, Recording):
+        recording = reference
+    elif isinstance(reference, (str, Path)):
+        msg = f"open the reference {reference} with open_recording() first"
+        raise TypeError(msg)
+    else:
+        recording = Recording.from_frames(reference, optics=rec.optics, name="the reference")
+    if recording.frame_shape != rec.frame_shape:
+        msg = (
+            f"the reference is {recording.frame_shape} pixels, "
+            f"but the frames are {rec.frame_shape}"
+        )
+        raise ValueError(msg)
+    total = np.zeros(rec.frame_shape)
+    for frame in recording.frames():
+        total += frame
+    return (total / recording.n_frames).astype(np.float32)
+
+
+def reference_note(reference: Reference) -> str:
+    """Say in a few words what was divided by."""
+    if reference is None:
+        return "none"
+    if isinstance(reference, Recording):
+        return reference.name
+    if isinstance(reference, (int, np.integer)):
+        return f"frame {reference}"
+    return reference if isinstance(reference, str) else "array"

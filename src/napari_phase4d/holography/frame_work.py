@@ -1,0 +1,121 @@
+"""What is done with one camera frame: from its grey values to phase and amplitude."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.holography.background import (
+    ENOUGH_BACKGROUND,
+    background_offset,
+    flat_share,
+)
+from napari_phase4d.holography.datasets import as_dataset
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.refocusing import Propagator
+from napari_phase4d.optics import Optics
+from napari_phase4d.recording import Recording
+
+__all__ = ["FrameWork", "refocusing"]
+
+
+@dataclass(frozen=True)
+class FrameWork:
+    """All that turns one camera frame into phase and amplitude, measured once a recording.
+
+    It can be pickled, and several threads may use it.
+
+    Parameters
+    ----------
+    demodulate : Demodulator
+        Gives the fields of all views.
+    factor : ndarray of shape (view, y, x) or (1, 1, 1)
+        What they are multiplied by, see `corrections`.
+    drift : bool
+        Whether the phase of the empty field is set to zero.
+    angles : list of float
+        Viewing angles in degrees.
+    attrs : dict
+        What to note of it.
+    refocus : Propagator, optional
+        Carries the fields to another plane.
+    """
+
+    demodulate: Demodulator
+    factor: NDArray[np.complex64]
+    drift: bool
+    angles: list[float]
+    attrs: dict[str, Any]
+    refocus: Propagator | None = None
+
+    def __call__(
+        self,
+        frame: NDArray[np.generic],
+        phase: NDArray[np.float32],
+        amplitude: NDArray[np.float32],
+    ) -> float:
+        """Write the phase and amplitude of a frame, each (view, y, x).
+
+        Returns
+        -------
+        float
+            Smallest share, of all views, of pixels that look like background; 1 if not looked at.
+        """
+        fields = self.fields(frame)
+        np.abs(fields, out=amplitude)
+        np.arctan2(fields.imag, fields.real, out=phase)
+        if not self.drift:
+            return 1.0
+        return min(remove_offset(*view) for view in zip(fields, phase, strict=True))
+
+    def fields(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
+        """Return the corrected and refocused fields of all views of a frame, (view, y, x)."""
+        fields = self.demodulate(frame)
+        fields *= self.factor
+        return fields if self.refocus is None else self.refocus(fields)
+
+    def stack_shape(self, n_frames: int) -> tuple[int, int, int, int]:
+        """Return the shape (time, angle, y, x) of the phase of so many frames."""
+        height, width = self.demodulate.output_shape
+        return (n_frames, len(self.angles), height, width)
+
+    def as_dataset(
+        self, rec: Recording, phase: Any, amplitude: Any, lowest_share: float
+    ) -> xr.Dataset:
+        """Return all frames' phase and amplitude, in memory or lazy, with axes and notes."""
+        attrs = {**self.attrs, "background_share": lowest_share}
+        ratio = self.demodulate.pixel_ratio
+        return as_dataset(rec, self.angles, ratio, phase, amplitude, attrs)
+
+
+def remove_offset(field: NDArray[np.complex64], phase: NDArray[np.float32]) -> float:
+    """Set the background of a wrapped phase to zero, if its field shows enough of one.
+
+    Returns
+    -------
+    float
+        Share of the pixels that look like background.
+    """
+    offset = background_offset(field, phase)
+    share = flat_share(phase, offset)
+    if share >= ENOUGH_BACKGROUND:
+        phase -= offset
+        phase[phase <= -np.pi] += 2 * np.pi
+        phase[phase > np.pi] -= 2 * np.pi
+    return share
+
+
+def refocusing(demodulate: Demodulator, optics: Optics, distance_um: float) -> Propagator:
+    """Return what carries demodulated fields over a distance."""
+    height, width = (optics.pixel_um * ratio for ratio in demodulate.pixel_ratio)
+    return Propagator(
+        demodulate.output_shape,
+        distance_um,
+        optics.wavelength_um,
+        (height, width),
+        optics.medium_index,
+    )

@@ -1,0 +1,287 @@
+"""Numerical refocusing: what the light would look like in a plane before or behind the camera's.
+
+The field is taken apart into plane waves (its *angular spectrum*), each gets the phase that it
+gains on its way, and they are put together again (Goodman, Introduction to Fourier Optics, section
+3.10). In a medium of index n, over a distance d, the wave with the transverse frequency (ky, kx)
+gains d (sqrt(K^2 - ky^2 - kx^2) - K), where K = 2 pi n / wavelength: what a wave straight ahead
+gains is left out, so that the empty field keeps its phase. Waves with ky^2 + kx^2 >= K^2 would be
+evanescent and are cut off.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+import scipy.fft
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+
+__all__ = ["EDGES", "Propagator", "propagate", "refocused"]
+
+#: How a field goes on beyond its edges.
+EDGES = ("mirrored", "periodic")
+#: Transfer functions that are kept: the frames of a video share one.
+KEPT = 8
+
+PixelSize = float | Sequence[float]
+
+
+class Propagator:
+    """Carries fields of one size over one distance; several threads may use one.
+
+    Mirrored edges need no more room than periodic ones: the mirrored field has a cosine
+    transform, and the transfer function is even. They leave no jump at the edges, which would
+    send out waves of its own, keep the energy in the frame, and come back exactly.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the fields in pixels.
+    distance_um : float
+        How far, in micrometres; positive in the direction of the light.
+    wavelength_um : float
+        Vacuum wavelength in micrometres, above 0.
+    pixel_um : float or pair of float
+        Pixel in the sample in micrometres, (y, x) if its sides differ, above 0.
+    medium_index : float
+        Refractive index round the object, at least 1.
+    edges : str, optional
+        How the field goes on beyond its edges: "mirrored" (default) or "periodic".
+
+    Raises
+    ------
+    ValueError
+        If a number is out of range or ``edges`` has no such value.
+    """
+
+    def __init__(
+        self,
+        shape: tuple[int, ...],
+        distance_um: float,
+        wavelength_um: float,
+        pixel_um: PixelSize,
+        medium_index: float,
+        edges: str = "mirrored",
+    ) -> None:
+        if edges not in EDGES:
+            msg = f"edges must be one of {', '.join(EDGES)}, but is {edges!r}"
+            raise ValueError(msg)
+        pixel = pixel_sides(pixel_um)
+        check_light(distance_um, wavelength_um, medium_index)
+        self.shape = (int(shape[0]), int(shape[1]))
+        self.edges = edges
+        self.distance_um = float(distance_um)
+        self._transfer = transfer_function(
+            self.shape, self.distance_um, float(wavelength_um) / float(medium_index), pixel, edges
+        )
+
+    def __call__(self, fields: NDArray[np.complexfloating]) -> NDArray[np.complex64]:
+        """Return the fields in the other plane.
+
+        Parameters
+        ----------
+        fields : ndarray of shape (..., y, x)
+            Complex fields.
+
+        Returns
+        -------
+        ndarray of shape (..., y, x)
+            complex64.
+
+        Raises
+        ------
+        ValueError
+            If the fields have another size than this is made for.
+        """
+        if fields.shape[-2:] != self.shape:
+            msg = f"the field is {fields.shape[-2:]} pixels, but {self.shape} were announced"
+            raise ValueError(msg)
+        if self.distance_um == 0:
+            return np.array(fields, dtype=np.complex64)
+        return self.from_spectrum(self.spectrum(fields))
+
+    def spectrum(self, fields: NDArray[np.complexfloating]) -> NDArray[np.complex64]:
+        """Return the spectra of fields, which serve all distances."""
+        fields = np.asarray(fields, dtype=np.complex64)
+        if self.edges == "periodic":
+            found: NDArray[np.complex64] = scipy.fft.fft2(fields)
+        else:
+            found = scipy.fft.dctn(fields, type=2, axes=(-2, -1))
+        return found
+
+    def from_spectrum(self, spectra: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return the fields in the other plane from what `spectrum` returned."""
+        moved = spectra * self._transfer
+        if self.edges == "periodic":
+            found: NDArray[np.complex64] = scipy.fft.ifft2(moved, overwrite_x=True)
+        else:
+            found = scipy.fft.idctn(moved, type=2, axes=(-2, -1), overwrite_x=True)
+        return found
+
+
+def propagate(
+    field: NDArray[np.complexfloating],
+    distance_um: float,
+    wavelength_um: float,
+    pixel_um: PixelSize,
+    medium_index: float,
+    *,
+    edges: str = "mirrored",
+) -> NDArray[np.complex64]:
+    """Return a field as it is in a plane farther along the light, by its angular spectrum.
+
+    Parameters
+    ----------
+    field : ndarray of shape (..., y, x)
+        Complex field; the last two axes lie in the plane.
+    distance_um : float
+        How far, in micrometres in the medium; positive in the direction of the light.
+    wavelength_um : float
+        Vacuum wavelength in micrometres, above 0.
+    pixel_um : float or pair of float
+        Pixel in the sample in micrometres, (y, x) if its sides differ, above 0.
+    medium_index : float
+        Refractive index round the object, at least 1.
+    edges : str, optional
+        How the field goes on beyond its edges: "mirrored" (default) or "periodic".
+
+    Returns
+    -------
+    ndarray of shape (..., y, x)
+        complex64. A plane wave straight ahead keeps its phase.
+
+    Raises
+    ------
+    ValueError
+        If the field is no image, or a number is out of range.
+    """
+    field = np.asarray(field)
+    if field.ndim < 2 or not field.size:
+        msg = f"a field has at least the axes (y, x), but this one has the shape {field.shape}"
+        raise ValueError(msg)
+    carry = Propagator(field.shape[-2:], distance_um, wavelength_um, pixel_um, medium_index, edges)
+    return carry(field)
+
+
+def refocused(
+    ds: xr.Dataset,
+    distance_um: float,
+    *,
+    medium_index: float | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.Dataset:
+    """Return a reconstruction as it is in a plane farther along the light.
+
+    Parameters
+    ----------
+    ds : xarray.Dataset
+        What `reconstruct` returns: ``phase`` wrapped, ``amplitude``, dims (time, angle, y, x).
+    distance_um : float
+        How far, in micrometres in the medium; positive in the direction of the light.
+    medium_index : float, optional
+        Refractive index round the object. Default: that of the recording.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)`` after each time; ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    xarray.Dataset
+        Like ``ds``; ``attrs["refocus_um"]`` is how far it is from the camera's plane by now.
+
+    Raises
+    ------
+    ValueError
+        If ``ds`` has no amplitude, or a number is out of range.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    if "amplitude" not in ds or "phase" not in ds:
+        msg = "refocusing needs phase and amplitude; give what reconstruct() returns"
+        raise ValueError(msg)
+    carry = Propagator(
+        (ds.sizes["y"], ds.sizes["x"]),
+        distance_um,
+        ds.attrs["wavelength_um"],
+        pixel_of(ds),
+        ds.attrs["medium_index"] if medium_index is None else medium_index,
+    )
+    phase, amplitude = (np.array(ds[n].values, np.float32) for n in ("phase", "amplitude"))
+
+    def work(index: int) -> None:
+        fields = carry(amplitude[index] * np.exp(1j * phase[index]))
+        np.abs(fields, out=amplitude[index])
+        np.arctan2(fields.imag, fields.real, out=phase[index])
+
+    watch = Watch(len(phase), "refocus", progress, cancelled)
+    for _ in in_threads(work, range(len(phase)), watch):
+        pass
+    moved = ds.copy(data={"phase": phase, "amplitude": amplitude})
+    note = {"refocus_um": float(ds.attrs.get("refocus_um") or 0.0) + float(distance_um)}
+    moved.attrs |= note
+    for variable in moved.data_vars.values():
+        variable.attrs |= note
+    return moved
+
+
+def pixel_of(ds: xr.Dataset | xr.DataArray) -> tuple[float, float]:
+    """Return height and width of a pixel in micrometres."""
+    return float(ds["y"][1] - ds["y"][0]), float(ds["x"][1] - ds["x"][0])
+
+
+def pixel_sides(pixel_um: PixelSize) -> tuple[float, float]:
+    """Return (y, x) of a pixel size given as one number or two."""
+    sides = np.broadcast_to(np.asarray(pixel_um, dtype=np.float64), 2)
+    if not (np.isfinite(sides).all() and (sides > 0).all()):
+        msg = f"pixel_um must be a size above 0, or two of them (y, x), but is {pixel_um!r}"
+        raise ValueError(msg)
+    return float(sides[0]), float(sides[1])
+
+
+def check_light(distance_um: float, wavelength_um: float, medium_index: float) -> None:
+    """Raise ValueError if there is no such distance, light or medium."""
+    if not math.isfinite(distance_um):
+        msg = f"distance_um must be a number of micrometres, but is {distance_um!r}"
+        raise ValueError(msg)
+    if not (math.isfinite(wavelength_um) and wavelength_um > 0):
+        msg = f"wavelength_um must be a number above 0, but is {wavelength_um!r}"
+        raise ValueError(msg)
+    if not (math.isfinite(medium_index) and medium_index >= 1):
+        msg = f"medium_index must be at least 1, but is {medium_index!r}"
+        raise ValueError(msg)
+
+
+@lru_cache(maxsize=KEPT)
+def transfer_function(
+    shape: tuple[int, int],
+    distance_um: float,
+    wavelength_in_medium_um: float,
+    pixel_um: tuple[float, float],
+    edges: str,
+) -> NDArray[np.complex64]:
+    """Return what to multiply the spectrum by, in the order of its frequencies.
+
+    The phase is worked out in double precision, and without the difference of two large numbers
+    that sqrt(K^2 - k^2) - K would be.
+    """
+    step = scipy.fft.fftfreq if edges == "periodic" else cosine_frequencies
+    ky, kx = (2 * np.pi * step(n, d) for n, d in zip(shape, pixel_um, strict=True))
+    whole = 2 * np.pi / wavelength_in_medium_um
+    across = ky[:, None] ** 2 + kx[None, :] ** 2
+    along = np.sqrt(np.maximum(whole**2 - across, 0))
+    gained = -distance_um * across / (along + whole)
+    transfer: NDArray[np.complex64] = np.where(across < whole**2, np.exp(1j * gained), 0).astype(
+        np.complex64
+    )
+    transfer.flags.writeable = False
+    return transfer
+
+
+def cosine_frequencies(n: int, pixel_um: float) -> NDArray[np.float64]:
+    """Return the frequencies of a cosine transform of n pixels, in cycles per micrometre."""
+    return np.arange(n) / (2 * n * pixel_um)

@@ -1,0 +1,258 @@
+"""The batch itself: file after file, whatever becomes of one of them."""
+
+from __future__ import annotations
+
+import errno
+import time
+import traceback
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
+
+from napari_phase4d.evaluation import most_trusted
+from napari_phase4d.pipeline.batch.complete import asked_for, complete, write_note
+from napari_phase4d.pipeline.batch.folders import made_whole, recovered, result_folders
+from napari_phase4d.pipeline.batch.lock import alone
+from napari_phase4d.pipeline.batch.summary import (
+    COMPLETE,
+    DONE,
+    FAILED,
+    Summary,
+    sentence_of,
+)
+from napari_phase4d.pipeline.fingerprint import Hashing, fingerprinting
+from napari_phase4d.pipeline.opening import found_anywhere
+from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.running import Outcome, run
+from napari_phase4d.pipeline.writing import checked_form, write_outcome
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["run_batch"]
+
+#: Faults after which no other file would fare better.
+NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
+
+
+def run_batch(
+    recipe: Recipe,
+    files: Sequence[str | Path],
+    out: str | Path,
+    *,
+    resume: bool = False,
+    form: str | None = None,
+    truth: xr.DataArray | None = None,
+    scheduler: str | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+    told: Callable[[str], None] | None = None,
+    prepared: Callable[[Recipe], Recipe] | None = None,
+    finished: Callable[[Outcome, Path], None] | None = None,
+) -> pd.DataFrame:
+    """Run a recipe on many files; one that fails does not stop the others.
+
+    Each file gets a folder in ``out``, named after it, see `result_folders`. A folder is there
+    only when all is in it: until then it has a hidden name. Older results are replaced only then,
+    too. ``run.json`` in it notes the input and every result with size and SHA-256.
+    ``out/summary.csv`` has a row a file and is renewed after each; ``out/batch.log`` keeps the
+    lines that are told.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        All settings but the recording.
+    files : sequence of str or Path
+        Recordings or wrapped phase; what is given twice is run once.
+    out : str or Path
+        Folder for the results; made if it is not there.
+    resume : bool, optional
+        Whether to leave what is complete as it is: where input, recipe, form and version are the
+        same, by content, and all results are undamaged. Default: everything is run.
+    form : str, optional
+        "tiff" or "zarr", see `write_outcome`.
+    truth : DataArray, optional
+        Exact phase on the grid of every file, for the tables.
+    scheduler : str, optional
+        Address of a cluster to work on, see `run`.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
+    told : callable, optional
+        ``told(line)`` with what came of each file, in one line.
+    prepared : callable, optional
+        ``prepared(recipe)`` returns the recipe to follow for a file, given the one with its name.
+    finished : callable, optional
+        ``finished(outcome, folder)`` for each file that was run, before its folder gets its name;
+        what it writes there belongs to the results.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a file: ``file``, ``folder``, ``status`` ("done", "complete already" or "failed"),
+        ``seconds``, ``frames``, ``views``, ``results``, ``best_method`` (the one most to be
+        trusted), ``doubtful_percent`` (of the object's pixels in its result, where the recipe
+        asks for confidence), ``input_bytes``, ``input_sha256``, ``error``.
+
+    Raises
+    ------
+    OSError
+        If ``out`` can't be written, is full, or another batch works there.
+    ValueError
+        If there is no such form.
+    Cancelled
+        If ``cancelled()`` returned True; what is complete stays, nothing is half-written.
+    """
+    wish = Wish(
+        recipe, resume, checked_form(form), truth, scheduler, cancelled, prepared, finished
+    )
+    sources = list(dict.fromkeys(found_anywhere(file) for file in files))
+    given = {found_anywhere(file): str(file) for file in reversed(files)}
+    out = Path(out)
+    make_folder(out)
+    folders = result_folders(sources, out)
+    summary = Summary(out, [given[source] for source in sources], folders, told)
+    with alone(out):
+        for folder in folders:
+            recovered(folder)
+        summary.write()
+        try:
+            for number, (source, folder) in enumerate(zip(sources, folders, strict=True)):
+                one_file(wish, summary, number, source, folder, progress)
+        except (Cancelled, KeyboardInterrupt):
+            summary.tell(f"Stopped; {summary.in_words()}. Go on with --resume.")
+            raise
+        summary.tell(f"{summary.in_words()}.")
+    return summary.table
+
+
+@dataclass(frozen=True)
+class Wish:
+    """What a batch is to do with each file; see `run_batch`."""
+
+    recipe: Recipe
+    resume: bool
+    form: str | None
+    truth: xr.DataArray | None
+    scheduler: str | None
+    cancelled: CancelledCall | None
+    prepared: Callable[[Recipe], Recipe] | None
+    finished: Callable[[Outcome, Path], None] | None
+
+
+def one_file(
+    wish: Wish,
+    summary: Summary,
+    number: int,
+    source: str,
+    folder: Path,
+    progress: ProgressCall | None,
+) -> None:
+    """Run one file, or see that it is complete, and tell what came of it."""
+    began = time.perf_counter()
+    place = f"{folder.parent.name}/{folder.name}"
+    try:
+        if wish.cancelled is not None and wish.cancelled():
+            raise Cancelled
+        report = summary.reporting(number, progress)
+        status, facts = results_of(wish, source, folder, report)
+    except Cancelled:
+        raise
+    except Exception as error:  # whatever a library raises on a bad file at night
+        expected = isinstance(error, OSError | TypeError | ValueError)
+        sentence = sentence_of(error)
+        more = "" if expected else traceback.format_exc()
+        summary.tell(f"failed: {sentence}", number, more)
+        summary.note(number, FAILED, {"error": sentence, "seconds": seconds_since(began)})
+        if isinstance(error, OSError) and error.errno in NO_ROOM:
+            msg = f"{sentence}; make room in {folder.parent} and go on with --resume"
+            raise OSError(msg) from error
+        return
+    words = f"complete already in {place}"
+    if status == DONE:
+        words = f"{facts['results']} results in {facts['seconds']:.0f} s -> {place}"
+    summary.tell(words, number)
+    summary.note(number, status, facts)
+
+
+def results_of(
+    wish: Wish, source: str, folder: Path, progress: ProgressCall | None
+) -> tuple[str, dict[str, Any]]:
+    """Return whether a file was run or complete already, and the facts of it."""
+    began = time.perf_counter()
+    with fingerprinting(source) as hashing:
+        recipe = wish.recipe.changed(recording=source)
+        if wish.prepared is not None:
+            recipe = wish.prepared(recipe)
+        asked = asked_for(recipe, wish.form, wish.truth, wish.cancelled)
+        if wish.resume:
+            note = complete(folder, asked, hashing, wish.cancelled)
+            if note is not None:
+                return COMPLETE, note["facts"] | facts_of_input(note["input"])
+        with made_whole(folder) as partial:
+            outcome = written(wish, recipe, hashing, partial, progress)
+            facts = facts_of(outcome, partial)
+            known = hashing.result(wish.cancelled).as_dict()  # asked again: is it still the same?
+            facts["seconds"] = seconds_since(began)
+            write_note(partial, asked, known, facts)
+    return DONE, facts | facts_of_input(known)
+
+
+def written(
+    wish: Wish, recipe: Recipe, hashing: Hashing, folder: Path, progress: ProgressCall | None
+) -> Outcome:
+    """Run a recipe and write what comes out into a folder."""
+    outcome = run(
+        recipe,
+        truth=wish.truth,
+        progress=progress,
+        cancelled=wish.cancelled,
+        folder=folder,
+        scheduler=wish.scheduler,
+    )
+    source = hashing.result(wish.cancelled)
+    write_outcome(outcome, folder, progress, wish.cancelled, form=wish.form, source=source)
+    if wish.finished is not None:
+        wish.finished(outcome, folder)
+    return outcome
+
+
+def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
+    """Return what the summary says of a run, from what was written of it."""
+    import pandas as pd
+
+    sizes = outcome.reconstruction["phase"].sizes
+    results = outcome.comparison.results
+    best = most_trusted(results)
+    facts = {
+        "frames": int(sizes["time"]),
+        "views": int(sizes["angle"]),
+        "results": len(results),
+        "best_method": best,
+    }
+    table = pd.read_csv(folder / "table.csv", index_col="id")
+    if "suspicious_percent" in table.columns:
+        facts["doubtful_percent"] = float(table["suspicious_percent"].to_dict()[best])
+    return facts
+
+
+def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:
+    """Return what the summary says of an input."""
+    return {"input_bytes": known.get("bytes"), "input_sha256": known.get("sha256")}
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder of a batch, or say in one sentence why not."""
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"the folder {out} can't be made ({error.strerror}); choose another one"
+        raise OSError(msg) from error
+
+
+def seconds_since(began: float) -> float:
+    """Return the seconds since then, to the hundredth."""
+    return round(time.perf_counter() - began, 2)

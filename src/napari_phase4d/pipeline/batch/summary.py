@@ -1,0 +1,124 @@
+"""What a batch tells of each file: a line in the log, a row in the summary."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from napari_phase4d.io import write_table
+from napari_phase4d.progress import ProgressCall
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["COMPLETE", "DONE", "FAILED", "WAITING", "Summary", "sentence_of"]
+
+WAITING, DONE, COMPLETE, FAILED = "waiting", "done", "complete already", "failed"
+COLUMNS = (
+    "file", "folder", "status", "seconds", "frames", "views", "results", "best_method",
+    "doubtful_percent", "input_bytes", "input_sha256", "error",
+)  # fmt: skip
+LOG, TABLE = "batch.log", "summary.csv"
+
+
+class Summary:
+    """The log and the table of a batch, kept on disk after each file.
+
+    Parameters
+    ----------
+    out : Path
+        Folder of the batch.
+    files : sequence of str
+        All files, as they were given.
+    folders : sequence of Path
+        Where the results of each go.
+    told : callable, optional
+        ``told(line)`` for each line of the log.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        files: Sequence[str],
+        folders: Sequence[Path],
+        told: Callable[[str], None] | None,
+    ) -> None:
+        self.out, self.files, self._told = out, files, told
+        self._rows: list[dict[str, Any]] = [
+            {"file": file, "folder": folder.name, "status": WAITING}
+            for file, folder in zip(files, folders, strict=True)
+        ]
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a file, numbered from 1."""
+        import pandas as pd
+
+        index = pd.RangeIndex(1, len(self._rows) + 1, name="number")
+        return pd.DataFrame(self._rows, columns=list(COLUMNS), index=index)
+
+    def count(self, status: str) -> int:
+        """Return how many files are so far."""
+        return sum(row["status"] == status for row in self._rows)
+
+    def note(self, number: int, status: str, facts: dict[str, Any]) -> None:
+        """Put what is known of file ``number``, from 0, into the table, and write it.
+
+        Raises
+        ------
+        OSError
+            If the table can't be written.
+        """
+        known = {name: value for name, value in facts.items() if name in COLUMNS}
+        self._rows[number] |= {"status": status, **known}
+        self.write()
+
+    def write(self) -> None:
+        """Write the table as it is."""
+        for left in self.out.glob(f".{Path(TABLE).stem}-*.csv"):  # by a batch that was killed
+            left.unlink()
+        write_table(self.out / TABLE, self.table)
+
+    def tell(self, words: str, number: int | None = None, more: str = "") -> None:
+        """Write a line into the log and tell it; ``more`` goes into the log only."""
+        line = words if number is None else f"{self.head(number)}: {words}"
+        log = self.out / LOG
+        with (
+            suppress(OSError),  # a full disk is told of where results are written
+            log.open("a", encoding="utf-8", errors="replace") as lines,
+        ):
+            lines.write(f"{line}\n{more}")
+        if self._told is not None:
+            self._told(line)
+
+    def head(self, number: int) -> str:
+        """Return what the lines on a file begin with."""
+        return f"[{number + 1} of {len(self.files)}] {Path(self.files[number]).name}"
+
+    def reporting(self, number: int, progress: ProgressCall | None) -> ProgressCall | None:
+        """Let the progress on a file say which one it is."""
+        if progress is None:
+            return None
+        head = self.head(number)
+        return lambda done, total, message: progress(done, total, f"{head}: {message}")
+
+    def in_words(self) -> str:
+        """Say what came of all files, in one line."""
+        counts = [(self.count(status), status) for status in (DONE, COMPLETE, FAILED)]
+        said = ", ".join(f"{count} {status}" for count, status in counts if count)
+        return f"{len(self.files)} files: {said or 'nothing to do'}"
+
+
+def sentence_of(error: BaseException) -> str:
+    """Return an error in one line, without its number."""
+    if isinstance(error, OSError) and error.strerror:
+        where = "" if error.filename is None else f" ({error.filename})"
+        return f"{error.strerror}{where}"
+    if isinstance(error, MemoryError):
+        return "it needs more memory than there is"
+    words = " ".join(str(error).split())
+    if isinstance(error, OSError | TypeError | ValueError) and words:
+        return words
+    return f"an unexpected fault, {type(error).__name__}: {words}; batch.log has the details"

@@ -1,0 +1,90 @@
+"""A recording that does not fit into memory, in the window."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from qtpy.QtWidgets import QApplication
+
+import napari_phase4d as p4d
+from napari_phase4d._napari.viewing.on_demand import OnDemand
+from napari_phase4d.io.lazy import lazy_frames
+from napari_phase4d.recording import Recording
+from test_streaming import Endless
+
+pytestmark = pytest.mark.gui
+
+
+@pytest.fixture
+def on_disk(dock, small_video):
+    """Return the dock with a lazy video of 30 frames whose stacks lie on disk."""
+    reader = Endless(small_video.holograms.values, 30)
+    frames = lazy_frames(reader)
+    frames.kept = reader
+    dock.session.set_recording(
+        Recording.from_frames(frames, optics=small_video.optics, frame_rate_hz=6)
+    )
+    dock.session.update(storage="disk")
+    dock.session.find_lobes()
+    dock.session.reconstruct()
+    return dock
+
+
+def test_the_window_shows_frames_on_demand(viewer, on_disk, small_video) -> None:
+    layer = on_disk.presenter.holograms
+    assert isinstance(layer.data, OnDemand)
+    assert layer.data.shape == (30, 2, 128, 128)
+    phase = on_disk.session.reconstruction["phase"]
+    wrapped = next(la for la in viewer.layers if la.name.startswith("wrapped"))
+    for time, angle in ((0, 0), (17, 1), (29, 0)):
+        np.testing.assert_array_equal(layer.data[time, angle], small_video.frame(time % 6))
+        np.testing.assert_array_equal(wrapped.data[time, angle], phase[time, angle].values)
+        on_disk.presenter.go_to(time, angle)
+        QApplication.processEvents()
+        shown = np.asarray(wrapped._slice.image.raw)
+        np.testing.assert_array_equal(shown, phase[time, angle].values)
+
+
+def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Path) -> None:
+    session = on_disk.session
+    session.update(methods=("spatial-2d", "temporal-angular"))
+    click("run")
+    disk = session.results
+    assert all(result.chunks is not None for result in disk.values())
+    assert isinstance(session.needed_outcome().comparison.table, pd.DataFrame)
+    memory = p4d.run(session.needed_outcome().recipe.changed(storage="memory"), session.recording)
+    for method, result in memory.comparison.results.items():
+        np.testing.assert_array_equal(disk[method].values, result.values)
+    click("measure")
+    expected = on_disk.compare.measuring.measured["dry mass (pg)"]
+    assert len(expected) == 60
+    assert (expected > 0).all()
+    written = session.save(tmp_path)
+    assert {p.name for p in written} >= {"temporal-angular.ome.zarr", "table.csv"}
+
+
+def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("napari_phase4d._napari.session.plans.SCORED_TIMES", 10)
+    time, angle = on_disk.session.suggest_boundary()
+    scores = on_disk.session.scores
+    assert scores.shape == (30, 2)
+    assert np.isfinite(scores.values[::3]).all()
+    assert np.isnan(scores.values[1::3]).all()
+    assert float(scores[time, angle]) == float(scores.max())
+
+
+def test_what_needs_all_frames_says_so(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Little:
+        available = 1000
+
+    on_disk.session.unwrap(["spatial-2d", "temporal-angular"])
+    monkeypatch.setattr("napari_phase4d.evaluation.holding.psutil.virtual_memory", lambda: Little)
+    with pytest.raises(ValueError, match="how far to trust a result is judged on all frames"):
+        on_disk.session.weigh()
+    with pytest.raises(OSError, match="looks at all frames at once and needs about"):
+        on_disk.session.measure_steps()
+    with pytest.raises(OSError, match="looks at all frames at once"):
+        on_disk.presenter.show_difference("spatial-2d")
