@@ -2,7 +2,8 @@
 
 Prints all tables and writes them to ``docs/tables/speed.md``. Name some of them to print only
 those, without writing: ``python3 dev.py bench frames holograms``. How quickly the window reacts is
-measured by ``python3 dev.py bench window``, which writes ``docs/tables/window.md``.
+measured by ``python3 dev.py bench window``, which writes ``docs/tables/window.md``; recordings
+larger than memory by ``python3 dev.py bench streaming``, into ``docs/tables/streaming.md``.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ import unwrapping
 from measuring import Row, machine, table, taken_by_host
 
 TABLES = Path(__file__).parents[1] / "docs" / "tables"
-#: Runs by itself, since it opens windows.
-WINDOW = "window"
+#: Run by themselves: one opens windows, one fills disks and takes ten minutes.
+WINDOW, STREAMING = "window", "streaming"
 
 #: Name -> heading, and what makes the rows or lines.
 PARTS: dict[str, tuple[str, Callable[[], Iterator[Row] | Iterator[str]]]] = {
@@ -54,9 +55,15 @@ def main(names: list[str]) -> int:
         print(machine())
         write("window.md", [machine(), printed(window.lines())])
         return 0
+    if names == [STREAMING]:
+        import streaming
+
+        print(machine())
+        write("streaming.md", [machine(), printed(streaming.lines())])
+        return 0
     unknown = [name for name in names if name not in PARTS]
     if unknown:
-        print(f"There is no table {unknown[0]!r}; there are {', '.join([*PARTS, WINDOW])}.")
+        print(f"There is no table {unknown[0]!r}; there are {', '.join([*PARTS, WINDOW, STREAMING])}.")
         return 2
     before = taken_by_host()
     print(machine())

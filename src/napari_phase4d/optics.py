@@ -56,6 +56,12 @@ class Optics:
             if not (math.isfinite(value) and value > 0):
                 msg = f"{name} must be a number above 0, but is {value!r}"
                 raise ValueError(msg)
+        if not 0 < self.pixel_um < math.inf:
+            msg = (
+                f"camera_pixel_um / magnification is the pixel in the sample and must be a number "
+                f"above 0, but is {self.pixel_um!r}"
+            )
+            raise ValueError(msg)
         if not (math.isfinite(self.medium_index) and self.medium_index >= 1):
             msg = f"medium_index must be at least 1, but is {self.medium_index!r}"
             raise ValueError(msg)

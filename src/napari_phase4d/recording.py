@@ -170,6 +170,13 @@ class Recording:
         for index in range(self.n_frames):
             yield self.frame(index)
 
+    def first(self, count: int) -> Recording:
+        """Return the first frames as a recording of their own."""
+        few = np.stack([self.raw_frame(i) for i in range(min(count, self.n_frames))])
+        return Recording.from_frames(
+            few, optics=self.optics, times_s=self.times_s[: len(few)], name=self.name
+        )
+
     def sample_indices(self, at_most: int) -> list[int]:
         """Return up to ``at_most`` frame numbers, spread evenly over the recording."""
         count = min(at_most, self.n_frames)

@@ -2,19 +2,30 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
+import psutil
 import typer
 import xarray as xr
 from rich.markup import escape
+from rich.table import Table
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.printing import megabytes, print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
 from napari_phase4d.holography import Lobe, find_lobes, reconstruct
-from napari_phase4d.pipeline import Recipe, needed_bytes, open_by, working_bytes
+from napari_phase4d.pipeline import (
+    DEFAULT_METHODS,
+    Needs,
+    Recipe,
+    estimated_seconds,
+    needs_of,
+    open_by,
+    phase_needs,
+)
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, score_boundaries
 
@@ -48,6 +59,7 @@ def info(
     console.print(
         f"  {frames_in_words(recording.n_frames)} of {height} x {width} pixels, "
         f"{recording.holograms.dtype}, {megabytes(recording.nbytes)}"
+        f"{f', from {escape(recording.kind)}' if recording.kind else ''}"
     )
     console.print(
         f"  pixel in the sample {recording.optics.pixel_um:.4g} um, "
@@ -63,10 +75,43 @@ def info(
         return
     print_lobes(lobes)
     console.print(noise_sentence(noise_figures(first_frames(recording, lobes))))
-    console.print(
-        f"A run with all {len(METHODS)} methods needs about "
-        f"{megabytes(needed_bytes(recording, lobes, list(METHODS)))} of memory."
+    print_needs(
+        lambda methods: needs_of(Recipe(methods=methods), recording, lobes),
+        lambda methods: estimated_seconds(Recipe(methods=methods), recording, lobes),
     )
+
+
+def print_needs(
+    needs: Callable[[tuple[str, ...]], Needs], seconds: Callable[[tuple[str, ...]], float]
+) -> None:
+    """Say what a run would need: memory, disk and time, with few methods or many."""
+    table = Table(title="What a run needs, about", title_justify="left")
+    for heading in ("methods", "memory", "or in parts", "disk", "time"):
+        table.add_column(heading, justify="left" if heading == "methods" else "right")
+    choices = {
+        "T/A": ("temporal-angular",),
+        f"the usual {len(DEFAULT_METHODS)}": DEFAULT_METHODS,
+        f"all {len(METHODS)}": tuple(METHODS),
+    }
+    for name, methods in choices.items():
+        found = needs(methods)
+        sizes = [megabytes(n) for n in (found.in_memory, found.on_disk, found.disk)]
+        time = in_time(seconds(methods)) if len(methods) < len(METHODS) else ""
+        table.add_row(name, *sizes, time)
+    console.print(table)
+    free = psutil.virtual_memory().available
+    left = shutil.disk_usage(Path.cwd()).free
+    console.print(
+        f"This machine has {megabytes(free)} of memory free, and {megabytes(left)} of disk here. "
+        "What does not fit into memory is worked on in parts and lies on disk."
+    )
+
+
+def in_time(seconds: float) -> str:
+    """Return a time in the unit that suits it."""
+    if seconds < 90:
+        return f"{max(seconds, 1):.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def print_phase(file: Path, phase: xr.DataArray) -> None:
@@ -86,15 +131,15 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
         f"  safest boundary frame {time},{view}: {scores.attrs['basis']} agree on "
         f"{100 * scores.attrs['agreement']:.2f} % of the object"
     )
-    need = working_bytes(phase.nbytes, list(METHODS), frame=phase[0, 0].nbytes)
-    console.print(
-        f"A run with all {len(METHODS)} methods needs about {megabytes(need)} of memory."
+    print_needs(
+        lambda methods: phase_needs(methods, phase.shape),
+        lambda methods: estimated_seconds(Recipe(methods=methods), phase),
     )
 
 
 def first_frames(recording: Recording, lobes: list[Lobe]) -> xr.Dataset:
     """Reconstruct so many frames that their noise can be told."""
-    return reconstruct(replace(recording, holograms=recording.holograms[:NOISE_FRAMES]), lobes)
+    return reconstruct(recording.first(NOISE_FRAMES), lobes)
 
 
 def frames_in_words(number: int) -> str:

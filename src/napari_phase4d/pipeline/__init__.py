@@ -16,6 +16,7 @@ from napari_phase4d.pipeline.running import (
     run,
     unwrap_by,
 )
+from napari_phase4d.pipeline.trial import estimated_seconds
 from napari_phase4d.pipeline.writing import write_outcome
 
 __all__ = [
@@ -26,6 +27,7 @@ __all__ = [
     "Outcome",
     "Place",
     "Recipe",
+    "estimated_seconds",
     "find_place",
     "fingerprint",
     "fingerprinting",

@@ -21,8 +21,6 @@ __all__ = ["Needs", "needed_bytes", "needs_of", "phase_needs", "working_bytes"]
 
 #: Share of the free memory that a run may fill.
 SHARE_OF_MEMORY = 0.7
-#: Memory of the program itself with its libraries.
-PROGRAM_BYTES = 400 * 2**20
 #: Bytes for each pixel of a block while it is worked on: phase, amplitude, turns, masks, result.
 BYTES_OF_A_PIXEL = 48
 #: Bytes for each pixel of a camera frame while it is transformed.
@@ -33,7 +31,7 @@ SCRATCH_STACKS = 2.0
 
 @dataclass(frozen=True)
 class Needs:
-    """What a run needs.
+    """What a run needs, beyond the program itself.
 
     Parameters
     ----------
@@ -115,7 +113,7 @@ def phase_needs(methods: Sequence[str], shape: Sequence[int]) -> Needs:
     return Needs(
         tuple(methods),
         stack + working_bytes(stack, methods, frame=frame),
-        PROGRAM_BYTES + block + at_once,
+        block + at_once,
         int(stack * (1 + len(methods) + SCRATCH_STACKS)),
         greediest,
     )

@@ -27,6 +27,9 @@ PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angul
 #: Methods that are run if none are chosen.
 DEFAULT_METHODS = (*PAPER_METHODS, "directional-l1")
 
+#: No recipe is larger than this, in bytes.
+LARGEST_FILE = 2**20
+
 
 Options = dict[str, dict[str, bool | int | float | str]]
 
@@ -86,7 +89,9 @@ class Recipe(BaseModel):
         If a setting has no such value.
     """
 
-    model_config = ConfigDict(frozen=True, extra="forbid", arbitrary_types_allowed=False)
+    model_config = ConfigDict(
+        frozen=True, extra="forbid", arbitrary_types_allowed=False, allow_inf_nan=False
+    )
 
     recording: str = ""
     dataset: str | None = None
@@ -108,6 +113,16 @@ class Recipe(BaseModel):
     options: Options = Field(default_factory=dict)
     confidence: bool = False
     storage: Literal["auto", "memory", "disk"] = "auto"
+
+    @field_validator("recording", "dataset", "reference")
+    @classmethod
+    def _text_can_be_written(cls, value: Any) -> Any:
+        try:
+            str(value).encode()
+        except UnicodeEncodeError as error:
+            msg = "it holds characters that no file can hold"
+            raise ValueError(msg) from error
+        return value
 
     @field_validator("window")
     @classmethod
@@ -175,17 +190,31 @@ class Recipe(BaseModel):
         """
         path = Path(path)
         try:
-            settings = json.loads(path.read_text(encoding="utf-8"))
-            return cls.model_validate(settings)
-        except UnicodeDecodeError as error:
-            msg = f"{path.name} is no recipe: it is not a text file"
-            raise ValueError(msg) from error
-        except json.JSONDecodeError as error:
-            msg = f"{path.name} is no recipe: line {error.lineno} is not JSON"
-            raise ValueError(msg) from error
+            return cls.model_validate(settings_in(path))
         except ValidationError as error:
             msg = f"{path.name} is no valid recipe: {sentence_of(error)}"
             raise ValueError(msg) from error
+
+
+def settings_in(path: Path) -> Any:
+    """Return what a JSON file holds, or raise ValueError in one sentence."""
+    if path.stat().st_size > LARGEST_FILE:
+        msg = f"{path.name} is no recipe: it is larger than {LARGEST_FILE // 2**20} MB"
+        raise ValueError(msg)
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except UnicodeDecodeError as error:
+        msg = f"{path.name} is no recipe: it is not a text file"
+        raise ValueError(msg) from error
+    except json.JSONDecodeError as error:
+        msg = f"{path.name} is no recipe: line {error.lineno} is not JSON"
+        raise ValueError(msg) from error
+    except RecursionError as error:
+        msg = f"{path.name} is no recipe: it is nested too deeply"
+        raise ValueError(msg) from error
+    except ValueError as error:  # of Python, for numbers of thousands of digits
+        msg = f"{path.name} is no recipe: it holds a number that is too long"
+        raise ValueError(msg) from error
 
 
 def sentence_of(error: ValidationError) -> str:

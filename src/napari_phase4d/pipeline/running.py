@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import xarray as xr
 
 from napari_phase4d.evaluation import Comparison, compare
@@ -27,6 +26,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import is_known
 
 __all__ = ["Outcome", "focus_by", "reconstruct_by", "run", "unwrap_by"]
 
@@ -144,7 +144,7 @@ def unwrap_by(
     """
     if place is not None:
         return place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
-    known = np.isfinite(phase.values)
+    known = is_known(phase.values)
     return compare(
         phase,
         recipe.methods,

@@ -2,7 +2,7 @@
 
 from napari_phase4d.unwrapping.boundaries import score_boundaries
 from napari_phase4d.unwrapping.masks import both_ends
-from napari_phase4d.unwrapping.problem import DIMS, Problem
+from napari_phase4d.unwrapping.problem import DIMS, Problem, is_known
 from napari_phase4d.unwrapping.registry import (
     METHODS,
     STACKS_OF_A_FRAME,
@@ -29,6 +29,7 @@ __all__ = [
     "border_medians",
     "both_ends",
     "check_method",
+    "is_known",
     "label_of",
     "noted",
     "run_method",

@@ -17,11 +17,14 @@ from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
 from napari_phase4d.unwrapping.spatial import unwrap_frames
 
-__all__ = ["DIMS", "Boundary", "Problem"]
+__all__ = ["DIMS", "Boundary", "Problem", "is_known"]
 
 DIMS = ("time", "angle", "y", "x")
 #: Documented order of plain arrays by their number of dimensions.
 PLAIN_DIMS = {2: ("y", "x"), 3: ("time", "y", "x"), 4: DIMS}
+
+#: Beyond so many radians, single precision no longer tells the parts of a turn.
+LARGEST = 1e5
 
 Boundary = tuple[int, int]
 
@@ -67,9 +70,10 @@ class Problem(SharedSteps):
         self.finds_mask = isinstance(mask, str)
         self.mask = self._given_mask(mask, values.shape)
         # The caller's own array, where it fits: nobody writes into it.
-        self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
-        if not all_finite(self.wrapped):
-            self._leave_out(~np.isfinite(self.wrapped))
+        with np.errstate(over="ignore"):  # it is infinite then, and left out
+            self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
+        if not all_known(self.wrapped):
+            self._leave_out(~is_known(self.wrapped))
         #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.
         self.usable = self.mask
         self.amplitude = self._given_amplitude(amplitude, values.shape)
@@ -81,8 +85,8 @@ class Problem(SharedSteps):
         count = int((bad & self.mask).sum())
         if count and not self.finds_mask:
             msg = (
-                f"the phase holds {count} NaN or infinite pixels; "
-                "leave them out with mask=numpy.isfinite(phase)"
+                f"the phase holds {count} NaN or infinite pixels (or beyond {LARGEST:g} rad); "
+                f"leave them out with mask=numpy.abs(phase) < {LARGEST:g}"
             )
             raise ValueError(msg)
         self.mask = self.mask & ~bad
@@ -211,12 +215,18 @@ class Problem(SharedSteps):
         return found
 
 
-def all_finite(stack: NDArray[np.float32]) -> bool:
-    """Say whether a stack holds neither NaN nor infinite values."""
+def is_known(phase: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Mark the pixels that are neither NaN nor infinite, nor so large that a turn is lost."""
+    known: NDArray[np.bool_] = np.abs(phase) <= LARGEST
+    return known
+
+
+def all_known(stack: NDArray[np.float32]) -> bool:
+    """Say whether `is_known` holds everywhere in a stack."""
     bad = threading.Event()
 
     def look(frames: NDArray[np.float32]) -> None:
-        if not np.isfinite(frames).all():
+        if not is_known(frames).all():
             bad.set()
 
     on_all_cores(look, stack)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import math
 import time
 import traceback
 from collections.abc import Callable, Sequence
@@ -95,7 +96,8 @@ def run_batch(
         One row a file: ``file``, ``folder``, ``status`` ("done", "complete already" or "failed"),
         ``seconds``, ``frames``, ``views``, ``results``, ``best_method`` (the one most to be
         trusted), ``doubtful_percent`` (of the object's pixels in its result, where the recipe
-        asks for confidence), ``input_bytes``, ``input_sha256``, ``error``.
+        asks for confidence), ``input_bytes``, ``input_sha256``, ``notes`` (what had to be assumed
+        of the file), ``error``.
 
     Raises
     ------
@@ -153,7 +155,6 @@ def one_file(
 ) -> None:
     """Run one file, or see that it is complete, and tell what came of it."""
     began = time.perf_counter()
-    place = f"{folder.parent.name}/{folder.name}"
     try:
         if wish.cancelled is not None and wish.cancelled():
             raise Cancelled
@@ -171,9 +172,11 @@ def one_file(
             msg = f"{sentence}; make room in {folder.parent} and go on with --resume"
             raise OSError(msg) from error
         return
-    words = f"complete already in {place}"
+    words = f"complete already in {folder}"
     if status == DONE:
-        words = f"{facts['results']} results in {facts['seconds']:.0f} s -> {place}"
+        count = facts["results"]
+        results = f"{count} result" if count == 1 else f"{count} results"
+        words = f"{results} in {facts['seconds']:.0f} s -> {folder}"
     summary.tell(words, number)
     summary.note(number, status, facts)
 
@@ -224,19 +227,28 @@ def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
     """Return what the summary says of a run, from what was written of it."""
     import pandas as pd
 
-    sizes = outcome.reconstruction["phase"].sizes
+    phase = outcome.reconstruction["phase"]
     results = outcome.comparison.results
     best = most_trusted(results)
     facts = {
-        "frames": int(sizes["time"]),
-        "views": int(sizes["angle"]),
+        "frames": int(phase.sizes["time"]),
+        "views": int(phase.sizes["angle"]),
         "results": len(results),
         "best_method": best,
+        "notes": " ".join(notes_of(outcome, phase)),
     }
     table = pd.read_csv(folder / "table.csv", index_col="id")
     if "suspicious_percent" in table.columns:
-        facts["doubtful_percent"] = float(table["suspicious_percent"].to_dict()[best])
+        doubtful = float(table["suspicious_percent"].to_dict()[best])
+        facts["doubtful_percent"] = None if math.isnan(doubtful) else doubtful
     return facts
+
+
+def notes_of(outcome: Outcome, phase: xr.DataArray) -> Sequence[str]:
+    """Return what had to be assumed of an input."""
+    if outcome.recording is not None:
+        return outcome.recording.notes
+    return [str(note) for note in phase.attrs.get("notes", ())]
 
 
 def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:

@@ -18,8 +18,10 @@ __all__ = ["COMPLETE", "DONE", "FAILED", "WAITING", "Summary", "sentence_of"]
 WAITING, DONE, COMPLETE, FAILED = "waiting", "done", "complete already", "failed"
 COLUMNS = (
     "file", "folder", "status", "seconds", "frames", "views", "results", "best_method",
-    "doubtful_percent", "input_bytes", "input_sha256", "error",
+    "doubtful_percent", "input_bytes", "input_sha256", "notes", "error",
 )  # fmt: skip
+#: Columns of whole numbers, which are not there for files that failed.
+COUNTS = ("frames", "views", "results", "input_bytes")
 LOG, TABLE = "batch.log", "summary.csv"
 
 
@@ -57,7 +59,8 @@ class Summary:
         import pandas as pd
 
         index = pd.RangeIndex(1, len(self._rows) + 1, name="number")
-        return pd.DataFrame(self._rows, columns=list(COLUMNS), index=index)
+        table = pd.DataFrame(self._rows, columns=list(COLUMNS), index=index)
+        return table.astype(dict.fromkeys(COUNTS, "Int64"))
 
     def count(self, status: str) -> int:
         """Return how many files are so far."""

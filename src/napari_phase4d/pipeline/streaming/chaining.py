@@ -75,24 +75,30 @@ class AlongAngle:
     ----------
     chain : Chain
         What all passes need.
-    initial, result : Scratch
-        Turns of the initial method, and where those of the result go.
+    initial : Scratch
+        Turns of the initial method.
+    result : Scratch or Stored
+        Where the turns of the result go; or, of the last pass, unwrapped phase itself.
     """
 
     chain: Chain
     initial: Scratch
-    result: Scratch
+    result: Scratch | Stored
 
-    def __call__(self, block: Block) -> None:
-        """Do a block."""
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest phase."""
         chain = self.chain
         wrapped, initial, mask = chain.read(block, self.initial)
         found = np.empty_like(wrapped)
         for i, time in enumerate(block.times):
             starts = starts_on("angle", time, chain.boundaries)
             unwrap_line(wrapped[i], initial[i], mask[i], starts, split=chain.split, out=found[i])
-        turns = chain.turns(found, wrapped, mask)
-        self.result.write(block, moved(turns, -chain.shifts[block.start : block.stop]))
+        back = -chain.shifts[block.start : block.stop]
+        if isinstance(self.result, Stored):
+            self.result.write(block, moved(found, back))
+        else:
+            self.result.write(block, moved(chain.turns(found, wrapped, mask), back))
+        return limits_of(found)
 
 
 @dataclass(frozen=True)

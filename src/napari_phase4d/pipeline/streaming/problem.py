@@ -17,7 +17,7 @@ from napari_phase4d.pipeline.streaming.spatial import LiftBlock, UnwrapBlock
 from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, widest
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.unwrapping import METHODS, Problem, SharedSteps, noted, run_method
+from napari_phase4d.unwrapping import METHODS, Problem, SharedSteps, is_known, noted, run_method
 from napari_phase4d.unwrapping.growing import coherence
 from napari_phase4d.unwrapping.problem import Boundary, checked_boundaries
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
@@ -114,14 +114,12 @@ class ProblemOnDisk:
         if not METHODS[method].streams:
             return self._in_memory(method, progress, cancelled, options)
         chosen = all_options(method, options)
+        result = self._shelf.new(method, self._stored.shape)
         if method == "spatial-2d":
             turns = self._frame_by_frame(progress, cancelled, **chosen)
+            limits = self._finish(turns, result, progress, cancelled)
         else:
-            turns = self._chained(ORDERS[method], progress, cancelled, **chosen)
-        result = self._shelf.new(method, self._stored.shape)
-        mask = self._found(progress, cancelled).mask
-        finish = FinishBlock(self._stored, turns, mask, result)
-        ranges = self._each(finish, "writing", progress, cancelled)
+            limits = self._chained(ORDERS[method], result, progress, cancelled, **chosen)
         attrs = noted(
             method,
             options,
@@ -129,7 +127,19 @@ class ProblemOnDisk:
             mask="auto" if self._finds_mask else "none",
             amplitude=self._amplitude is not None,
         )
-        return self._put(method, attrs, widest(ranges))
+        return self._put(method, attrs, limits)
+
+    def _finish(
+        self,
+        turns: Scratch,
+        result: Stored,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+    ) -> Limits:
+        """Write unwrapped phase from its turns."""
+        mask = self._found(progress, cancelled).mask
+        finish = FinishBlock(self._stored, turns, mask, result)
+        return widest(self._each(finish, "writing", progress, cancelled))
 
     def _in_memory(
         self,
@@ -139,7 +149,7 @@ class ProblemOnDisk:
         options: Mapping[str, Any],
     ) -> xr.DataArray:
         """Unwrap by a method that needs all frames at once."""
-        mask = "auto" if self._finds_mask else np.isfinite(self.phase.values)
+        mask = "auto" if self._finds_mask else is_known(self.phase.values)
         problem = Problem(self.phase, self._boundaries, mask, self._amplitude)
         problem.for_one_method = True
         found = run_method(problem, method, progress, cancelled, options)
@@ -227,13 +237,14 @@ class ProblemOnDisk:
     def _chained(
         self,
         order: tuple[str, ...],
+        result: Stored,
         progress: ProgressCall | None,
         cancelled: CancelledCall | None,
         *,
         registration: bool,
         split: bool,
-    ) -> Scratch:
-        """Return the turns after one pass after the other (steps 3 and 4)."""
+    ) -> Limits:
+        """Do one pass after the other (steps 3 and 4), the last one into the result."""
         found = self._found(progress, cancelled)
         shifts = np.zeros((*self._stored.shape[:2], 2), dtype=np.intp)
         if registration:
@@ -241,19 +252,34 @@ class ProblemOnDisk:
         chain = Chain(self._stored, found.mask, shifts, self._boundaries, split)
         before = found.turns
         for dim in order:
-            result = self._scratch(f"along_{dim}", "int16")
             message = f"unwrapping along {dim}"
             if dim == "angle":
-                self._each(AlongAngle(chain, before, result), message, progress, cancelled)
+                last = dim == order[-1]
+                after = result if last else self._scratch("along_angle", "int16")
+                limits = self._each(AlongAngle(chain, before, after), message, progress, cancelled)
+                if isinstance(after, Stored):
+                    return widest(limits)
             else:
-                # One frame follows from the other: this is done here, wherever the rest is done.
-                angles = range(self._stored.shape[1])
-                watch = Watch(len(angles), message, progress, cancelled)
-                along = AlongTime(chain, before, result, watch.check)
-                for _ in Threads().map(along, angles, watch):
-                    pass
-            before = result
-        return before
+                after = self._scratch("along_time", "int16")
+                self._along_time(chain, before, after, message, progress, cancelled)
+            before = after
+        return self._finish(before, result, progress, cancelled)
+
+    def _along_time(
+        self,
+        chain: Chain,
+        before: Scratch,
+        after: Scratch,
+        message: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+    ) -> None:
+        """Do a pass along time: one frame follows from the other, so it is done right here."""
+        angles = range(self._stored.shape[1])
+        watch = Watch(len(angles), message, progress, cancelled)
+        along = AlongTime(chain, before, after, watch.check)
+        for _ in Threads().map(along, angles, watch):
+            pass
 
     def _scratch(self, name: str, dtype: str) -> Scratch:
         """Return a stack that is needed on the way only."""
@@ -266,4 +292,4 @@ class KnownFrames(Frames):
     def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
         """Return frame (time, angle), shape (y, x)."""
         found = super().__getitem__(frame)
-        return np.where(np.isfinite(found), found, np.float32(0))
+        return np.where(is_known(found), found, np.float32(0))

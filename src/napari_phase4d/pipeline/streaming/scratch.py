@@ -16,7 +16,7 @@ from napari_phase4d.pipeline.streaming.blocks import Block, block_at
 __all__ = ["Frames", "ReadBlocks", "Scratch"]
 
 #: Blocks that `Frames` holds.
-KEPT_BLOCKS = 6
+KEPT_BLOCKS = 8
 
 
 class ReadBlocks(Protocol):
@@ -26,8 +26,8 @@ class ReadBlocks(Protocol):
     def shape(self) -> tuple[int, ...]:
         """Shape of the whole stack."""
 
-    def read(self, block: Block) -> NDArray[Any]:
-        """Return the frames of a block, shape (time, angle, y, x)."""
+    def read(self, block: Block, angles: slice = slice(None)) -> NDArray[Any]:
+        """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
 
 
 @dataclass(frozen=True)
@@ -94,16 +94,17 @@ class Frames:
     def __init__(self, stack: ReadBlocks) -> None:
         self.shape = stack.shape
         self._stack = stack
-        self._blocks: OrderedDict[int, NDArray[Any]] = OrderedDict()
+        self._blocks: OrderedDict[tuple[int, int], NDArray[Any]] = OrderedDict()
 
     def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
         """Return frame (time, angle), shape (y, x)."""
         time, angle = frame
         block = block_at(self.shape, time)
-        if block.start not in self._blocks:
-            self._blocks[block.start] = self._stack.read(block)
-        self._blocks.move_to_end(block.start)
+        name = (block.start, angle)
+        if name not in self._blocks:
+            self._blocks[name] = self._stack.read(block, slice(angle, angle + 1))
+        self._blocks.move_to_end(name)
         if len(self._blocks) > KEPT_BLOCKS:
             self._blocks.popitem(last=False)
-        found: NDArray[Any] = self._blocks[block.start][time - block.start, angle]
+        found: NDArray[Any] = self._blocks[name][time - block.start, 0]
         return found

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from napari_phase4d.pipeline.streaming.blocks import Block
 from napari_phase4d.pipeline.streaming.scratch import Scratch
 from napari_phase4d.pipeline.streaming.stored import Stored
+from napari_phase4d.unwrapping import is_known
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
 from napari_phase4d.unwrapping.masks import object_mask
 from napari_phase4d.unwrapping.registration import centre
@@ -26,7 +27,7 @@ Mask = NDArray[np.bool_]
 def known_phase(stack: Stored, block: Block, angles: slice = slice(None)) -> tuple[Phase, Mask]:
     """Return the wrapped phase of a block, 0 where it is not known, and where it is known."""
     wrapped = stack.read(block, angles)
-    known = np.isfinite(wrapped)
+    known = is_known(wrapped)
     return (wrapped if known.all() else np.where(known, wrapped, np.float32(0))), known
 
 
@@ -109,7 +110,11 @@ class LiftBlock:
     def __call__(self, block: Block) -> NDArray[np.float64]:
         """Do a block; return the object's centre in each frame, shape (time, angle, 2)."""
         wrapped, known = known_phase(self.phase, block)
-        turns = self.turns.read(block) + self.lift[block.start : block.stop, :, None, None]
+        lift = self.lift[block.start : block.stop, :, None, None]
+        turns = self.turns.read(block)
+        if lift.any():
+            turns += lift
+            self.turns.write(block, turns)
         unwrapped = with_turns(wrapped, turns, known)
         found = np.empty(wrapped.shape, dtype=bool)
         centres = np.empty((*wrapped.shape[:2], 2))
@@ -119,7 +124,6 @@ class LiftBlock:
             found &= known
         for frame in np.ndindex(*wrapped.shape[:2]):
             centres[frame] = centre(found[frame])
-        self.turns.write(block, turns)
         self.found.write(block, found)
         if not self.finds_mask:
             self.mask.write(block, known)
