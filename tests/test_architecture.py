@@ -28,7 +28,7 @@ ALLOWED = {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
         "sample",
     },
-    "scripting": {"optics", "holography", "unwrapping", "pipeline"},
+    "scripting": {"optics", "io", "holography", "unwrapping", "pipeline"},
     "reproduction": {
         "progress", "io", "evaluation", "unwrapping", "pipeline", "sample", "simulation",
     },

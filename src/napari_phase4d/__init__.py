@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from napari_phase4d import simulation
     from napari_phase4d.evaluation import Comparison, compare
     from napari_phase4d.holography import Lobe, find_lobes, power_spectrum, reconstruct
-    from napari_phase4d.io import open_recording, read_results, write_phase
+    from napari_phase4d.io import RawLayout, open_recording, read_results, write_phase
     from napari_phase4d.optics import Optics
     from napari_phase4d.pipeline import Recipe, run
     from napari_phase4d.progress import Cancelled
@@ -35,6 +35,7 @@ __all__ = [
     "Comparison",
     "Lobe",
     "Optics",
+    "RawLayout",
     "Recipe",
     "Recording",
     "compare",
@@ -56,6 +57,7 @@ _HOME = {
     "Comparison": "evaluation",
     "Lobe": "holography",
     "Optics": "optics",
+    "RawLayout": "io",
     "Recipe": "pipeline",
     "Recording": "recording",
     "compare": "evaluation",

@@ -12,6 +12,7 @@ from types import MappingProxyType
 import numpy as np
 
 from napari_phase4d.holography import Lobe
+from napari_phase4d.io import RawLayout
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe, found_anywhere
 from napari_phase4d.unwrapping import METHODS
@@ -28,6 +29,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
     {
         "recording": "Where the frames are: a file, a folder of images, or a sample.",
         "dataset": "Which array of the file.",
+        "raw": "How frames lie in a raw camera file: pixels, their type, bytes to leave out.",
         "content": 'What the file holds: "holograms", or "phase" that is wrapped.',
         "optics": "The microscope; lengths in micrometres.",
         "frame_rate_hz": "Frames per second.",
@@ -232,7 +234,7 @@ def as_group(value: object, room: int) -> Group | None:
     """Return what has to be written one below the other, None where a line is enough."""
     if isinstance(value, Group):
         return value
-    if isinstance(value, Lobe | Optics):
+    if isinstance(value, Lobe | Optics | RawLayout):
         entries = [Entry(getattr(value, f.name), f"{f.name}=") for f in fields(value)]
         return Group(f"p4d.{type(value).__name__}(", entries, ")")
     if isinstance(value, tuple):

@@ -198,7 +198,16 @@ def test_what_is_done_unasked_comes_in_order_and_is_not_tried_again(session: Ses
     session.find_lobes()
     session.reconstruct()
     assert session.quiet_plan().title == "Scoring the frames"
-    assert session.quiet_plan(["Scoring the frames"]) is None
+    assert session.quiet_plan(["Scoring the frames"]).title == "Measuring the noise"
+    known = ["Scoring the frames", "Measuring the noise"]
+    estimate = session.quiet_plan(known)
+    assert estimate.title == "Estimating the time"
+    estimate.run()
+    assert session.estimate[0] == session.recipe.methods
+    assert session.estimate[1] > 0
+    assert session.quiet_plan(known) is None
+    session.update(methods=("spatial-2d",))
+    assert session.quiet_plan(known).title == "Estimating the time"
 
 
 def test_results_of_a_saved_stack_open_as_phase(tmp_path: Path) -> None:

@@ -209,7 +209,13 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             session.recipe_changed,
         ):
             signal.connect(self._show_states)
+        session.recipe_changed.connect(self._settings_changed)
         self._show_states()
+
+    def _settings_changed(self) -> None:
+        """Compute anew, unasked, what is no longer known."""
+        if not self.jobs.busy:
+            self._quiet.start()
 
     def _show_states(self) -> None:
         """Say at each heading how far its step is."""

@@ -13,8 +13,9 @@ from napari_phase4d._napari.viewing.layers import (
     stack_layer,
     with_recipe,
 )
-from napari_phase4d.io import READABLE_SUFFIXES, read_results
+from napari_phase4d.io import JOINED_SUFFIXES, READABLE_SUFFIXES, open_recording, read_results
 from napari_phase4d.io.results import is_result
+from napari_phase4d.io.sequences import by_number
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 
@@ -28,7 +29,11 @@ KINDS_BY_UNIT = {"nm": "optical path", "pg/um^2": "dry mass", "pi rad": "margin"
 def get_reader(path: str | list[str]) -> Callable[[Any], list[LayerTuple]] | None:
     """Return the function that reads a file, or None if this plugin can't."""
     if isinstance(path, list):
-        return None if len(path) != 1 else get_reader(path[0])
+        files = [Path(one) for one in path]
+        if len(files) == 1:
+            return get_reader(path[0])
+        one_kind = len({file.suffix.lower() for file in files}) == 1
+        return read if one_kind and files[0].suffix.lower() in JOINED_SUFFIXES else None
     file = Path(path)
     if file.suffix.lower() == RECIPE_SUFFIX:
         return read if is_recipe(file) else None
@@ -38,14 +43,19 @@ def get_reader(path: str | list[str]) -> Callable[[Any], list[LayerTuple]] | Non
 
 
 def read(path: str | list[str]) -> list[LayerTuple]:
-    """Read a hologram video, wrapped phase, a result, or what a recipe names."""
+    """Read a hologram video, wrapped phase, a result, or what a recipe names.
+
+    Several files follow one another in time, in the order of the numbers in their names.
+    """
+    if isinstance(path, list) and len(path) > 1:
+        return [hologram_layer(open_recording(sorted(map(Path, path), key=by_number)))]
     file = Path(path[0] if isinstance(path, list) else path)
-    if file.suffix.lower() in (".tif", ".tiff") and is_result(file):
+    if is_result(file):
         stack = read_results(file)
         kind = kind_of(stack.attrs)
         if kind == "wrapped":  # what is made of it can be made again from this file
             stack = stack.assign_attrs(source=str(file.resolve()))
-        return [stack_layer(stack, file.name.removesuffix(".ome.tif"), kind)]
+        return [stack_layer(stack, name_of(file), kind)]
     opened = open_anything(file)
     if isinstance(opened.content, Recording):
         layer = hologram_layer(opened.content)
@@ -53,6 +63,11 @@ def read(path: str | list[str]) -> list[LayerTuple]:
         name = Path(str(opened.content.attrs.get("source", file))).stem
         layer = stack_layer(opened.content, name, "wrapped")
     return [layer if opened.recipe is None else with_recipe(layer, opened.recipe)]
+
+
+def name_of(file: Path) -> str:
+    """Return what to call a result: the name of its file without the endings."""
+    return file.name.removesuffix(".ome.tif").removesuffix(".ome.zarr")
 
 
 def is_recipe(file: Path) -> bool:

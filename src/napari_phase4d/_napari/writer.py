@@ -11,6 +11,7 @@ import xarray as xr
 from napari.layers import Image
 
 from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY, UNITS
+from napari_phase4d._napari.viewing.on_demand import lazy_of
 from napari_phase4d._napari.viewing.sources import stack_of_layer
 from napari_phase4d.io import write_phase
 
@@ -21,12 +22,14 @@ PLAIN_AXES = {2: ("y", "x"), 3: ("time", "y", "x"), 4: AXES}
 
 
 def write_stack(path: str, data: Any, keywords: dict[str, Any]) -> list[str]:
-    """Write one image layer as OME-TIFF that `read_results` and napari open again.
+    """Write one image layer as OME-TIFF or OME-Zarr that `read_results` and napari open again.
+
+    Lazy layers are written some frames at a time.
 
     Parameters
     ----------
     path : str
-        File to write; the ending is made ``.ome.tif``.
+        File to write; the ending is made ``.ome.tif``, or ``.ome.zarr`` if it is ``.zarr``.
     data : array_like
         Axes (time, angle, y, x), (time, y, x) or (y, x).
     keywords : dict
@@ -51,11 +54,17 @@ def write_stack(path: str, data: Any, keywords: dict[str, Any]) -> list[str]:
         )
         raise ValueError(msg)
     if METADATA_KEY in keywords.get("metadata", {}):
-        known = ("scale", "translate", "metadata")
-        stack = stack_of_layer(Image(data, **{name: keywords[name] for name in known}))
+        stack = own_stack(data, keywords)
     else:
-        stack = plain_stack(np.asarray(data), keywords)
+        stack = plain_stack(lazy_of(data), keywords)
     return [str(write_phase(with_ending(Path(path)), stack))]
+
+
+def own_stack(values: Any, keywords: dict[str, Any]) -> xr.DataArray:
+    """Return a layer of this plugin as a stack with all that it notes; lazy ones stay lazy."""
+    known = {name: keywords[name] for name in ("scale", "translate", "metadata")}
+    # With contrast given, since a layer looks for it in all numbers otherwise.
+    return stack_of_layer(Image(values, contrast_limits=(0, 1), **known))
 
 
 def plain_stack(values: Any, keywords: dict[str, Any]) -> xr.DataArray:
@@ -84,6 +93,7 @@ def in_unit(unit: Any, wanted: str) -> float:
 
 
 def with_ending(path: Path) -> Path:
-    """Return a path that ends with .ome.tif."""
-    name = path.name.removesuffix(".tif").removesuffix(".ome")
-    return path.with_name(f"{name}.ome.tif")
+    """Return a path that ends with .ome.tif, or with .ome.zarr if it ends with .zarr."""
+    ending = ".zarr" if path.suffix.lower() == ".zarr" else ".tif"
+    name = path.name.removesuffix(ending).removesuffix(".ome")
+    return path.with_name(f"{name}.ome{ending}")

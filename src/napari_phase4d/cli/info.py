@@ -14,7 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from napari_phase4d.cli.console import console
-from napari_phase4d.cli.printing import megabytes, print_lobes
+from napari_phase4d.cli.printing import print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
 from napari_phase4d.holography import Lobe, find_lobes, reconstruct
 from napari_phase4d.pipeline import (
@@ -25,6 +25,8 @@ from napari_phase4d.pipeline import (
     needs_of,
     open_by,
     phase_needs,
+    size_in_words,
+    time_in_words,
 )
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, score_boundaries
@@ -58,7 +60,7 @@ def info(
     console.print(f"[bold]{escape(recording.name)}[/bold]")
     console.print(
         f"  {frames_in_words(recording.n_frames)} of {height} x {width} pixels, "
-        f"{recording.holograms.dtype}, {megabytes(recording.nbytes)}"
+        f"{recording.holograms.dtype}, {size_in_words(recording.nbytes)}"
         f"{f', from {escape(recording.kind)}' if recording.kind else ''}"
     )
     console.print(
@@ -95,23 +97,16 @@ def print_needs(
     }
     for name, methods in choices.items():
         found = needs(methods)
-        sizes = [megabytes(n) for n in (found.in_memory, found.on_disk, found.disk)]
-        time = in_time(seconds(methods)) if len(methods) < len(METHODS) else ""
+        sizes = [size_in_words(n) for n in (found.in_memory, found.on_disk, found.disk)]
+        time = time_in_words(seconds(methods)) if len(methods) < len(METHODS) else ""
         table.add_row(name, *sizes, time)
     console.print(table)
     free = psutil.virtual_memory().available
     left = shutil.disk_usage(Path.cwd()).free
     console.print(
-        f"This machine has {megabytes(free)} of memory free, and {megabytes(left)} of disk here. "
-        "What does not fit into memory is worked on in parts and lies on disk."
+        f"This machine has {size_in_words(free)} of memory free, and {size_in_words(left)} "
+        "of disk here. What does not fit into memory is worked on in parts and lies on disk."
     )
-
-
-def in_time(seconds: float) -> str:
-    """Return a time in the unit that suits it."""
-    if seconds < 90:
-        return f"{max(seconds, 1):.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
 
 
 def print_phase(file: Path, phase: xr.DataArray) -> None:

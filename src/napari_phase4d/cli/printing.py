@@ -21,7 +21,6 @@ from napari_phase4d.progress import ProgressCall
 
 __all__ = [
     "bar",
-    "megabytes",
     "print_lobes",
     "print_notes",
     "print_table",
@@ -104,8 +103,3 @@ def write_picture(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> N
     """Write a picture of all results at some frames."""
     frames = telling_frames(outcome.reconstruction["phase"], outcome.recipe.boundary[0])
     write_figure(path, comparison_figure(named_results(outcome.comparison, exact), frames))
-
-
-def megabytes(size: int) -> str:
-    """Return a size in the unit that suits it."""
-    return f"{size / 2**20:.1f} MB" if size < 2**30 else f"{size / 2**30:.1f} GB"

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.grey import colour_sentence
 from napari_phase4d.io.lazy import FrameReader, in_one_line, lazy_frames
 from napari_phase4d.io.video import Facts, Video
@@ -111,7 +112,8 @@ def opened(path: Path) -> Any:
         )
         raise OSError(msg) from error
     try:
-        return bioio.BioImage(path)
+        with quiet("bioio.bio_image"):
+            return bioio.BioImage(path)
     except UnsupportedFileFormatError as error:
         msg = (
             f"{path.name} is of a kind that can't be read ({ending}); if it is of a microscope, "

@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.io.film_facts import gaps_in, kind_of, notes_of, timing
 from napari_phase4d.io.film_index import FilmIndex, declared_size, index_of
 from napari_phase4d.io.film_pixels import (
     grey_values,
@@ -25,11 +26,6 @@ from napari_phase4d.io.video import Video
 __all__ = ["FILM_SUFFIXES", "read_film"]
 
 FILM_SUFFIXES = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
-CONTAINERS = {"avi": "AVI", "matroska": "MKV"}
-CODECS = {
-    "rawvideo": "uncompressed", "ffv1": "FFV1", "h264": "H.264", "hevc": "H.265",
-    "mjpeg": "Motion JPEG", "mpeg4": "MPEG-4", "huffyuv": "HuffYUV", "png": "PNG",
-}  # fmt: skip
 #: Decoded frames kept, since threads ask for neighbours in nearly the right order.
 KEPT = 8
 #: Frames decoded and thrown away rather than to search the file anew.
@@ -83,8 +79,10 @@ def read_film(path: Path) -> Video:
         msg = f"{path.name} is cut short or damaged: frame {index.damaged} is only partly there"
         raise OSError(msg)
     reader, tinted = opened_reader(path, index)
-    notes = notes_of(index, told, lossy=lossy, tinted=tinted)
+    notes = list(notes_of(index, told, lossy=lossy, tinted=tinted))
     interval, times = timing(index, tick, rate)
+    if times is not None:
+        notes += gaps_in(times, tick)
     return Video(
         lazy_frames(reader), interval_s=interval, times_s=times, kind=kind, notes=tuple(notes)
     )
@@ -282,35 +280,6 @@ def opened_reader(path: Path, index: FilmIndex) -> tuple[FilmReader, bool]:
     return reader, tinted
 
 
-def notes_of(index: FilmIndex, told: int, *, lossy: bool, tinted: bool) -> Iterator[str]:
-    """Yield what the user should know of a film."""
-    if lossy:
-        yield "The film is compressed with loss, which changes fringes and so the phase."
-    if tinted:
-        yield "The film is in colour; its brightness is used."
-    if told and told != index.n_frames:
-        yield f"The header tells of {told} frames, but the film has {index.n_frames}."
-    if index.by_counting:
-        yield "The file doesn't say in which order frames are shown; going back in it is slow."
-
-
-def timing(
-    index: FilmIndex, tick: float, rate: float
-) -> tuple[float | None, NDArray[np.float64] | None]:
-    """Return the interval of evenly spaced frames, or else the times of all."""
-    ticks = index.times()
-    if ticks is None or index.n_frames < 2:
-        return (1 / rate if rate > 0 else None), None
-    times = ticks * tick
-    mean = float(times[-1] / (len(times) - 1))
-    even = np.abs(times - mean * np.arange(len(times))).max() <= 1.01 * tick
-    if not even:
-        return None, np.asarray(times, np.float64)
-    # Ticks are coarse (milliseconds in MKV); the rate is exact where it means the same.
-    agrees = rate > 0 and abs(times[-1] - (len(times) - 1) / rate) <= 1.01 * tick
-    return (1 / rate if agrees else mean), None
-
-
 def film_stream(container: Any) -> Any:
     """Return the first stream of pictures that FFmpeg can decode."""
     known = [s for s in container.streams.video if s.codec_context is not None]
@@ -318,13 +287,6 @@ def film_stream(container: Any) -> Any:
         msg = "it holds no film that can be decoded"
         raise ValueError(msg)
     return known[0]
-
-
-def kind_of(path: Path, container: Any, stream: Any) -> str:
-    """Return what a film is, in words."""
-    codec = stream.codec_context.name
-    outer = CONTAINERS.get(container.format.name.split(",")[0], path.suffix[1:].upper())
-    return f"{CODECS.get(codec, codec)} in {outer}"
 
 
 def imported(path: Path) -> Any:

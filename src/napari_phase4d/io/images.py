@@ -19,8 +19,10 @@ __all__ = ["IMAGE_SUFFIXES", "load_image", "read_image"]
 
 PICTURE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm", ".jp2")
 IMAGE_SUFFIXES = (*PICTURE_SUFFIXES, *TIFF_SUFFIXES)
-#: Pixels that an image may have; a small file that says more would fill the memory.
-MOST_PIXELS = 2**28
+#: Values that an image may have: more than any camera's, times three for colour.
+MOST_VALUES = 2**29
+#: Values in a byte: more than deflate (1032) and JPEG make of one. Small images are never absurd.
+MOST_PER_BYTE, NEVER_ABSURD = 1100, 2**24
 
 
 def read_image(path: Path) -> Video:
@@ -37,7 +39,7 @@ def read_image(path: Path) -> Video:
 
 
 def load_image(path: Path) -> NDArray[Any]:
-    """Return an image, grey (y, x) where its channels are equal, or raise OSError in one sentence."""
+    """Return an image, (y, x) where its channels are equal, or raise OSError in one sentence."""
     try:
         if path.suffix.lower() in TIFF_SUFFIXES:
             with quiet(), tifffile.TiffFile(path) as tif:
@@ -63,7 +65,9 @@ class TooLarge(OSError):  # noqa: N818 - it is an OSError to everybody else
 
 def check_size(path: Path, shape: tuple[int, ...]) -> None:
     """Raise TooLarge if an image has absurdly many pixels."""
-    if np.prod([float(n) for n in shape]) > 4 * MOST_PIXELS:
+    values = np.prod([float(n) for n in shape])
+    most = max(NEVER_ABSURD, MOST_PER_BYTE * path.stat().st_size)
+    if values > min(MOST_VALUES, most):
         size = " x ".join(str(n) for n in shape)
-        msg = f"{path.name} says that it has {size} pixels, more than a camera takes"
+        msg = f"{path.name} says that it has {size} pixels, more than so small a file can hold"
         raise TooLarge(msg)

@@ -93,7 +93,8 @@ def timed(video: Video, folder: Path) -> Video:
     matches = [TIME_LINE.fullmatch(line.strip()) for line in lines if line.strip()]
     times = np.array([float(m[1]) / 1000 for m in matches if m], np.float64)
     if len(times) != len(matches) or len(times) != len(video.frames):
-        msg = f"timestamps.txt has {len(times)} times for {len(video.frames)} frames; it is not used."
+        n_frames = len(video.frames)
+        msg = f"timestamps.txt has {len(times)} times for {n_frames} frames; it is not used."
         return replace(video, notes=(*video.notes, msg))
     if (np.diff(times) <= 0).any():
         msg = "The times in timestamps.txt do not grow; they are not used."

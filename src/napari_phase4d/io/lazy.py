@@ -78,14 +78,17 @@ class FrameReader(ABC):
             raise WrongFrameError(msg)
         return frame
 
-    def __getitem__(self, key: tuple[slice, slice, slice]) -> NDArray[Any]:
-        numbers = range(self.shape[0])[key[0]]
+    def __getitem__(self, key: int | slice | tuple[int | slice, ...]) -> NDArray[Any]:
+        first, *rest = key if isinstance(key, tuple) else (key,)
+        if not isinstance(first, slice):  # dask joins what it is asked for into one key
+            return np.asarray(self.frame(range(self.shape[0])[first])[tuple(rest)])
+        numbers = range(self.shape[0])[first]
         if len(numbers) == 1:
-            return self.frame(numbers[0])[None, key[1], key[2]]
+            return self.frame(numbers[0])[(None, *rest)]
         block = np.empty((len(numbers), *self.shape[1:]), self.dtype)
         for place, number in enumerate(numbers):
             block[place] = self.frame(number)
-        return block[:, key[1], key[2]]
+        return block[(slice(None), *rest)]
 
 
 def lazy_frames(reader: FrameReader) -> Any:
@@ -100,6 +103,7 @@ def lazy_frames(reader: FrameReader) -> Any:
         reader,
         chunks=(1, *reader.shape[1:]),
         name=f"frames-{uuid.uuid4().hex}",
+        fancy=False,
         meta=np.empty((0, 0, 0), reader.dtype),
     )
     remember_reader(frames.name, reader)

@@ -135,8 +135,8 @@ def length_of(path: Path, read_one: ReadOne, shape: tuple[int, int], dtype: np.d
     found = frame_kind(video)
     if found != (shape, dtype):
         msg = (
-            f"{path.name} holds {found[1]} frames of {found[0]}, but the first file {dtype} frames "
-            f"of {shape}; all files of a recording must be of one kind"
+            f"{path.name} holds {found[1]} frames of {found[0]}, but the first file holds {dtype} "
+            f"frames of {shape}; all files of a recording must be of one kind"
         )
         raise ValueError(msg)
     return 1 if video.frames.ndim == 2 else len(video.frames)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-import struct
 import threading
 from pathlib import Path
 from typing import Any
@@ -16,7 +14,13 @@ from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.grey import colour_sentence, grey
 from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
 from napari_phase4d.io.mapped import map_frames
-from napari_phase4d.io.tiff_facts import imagej_facts, ome_facts, ome_times, told_frames
+from napari_phase4d.io.tiff_checks import (
+    CutShort,
+    check_complete,
+    check_described,
+    check_number,
+)
+from napari_phase4d.io.tiff_facts import imagej_facts, ome_facts, ome_times
 from napari_phase4d.io.video import Video
 
 __all__ = ["TIFF_SUFFIXES", "read_tiff"]
@@ -53,14 +57,17 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     """
     try:
         with quiet(), tifffile.TiffFile(path) as tif:
+            check_described(tif, path)
             axes, shape, single = layout_of(tif)
-            check_complete(tif, path)
+            offset = None if single else tif.series[0].dataoffset
+            described = tif.is_ome or tif.is_imagej or tif.is_shaped
+            if offset is None or not described:  # else one look at the size is enough
+                check_complete(tif, path)
             facts = ome_facts(tif) if tif.is_ome else imagej_facts(tif)
             times = ome_times(tif) if tif.is_ome else None
             check_number(tif, path, shape)
             kind = kind_of(tif)
             dtype = np.dtype(tif.series[0].dtype)
-            offset = None if single else tif.series[0].dataoffset
             order = tif.byteorder
     except CutShort:
         raise
@@ -111,49 +118,6 @@ def single_frames(tif: tifffile.TiffFile) -> list[Any]:
     if len(kinds) > 1 or any(len(series.pages) != 1 for series in tif.series):
         return []
     return [series.pages[0] for series in tif.series]
-
-
-def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
-    """Raise OSError if any page's pixels lie beyond the end of the file."""
-    size = path.stat().st_size
-    for page in tif.pages:
-        ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
-        if ends and max(ends) > size:
-            msg = f"{path.name} is cut short: a frame needs {max(ends)} bytes, the file has {size}"
-            raise CutShort(msg)
-    following = next_page(tif)
-    if following >= size:
-        msg = (
-            f"{path.name} is cut short: behind {len(tif.pages)} frames another one follows at "
-            f"{following} bytes, the file has {size}"
-        )
-        raise CutShort(msg)
-
-
-def next_page(tif: tifffile.TiffFile) -> int:
-    """Return where the page behind the last one that could be read lies, 0 if there is none.
-
-    tifffile takes a directory that lies behind the end of the file for the end of all pages.
-    """
-    form, file = tif.tiff, tif.filehandle
-    file.seek(tif.pages[-1].offset)
-    (count,) = struct.unpack(form.tagnoformat, file.read(form.tagnosize))
-    file.seek(count * form.tagsize, 1)
-    (following,) = struct.unpack(form.offsetformat, file.read(form.offsetsize))
-    return int(following)
-
-
-def check_number(tif: tifffile.TiffFile, path: Path, shape: tuple[int, ...]) -> None:
-    """Raise OSError if fewer frames are there than the description of the file says."""
-    told = told_frames(tif)
-    found = math.prod(shape) // max(1, math.prod(tif.series[0].keyframe.shape))
-    if found < told:
-        msg = f"{path.name} is cut short: its description tells of {told} frames, {found} are there"
-        raise CutShort(msg)
-
-
-class CutShort(OSError):  # noqa: N818 - it is an OSError to everybody else
-    """Pixels lie behind the end of the file."""
 
 
 def chosen_places(

@@ -17,6 +17,7 @@ from napari_phase4d.pipeline.running import (
     unwrap_by,
 )
 from napari_phase4d.pipeline.trial import estimated_seconds
+from napari_phase4d.pipeline.words import size_in_words, time_in_words
 from napari_phase4d.pipeline.writing import write_outcome
 
 __all__ = [
@@ -40,6 +41,8 @@ __all__ = [
     "reconstruct_by",
     "run",
     "run_batch",
+    "size_in_words",
+    "time_in_words",
     "unwrap_by",
     "working_bytes",
     "write_outcome",

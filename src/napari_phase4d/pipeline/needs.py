@@ -14,6 +14,7 @@ import psutil
 from napari_phase4d.holography import Demodulator, Lobe
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming.blocks import block_frames
+from napari_phase4d.pipeline.words import size_in_words
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, STACKS_OF_A_FRAME
 
@@ -73,16 +74,17 @@ class Needs:
                 label = METHODS[self.greediest].label
                 why = f"{label} works on all frames at once and needs"
             msg = (
-                f"{why} about {in_words(needed)} of memory, but {in_words(free)} are free; leave "
-                "such methods out (2-D, angular, temporal, T/A and A/T need little), or cut the "
-                "recording into shorter ones"
+                f"{why} about {size_in_words(needed)} of memory, but {size_in_words(free)} are "
+                "free; leave such methods out (2-D, angular, temporal, T/A and A/T need little), "
+                "or cut the recording into shorter ones"
             )
             raise OSError(msg)
         left = shutil.disk_usage(existing(folder)).free
         if on_disk and self.disk > left:
             msg = (
-                f"the results need about {in_words(self.disk)} of disk, but {existing(folder)} "
-                f"has {in_words(left)} left; choose another folder or fewer methods"
+                f"the results need about {size_in_words(self.disk)} of disk, but "
+                f"{existing(folder)} has {size_in_words(left)} left; choose another folder or "
+                "fewer methods"
             )
             raise OSError(msg)
 
@@ -146,8 +148,3 @@ def existing(folder: Path) -> Path:
     """Return a folder, or the nearest one above it that is there."""
     folder = folder.absolute()
     return next(p for p in (folder, *folder.parents) if p.exists())
-
-
-def in_words(size: int) -> str:
-    """Return a size in the unit that suits it."""
-    return f"{size / 2**30:.1f} GB" if size >= 2**30 else f"{size / 2**20:.0f} MB"

@@ -30,6 +30,7 @@ def open_by(recipe: Recipe) -> Recording | xr.DataArray:
         recipe.optics,
         recipe.frame_rate_hz,
         dataset=recipe.dataset,
+        raw=recipe.raw,
         angles_deg=recipe.angles_deg,
         content=recipe.content,
     )

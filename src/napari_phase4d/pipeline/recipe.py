@@ -16,6 +16,7 @@ from pydantic import (
 )
 
 from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, WINDOWS, Lobe
+from napari_phase4d.io import RawLayout
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.unwrapping import check_method
@@ -44,6 +45,8 @@ class Recipe(BaseModel):
         "sample:euglena" or "sample:yeast"; empty if it is given to `run` directly.
     dataset : str, optional
         Which array of a file that holds several.
+    raw : RawLayout, optional
+        How frames lie in a raw camera file, which does not say it.
     content : str
         What the file holds: "holograms", "phase", or "auto" (default) to look.
     optics : Optics, optional
@@ -95,6 +98,7 @@ class Recipe(BaseModel):
 
     recording: str = ""
     dataset: str | None = None
+    raw: RawLayout | None = None
     content: Literal["auto", "holograms", "phase"] = "auto"
     optics: Optics | None = None
     frame_rate_hz: float | None = Field(default=None, gt=0)
@@ -120,7 +124,7 @@ class Recipe(BaseModel):
         try:
             str(value).encode()
         except UnicodeEncodeError as error:
-            msg = "it holds characters that no file can hold"
+            msg = "its characters can't be written as UTF-8; rename the file"
             raise ValueError(msg) from error
         return value
 

@@ -25,6 +25,7 @@ from napari_phase4d.evaluation import (
 from napari_phase4d.holography import Focus, Lobe, find_lobes, pair_distance, power_spectrum
 from napari_phase4d.pipeline import (
     Outcome,
+    estimated_seconds,
     find_place,
     focus_by,
     needs_of,
@@ -38,6 +39,7 @@ from napari_phase4d.unwrapping import METHODS, score_boundaries
 
 __all__ = [
     "plan_confidence",
+    "plan_estimate",
     "plan_focus",
     "plan_lobes",
     "plan_margin",
@@ -412,6 +414,30 @@ def scores_of_some(
     scores = found.reindex(time=phase["time"])
     time, angle = found.attrs["best"]
     return scores.assign_attrs(best=[time * every, angle])
+
+
+def plan_estimate(state: State) -> Plan:
+    """Plan to see how long the ticked methods will take, until something else is asked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase yet.
+    """
+    data, recipe = state.needed_reconstruction(), state.recipe
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> float:
+        return estimated_seconds(recipe, data["phase"], cancelled=cancelled)
+
+    def receive(seconds: float) -> None:
+        if state.reconstruction is not data:
+            raise Changed
+        state.estimate = (recipe.methods, seconds)
+        state.estimate_changed.emit()
+
+    return Plan("Estimating the time", work, receive, gives_way=True)
 
 
 def check_recording(state: State, recording: Recording) -> None:

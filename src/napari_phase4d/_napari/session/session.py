@@ -12,6 +12,7 @@ import xarray as xr
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.plans import (
     plan_confidence,
+    plan_estimate,
     plan_focus,
     plan_lobes,
     plan_margin,
@@ -138,6 +139,8 @@ class Session(State):
             plans.append(plan_scores(self, unasked=True))
         if self.reconstruction is not None and self.noise is None:
             plans.append(plan_noise(self))
+        if self.estimate is None and self.reconstruction is not None and self.recipe.methods:
+            plans.append(plan_estimate(self))
         # Without WL1, weighing would first have to compute it.
         if REFERENCE in self.results and not self.confidence and self.place is None:
             plans.append(plan_confidence(self, unasked=True))

@@ -14,10 +14,11 @@ import xarray as xr
 from psygnal import Signal
 
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
-from napari_phase4d.evaluation import Comparison
+from napari_phase4d.evaluation import Comparison, with_wavelength
 from napari_phase4d.holography import Focus, Lobe, pair_distance, recalibrated
-from napari_phase4d.pipeline import Outcome, Place, Recipe
+from napari_phase4d.pipeline import Outcome, Place, Recipe, find_place, phase_needs
 from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["PHASE_FIELDS", "Changed", "State"]
 
@@ -63,6 +64,7 @@ class State:
     recipe_changed = Signal()
     truth_changed = Signal()
     noise_changed = Signal()
+    estimate_changed = Signal()
 
     def __init__(self) -> None:
         self.recipe = Recipe()
@@ -80,6 +82,8 @@ class State:
         #: How far to trust each result, and what to say of whole objects: method id -> it.
         self.confidence: dict[str, xr.DataArray] = {}
         self.warnings: dict[str, str] = {}
+        #: Seconds that these methods will take, about, once it is known.
+        self.estimate: tuple[tuple[str, ...], float] | None = None
         #: How the last search for the focus ended, see `autofocus`.
         self.focus: Focus | None = None
         #: How noisy the phase is, see `noise_figures`.
@@ -123,6 +127,8 @@ class State:
             shape = self.reconstruction["phase"].shape[:2]
             recipe = recipe.changed(boundary=checked_frames(recipe.boundary, shape))
         if recipe != self.recipe:
+            if recipe.methods != self.recipe.methods:
+                self.estimate = None
             self.recipe = recipe
             self.recipe_changed.emit()
 
@@ -243,6 +249,9 @@ class State:
         new = (recipe or self.recipe).changed(**settings)
         frames = checked_frames(new.boundary, phase.shape[:2])
         self._begin(None, None, new.changed(boundary=frames))
+        if phase.chunks is not None:  # phase on disk may be larger than memory
+            modest = [m for m in self.recipe.methods if METHODS[m].streams]
+            self.leave_place(find_place(self.recipe, phase_needs(modest, phase.shape)))
         self.truth = self.known_truth = truth
         self.reconstruction = xr.Dataset({"phase": phase})
         self.phase_recipe = self.recipe
@@ -270,7 +279,7 @@ class State:
 
     def forget_results(self) -> None:
         """Forget what was made of the phase."""
-        self.outcome = self.margin = self.scores = self.noise = None
+        self.outcome = self.margin = self.scores = self.noise = self.estimate = None
         self.confidence, self.warnings = {}, {}
 
     def recalibrate(self, recording: Recording) -> None:
@@ -293,6 +302,8 @@ class State:
             self.truth = self.known_truth if was_known else self.truth
             self.confidence = {m: c.assign_coords(grid) for m, c in self.confidence.items()}
             self.margin = None if self.margin is None else self.margin.assign_coords(grid)
+        if self.noise is not None:
+            self.noise = with_wavelength(self.noise, recording.optics.wavelength_um)
         if self.scores is not None:
             self.scores = self.scores.assign_coords(time=recording.times_s)
         if self.outcome is not None:

@@ -3,14 +3,24 @@
 from __future__ import annotations
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 
+from napari_phase4d.evaluation import noise_sentence
+from napari_phase4d.holography import Focus
 from napari_phase4d.recording import Recording
 
-__all__ = ["facts_of_phase", "facts_of_recording"]
+__all__ = [
+    "facts_of_phase",
+    "facts_of_reconstruction",
+    "facts_of_recording",
+    "focus_in_words",
+]
 
 #: Share of saturated pixels that is worth a warning, and fringe contrast that is.
 MANY_SATURATED, WEAK_FRINGES = 0.001, 0.05
+#: Share of empty field below which its level is not to be relied on.
+LITTLE_EMPTY = 0.3
 
 
 def facts_of_recording(recording: Recording, contrast: float) -> str:
@@ -20,7 +30,7 @@ def facts_of_recording(recording: Recording, contrast: float) -> str:
     first = recording.frame(0)
     lines = [
         f"<b>{recording.name}</b>",
-        f"{recording.n_frames} frames of {width} × {height} pixels, {dtype}, "
+        f"{counted(recording.n_frames, 'frame')} of {width} × {height} pixels, {dtype}, "
         f"{recording.nbytes / 2**20:.1f} MB",
         f"pixel in the sample {recording.optics.pixel_um:.4g} µm, fringe contrast {contrast:.2f}",
     ]
@@ -39,8 +49,45 @@ def facts_of_phase(phase: xr.DataArray, name: str) -> str:
     n_times, n_angles, height, width = phase.shape
     lines = [
         f"<b>{name}</b>",
-        f"Wrapped phase: {n_times} times × {n_angles} views, {width} × {height} pixels. "
+        f"Wrapped phase: {counted(n_times, 'time')} × {counted(n_angles, 'view')}, "
+        f"{width} × {height} pixels. "
         "Go on with step 4.",
         *(f"⚠ {note}" for note in phase.attrs.get("notes", ())),
     ]
     return "<br>".join(lines)
+
+
+def facts_of_reconstruction(data: xr.Dataset, noise: pd.DataFrame | None) -> list[str]:
+    """Return what was reconstructed: size, focus, noise, and what to look after."""
+    n_times, n_angles, height, width = data["phase"].shape
+    frames = f"{counted(n_times, 'time')} × {counted(n_angles, 'view')}"
+    lines = [f"{frames}, {width} × {height} pixels"]
+    if data.attrs.get("refocus_um"):
+        lines[0] += f", refocused by {data.attrs['refocus_um']:.4g} µm"
+    if data.attrs.get("focus_at_the_end"):
+        lines.append("⚠ The focus was found at the end of the search; it may lie beyond.")
+    if data.attrs.get("fringe_visibility"):
+        listed = ", ".join(f"{v:.2f}" for v in data.attrs["fringe_visibility"])
+        lines.append(f"Fringe visibility {listed}")
+    if noise is not None:
+        lines.append(noise_sentence(noise))
+    if data.attrs.get("drift_removed") and data.attrs["background_share"] < LITTLE_EMPTY:
+        lines.append("⚠ Little empty field is in view; check that the background is at 0.")
+    angles = data["angle"].values
+    if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
+        listed = ", ".join(f"{a:g}°" for a in angles)
+        lines.append(f"⚠ Angles are uneven; the slider counts evenly. They are {listed}.")
+    return lines
+
+
+def focus_in_words(focus: Focus) -> str:
+    """Say where the focus was found, and for what kind of object."""
+    words = f"Focus found at {focus.distance_um:.2f} µm, for a {focus.objects} object."
+    if focus.at_the_end:
+        words += " It lies at the end of the search: there may be none within it."
+    return words
+
+
+def counted(number: int, word: str) -> str:
+    """Return "1 view", "2 views" and so on."""
+    return f"{number} {word}" if number == 1 else f"{number} {word}s"

@@ -212,7 +212,13 @@ class LobesStep(Step):
             return
         try:
             frame = self.presenter.current_time()
-            phases = self._preview_of(recording, frame).phases(lobes, self.session.recipe.window)
+            distance = self.session.recipe.refocus_um
+            phases = self._preview_of(recording, frame).phases(
+                lobes,
+                self.session.recipe.window,
+                refocus_um=distance if isinstance(distance, float) else 0.0,
+                optics=recording.optics,
+            )
         except (OSError, ValueError):  # such as a circle that is being dragged out of the plane
             self.strip.set_views([], [])
             return

@@ -5,18 +5,22 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from magicgui.widgets import CheckBox, ComboBox
+from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox, SpinBox
 from qtpy.QtWidgets import QFileDialog
 
-from napari_phase4d._napari.session import plan_reconstruction
+from napari_phase4d._napari.session import plan_focus, plan_reconstruction
+from napari_phase4d._napari.steps.facts import facts_of_reconstruction, focus_in_words
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.holography import BACKGROUND_ORDERS, WINDOWS
+from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, WINDOWS
 from napari_phase4d.pipeline import needed_bytes
 
 __all__ = ["PhaseStep"]
 
 FILE = "hologram in a file"
+#: What the box of the distance holds where a recipe says to find the focus.
+FIND_IT = -100_000.0
+#: Distances are shown to a hundredth of a micrometre.
+SHOWN_UM = 0.00501
 REFERENCES: dict[str, int | str | None] = {
     "none": None,
     "median over time": "median",
@@ -54,15 +58,8 @@ class PhaseStep(Step):
             self._ask_file,
         )
         self.form.addRow("", self.choose_file)
-        self.background = self.field(
-            "Remove",
-            ComboBox(
-                name="background",
-                choices=list(BACKGROUND_ORDERS),
-                value=self.session.recipe.background,
-                tooltip="What to fit to the empty field and take off, once for all frames.",
-            ),
-        )
+        self._build_background()
+        self._build_refocus()
         self.drift = self.field(
             "Drift",
             CheckBox(
@@ -81,7 +78,14 @@ class PhaseStep(Step):
                 tooltip="How a lobe is cut out of the spectrum.",
             ),
         )
-        for widget in (self.reference, self.background, self.drift, self.window):
+        for widget in (
+            self.reference,
+            self.background,
+            self.order,
+            self.refocus,
+            self.drift,
+            self.window,
+        ):
             self.when_changed(widget, self._settings_changed)
         self.go = self.button(
             "Reconstruct",
@@ -97,6 +101,72 @@ class PhaseStep(Step):
         self.session.recipe_changed.connect(self._show_settings)
         self.session.lobes_changed.connect(self._show_need)
         self.session.reconstruction_changed.connect(self._show)
+        self.session.calibration_changed.connect(self._show_made)
+        self.session.noise_changed.connect(self._show_made)
+
+    def _build_background(self) -> None:
+        """Make what is removed from the background: how, and up to which degree."""
+        self.background = self.watched(
+            ComboBox(
+                name="background",
+                choices=list(BACKGROUND_ORDERS),
+                value=self.session.recipe.background,
+                tooltip="What to fit to the empty field and take off, once for all frames. "
+                "Polynomial and zernike take off all aberrations up to an order.",
+            )
+        )
+        self.order = self.watched(
+            SpinBox(
+                name="background_order",
+                value=self.session.recipe.background_order,
+                min=MIN_ORDER,
+                max=MAX_ORDER,
+                tooltip="Highest order: 2 astigmatism and defocus, 3 coma, 4 spherical "
+                "aberration, no unit.",
+            )
+        )
+        self.order_label = self.label("order")
+        row = self.row(self.background.native, self.order_label, self.order.native)
+        row.setStretch(0, 1)
+        self.form.addRow("Remove", row)
+        self.form.labelForField(row).setToolTip(self.background.tooltip)
+
+    def _build_refocus(self) -> None:
+        """Make the distance to refocus by, and the button that finds it."""
+        self.refocus = self.watched(
+            FloatSpinBox(
+                name="refocus_um",
+                value=0,
+                min=FIND_IT,
+                max=-FIND_IT,
+                step=0.5,
+                tooltip="How far to refocus, in micrometres in the medium; positive along the "
+                "light, 0 for not at all.",
+            )
+        )
+        native = self.refocus.native
+        native.setDecimals(2)
+        native.setSuffix(" µm")
+        native.setSpecialValueText("to the focus")  # a recipe may say "auto"
+        self.find_focus = self.button(
+            "Auto",
+            "find_focus",
+            "Find the distance at which the object is sharp.",
+            self.look_for_focus,
+        )
+        row = self.row(native, self.find_focus)
+        row.setStretch(0, 1)
+        self.form.addRow("Refocus", row)
+        self.form.labelForField(row).setToolTip(self.refocus.tooltip)
+
+    def look_for_focus(self) -> None:
+        """Find the distance to refocus by, in a thread."""
+        self.jobs.start(plan_focus(self.session), self._tell_focus)
+
+    def _tell_focus(self) -> None:
+        """Say where the focus was found."""
+        if self.session.focus is not None:
+            self.said.emit(focus_in_words(self.session.focus))
 
     def reconstruct(self) -> None:
         """Reconstruct, in a thread."""
@@ -120,9 +190,17 @@ class PhaseStep(Step):
         self.session.update(
             reference=reference,
             background=self.background.value,
+            background_order=self.order.value,
+            refocus_um=self._distance(),
             drift=self.drift.value,
             window=self.window.value,
         )
+
+    def _distance(self) -> float | str | None:
+        """Return the distance to refocus by; one with more digits than are shown stays."""
+        known = self.session.recipe.refocus_um
+        same = abs(self.refocus.value - shown_distance(known)) < SHOWN_UM
+        return known if same else distance_of(self.refocus.value)
 
     def _show_settings(self) -> None:
         """Show what the recipe says."""
@@ -130,6 +208,8 @@ class PhaseStep(Step):
         named = next((name for name, r in REFERENCES.items() if r == recipe.reference), None)
         with self.own_change():
             self.background.value = recipe.background
+            self.order.value = recipe.background_order
+            self.refocus.value = shown_distance(recipe.refocus_um)
             self.drift.value = recipe.drift
             self.window.value = recipe.window
             if named is None and isinstance(recipe.reference, int):
@@ -143,6 +223,9 @@ class PhaseStep(Step):
             if not waiting:
                 self.reference.value = named or FILE
         self.form.setRowVisible(self.choose_file, self.reference.value == FILE)
+        asks = BACKGROUND_ORDERS[recipe.background] is None
+        self.order_label.setVisible(asks)
+        self.order.native.setVisible(asks)
 
     def _new_recording(self) -> None:
         """Forget the reference of the last recording."""
@@ -174,14 +257,27 @@ class PhaseStep(Step):
                 f"Reconstructing, and unwrapping by the ticked methods, takes about {need:.0f} MB."
             )
 
+    def _show_made(self) -> None:
+        """Renew what is said of the phase, if there is any from holograms."""
+        if self.session.recording is not None and self.session.reconstruction is not None:
+            self._show()
+
     def _show(self) -> None:
+        """Say what was reconstructed, and how noisy it is."""
         data = self.session.needed_reconstruction()
-        n_times, n_angles, height, width = data["phase"].shape
-        lines = [f"{n_times} times × {n_angles} views, {width} × {height} pixels"]
-        if data.attrs.get("drift_removed") and data.attrs["background_share"] < 0.3:
-            lines.append("⚠ Little empty field is in view; check that the background is at 0.")
-        angles = data["angle"].values
-        if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
-            listed = ", ".join(f"{a:g}°" for a in angles)
-            lines.append(f"⚠ Angles are uneven; the slider counts evenly. They are {listed}.")
+        lines = facts_of_reconstruction(data, self.session.noise)
         self.facts.setText("<br>".join(lines))
+
+
+def distance_of(value: float) -> float | str | None:
+    """Return the distance of a recipe for what the box shows."""
+    if value <= FIND_IT:
+        return "auto"
+    return value or None
+
+
+def shown_distance(distance_um: float | str | None) -> float:
+    """Return what the box shows for the distance of a recipe."""
+    if isinstance(distance_um, str):
+        return FIND_IT
+    return min(max(distance_um or 0.0, FIND_IT), -FIND_IT)

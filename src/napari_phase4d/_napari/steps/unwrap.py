@@ -11,6 +11,7 @@ from napari_phase4d._napari.session import plan_unwrapping
 from napari_phase4d._napari.steps.boundary import BoundaryPart
 from napari_phase4d._napari.steps.methods import MethodRow
 from napari_phase4d._napari.steps.step import Step
+from napari_phase4d.pipeline import phase_needs, size_in_words, time_in_words
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["UnwrapStep"]
@@ -65,6 +66,12 @@ class UnwrapStep(Step):
             if row.panel is not None:
                 self.column.addWidget(row.panel)
         self.session.recipe_changed.connect(self._show_settings)
+        for signal in (
+            self.session.recipe_changed,
+            self.session.reconstruction_changed,
+            self.session.estimate_changed,
+        ):
+            signal.connect(self._show_needs)
 
     def frame_changed(self) -> None:
         """Follow the sliders."""
@@ -95,6 +102,19 @@ class UnwrapStep(Step):
         if not self.filling:
             options = {**self.session.recipe.options, method: self.methods[method].changed()}
             self.session.update(options={m: o for m, o in options.items() if o})
+
+    def _show_needs(self) -> None:
+        """Say on the button how long a run will take and how much memory, about."""
+        data, methods = self.session.reconstruction, self.session.recipe.methods
+        if data is None or not methods:
+            self.go.setText("Run")
+            return
+        needs = phase_needs(methods, data["phase"].shape)
+        size = needs.in_memory if self.session.place is None else needs.on_disk
+        told = [size_in_words(size)]
+        if self.session.estimate is not None:
+            told.insert(0, time_in_words(self.session.estimate[1]))
+        self.go.setText(f"Run (about {', '.join(told)})")
 
     def _show_settings(self) -> None:
         """Show what the recipe says."""

@@ -1,0 +1,69 @@
+"""Noticing TIFF files that are cut short, before a frame is missing."""
+
+from __future__ import annotations
+
+import math
+import struct
+from pathlib import Path
+
+import tifffile
+
+from napari_phase4d.io.tiff_facts import told_frames
+
+__all__ = ["CutShort", "check_complete", "check_described", "check_number"]
+
+#: Frames that a file may describe.
+MOST_FRAMES = 2_000_000
+
+
+class CutShort(OSError):  # noqa: N818 - it is an OSError to everybody else
+    """Pixels lie behind the end of the file."""
+
+
+def check_described(tif: tifffile.TiffFile, path: Path) -> None:
+    """Raise OSError if absurdly many frames are described; to lay them out would take minutes."""
+    told = told_frames(tif)
+    if told > MOST_FRAMES:
+        msg = f"{path.name} describes {told} frames, more than can be; it may be damaged"
+        raise CutShort(msg)
+
+
+def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
+    """Raise OSError if any page's pixels lie beyond the end of the file."""
+    size = path.stat().st_size
+    for page in tif.pages:
+        ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
+        if ends and max(ends) > size:
+            msg = f"{path.name} is cut short: a frame needs {max(ends)} bytes, the file has {size}"
+            raise CutShort(msg)
+    following = next_page(tif)
+    if following >= size:
+        msg = (
+            f"{path.name} is cut short: behind {len(tif.pages)} frames another one follows at "
+            f"{following} bytes, the file has {size}"
+        )
+        raise CutShort(msg)
+
+
+def next_page(tif: tifffile.TiffFile) -> int:
+    """Return where the page behind the last one that could be read lies, 0 if there is none.
+
+    tifffile takes a directory that lies behind the end of the file for the end of all pages.
+    """
+    form, file = tif.tiff, tif.filehandle
+    file.seek(tif.pages[-1].offset)
+    (count,) = struct.unpack(form.tagnoformat, file.read(form.tagnosize))
+    file.seek(count * form.tagsize, 1)
+    (following,) = struct.unpack(form.offsetformat, file.read(form.offsetsize))
+    return int(following)
+
+
+def check_number(tif: tifffile.TiffFile, path: Path, shape: tuple[int, ...]) -> None:
+    """Raise OSError if fewer frames are there than the description of the file says."""
+    told, series = told_frames(tif), tif.series[0]
+    found = math.prod(shape) // max(1, math.prod(series.keyframe.shape))
+    if series.dataoffset is None and not getattr(series, "is_multifile", True):
+        found = min(found, len(tif.pages))
+    if found < told:
+        msg = f"{path.name} is cut short: {told} frames are described, {found} are there"
+        raise CutShort(msg)

@@ -1,0 +1,516 @@
+"""Many files by one recipe: folders, log, summary, what fails, and going on later."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import psutil
+import pytest
+
+import napari_phase4d as p4d
+from napari_phase4d.io import read_results
+from napari_phase4d.pipeline import Outcome, run_batch
+from napari_phase4d.pipeline import fingerprint as fingerprint_of
+from napari_phase4d.pipeline.batch import result_folders
+from small_disks import small_disk
+
+RECIPE = p4d.Recipe(methods=("spatial-2d", "temporal-angular"), mask=None)
+#: More than any process is numbered on Linux.
+NO_PROCESS = 2**22 + 1
+#: What differs from run to run: how long it took.
+OF_THE_RUN = {"table.csv", "run.json", "recipe.json"}
+
+
+@pytest.fixture(scope="module")
+def phases(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a folder with three small files of wrapped phase, and one that is none."""
+    folder = tmp_path_factory.mktemp("phases")
+    for i, name in enumerate("abc"):
+        data = p4d.simulation.budding_yeast((16, 16), n_times=3, angles_deg=(0.0, 5.0 + i))
+        np.save(folder / f"{name}.npy", data["wrapped"].values)
+    (folder / "bad.npy").write_bytes((folder / "a.npy").read_bytes()[:300])
+    return folder
+
+
+def contents(folder: Path) -> dict[str, bytes]:
+    """Return the bytes of all results, but for what notes how long it took."""
+    files = (p for p in sorted(folder.rglob("*")) if p.is_file())
+    return {str(p.relative_to(folder)): p.read_bytes() for p in files if p.name not in OF_THE_RUN}
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def batch(out: Path, *files: Path, **options: Any) -> tuple[pd.DataFrame, list[str]]:
+    said: list[str] = []
+    table = run_batch(RECIPE, files, out, told=said.append, **options)
+    assert (out / "batch.log").read_text().splitlines()[-len(said) :] == said
+    pd.testing.assert_frame_equal(
+        pd.read_csv(out / "summary.csv", index_col="number"), table, check_dtype=False
+    )
+    return table, said
+
+
+def test_every_file_gets_a_folder_a_line_and_a_row(phases: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    files = [phases / "a.npy", phases / "bad.npy", phases / "missing.npy", phases / "b.npy"]
+    table, said = batch(out, *files)
+    assert names(out) == {"a", "b", "batch.log", "summary.csv"}
+    assert names(out / "a") == {
+        "wrapped.ome.tif", "spatial-2d.ome.tif", "temporal-angular.ome.tif", "table.csv",
+        "recipe.json", "run.json",
+    }  # fmt: skip
+    assert list(table["status"]) == ["done", "failed", "failed", "done"]
+    assert list(table["folder"]) == ["a", "bad", "missing", "b"]
+    assert list(table["file"]) == [str(file) for file in files]
+    done = table[table["status"] == "done"]
+    assert list(done["frames"]) == [3, 3]
+    assert list(done["views"]) == [2, 2]
+    assert list(done["results"]) == [2, 2]
+    assert all(
+        "counted in ones: pixel, frame rate, viewing angles" in note for note in done["notes"]
+    )
+    assert list(done["best_method"]) == ["temporal-angular"] * 2
+    assert list(done["input_sha256"]) == [fingerprint_of(files[i]).sha256 for i in (0, 3)]
+    assert list(done["input_bytes"]) == [file.stat().st_size for file in (files[0], files[3])]
+    assert said[0].startswith("[1 of 4] a.npy: 2 results in ")
+    assert said[0].endswith(f"s -> {out / 'a'}")
+    assert said[1].startswith("[2 of 4] bad.npy: failed: bad.npy can't be read")
+    assert said[2].startswith("[3 of 4] missing.npy: failed: there is no file or folder")
+    assert said[4] == "4 files: 2 done, 2 failed."
+    assert table["error"][2] == said[1].split("failed: ")[1]
+    # The same numbers as a run of its own.
+    phase = p4d.run(RECIPE.changed(recording=str(files[3])))
+    found = read_results(out / "b" / "temporal-angular.ome.tif")
+    expected = phase.comparison.results["temporal-angular"]
+    np.testing.assert_array_equal(found.values, expected.values)
+
+
+def test_run_json_names_input_recipe_and_every_file(phases: Path, tmp_path: Path) -> None:
+    batch(tmp_path, phases / "a.npy", form="zarr")
+    note = json.loads((tmp_path / "a" / "run.json").read_text())
+    assert note["input"] == fingerprint_of(phases / "a.npy").as_dict()
+    assert note["asked"]["recipe"]["methods"] == list(RECIPE.methods)
+    assert {file["name"] for file in note["files"]} == names(tmp_path / "a") - {"run.json"}
+    for file in note["files"]:
+        assert fingerprint_of(tmp_path / "a" / file["name"]).as_dict() == file
+
+
+def test_confidence_gives_the_doubtful_share(phases: Path, tmp_path: Path) -> None:
+    table = run_batch(RECIPE.changed(confidence=True), [phases / "a.npy"], tmp_path)
+    own = pd.read_csv(tmp_path / "a" / "table.csv", index_col="id")
+    expected = own["suspicious_percent"]["temporal-angular"]
+    assert table["doubtful_percent"][1] == pytest.approx(expected)
+    assert 0 <= expected <= 100
+
+
+def test_runs_larger_than_memory_are_batched_too(tmp_path: Path, small_video: Any) -> None:
+    np.save(tmp_path / "video.npy", small_video.holograms.values)
+    on_disk = RECIPE.changed(storage="disk")
+    table = run_batch(on_disk, [tmp_path / "video.npy"], tmp_path / "disk")
+    assert list(table["status"]) == ["done"]
+    results = {"wrapped", "amplitude", *RECIPE.methods}
+    assert names(tmp_path / "disk" / "video") == {
+        *(f"{name}.ome.zarr" for name in results), "table.csv", "recipe.json", "run.json",
+    }  # fmt: skip
+    run_batch(RECIPE, [tmp_path / "video.npy"], tmp_path / "memory", form="zarr")
+    for name in results:
+        found, expected = (
+            read_results(tmp_path / place / "video" / f"{name}.ome.zarr")
+            for place in ("disk", "memory")
+        )
+        np.testing.assert_array_equal(found.values, expected.values)
+        assert found.data.chunksize[0] > expected.data.chunksize[0] == 1  # left as it was written
+        assert found.attrs["provenance"]["input"] == expected.attrs["provenance"]["input"]
+        assert found.attrs["provenance"]["recipe"]["storage"] == "disk"
+    again = run_batch(on_disk, [tmp_path / "video.npy"], tmp_path / "disk", resume=True)
+    assert list(again["status"]) == ["complete already"]
+
+
+# Going on
+
+
+def statuses(out: Path, *files: Path, recipe: p4d.Recipe = RECIPE, **options: Any) -> list[str]:
+    return list(run_batch(recipe, files, out, resume=True, **options)["status"])
+
+
+def test_resume_leaves_what_is_complete(phases: Path, tmp_path: Path) -> None:
+    files = [phases / f"{name}.npy" for name in "abc"]
+    batch(tmp_path, *files[:2])
+    before = {p: p.stat().st_mtime_ns for p in tmp_path.glob("*/*")}
+    table, said = batch(tmp_path, *files, resume=True)
+    assert list(table["status"]) == ["complete already", "complete already", "done"]
+    assert said[0] == f"[1 of 3] a.npy: complete already in {tmp_path / 'a'}"
+    assert {p: p.stat().st_mtime_ns for p in before} == before
+    assert list(table["frames"]) == [3, 3, 3]  # also of what was run before
+    assert statuses(tmp_path, *files) == ["complete already"] * 3
+
+
+def flip(path: Path) -> None:
+    """Change one bit, and neither size nor time."""
+    stat = path.stat()
+    data = bytearray(path.read_bytes())
+    data[-7] ^= 1
+    path.write_bytes(data)
+    os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
+
+
+@pytest.mark.parametrize(
+    "change", ["input", "recipe", "form", "version", "flipped result", "cut result", "lost result"]
+)
+def test_resume_does_again_what_has_changed(
+    phases: Path, tmp_path: Path, change: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = shutil.copy(phases / "a.npy", tmp_path / "a.npy")
+    out = tmp_path / "out"
+    batch(out, file)
+    assert statuses(out, file) == ["complete already"]
+    first = contents(out)
+    recipe, options = RECIPE, {}
+    result = out / "a" / "spatial-2d.ome.tif"
+    if change == "input":  # of the same name, size and time
+        flip(Path(file))
+    elif change == "recipe":
+        recipe = RECIPE.changed(boundary=((1, 0),))
+    elif change == "form":
+        options = {"form": "zarr"}
+    elif change == "version":
+        monkeypatch.setattr("napari_phase4d.pipeline.batch.complete.program_version", lambda: "9")
+    elif change == "flipped result":
+        flip(result)
+    elif change == "cut result":
+        os.truncate(result, 1000)
+    else:
+        result.unlink()
+    assert statuses(out, file, recipe=recipe, **options) == ["done"]
+    assert statuses(out, file, recipe=recipe, **options) == ["complete already"]
+    same = change in ("version", "flipped result", "cut result", "lost result")
+    assert (contents(out / "a") == contents_of(first, "a")) == same
+
+
+def contents_of(found: dict[str, bytes], folder: str) -> dict[str, bytes]:
+    start = f"{folder}{os.sep}"
+    return {
+        name.removeprefix(start): data for name, data in found.items() if name.startswith(start)
+    }
+
+
+def test_damaged_frame_of_a_zarr_is_done_again(phases: Path, tmp_path: Path) -> None:
+    batch(tmp_path, phases / "a.npy", form="zarr")
+    chunk = tmp_path / "a" / "wrapped.ome.zarr" / "0" / "c" / "1" / "0" / "0" / "0"
+    whole = chunk.read_bytes()
+    flip(chunk)
+    assert statuses(tmp_path, phases / "a.npy", form="zarr") == ["done"]
+    assert chunk.read_bytes() == whole
+
+
+def test_without_resume_all_is_done_again(phases: Path, tmp_path: Path) -> None:
+    batch(tmp_path, phases / "a.npy")
+    first = contents(tmp_path / "a")
+    table, _ = batch(tmp_path, phases / "a.npy")
+    assert list(table["status"]) == ["done"]
+    assert contents(tmp_path / "a") == first
+
+
+def test_what_fails_leaves_older_results(phases: Path, tmp_path: Path) -> None:
+    file = shutil.copy(phases / "a.npy", tmp_path / "a.npy")
+    out = tmp_path / "out"
+    batch(out, file)
+    before = contents(out / "a")
+    Path(file).write_bytes(b"no numbers any more")
+    table, _ = batch(out, file)
+    assert list(table["status"]) == ["failed"]
+    assert contents(out / "a") == before
+    assert names(out) == {"a", "batch.log", "summary.csv"}
+
+
+def test_what_a_user_has_put_beside_results_is_kept(phases: Path, tmp_path: Path) -> None:
+    batch(tmp_path, phases / "a.npy")
+    (tmp_path / "a" / "notes.txt").write_text("cell 7 divides")
+    (tmp_path / "a" / "figures").mkdir()
+    (tmp_path / "a" / "figures" / "one.png").write_bytes(b"1")
+    assert statuses(tmp_path, phases / "a.npy") == ["complete already"]
+    batch(tmp_path, phases / "a.npy")
+    assert (tmp_path / "a" / "notes.txt").read_text() == "cell 7 divides"
+    assert (tmp_path / "a" / "figures" / "one.png").read_bytes() == b"1"
+
+
+def test_folders_that_no_batch_has_made_are_not_replaced(phases: Path, tmp_path: Path) -> None:
+    (tmp_path / "a").mkdir()
+    (tmp_path / "a" / "thesis.txt").write_text("three years")
+    table, said = batch(tmp_path, phases / "a.npy", phases / "b.npy")
+    assert list(table["status"]) == ["failed", "done"]
+    assert "a is there already and was not made by a batch" in said[0]
+    assert names(tmp_path / "a") == {"thesis.txt"}
+
+
+def test_what_a_killed_batch_has_left_is_put_right(phases: Path, tmp_path: Path) -> None:
+    batch(tmp_path, phases / "a.npy")
+    before = contents(tmp_path / "a")
+    # As if killed between the two names of a replaced folder, and while another one was filled.
+    (tmp_path / "a").rename(tmp_path / ".a-old")
+    (tmp_path / ".a-partial").mkdir()
+    (tmp_path / ".a-partial" / "wrapped.ome.tif").write_bytes(b"half")
+    (tmp_path / ".summary-half.csv").write_text("num")
+    mark = {"pid": NO_PROCESS, "began": 1.0, "host": socket.gethostname()}
+    (tmp_path / "batch.lock").write_text(json.dumps(mark))
+    assert statuses(tmp_path, phases / "a.npy") == ["complete already"]
+    assert contents(tmp_path / "a") == before
+    assert names(tmp_path) == {"a", "batch.log", "summary.csv"}
+
+
+# One at a time
+
+
+def test_two_batches_do_not_share_a_folder(phases: Path, tmp_path: Path) -> None:
+    def begin_another(outcome: Outcome, folder: Path) -> None:
+        assert not (tmp_path / "a").exists()
+        assert folder.name == ".a-partial"
+        mark = json.loads((tmp_path / "batch.lock").read_text())
+        assert mark["pid"] == os.getpid()
+        run_batch(RECIPE, [phases / "b.npy"], tmp_path)
+
+    table, said = batch(tmp_path, phases / "a.npy", finished=begin_another)
+    assert list(table["status"]) == ["failed"]
+    assert f"another batch (process {os.getpid()} on " in said[0]
+    assert names(tmp_path) == {"batch.log", "summary.csv"}
+
+
+@pytest.mark.parametrize("mark", ["ended", "another process by now", "half-written"])
+def test_locks_of_batches_that_are_gone_do_not_count(
+    phases: Path, tmp_path: Path, mark: str
+) -> None:
+    process = psutil.Process()
+    host = socket.gethostname()
+    marks = {
+        "ended": {"pid": NO_PROCESS, "began": process.create_time(), "host": host},
+        "another process by now": {"pid": os.getpid(), "began": 1e9, "host": host},
+    }
+    text = json.dumps(marks[mark]) if mark in marks else '{"pid": '
+    (tmp_path / "batch.lock").write_text(text)
+    table, _ = batch(tmp_path, phases / "a.npy")
+    assert list(table["status"]) == ["done"]
+    assert not (tmp_path / "batch.lock").exists()
+
+
+# Names
+
+
+@pytest.mark.parametrize(
+    ("files", "expected"),
+    [
+        (["a.tif", "b.ome.tif", "c.ome.zarr"], ["a", "b", "c"]),
+        (["1/cell.tif", "2/cell.tif", "2/other.tif"], ["1_cell_tif", "2_cell_tif", "other"]),
+        (["1/cell.tif", "1/cell.avi"], ["cell_tif", "cell_avi"]),
+        (["1/x/c.tif", "2/x/c.tif", "2/x/c.avi"], ["1_x_c_tif", "2_x_c_tif", "2_x_c_avi"]),
+        (["Cell.tif", "cell.npy"], ["Cell_tif", "cell_npy"]),
+        (["sample:euglena"], ["sample_euglena"]),
+        (["../x/.."], ["recording"]),
+        ([".hidden.tif", "rec_*.tif"], ["hidden", "rec__"]),
+        (["batch.log.tif", "summary.csv.tif"], ["batch.log_2", "summary.csv_2"]),
+    ],
+)
+def test_folders_have_stable_names_inside(
+    tmp_path: Path, files: list[str], expected: list[str]
+) -> None:
+    out = tmp_path / "out"
+    found = result_folders(files, out)
+    assert [folder.relative_to(out).as_posix() for folder in found] == expected
+    assert all(folder.parent == out for folder in found)
+    if len({name.removesuffix("_2") for name in expected}) == len(expected):
+        # Neither the order nor the others matter for what each is called.
+        assert result_folders(files[::-1], out) == found[::-1]
+
+
+def test_a_file_that_is_given_twice_is_run_once(phases: Path, tmp_path: Path) -> None:
+    (tmp_path / "link.npy").symlink_to(phases / "a.npy")
+    roundabout = phases / ".." / phases.name / "a.npy"
+    table, _ = batch(tmp_path / "out", phases / "a.npy", roundabout, tmp_path / "link.npy")
+    assert list(table["folder"]) == ["a"]
+
+
+# Faults
+
+
+def test_input_is_hashed_once_and_in_another_thread(
+    phases: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hashing = sys.modules["napari_phase4d.pipeline.fingerprint"]
+    real, threads = hashing.hashed, []
+
+    def counted(parts: Any, *arguments: Any, **options: Any) -> str:
+        if [path for _, path, _, _ in parts] == [phases / "a.npy"]:
+            threads.append(threading.current_thread())
+        return real(parts, *arguments, **options)
+
+    monkeypatch.setattr(hashing, "hashed", counted)
+    batch(tmp_path, phases / "a.npy")
+    assert len(threads) == 1
+    assert threads[0] is not threading.main_thread()
+
+
+def test_input_that_changes_while_it_is_run_has_failed(phases: Path, tmp_path: Path) -> None:
+    file = Path(shutil.copy(phases / "a.npy", tmp_path / "a.npy"))
+
+    def append(outcome: Outcome, folder: Path) -> None:
+        with file.open("ab") as stream:
+            stream.write(b"one more frame")
+
+    table, said = batch(tmp_path / "out", file, finished=append)
+    assert list(table["status"]) == ["failed"]
+    assert "failed: a.npy was changed while it was read" in said[0]
+    assert names(tmp_path / "out") == {"batch.log", "summary.csv"}
+
+
+def test_input_that_vanishes_half_way_does_not_stop_the_others(
+    phases: Path, tmp_path: Path
+) -> None:
+    files = [Path(shutil.copy(phases / f"{n}.npy", tmp_path / f"{n}.npy")) for n in "ab"]
+    gone = tmp_path / "gone.npy"
+    shutil.copy(phases / "c.npy", gone)
+    table, said = batch(
+        tmp_path / "out", files[0], gone, files[1],
+        finished=lambda outcome, folder: gone.unlink(missing_ok=True),
+    )  # fmt: skip
+    assert list(table["status"]) == ["done", "failed", "done"]
+    assert "gone.npy: failed: there is no file or folder" in said[1]
+
+
+def test_what_no_reader_expects_is_one_line_and_a_traceback_in_the_log(
+    phases: Path, tmp_path: Path
+) -> None:
+    def odd(outcome: Outcome, folder: Path) -> None:
+        if folder.name == ".a-partial":
+            message = "deep\ninside"
+            raise KeyError(message)
+
+    table, said = batch_with_traceback(tmp_path, phases, odd)
+    assert list(table["status"]) == ["failed", "done"]
+    assert "\n" not in said[0]
+    assert "failed: an unexpected fault, KeyError" in said[0]
+    log = (tmp_path / "batch.log").read_text()
+    assert "Traceback (most recent call last)" in log
+    assert said[1] in log.splitlines()
+
+
+def batch_with_traceback(
+    out: Path, phases: Path, finished: Callable[[Outcome, Path], None]
+) -> tuple[pd.DataFrame, list[str]]:
+    said: list[str] = []
+    files = [phases / "a.npy", phases / "b.npy"]
+    return run_batch(RECIPE, files, out, told=said.append, finished=finished), said
+
+
+def test_full_disk_ends_the_batch_with_one_sentence(phases: Path, tmp_path: Path) -> None:
+    data = p4d.simulation.budding_yeast((128, 128), n_times=4, angles_deg=(0.0, 5.0))
+    np.save(tmp_path / "large.npy", data["wrapped"].values)
+    files = [phases / "a.npy", tmp_path / "large.npy", phases / "b.npy"]
+    said: list[str] = []
+    with small_disk(tmp_path / "disk") as out:
+        with pytest.raises(
+            OSError, match=r"could not be written \(No space left.*; make room in .* --resume"
+        ) as caught:
+            run_batch(RECIPE, files, out, told=said.append)
+        assert "\n" not in str(caught.value)
+        assert "failed: " in said[1]
+        assert names(out) == {"a", "batch.log", "summary.csv"}
+        assert list(pd.read_csv(out / "summary.csv")["status"]) == ["done", "failed", "waiting"]
+        assert statuses(out, files[0], files[2]) == ["complete already", "done"]
+
+
+def test_disk_that_can_not_be_written_is_one_sentence(phases: Path, tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk", "size=1m,ro") as out:
+        with pytest.raises(OSError, match="the folder .*disk can't be written") as caught:
+            run_batch(RECIPE, [phases / "a.npy"], out)
+        assert "\n" not in str(caught.value)
+        with pytest.raises(OSError, match="the folder .*disk/new can't be made"):
+            run_batch(RECIPE, [phases / "a.npy"], out / "new")
+
+
+def test_folder_that_can_not_be_made_is_one_sentence(phases: Path, tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("no folder")
+    for out in (tmp_path / "file", tmp_path / "file" / "deeper"):
+        with pytest.raises(OSError, match="the folder .* can't be made") as caught:
+            run_batch(RECIPE, [phases / "a.npy"], out)
+        assert "\n" not in str(caught.value)
+    with pytest.raises(ValueError, match="form must be tiff or zarr"):
+        run_batch(RECIPE, [phases / "a.npy"], tmp_path / "out", form="png")
+
+
+def test_cancelled_batch_leaves_nothing_half_written(phases: Path, tmp_path: Path) -> None:
+    files = [phases / "a.npy", phases / "b.npy"]
+    messages: list[str] = []
+    with pytest.raises(p4d.Cancelled):
+        run_batch(
+            RECIPE, files, tmp_path, progress=lambda d, t, message: messages.append(message),
+            cancelled=lambda: any("[2 of 2] b.npy: " in m and "saving" in m for m in messages),
+        )  # fmt: skip
+    assert names(tmp_path) == {"a", "batch.log", "summary.csv"}
+    last = (tmp_path / "batch.log").read_text().splitlines()[-1]
+    assert last == "Stopped; 2 files: 1 done. Go on with --resume."
+    assert statuses(tmp_path, *files) == ["complete already", "done"]
+
+
+# The command line
+
+
+def command(*arguments: object, cwd: Path) -> list[str]:
+    return [sys.executable, "-m", "napari_phase4d.cli", *map(str, arguments)]
+
+
+@pytest.mark.slow
+def test_batch_on_the_command_line(phases: Path, tmp_path: Path) -> None:
+    recipe = RECIPE.to_file(tmp_path / "recipe.json")
+    files = [phases / "a.npy", phases / "bad.npy", phases / "b.npy"]
+    line = command("run", recipe, *files, "--out", "out", cwd=tmp_path)
+    first = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert first.returncode == 1
+    assert "[1 of 3] a.npy: 2 results in" in first.stdout
+    assert "1 of 3 files failed: bad.npy" in first.stderr
+    assert "Traceback" not in first.stdout + first.stderr
+    again = subprocess.run(
+        [*line, "--resume", "--form", "zarr"], cwd=tmp_path, capture_output=True, text=True,
+        check=False,
+    )  # fmt: skip
+    assert again.returncode == 1
+    assert (tmp_path / "out" / "a" / "wrapped.ome.zarr").is_dir()
+    assert not (tmp_path / "out" / "a" / "wrapped.ome.tif").exists()
+
+
+@pytest.mark.slow
+def test_ctrl_c_is_one_sentence_and_nothing_half_written(phases: Path, tmp_path: Path) -> None:
+    files = []
+    for i in range(300):
+        files.append(tmp_path / f"f{i:03}.npy")
+        shutil.copy(phases / "a.npy", files[-1])
+    recipe = RECIPE.to_file(tmp_path / "recipe.json")
+    line = command("run", recipe, *files, "--out", "out", cwd=tmp_path)
+    with subprocess.Popen(
+        line, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as process:
+        until = time.monotonic() + 60
+        while not (tmp_path / "out" / "f002").exists() and time.monotonic() < until:
+            time.sleep(0.05)
+        process.send_signal(signal.SIGINT)
+        _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert told.strip().startswith("Stopped by Ctrl-C.")
+    assert "\n" not in told.strip()
+    folders = sorted(p for p in (tmp_path / "out").iterdir() if p.is_dir())
+    assert 3 <= len(folders) < 300
+    assert all((folder / "run.json").exists() for folder in folders)
+    assert names(tmp_path / "out") == {f.name for f in folders} | {"batch.log", "summary.csv"}
