@@ -2,9 +2,10 @@
 
     python benchmarks/fuzz.py --seconds 300 --seed 0
 
-Each file is opened, and its first, last and one other frame are read, in a process with bounded
-time and memory. Opening it well and refusing it in one sentence are both right; anything else is
-listed with what makes the file again:
+Each file is opened as a recording, as the input of a run and, where its name allows that, as a
+result of this program, and frames are read, in a process with bounded time and memory. Opening it
+well and refusing it in one sentence are both right; anything else is listed with what makes the
+file again:
 
     python benchmarks/fuzz.py --seed 0 --only "HDF5" --case 17 --keep /tmp/broken
 """
@@ -28,7 +29,17 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
-from faulty import FORMATS, mutated, outcome_of, sound
+from faulty import (
+    FORMATS,
+    RESULTS,
+    mutated,
+    outcome_as_input,
+    outcome_as_result,
+    outcome_of,
+    sound,
+)
+
+KINDS = FORMATS | RESULTS
 
 #: What a process may take beyond what it has after reading sound files.
 MORE_BYTES = 1 << 30
@@ -109,7 +120,7 @@ def work(folder: Path) -> None:
 
     warnings.simplefilter("ignore")  # what libraries murmur is no outcome
     for path in sorted(folder.iterdir()):
-        outcome_of(next(path.iterdir()))
+        worst_outcome(next(path.iterdir()), 0)
     status = Path("/proc/self/statm")
     used = int(status.read_text().split()[0]) * resource.getpagesize()
     resource.setrlimit(resource.RLIMIT_AS, (used + MORE_BYTES, used + MORE_BYTES))
@@ -118,12 +129,30 @@ def work(folder: Path) -> None:
     print(json.dumps("ready"), file=answers, flush=True)
     for line in sys.stdin:
         path, place = json.loads(line)
-        print(json.dumps(outcome_of(Path(path), (0, 1, place))), file=answers, flush=True)
+        print(json.dumps(worst_outcome(Path(path), place)), file=answers, flush=True)
+
+
+def worst_outcome(path: Path, place: float) -> str:
+    """Return what reading a file led to, in the way that went worst.
+
+    It is read as a recording, as the input of a run, and as a result of this program.
+    """
+    ways = {
+        "": outcome_of(path, (0, 1, place)),
+        "as input, ": outcome_as_input(path),
+        "as result, ": outcome_as_result(path),
+    }
+    if path.suffix not in (".tif", ".zarr"):
+        del ways["as result, "]
+    for way, outcome in ways.items():
+        if outcome not in RIGHT:
+            return way + outcome
+    return "fine" if "fine" in ways.values() else "sentence"
 
 
 def broken(trees: dict[str, Tree], name: str, seed: int, case: int) -> tuple[str, Tree, float]:
     """Return a damaged copy of a format's file, the kind of damage, and a frame to read."""
-    names = list(FORMATS)
+    names = list(KINDS)
     rng = np.random.default_rng([seed, names.index(name), case])
     tree = dict(trees[name])
     place = str(rng.choice(list(tree)))
@@ -134,7 +163,7 @@ def broken(trees: dict[str, Tree], name: str, seed: int, case: int) -> tuple[str
 
 def cases(only: str | None, case: int | None) -> Iterator[tuple[str, int]]:
     """Yield formats and numbers, all formats in turn."""
-    names = [only] if only else list(FORMATS)
+    names = [only] if only else list(KINDS)
     if case is not None:
         yield names[0], case
         return
@@ -160,7 +189,7 @@ def table(counts: dict[str, Counter[str]]) -> str:
 def run(options: argparse.Namespace, folder: Path) -> int:
     """Fuzz until time is up; print the table; return how many files went wrong."""
     trees: dict[str, Tree] = {}
-    for number, name in enumerate(FORMATS):
+    for number, name in enumerate(KINDS):
         place = folder / "sound" / f"{number:03d}"
         place.mkdir(parents=True)
         trees[name] = tree_of(sound(name, place))
@@ -171,7 +200,7 @@ def run(options: argparse.Namespace, folder: Path) -> int:
         if time.monotonic() > end:
             break
         kind, tree, place = broken(trees, name, options.seed, case)
-        path = folder / f"broken{FORMATS[name][0]}"
+        path = folder / f"broken{KINDS[name][0]}"
         write_tree(tree, path)
         if not worker.alive or worker.files >= FILES_A_PROCESS:
             worker.end()
@@ -207,7 +236,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else "")
     parser.add_argument("--seconds", type=float, default=60.0)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", choices=list(FORMATS), help="one format")
+    parser.add_argument("--only", choices=list(KINDS), help="one format")
     parser.add_argument("--case", type=int, help="one file of that format")
     parser.add_argument("--keep", type=Path, help="folder for files that went wrong")
     parser.add_argument("--work", type=Path, help=argparse.SUPPRESS)

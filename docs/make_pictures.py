@@ -7,16 +7,21 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
+import numpy as np
+from matplotlib.figure import Figure
 from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.demo import let_it_draw, viewer_with_dock, wait_until
 from napari_phase4d._napari.session import EUGLENA_SOURCE, YEAST_SOURCE
 from napari_phase4d.evaluation import comparison_figure
+from napari_phase4d.holography import Demodulator, Lobe, autofocus, propagate
 from napari_phase4d.reproduction import reproduce, write_reproduction
 from napari_phase4d.simulation import budding_yeast, with_noise
 
 PICTURES = Path(__file__).parent / "pictures"
+#: A measured hologram, which is not part of the repository.
+PARAMECIUM = Path(__file__).resolve().parents[2] / "shared/data/offaxis/paramecium_oa_oof.npz"
 
 
 def main() -> None:
@@ -73,6 +78,7 @@ def main() -> None:
         viewer.close()
     figures_of_the_paper()
     figure_of_the_own_method()
+    figure_of_refocusing()
 
 
 def pictures_of_the_tabs(viewer: Any, dock: Any, picture: Any, press: Any) -> None:
@@ -102,6 +108,55 @@ def figure_of_the_own_method() -> None:
     frames = [(0, 0), (6, 0), (11, 5), (18, 5)]
     picture = comparison_figure({"exact": data["phase"], **columns}, frames)
     picture.savefig(PICTURES / "figure_own.png", dpi=90)
+
+
+def figure_of_refocusing() -> None:
+    """Show a measured paramecium before and after refocusing, and the curve that found it.
+
+    The hologram is paramecium_oa_oof of PyHoloscope (M. Hughes, MIT licence), with the wavelength
+    and pixel of its example.
+    """
+    if not PARAMECIUM.exists():
+        print(f"{PARAMECIUM.name} is not here: the figure of refocusing is left as it was")
+        return
+    with np.load(PARAMECIUM) as file:
+        hologram, empty = file["data"], file["bg_data"]
+    (found,) = p4d.find_lobes(p4d.open_recording(hologram), 1)
+    demodulate = Demodulator(hologram.shape, [Lobe(found.carrier, 0.06)])
+    field = demodulate(hologram)[0] * np.exp(-1j * np.angle(demodulate(empty)[0]))
+    light = {"wavelength_um": 0.63, "pixel_um": demodulate.pixel_ratio, "medium_index": 1.0}
+    focus = autofocus(field, **light, objects="phase", span_um=2000.0)
+    figure = Figure(figsize=(9.5, 5.6), layout="constrained")
+    names = [["a0", "a1", "curve"], ["p0", "p1", "curve"]]
+    axes = figure.subplot_mosaic(names, width_ratios=(1, 1, 1.5))  # type: ignore[arg-type]
+    planes = {"as recorded": 0.0, f"refocused by {focus.distance_um / 1000:.2f} mm": None}
+    part = tuple(
+        slice(int(a * n), int(b * n))
+        for n, a, b in zip(field.shape, (0.33, 0.24), (0.92, 0.62), strict=True)
+    )
+    for column, (title, distance) in enumerate(planes.items()):
+        shown = propagate(field, focus.distance_um if distance is None else distance, **light)[
+            part
+        ]
+        axes[f"a{column}"].imshow(
+            np.abs(shown), cmap="gray", vmin=0, vmax=np.quantile(np.abs(shown), 0.995)
+        )
+        steady = np.angle(shown * np.exp(-1j * np.angle(shown.mean())))
+        axes[f"p{column}"].imshow(steady, cmap="twilight", vmin=-np.pi, vmax=np.pi)
+        axes[f"a{column}"].set_title(title, fontsize=10)
+    for name in ("a0", "a1", "p0", "p1"):
+        axes[name].set_xticks([])
+        axes[name].set_yticks([])
+    axes["a0"].set_ylabel("amplitude")
+    axes["p0"].set_ylabel("wrapped phase")
+    curve = axes["curve"]
+    curve.plot(focus.scores["distance"] / 1000, focus.scores, color="C0")
+    curve.axvline(focus.distance_um / 1000, color="C3", lw=1)
+    curve.set_xlabel("distance (mm)")
+    curve.set_title("integrated amplitude (Dubois 2006)", fontsize=10)
+    path = PICTURES / "refocusing.png"
+    figure.savefig(path, dpi=90)
+    print(path.relative_to(PICTURES.parents[1]))
 
 
 def figures_of_the_paper() -> None:

@@ -214,7 +214,11 @@ def damaged(tmp_path: Path, case: str) -> tuple[Path, str]:
         tif.write_bytes(b"hello world, this is no TIFF file")
         return tif, "can't be read as a TIFF"
     if case == "colour tiff":
-        tifffile.imwrite(tif, np.zeros((3, 16, 16, 3), np.uint8), photometric="rgb")
+        tifffile.imwrite(
+            tif,
+            (np.arange(2304) % 251).astype(np.uint8).reshape(3, 16, 16, 3),
+            photometric="rgb",
+        )
         return tif, "is in colour"
     if case == "truncated npy":
         np.save(npy, FRAMES)

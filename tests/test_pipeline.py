@@ -160,7 +160,7 @@ def test_info_says_what_a_file_holds(video_file: Path) -> None:
     assert "pixel in the sample 0.25 um" in found.stdout
     assert "4 frames a second" in found.stdout
     assert "-0.2" in found.stdout  # ky of the second view
-    assert "needs about" in found.stdout
+    assert "What a run needs, about" in found.stdout
 
 
 @pytest.mark.slow

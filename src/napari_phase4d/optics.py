@@ -14,6 +14,8 @@ __all__ = ["Optics"]
 #: Refraction increment of cell material in mL/g, the usual value for protein
 #: (Barer, Nature 169, 366, 1952).
 REFRACTION_INCREMENT_ML_PER_G = 0.18
+#: Width of a pixel in the sample: from an atomic nucleus to the earth, in micrometres.
+LEAST_PIXEL_UM, LARGEST_PIXEL_UM = 1e-9, 1e13
 
 
 @dataclass(frozen=True)
@@ -37,7 +39,7 @@ class Optics:
     Raises
     ------
     ValueError
-        If a number is not finite or outside its range.
+        If a number is not finite or outside its range, or the pixel in the sample is absurd.
 
     Examples
     --------
@@ -60,6 +62,12 @@ class Optics:
             msg = (
                 f"camera_pixel_um / magnification is the pixel in the sample and must be a number "
                 f"above 0, but is {self.pixel_um!r}"
+            )
+            raise ValueError(msg)
+        if not LEAST_PIXEL_UM <= self.pixel_um <= LARGEST_PIXEL_UM:
+            msg = (
+                f"the pixel in the sample, camera_pixel_um / magnification, must be "
+                f"{LEAST_PIXEL_UM:g} to {LARGEST_PIXEL_UM:g} um wide, but is {self.pixel_um:g}"
             )
             raise ValueError(msg)
         if not (math.isfinite(self.medium_index) and self.medium_index >= 1):

@@ -18,6 +18,10 @@ __all__ = ["Recording", "one_frame", "remember_reader"]
 
 #: Frames per second assumed where neither the file nor the user says it.
 DEFAULT_FRAME_RATE_HZ = 1.0
+#: Frames per second that a recording may have, from less than one a century to light's period.
+LEAST_RATE_HZ, LARGEST_RATE_HZ = 1e-10, 1e15
+#: Larger floating-point pixels overflow in the spectrum's power in single precision.
+LARGEST = 1e12
 
 
 class ReadsFrames(Protocol):
@@ -135,7 +139,8 @@ class Recording:
         OSError
             If the file can't be read there any more.
         ValueError
-            If the frame holds NaN or infinity, from which no phase can be computed.
+            If the frame holds NaN, infinity or numbers beyond 1e12, from which no phase can be
+            computed.
         """
         return np.asarray(self.raw_frame(index), dtype=np.float32)
 
@@ -149,18 +154,20 @@ class Recording:
         OSError
             If the file can't be read there any more.
         ValueError
-            If the frame holds NaN or infinity, from which no phase can be computed.
+            If the frame holds NaN, infinity or numbers beyond 1e12, from which no phase can be
+            computed.
         """
         raw = one_frame(self.holograms.data, index)
         if raw.dtype.kind != "f":
             return raw
-        frame = np.asarray(raw, dtype=np.float32)
-        finite = np.isfinite(frame)
-        if not finite.all():
-            count = int(frame.size - finite.sum())
+        with np.errstate(over="ignore"):  # what float32 can't hold becomes infinite
+            frame = np.asarray(raw, dtype=np.float32)
+        known = np.abs(frame) <= LARGEST
+        if not known.all():
+            count = int(frame.size - np.count_nonzero(known))
             msg = (
-                f"frame {index} of {self.name} holds {count} NaN or infinite pixels; "
-                "replace them before opening the recording"
+                f"frame {index} of {self.name} holds {count} NaN or infinite pixels "
+                f"(or beyond {LARGEST:g}); replace them before opening the recording"
             )
             raise ValueError(msg)
         return frame
@@ -222,8 +229,11 @@ class Recording:
         n_frames, height, width = video.shape
         if times_s is None:
             rate = DEFAULT_FRAME_RATE_HZ if frame_rate_hz is None else frame_rate_hz
-            if not (isinstance(rate, (int, float)) and np.isfinite(rate) and rate > 0):
-                msg = f"frame_rate_hz must be a number above 0, but is {rate!r}"
+            if not (isinstance(rate, (int, float)) and LEAST_RATE_HZ <= rate <= LARGEST_RATE_HZ):
+                msg = (
+                    f"frame_rate_hz must be a number above 0, from {LEAST_RATE_HZ:g} to "
+                    f"{LARGEST_RATE_HZ:g}, but is {rate!r}"
+                )
                 raise ValueError(msg)
             times_s = np.arange(n_frames) / rate
         coords = {

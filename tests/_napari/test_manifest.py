@@ -60,7 +60,7 @@ def test_reader_opens_videos_lazily(tmp_path: Path) -> None:
     assert isinstance(layer_tuple[0], np.memmap)
     np.testing.assert_allclose(layer.scale, [0.5, 1, 0.5, 0.5])
     assert get_reader(str(tmp_path / "text.txt")) is None
-    assert get_reader([str(path), str(path)]) is None
+    assert get_reader([str(path), str(tmp_path / "a.txt")]) is None
 
 
 def test_results_reopen_with_scale_units_and_labels(

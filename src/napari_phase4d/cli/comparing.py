@@ -14,6 +14,9 @@ from napari_phase4d.cli.options import (
     Angles,
     Boundary,
     Confidence,
+    Dataset,
+    Raw,
+    Refocus,
     Views,
     recipe_and_files,
     with_settings,
@@ -59,12 +62,24 @@ def compare_command(
     ] = None,
     *,
     confidence: Confidence = False,
+    dataset: Dataset = None,
+    raw: Raw = None,
+    refocus: Refocus = None,
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
     all_methods = None if any(p.suffix == ".json" for p in inputs) else list(METHODS)
     recipe = with_settings(
-        recipe, views, angle, boundary, method or all_methods, None, confidence=confidence
+        recipe,
+        views,
+        angle,
+        boundary,
+        method or all_methods,
+        None,
+        confidence=confidence,
+        dataset=dataset,
+        raw=raw,
+        refocus=refocus,
     )
     exact = None if truth is None else open_phase(truth)
     if not files and not recipe.recording:

@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from napari_phase4d.cli.console import console
+from napari_phase4d.cli.options import Dataset, Raw, raw_layout
 from napari_phase4d.cli.printing import print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
 from napari_phase4d.holography import Lobe, find_lobes, reconstruct
@@ -41,17 +42,17 @@ def info(
     file: Annotated[
         Path,
         typer.Argument(
-            help="Hologram video: TIFF, folder of images, NPY, NPZ; or sample:euglena, "
-            "sample:yeast."
+            help="Hologram video of any format, or a folder; or sample:euglena, sample:yeast."
         ),
     ],
     views: Annotated[
         int | None, typer.Option(help="Number of views, 1 to 6. Default: found by itself.")
     ] = None,
-    dataset: Annotated[str | None, typer.Option(help="Which array of an NPZ file.")] = None,
+    dataset: Dataset = None,
+    raw: Raw = None,
 ) -> None:
     """Say what a recording holds, where its lobes are, and what a run would need."""
-    recording = open_by(Recipe(recording=str(file), dataset=dataset))
+    recording = open_by(Recipe(recording=str(file), dataset=dataset, raw=raw_layout(raw)))
     if isinstance(recording, xr.DataArray):
         print_phase(file, recording)
         return

@@ -13,6 +13,7 @@ import xarray as xr
 from rich.markup import escape
 
 from napari_phase4d.cli.console import console
+from napari_phase4d.cli.options import Dataset, Raw, Refocus, distance_of, raw_layout
 from napari_phase4d.cli.printing import bar, print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence
 from napari_phase4d.evaluation.look_figure import Circle, look_figure
@@ -41,15 +42,15 @@ def look(
     background: Annotated[
         str, typer.Option(help="What to remove: none, tilt, curvature, polynomial, zernike.")
     ] = "tilt",
-    refocus: Annotated[
-        str | None, typer.Option(help='How far to refocus in um, or "auto" to find the focus.')
-    ] = None,
-    dataset: Annotated[str | None, typer.Option(help="Which array of an NPZ file.")] = None,
+    refocus: Refocus = None,
+    dataset: Dataset = None,
+    raw: Raw = None,
 ) -> None:
     """Show in one picture what a recording holds, for any number of views, even one."""
     recipe = Recipe().changed(
         recording=str(file),
         dataset=dataset,
+        raw=raw_layout(raw),
         background=background,
         refocus_um=distance_of(refocus),
     )
@@ -79,17 +80,6 @@ def look(
     )
     write_figure(out, figure)
     console.print(f"The picture is [bold]{escape(str(out.resolve()))}[/bold]")
-
-
-def distance_of(text: str | None) -> float | str | None:
-    """Read a distance in micrometres, or "auto"."""
-    if text is None or text == "auto":
-        return text
-    try:
-        return float(text)
-    except ValueError as error:
-        msg = f'--refocus takes micrometres such as 12.5, or "auto", but got {text!r}'
-        raise ValueError(msg) from error
 
 
 def beginning(recording: Recording) -> Recording:

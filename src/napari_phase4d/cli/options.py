@@ -8,9 +8,23 @@ from typing import Annotated
 
 import typer
 
+from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
 
-__all__ = ["Angles", "Boundary", "Confidence", "Views", "recipe_and_files", "with_settings"]
+__all__ = [
+    "Angles",
+    "Boundary",
+    "Confidence",
+    "Dataset",
+    "Raw",
+    "Refocus",
+    "Storage",
+    "Views",
+    "distance_of",
+    "raw_layout",
+    "recipe_and_files",
+    "with_settings",
+]
 
 Views = Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")]
 Angles = Annotated[
@@ -18,6 +32,18 @@ Angles = Annotated[
 ]
 Boundary = Annotated[
     str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
+]
+Dataset = Annotated[str | None, typer.Option(help="Which array of a file that has several.")]
+Raw = Annotated[
+    str | None,
+    typer.Option(help="Frames of a raw file: HEIGHT,WIDTH,TYPE,HEADER, such as 512,640,uint16,0."),
+]
+Storage = Annotated[
+    str | None,
+    typer.Option(help="Where stacks are held: memory, disk, or auto (default) if they fit."),
+]
+Refocus = Annotated[
+    str | None, typer.Option(help='How far to refocus in um, or "auto" to find the focus.')
 ]
 Confidence = Annotated[
     bool, typer.Option(help="Also write how far to trust each pixel of each result.")
@@ -43,6 +69,10 @@ def with_settings(
     frame_rate: float | None,
     *,
     confidence: bool = False,
+    dataset: str | None = None,
+    raw: str | None = None,
+    storage: str | None = None,
+    refocus: str | None = None,
 ) -> Recipe:
     """Return a recipe with what was typed in."""
     changes: dict[str, object] = {
@@ -52,6 +82,10 @@ def with_settings(
         "frame_rate_hz": frame_rate,
         "boundary": (frame_numbers(boundary),) if boundary else None,
         "confidence": confidence or None,
+        "dataset": dataset,
+        "raw": raw_layout(raw),
+        "storage": storage,
+        "refocus_um": distance_of(refocus),
     }
     return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
 
@@ -64,3 +98,29 @@ def frame_numbers(text: str) -> tuple[int, int]:
         msg = f"--boundary takes two frame numbers TIME,ANGLE such as 0,0, but got {text!r}"
         raise ValueError(msg) from error
     return time, angle
+
+
+def raw_layout(text: str | None) -> RawLayout | None:
+    """Read HEIGHT,WIDTH,TYPE,HEADER of a raw file; the last two may be left out."""
+    if text is None:
+        return None
+    parts = [part.strip() for part in text.split(",")]
+    try:
+        height, width, *more = parts
+        kind, header = [*more, *("uint16", "0")[len(more) :]]
+        return RawLayout(int(height), int(width), kind, header_bytes=int(header))
+    except ValueError as error:
+        why = str(error) if "raw" in str(error) else f"but got {text!r}"
+        msg = f"--raw takes HEIGHT,WIDTH,TYPE,HEADER such as 512,640,uint16,0; {why}"
+        raise ValueError(msg) from error
+
+
+def distance_of(text: str | None) -> float | str | None:
+    """Read a distance in micrometres, or "auto"."""
+    if text is None or text == "auto":
+        return text
+    try:
+        return float(text)
+    except ValueError as error:
+        msg = f'--refocus takes micrometres such as 12.5, or "auto", but got {text!r}'
+        raise ValueError(msg) from error

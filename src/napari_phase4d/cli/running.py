@@ -16,6 +16,10 @@ from napari_phase4d.cli.options import (
     Angles,
     Boundary,
     Confidence,
+    Dataset,
+    Raw,
+    Refocus,
+    Storage,
     Views,
     recipe_and_files,
     with_settings,
@@ -61,6 +65,10 @@ def run_command(
         str | None,
         typer.Option(help="tiff or zarr: OME-TIFF (default), or OME-Zarr, also beyond memory."),
     ] = None,
+    dataset: Dataset = None,
+    raw: Raw = None,
+    storage: Storage = None,
+    refocus: Refocus = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
     ] = None,
@@ -72,7 +80,17 @@ def run_command(
     checked_form(form)
     recipe, files = recipe_and_files(inputs)
     recipe = with_settings(
-        recipe, views, angle, boundary, method, frame_rate, confidence=confidence
+        recipe,
+        views,
+        angle,
+        boundary,
+        method,
+        frame_rate,
+        confidence=confidence,
+        dataset=dataset,
+        raw=raw,
+        storage=storage,
+        refocus=refocus,
     )
     numbers = {
         "wavelength_um": wavelength,

@@ -17,7 +17,7 @@ from napari_phase4d.evaluation.figures import comparison_figure, movie_frames, p
 from napari_phase4d.evaluation.holding import held
 from napari_phase4d.evaluation.itoh import itoh_margin, order_shares, residues
 from napari_phase4d.evaluation.measures import measure
-from napari_phase4d.evaluation.noise import noise_figures, noise_sentence
+from napari_phase4d.evaluation.noise import noise_figures, noise_sentence, with_wavelength
 from napari_phase4d.evaluation.order import best_known, most_trusted, order_verdict
 from napari_phase4d.evaluation.regions import polygon_mask, region_masks
 from napari_phase4d.evaluation.telling import EXACT, named_results, telling_frames
@@ -54,6 +54,7 @@ __all__ = [
     "telling_frames",
     "traces",
     "unsteadiness",
+    "with_wavelength",
     "wrong_cycle_map",
     "wrong_cycle_share",
 ]

@@ -23,7 +23,7 @@ from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 
-__all__ = ["noise_figures", "noise_sentence"]
+__all__ = ["noise_figures", "noise_sentence", "with_wavelength"]
 
 #: Frames that are looked at, spread over the recording; each with the one after it.
 FRAMES = 24
@@ -94,20 +94,27 @@ def noise_figures(
         raise ValueError(msg)
     phase = ds["phase"]
     wavelength = float(phase.attrs.get("wavelength_um", ds.attrs.get("wavelength_um", math.nan)))
-    visibility = ds.attrs.get("fringe_visibility", [math.nan] * phase.sizes["angle"])
+    visibility = ds.attrs.get("fringe_visibility", ())
+    if len(visibility) != phase.sizes["angle"]:  # unknown, or of views that were left out since
+        visibility = [math.nan] * phase.sizes["angle"]
     times = chosen_times(phase.sizes["time"])
     watch = Watch(len(times) * phase.sizes["angle"], "noise", progress, cancelled)
     rows = []
     for view, angle in enumerate(phase["angle"].values):
-        figures = figures_of(sums_of(ds, view, times, watch))
-        for name in ("temporal", "spatial"):
-            path = figures[f"{name}_phase_mrad"] * wavelength / (2 * np.pi)  # mrad um = nm
-            figures[f"{name}_path_nm"] = path
         rows.append(
             {"view": view + 1, "angle_deg": float(angle), "fringe_visibility": visibility[view]}
-            | figures
+            | figures_of(sums_of(ds, view, times, watch))
         )
-    return pd.DataFrame(rows).set_index("view")[COLUMNS]
+    return with_wavelength(pd.DataFrame(rows).set_index("view"), wavelength)
+
+
+def with_wavelength(table: pd.DataFrame, wavelength_um: float) -> pd.DataFrame:
+    """Return the same phase noise with its optical path at another wavelength, in micrometres."""
+    paths = {
+        f"{name}_path_nm": table[f"{name}_phase_mrad"] * wavelength_um / (2 * np.pi)
+        for name in ("temporal", "spatial")
+    }
+    return table.assign(**paths)[COLUMNS]
 
 
 COLUMNS = [

@@ -6,7 +6,6 @@ from napari_phase4d.holography.datasets import recalibrated
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.finding import find_lobes
 from napari_phase4d.holography.focusing import (
-    FOCUS_METRICS,
     FOCUS_OBJECTS,
     Focus,
     autofocus,
@@ -19,6 +18,7 @@ from napari_phase4d.holography.preview import Preview
 from napari_phase4d.holography.quality import fringe_contrast, fringe_visibility
 from napari_phase4d.holography.reconstruction import find_focus, prepared, reconstruct
 from napari_phase4d.holography.refocusing import Propagator, propagate, refocused
+from napari_phase4d.holography.sharpness import FOCUS_METRICS
 from napari_phase4d.holography.spectrum import power_spectrum
 from napari_phase4d.holography.windows import WINDOWS
 

@@ -22,7 +22,6 @@ __all__ = ["ABERRATION_NAMES", "MAX_ORDER", "MIN_ORDER", "noll", "surface_terms"
 MIN_ORDER, MAX_ORDER = 1, 8
 #: What the first of Noll's terms are called.
 ABERRATION_NAMES = {
-    1: "piston",
     2: "tilt x",
     3: "tilt y",
     4: "defocus",

@@ -39,10 +39,13 @@ def focus_note(focus: Focus) -> dict[str, object]:
 
 
 def aberration_note(coefficients: NDArray[np.float64]) -> dict[str, float]:
-    """Return a background's Zernike terms in radians rms, with their names or numbers."""
+    """Return a background's Zernike terms in radians rms, with their names or numbers.
+
+    The constant is left out: it is set by the empty field of each frame.
+    """
     return {
         ABERRATION_NAMES.get(j, f"Noll {j}"): round(float(value), 6)
-        for j, value in enumerate(coefficients, start=1)
+        for j, value in enumerate(coefficients[1:], start=2)
     }
 
 

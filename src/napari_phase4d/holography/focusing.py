@@ -1,38 +1,26 @@
-"""Autofocus: in which plane the object is sharp, by published measures of the amplitude.
-
-All three look at the amplitude of the refocused field, which has an extremum in focus. What is
-seen there depends on the object: one that absorbs has most contrast in focus, one that only delays
-the light has least, since it becomes invisible. So each measure has a maximum for one kind of
-object and a minimum for the other:
-
-* "dubois": the integrated amplitude, least in focus for amplitude objects and greatest for phase
-  objects (Dubois, Schockaert, Callens, Yourassowsky, Optics Express 14, 5895, 2006);
-* "tamura": sqrt(standard deviation / mean) of the intensity, Tamura's coefficient of contrast,
-  greatest in focus for amplitude objects (Memmolo et al., Optics Letters 36, 1945, 2011);
-* "gradient": the mean squared gradient, greatest in focus for amplitude objects (Tenenbaum's
-  measure; compared with fourteen others by Fonseca et al., Applied Optics 55, 7663, 2016).
-"""
+"""Autofocus: in which plane the object is sharp."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.holography.background import background_offset
 from napari_phase4d.holography.refocusing import (
     PixelSize,
     Propagator,
     check_light,
     pixel_sides,
 )
+from napari_phase4d.holography.sharpness import FOCUS_METRICS, Metric
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 
-__all__ = ["FOCUS_METRICS", "FOCUS_OBJECTS", "Focus", "autofocus", "depth_of_focus_um"]
+__all__ = ["FOCUS_OBJECTS", "Focus", "autofocus", "depth_of_focus_um"]
 
 #: Kinds of objects that a search may be told of.
 FOCUS_OBJECTS = ("auto", "phase", "amplitude")
@@ -41,29 +29,11 @@ USUAL_SPAN = 40
 #: ... and how many planes it looks at within one.
 PLANES_PER_DEPTH = 1.0
 #: No search looks at fewer or more planes before it refines.
-FEWEST_PLANES, MOST_PLANES = 21, 401
+FEWEST_PLANES, MOST_PLANES = 41, 401
+#: Share of the field that is faded out at each edge.
+FADED_SHARE = 1 / 8
 #: How exact the refined distance is, as a share of the step between planes.
 EXACT_SHARE = 1e-3
-
-
-@dataclass(frozen=True)
-class Metric:
-    """A measure of sharpness.
-
-    Parameters
-    ----------
-    score : callable
-        Amplitude (y, x) -> number.
-    greatest_for : str
-        The objects for which it is greatest in focus, "phase" or "amplitude".
-    """
-
-    score: Callable[[NDArray[np.float32]], float]
-    greatest_for: str
-
-    def sign(self, objects: str) -> float:
-        """Return +1 if it is greatest in focus for such objects, else -1."""
-        return 1.0 if objects == self.greatest_for else -1.0
 
 
 @dataclass(frozen=True)
@@ -92,36 +62,6 @@ class Focus:
     at_the_end: bool = False
 
 
-def integrated_amplitude(amplitude: NDArray[np.float32]) -> float:
-    """Return the mean amplitude over its root mean square, which refocusing leaves as it is."""
-    power = float(np.mean(np.square(amplitude), dtype=np.float64))
-    return float(amplitude.mean(dtype=np.float64)) / math.sqrt(power) if power else 0.0
-
-
-def tamura_coefficient(amplitude: NDArray[np.float32]) -> float:
-    """Return sqrt(standard deviation / mean) of the intensity."""
-    intensity = np.square(amplitude)
-    mean = float(intensity.mean(dtype=np.float64))
-    return math.sqrt(float(intensity.std(dtype=np.float64)) / mean) if mean else 0.0
-
-
-def mean_squared_gradient(amplitude: NDArray[np.float32]) -> float:
-    """Return the mean squared step between neighbours, over the squared mean amplitude."""
-    mean = float(amplitude.mean(dtype=np.float64))
-    steps = sum(float(np.mean(np.square(np.diff(amplitude, axis=i)))) for i in (0, 1))
-    return steps / mean**2 if mean else 0.0
-
-
-#: Measures of sharpness by their names.
-FOCUS_METRICS = MappingProxyType(
-    {
-        "dubois": Metric(integrated_amplitude, "phase"),
-        "tamura": Metric(tamura_coefficient, "amplitude"),
-        "gradient": Metric(mean_squared_gradient, "amplitude"),
-    }
-)
-
-
 def autofocus(
     field: NDArray[np.complexfloating],
     wavelength_um: float,
@@ -138,7 +78,9 @@ def autofocus(
     """Find the distance at which an object is sharp.
 
     The measure is worked out in evenly spaced planes, one a depth of focus, and its extremum is
-    then refined between the neighbouring planes (Brent's method).
+    then refined between the neighbouring planes (Brent's method). An eighth of the field is faded
+    into the background at each edge first: a cut-out lobe rings there, and that is sharpest in
+    the camera's plane, wherever the object is.
 
     Parameters
     ----------
@@ -184,7 +126,8 @@ def autofocus(
     if not fields[0][part].size:
         msg = f"region holds no pixel of a field of {fields.shape[-2:]} pixels"
         raise ValueError(msg)
-    spectra = Propagator(fields.shape[-2:], 0.0, *light).spectrum(fields)
+    faded = np.stack([with_faded_edges(one) for one in fields])
+    spectra = Propagator(fields.shape[-2:], 0.0, *light).spectrum(faded)
 
     def score(distance: float) -> float:
         moved = Propagator(fields.shape[-2:], distance, *light).from_spectrum(spectra)
@@ -225,6 +168,24 @@ def checked_fields(field: NDArray[np.complexfloating]) -> NDArray[np.complex64]:
         msg = f"a field has at least the axes (y, x), but this one has the shape {fields.shape}"
         raise ValueError(msg)
     return fields.reshape(-1, *fields.shape[-2:])
+
+
+def with_faded_edges(field: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Return a field that goes over into its empty background towards its edges."""
+    level = np.median(np.abs(field)) * np.exp(1j * background_offset(field))
+    rows, columns = (fading(n) for n in field.shape)
+    faded: NDArray[np.complex64] = (
+        level + (field - level) * (rows[:, None] * columns[None, :])
+    ).astype(np.complex64)
+    return faded
+
+
+def fading(n: int) -> NDArray[np.float64]:
+    """Return 1 in the middle and a cosine down to 0 at both ends of n pixels."""
+    to_the_end = np.minimum(np.arange(n), np.arange(n)[::-1]) + 0.5
+    inside = np.clip(to_the_end / (FADED_SHARE * n), 0, 1)
+    found: NDArray[np.float64] = 0.5 - 0.5 * np.cos(np.pi * inside)
+    return found
 
 
 def check_choices(metric: str, objects: str) -> None:

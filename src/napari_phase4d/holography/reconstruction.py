@@ -27,10 +27,8 @@ from napari_phase4d.recording import Recording
 
 __all__ = ["Refocus", "find_focus", "prepared", "reconstruct"]
 
-#: Frames that the focus is looked for in, if it is to be found.
-FOCUS_FRAMES = 4
-#: This share of the field is left out at each edge, when looking for the focus.
-EDGE_SHARE = 1 / 16
+#: Frames that the focus is looked for in at most, and about how many pixels of all views.
+FOCUS_FRAMES, FOCUS_PIXELS = 4, 500_000
 
 #: Micrometres, "auto" to find the focus, None to stay in the camera's plane.
 Refocus = float | Literal["auto"] | None
@@ -191,11 +189,12 @@ def find_focus(
     work : FrameWork
         From `prepared`, without refocusing.
     rec : Recording
-        The hologram video; four frames of it are looked at.
+        The hologram video; up to four frames of it are looked at, fewer where they are large.
     metric, objects, progress, cancelled : optional
         As in `autofocus`.
     """
-    indices = rec.sample_indices(FOCUS_FRAMES)
+    pixels = int(np.prod(work.stack_shape(1)))
+    indices = rec.sample_indices(int(np.clip(FOCUS_PIXELS // pixels, 1, FOCUS_FRAMES)))
     fields = np.concatenate([work.fields(rec.raw_frame(i)) for i in indices])
     pixel_um = [rec.optics.pixel_um * ratio for ratio in work.demodulate.pixel_ratio]
     return autofocus(
@@ -205,18 +204,9 @@ def find_focus(
         rec.optics.medium_index,
         metric=metric,
         objects=objects,
-        region=away_from_the_edges(fields.shape[-2:]),
         progress=progress,
         cancelled=cancelled,
     )
-
-
-def away_from_the_edges(shape: tuple[int, ...]) -> tuple[slice, slice]:
-    """Return the rows and columns that the ringing of a cut-out lobe at the edges leaves alone."""
-    rows, columns = (
-        slice(margin, n - margin) for n, margin in ((n, round(EDGE_SHARE * n)) for n in shape)
-    )
-    return rows, columns
 
 
 def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:

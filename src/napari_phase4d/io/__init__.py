@@ -9,11 +9,12 @@ from napari_phase4d.io.opening import (
     open_recording,
 )
 from napari_phase4d.io.phases import holds_phase, open_phase
-from napari_phase4d.io.raw import RawLayout
+from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.results import read_results, write_phase, write_table
 
 __all__ = [
     "JOINED_SUFFIXES",
+    "RAW_SUFFIXES",
     "READABLE_SUFFIXES",
     "RawLayout",
     "holds_phase",

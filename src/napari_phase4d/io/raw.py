@@ -95,8 +95,8 @@ def read_raw(path: Path, layout: RawLayout | None) -> Video:
     """
     if layout is None:
         msg = (
-            f"{path.name} is raw and can't say how large its frames are; give "
-            'raw=RawLayout(height, width, dtype="uint16")'
+            f"{path.name} is raw and can't say how large its frames are; say it with --raw "
+            'HEIGHT,WIDTH,TYPE, or in Python with raw=RawLayout(height, width, dtype="uint16")'
         )
         raise ValueError(msg)
     size, step = path.stat().st_size, layout.frame_bytes + layout.gap_bytes

@@ -9,7 +9,7 @@ from typing import Any
 
 import xarray as xr
 
-from napari_phase4d.io import open_input, open_recording
+from napari_phase4d.io import RawLayout, open_input, open_recording
 from napari_phase4d.pipeline import Recipe, open_by
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import (
@@ -47,6 +47,8 @@ class Opened:
         The settings to go on with.
     kind : str
         What it was told to be: "holograms", "phase", or "auto" if it was looked at.
+    raw : RawLayout, optional
+        How the frames of a raw file were told to lie in it.
     """
 
     content: Recording | xr.DataArray
@@ -55,9 +57,10 @@ class Opened:
     truth: xr.DataArray | TruthCall | None = None
     recipe: Recipe | None = None
     kind: str = "auto"
+    raw: RawLayout | None = None
 
 
-def open_anything(source: Any, content: str = "auto") -> Opened:
+def open_anything(source: Any, content: str = "auto", raw: RawLayout | None = None) -> Opened:
     """Open a file, a folder, a recipe, a sample such as "sample:euglena", or an array.
 
     Parameters
@@ -66,6 +69,8 @@ def open_anything(source: Any, content: str = "auto") -> Opened:
         What to open.
     content : str, optional
         "holograms", "phase", or "auto" (default) to look.
+    raw : RawLayout, optional
+        How the frames of a raw file lie in it.
 
     Raises
     ------
@@ -82,7 +87,7 @@ def open_anything(source: Any, content: str = "auto") -> Opened:
         return Opened(open_sample(str(source)))
     if Path(source).suffix.lower() == ".json":
         return open_recipe(Recipe.from_file(source))
-    return Opened(open_input(source, content=content), kind=content)
+    return Opened(open_input(source, content=content, raw=raw), kind=content, raw=raw)
 
 
 def opened_sample(sample: Sample) -> Opened:

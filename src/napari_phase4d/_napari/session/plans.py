@@ -23,6 +23,7 @@ from napari_phase4d.evaluation import (
     noise_figures,
 )
 from napari_phase4d.holography import Focus, Lobe, find_lobes, pair_distance, power_spectrum
+from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import (
     Outcome,
     estimated_seconds,
@@ -58,13 +59,19 @@ SPECTRUM_FRAMES = 32
 SCORED_TIMES = 100
 
 
-def plan_opening(state: State, source: object, content: str = "auto", title: str = "") -> Plan:
+def plan_opening(
+    state: State,
+    source: object,
+    content: str = "auto",
+    title: str = "",
+    raw: RawLayout | None = None,
+) -> Plan:
     """Plan to open a file, folder, recipe or sample, see `open_anything`."""
 
     def work(
         progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> Opened:
-        return open_anything(source, content)
+        return open_anything(source, content, raw)
 
     return Plan(title or "Opening", work, state.take, cancellable=False)
 
@@ -83,13 +90,7 @@ def plan_lobes(state: State) -> Plan:
             recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
         )
         try:
-            return spectrum, find_lobes(
-                recording,
-                recipe.n_views,
-                angles_deg=angles,
-                progress=progress,
-                cancelled=cancelled,
-            )
+            return spectrum, found_lobes(recording, recipe.n_views, angles, progress, cancelled)
         except ValueError as error:
             # The spectrum is needed all the more, to place the lobes by hand.
             return spectrum, error
@@ -100,6 +101,8 @@ def plan_lobes(state: State) -> Plan:
         state.spectrum_changed.emit()
         if isinstance(lobes, ValueError):
             raise lobes
+        if len(lobes) < state.recipe.n_views:
+            state.update(n_views=len(lobes), angles_deg=None)
         state.set_lobes(with_known_views(lobes, recipe.lobes))
 
     return Plan("Finding the lobes", work, receive)
@@ -414,6 +417,28 @@ def scores_of_some(
     scores = found.reindex(time=phase["time"])
     time, angle = found.attrs["best"]
     return scores.assign_attrs(best=[time * every, angle])
+
+
+def found_lobes(
+    recording: Recording,
+    n_views: int,
+    angles_deg: Sequence[float] | None,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> list[Lobe]:
+    """Return so many lobes, or as many as there are where there are fewer."""
+    try:
+        return find_lobes(
+            recording, n_views, angles_deg=angles_deg, progress=progress, cancelled=cancelled
+        )
+    except ValueError as error:
+        try:
+            fewer = find_lobes(recording, None, progress=progress, cancelled=cancelled)
+        except ValueError:
+            raise error from None
+        if not len(fewer) < n_views:
+            raise
+        return fewer
 
 
 def plan_estimate(state: State) -> Plan:

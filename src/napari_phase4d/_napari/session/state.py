@@ -16,6 +16,7 @@ from psygnal import Signal
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d.evaluation import Comparison, with_wavelength
 from napari_phase4d.holography import Focus, Lobe, pair_distance, recalibrated
+from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Outcome, Place, Recipe, find_place, phase_needs
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
@@ -132,15 +133,17 @@ class State:
             self.recipe = recipe
             self.recipe_changed.emit()
 
-    def open(self, source: Any, content: str = "auto") -> None:
+    def open(self, source: Any, content: str = "auto", raw: RawLayout | None = None) -> None:
         """Open and take a file, a folder, a recipe, a sample such as "sample:euglena", an array.
+
+        ``raw`` says how the frames of a raw camera file lie in it.
 
         Raises
         ------
         OSError, TypeError, ValueError
             If it can't be read.
         """
-        self.take(open_anything(source, content))
+        self.take(open_anything(source, content, raw))
 
     def take(self, opened: Opened | Recording | xr.DataArray) -> None:
         """Take what was opened: a recording or wrapped phase, with what is known of it."""
@@ -155,6 +158,7 @@ class State:
                 opened.truth,  # type: ignore[arg-type] # of a recording it is a function
                 recipe=opened.recipe,
                 kind=kind,
+                raw=opened.raw,
             )
         else:
             self.set_phase(
@@ -174,6 +178,7 @@ class State:
         *,
         recipe: Recipe | None = None,
         kind: str = "auto",
+        raw: RawLayout | None = None,
     ) -> None:
         """Take a recording; what belonged to an earlier one is forgotten.
 
@@ -191,6 +196,8 @@ class State:
             Settings to go on with, lobes and thin frame among them.
         kind : str, optional
             What the file was told to hold, see `Recipe.content`.
+        raw : RawLayout, optional
+            How the frames of a raw file were told to lie in it.
         """
         recording.frame(0)  # a frame that can't be read is better found now
         settings: dict[str, Any] = {
@@ -203,6 +210,7 @@ class State:
             angles = None if angles_deg is None else tuple(angles_deg)
             settings |= {
                 "dataset": None,
+                "raw": raw,
                 "lobes": (),
                 "angles_deg": angles,
                 "n_views": self.recipe.n_views if angles is None else len(angles),

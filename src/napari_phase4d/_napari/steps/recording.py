@@ -23,6 +23,7 @@ from napari_phase4d._napari.session import (
     plan_opening,
 )
 from napari_phase4d._napari.steps.facts import facts_of_phase, facts_of_recording
+from napari_phase4d._napari.steps.raw_dialog import RawDialog
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, recalibrate_layer
 from napari_phase4d._napari.viewing.sources import (
@@ -34,7 +35,7 @@ from napari_phase4d._napari.viewing.sources import (
     truth_among,
 )
 from napari_phase4d.holography import fringe_contrast
-from napari_phase4d.io import READABLE_SUFFIXES
+from napari_phase4d.io import RAW_SUFFIXES, READABLE_SUFFIXES, RawLayout
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import EUGLENA, Sample
@@ -76,6 +77,7 @@ class RecordingStep(Step):
     def build(self) -> None:
         """Make the widgets."""
         self._raw: Any = None
+        self._layout: RawLayout | None = None
         self._looked_at: tuple[Any, float] = (None, 0.0)
         self._build_buttons()
         self.column.addLayout(self.form)
@@ -169,9 +171,14 @@ class RecordingStep(Step):
         content : str, optional
             "holograms", "phase", or "auto" (default) to look.
         """
+        raw = None
+        if Path(path).suffix.lower() in RAW_SUFFIXES and Path(path).is_file():
+            raw = self._ask_layout(Path(path))
+            if raw is None:
+                return
         sample = str(path) in (EUGLENA_SOURCE, YEAST_SOURCE)
         title = "Simulating the sample" if sample else f"Opening {Path(path).name}"
-        plan = plan_opening(self.session, path, content, title)
+        plan = plan_opening(self.session, path, content, title, raw)
         self.jobs.start(replace(plan, receive=self._take_opened))
 
     def _take_opened(self, opened: Opened) -> None:
@@ -207,9 +214,19 @@ class RecordingStep(Step):
             self.open_path(path, filters.get(chosen, "auto"))
 
     def _ask_folder(self) -> None:
-        path = QFileDialog.getExistingDirectory(self, "Open a folder of images")
+        path = QFileDialog.getExistingDirectory(
+            self, "Open images, Zarr or Koala"
+        )
         if path:
             self.open_path(path)
+
+    def _ask_layout(self, path: Path) -> RawLayout | None:
+        """Ask how frames lie in a raw file; None if the user thinks better of it."""
+        dialog = RawDialog(path, self._layout, self)
+        if not dialog.exec():
+            return None
+        self._layout = dialog.layout_of_frames()
+        return self._layout
 
     def _remember(self) -> None:
         remember_optics(self.optics())

@@ -1,0 +1,62 @@
+"""Drag and drop and File > Open take every format."""
+
+from __future__ import annotations
+
+from fnmatch import fnmatch
+from pathlib import Path
+
+import numpy as np
+import pytest
+from napari.layers import Layer
+from npe2 import PluginManifest
+
+from format_cases import CASES
+from format_writers import INTERVAL_S, PIXEL_UM, noise
+from napari_phase4d._napari.reader import get_reader
+from napari_phase4d.io import READABLE_SUFFIXES
+
+ROOT = Path(__file__).resolve().parents[2]
+pytestmark = pytest.mark.gui
+
+
+def patterns() -> list[str]:
+    manifest = PluginManifest.from_file(ROOT / "src" / "napari_phase4d" / "napari.yaml")
+    return [p for reader in manifest.contributions.readers for p in reader.filename_patterns]
+
+
+def test_manifest_names_what_can_be_read() -> None:
+    assert set(patterns()) == {f"*{suffix}" for suffix in (*READABLE_SUFFIXES, ".json")}
+
+
+OPENED = [
+    n for n, c in CASES.items() if c.exact and not c.single and not c.options and "*" not in n
+]
+
+
+@pytest.mark.parametrize("name", OPENED)
+def test_file_becomes_a_layer(tmp_path: Path, name: str) -> None:
+    case = CASES[name]
+    frames = noise(6, (48, 64), case.dtype)
+    path = case.write(tmp_path, frames)
+    assert path.is_dir() or any(fnmatch(path.name, pattern) for pattern in patterns())
+    (layer_tuple,) = get_reader(str(path))(str(path))
+    layer = Layer.create(*layer_tuple)
+    assert layer.data.shape == (6, 1, 48, 64)
+    np.testing.assert_array_equal(np.asarray(layer.data[5, 0]), frames[5])
+    if case.interval:
+        assert layer.scale[0] == pytest.approx(INTERVAL_S)
+    if case.pixel:
+        assert layer.scale[-1] == pytest.approx(PIXEL_UM)
+
+
+def test_files_dropped_together_are_one_recording(tmp_path: Path) -> None:
+    frames = noise(12, (48, 64), np.uint16)
+    files = []
+    for i in range(12):
+        files.append(str(tmp_path / f"frame{i}.npy"))
+        np.save(files[-1], frames[i])
+    mixed = sorted(files)  # as a file dialog lists them: 10 before 2
+    (layer_tuple,) = get_reader(mixed)(mixed)
+    np.testing.assert_array_equal(np.asarray(layer_tuple[0])[:, 0], frames)
+    assert get_reader([*files, str(tmp_path / "notes.txt")]) is None
+    assert get_reader([str(tmp_path / "a.json"), str(tmp_path / "b.json")]) is None
