@@ -29,10 +29,10 @@ from typing import Any
 import numpy as np
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+from damaging import mutated
 from faulty import (
     FORMATS,
     RESULTS,
-    mutated,
     outcome_as_input,
     outcome_as_result,
     outcome_of,

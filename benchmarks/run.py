@@ -63,7 +63,8 @@ def main(names: list[str]) -> int:
         return 0
     unknown = [name for name in names if name not in PARTS]
     if unknown:
-        print(f"There is no table {unknown[0]!r}; there are {', '.join([*PARTS, WINDOW, STREAMING])}.")
+        known = ", ".join([*PARTS, WINDOW, STREAMING])
+        print(f"There is no table {unknown[0]!r}; there are {known}.")
         return 2
     before = taken_by_host()
     print(machine())

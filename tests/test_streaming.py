@@ -17,7 +17,7 @@ import xarray as xr
 import napari_phase4d as p4d
 from napari_phase4d.evaluation.resources import measured
 from napari_phase4d.io.lazy import FrameReader, lazy_frames
-from napari_phase4d.pipeline import Needs, needs_of, phase_needs
+from napari_phase4d.pipeline import Needs, needs_of, phase_needs, run_batch
 from napari_phase4d.pipeline.streaming import Shelf
 from napari_phase4d.pipeline.streaming.blocks import block_at, block_frames, blocks_of
 from napari_phase4d.progress import Cancelled
@@ -208,6 +208,21 @@ def test_a_half_written_stack_has_no_name(tmp_path: Path) -> None:
     assert not (tmp_path / "wrapped.ome.zarr").exists()
     shelf.clear()
     assert not list(tmp_path.iterdir())
+
+
+def test_stacks_on_disk_can_be_written_as_tiff(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    np.save(tmp_path / "video.npy", video.holograms.values)
+    chosen = recipe.changed(methods=("temporal-angular",), storage="disk")
+    expected = p4d.run(chosen, video)
+    table = run_batch(chosen, [tmp_path / "video.npy"], tmp_path / "out", form="tiff")
+    assert list(table["status"]) == ["done"]
+    folder = tmp_path / "out" / "video"
+    assert not [p for p in folder.iterdir() if p.is_dir()]
+    found = p4d.read_results(folder / "temporal-angular.ome.tif")
+    exact = expected.comparison.results["temporal-angular"]
+    np.testing.assert_array_equal(found.values, exact.values)
 
 
 # On a cluster

@@ -52,6 +52,8 @@ def info(
     raw: Raw = None,
 ) -> None:
     """Say what a recording holds, where its lobes are, and what a run would need."""
+    if views is not None:
+        Recipe().changed(n_views=views)  # a wrong number is said before anything is read
     recording = open_by(Recipe(recording=str(file), dataset=dataset, raw=raw_layout(raw)))
     if isinstance(recording, xr.DataArray):
         print_phase(file, recording)

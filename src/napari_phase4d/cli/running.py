@@ -33,6 +33,7 @@ from napari_phase4d.pipeline import (
     found_anywhere,
     open_by,
     run,
+    stacks_beside,
     write_outcome,
 )
 from napari_phase4d.pipeline.writing import checked_form
@@ -120,9 +121,9 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
     """Run one recording and write what comes out."""
     if not recipe.recording:
         run(recipe)  # which says what is missing
-    with fingerprinting(recipe.recording) as hashing:
+    with fingerprinting(recipe.recording) as hashing, stacks_beside(folder, form) as place:
         with bar() as progress:
-            outcome: Outcome = run(recipe, progress=progress, folder=folder, scheduler=scheduler)
+            outcome: Outcome = run(recipe, progress=progress, folder=place, scheduler=scheduler)
         print_notes(outcome)
         print_lobes(outcome.recipe.lobes)
         print_table(outcome.comparison.table)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,8 @@ AXES = ("time", "angle", "y", "x")
 SIGNATURE = "napari-phase4d"
 #: Stands for a number that JSON has no sign for.
 NOT_FINITE = "not finite"
+#: The largest number of float64; JSON knows larger whole ones.
+LARGEST = sys.float_info.max
 
 
 def described(stack: xr.DataArray) -> dict[str, Any]:
@@ -55,10 +58,15 @@ def checked(found: Any) -> dict[str, Any] | None:
     if tuple(coords) != AXES or not isinstance(found.get("name"), str):
         return None
     numbers = all(
-        isinstance(values, list) and all(isinstance(v, int | float) for v in values)
+        isinstance(values, list) and all(is_number(v) for v in values)
         for values in coords.values()
     )
     return found if numbers else None
+
+
+def is_number(value: Any) -> bool:
+    """Say whether a value is a number that float64 can hold."""
+    return isinstance(value, float) or (isinstance(value, int) and abs(value) <= LARGEST)
 
 
 def stack_of(description: dict[str, Any], values: Any) -> xr.DataArray:

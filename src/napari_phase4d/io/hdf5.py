@@ -208,11 +208,7 @@ def check_sound(path: Path, data: Any) -> None:
         msg = f"{path.name} keeps {data.name!r} in other files, which are not followed; copy it in"
         raise Unsound(msg)
     if data.is_virtual:
-        for source in data.virtual_sources():
-            other = path.parent / source.file_name
-            if source.file_name != "." and not other.is_file():
-                msg = f"{path.name} needs {source.file_name}, which is not there"
-                raise Unsound(msg)
+        check_sources(path, data)
         return
     piece = math.prod(data.chunks) * data.dtype.itemsize if data.chunks else 0
     if piece > LARGEST_PIECE:
@@ -224,6 +220,37 @@ def check_sound(path: Path, data: Any) -> None:
     if data.size and data.id.get_storage_size() == 0:
         msg = f"{path.name} says that {data.name!r} is {data.shape}, but holds nothing of it"
         raise Unsound(msg)
+
+
+def check_sources(path: Path, data: Any) -> None:
+    """Raise Unsound if a virtual dataset has no plain ones for its parts, or they lie elsewhere.
+
+    HDF5 ends the program on virtual datasets that lead to themselves.
+    """
+    sources = {(source.file_name, source.dset_name) for source in data.virtual_sources()}
+    if not sources:
+        msg = f"{path.name} says that {data.name!r} is {data.shape}, but holds nothing of it"
+        raise Unsound(msg)
+    for name, dataset in sources:
+        other = path if name == "." else path.parent / name
+        if not other.is_file():
+            msg = f"{path.name} needs {name}, which is not there"
+            raise Unsound(msg)
+        if not other.resolve().is_relative_to(path.parent.resolve()):
+            msg = f"{path.name} needs {name}, which is in another folder and not followed; copy it"
+            raise Unsound(msg)
+        if not is_plain(other, dataset):
+            msg = f"{path.name} needs {dataset!r} of {other.name}, which has no numbers of its own"
+            raise Unsound(msg)
+
+
+def is_plain(path: Path, name: str) -> bool:
+    """Say whether a file has a dataset that holds its numbers itself."""
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        item = file.get(name)
+        return isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
 
 
 def facts_of(file: Any, name: str) -> Facts:

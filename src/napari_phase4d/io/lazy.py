@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.io.mapped import check_unchanged, stamp_of
 from napari_phase4d.recording import remember_reader
 
 __all__ = ["FrameReader", "WrongFrameError", "in_one_line", "lazy_frames"]
 
 #: Longest part of another program's message that is passed on.
 LONGEST = 160
+#: Frames of which a list fits into memory, at some 100 bytes each.
+MOST_FRAMES = 20_000_000
 
 
 class WrongFrameError(ValueError):
@@ -39,6 +42,7 @@ class FrameReader(ABC):
         self.path = path
         self.shape = shape
         self.dtype = np.dtype(dtype)
+        self.stamp = stamp_of(path) if path.is_file() else None
 
     @property
     def ndim(self) -> int:
@@ -55,10 +59,13 @@ class FrameReader(ABC):
         Raises
         ------
         OSError
-            If it can't be read; one sentence names the frame and the file.
+            If it can't be read, or the file is another one than when it was opened; one sentence
+            names the frame and the file.
         ValueError
             If the frame is readable but of another size or kind than the first one.
         """
+        if self.stamp is not None:  # libraries read on, and give zeros behind the end
+            check_unchanged(self.path, self.stamp, index)
         try:
             frame = np.asarray(self.read(index))
         except WrongFrameError:
@@ -95,7 +102,18 @@ def lazy_frames(reader: FrameReader) -> Any:
     """Return a dask array (time, y, x) that reads a frame a chunk.
 
     Single frames that a `Recording` is asked for in this process don't go through dask's graph.
+
+    Raises
+    ------
+    OSError
+        If there are absurdly many.
     """
+    if reader.shape[0] > MOST_FRAMES:
+        msg = (
+            f"{reader.path.name} says that it has {reader.shape[0]} frames, more than can be "
+            "listed; it may be damaged"
+        )
+        raise OSError(msg)
     import dask.array as da
 
     # A name of its own spares dask the hashing of a reader, which it can't do the same way twice.

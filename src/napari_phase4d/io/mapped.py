@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import DTypeLike, NDArray
 
-__all__ = ["MappedFrames", "map_frames"]
+__all__ = ["MappedFrames", "check_unchanged", "map_frames", "stamp_of"]
 
 #: Size in bytes and time of the last change in nanoseconds.
 Stamp = tuple[int, int]

@@ -79,8 +79,7 @@ def read_npz(
                 msg = f"{path.name} has no array {name!r}; it has {listed(list(arrays))}"
                 raise ValueError(msg)
             check_size(path, name, arrays[name], archive)
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as members:
-            values = member(members, name, path)
+        values = loaded(path, name)
     except TooLarge:
         raise
     except (ValueError, MemoryError):
@@ -92,6 +91,15 @@ def read_npz(
 
 class TooLarge(OSError):  # noqa: N818 - it is an OSError to everybody else
     """An array would fill the memory, or can't be what it says."""
+
+
+def loaded(path: Path, name: str) -> NDArray[Any]:
+    """Return one array of an .npz file, unless it would have to be unpickled."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as members:
+            return member(members, name, path)
+    except ValueError as error:  # a file that NumPy takes for another kind
+        raise OSError(unreadable(path, error)) from error
 
 
 def declared_arrays(archive: zipfile.ZipFile) -> dict[str, Found]:

@@ -25,6 +25,8 @@ __all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording
 
 #: Share of the free memory that a single frame may take.
 LARGEST_SHARE = 0.25
+#: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
+LEAST_FACT, LARGEST_FACT = 1e-9, 1e9
 
 
 def open_recording(
@@ -80,7 +82,8 @@ def open_recording(
         )
     if isinstance(path_or_array, xr.DataArray):
         return open_data_array(path_or_array, optics, frame_rate_hz)
-    if hasattr(path_or_array, "data") and hasattr(path_or_array, "axis_labels"):
+    # In this order, since arrays of dates have no ``data``.
+    if hasattr(path_or_array, "axis_labels") and hasattr(path_or_array, "data"):
         return open_layer(path_or_array, optics, frame_rate_hz)
     return recording_of(Video(path_or_array), "the array", "", optics, frame_rate_hz)
 
@@ -157,17 +160,18 @@ def recording_of(
     check_axes(video, name)
     check_frame_size(frames, name)
     notes = list(video.notes)
+    interval, pixel = sensible(video.interval_s), sensible(video.pixel_um)
     times_s = None
     if frame_rate_hz is None and video.times_s is not None:
         times_s = video.times_s
-    elif frame_rate_hz is None and video.interval_s is not None:
-        frame_rate_hz = 1 / video.interval_s
+    elif frame_rate_hz is None and interval is not None:
+        frame_rate_hz = 1 / interval
     elif frame_rate_hz is None:
         notes.append("The frame rate is not in the data; 1 frame a second is assumed.")
-    if optics is None and video.pixel_um is not None:
-        optics = optics_for_pixel(video.pixel_um)
+    if optics is None and pixel is not None:
+        optics = optics_for_pixel(pixel)
         notes.append(
-            f"The pixel is {video.pixel_um:.4g} um wide according to the file; "
+            f"The pixel is {pixel:.4g} um wide according to the file; "
             "check the wavelength of the microscope."
         )
     elif optics is None:
@@ -182,6 +186,11 @@ def recording_of(
         notes=tuple(notes),
         kind=video.kind,
     )
+
+
+def sensible(fact: float | None) -> float | None:
+    """Return the pixel (um) or interval (s) that a file gives, None if it can't be true."""
+    return fact if fact is not None and LEAST_FACT <= fact <= LARGEST_FACT else None
 
 
 def check_axes(video: Video, name: str) -> None:

@@ -37,10 +37,10 @@ def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
             msg = f"{path.name} is cut short: a frame needs {max(ends)} bytes, the file has {size}"
             raise CutShort(msg)
     following = next_page(tif)
-    if following >= size:
+    if following:
         msg = (
-            f"{path.name} is cut short: behind {len(tif.pages)} frames another one follows at "
-            f"{following} bytes, the file has {size}"
+            f"{path.name} is cut short or damaged: behind {len(tif.pages)} frames another one "
+            f"follows at {following} bytes, the file has {size}"
         )
         raise CutShort(msg)
 
@@ -48,7 +48,8 @@ def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
 def next_page(tif: tifffile.TiffFile) -> int:
     """Return where the page behind the last one that could be read lies, 0 if there is none.
 
-    tifffile takes a directory that lies behind the end of the file for the end of all pages.
+    tifffile takes a directory that is not whole, or lies behind the end of the file, for the end
+    of all pages.
     """
     form, file = tif.tiff, tif.filehandle
     file.seek(tif.pages[-1].offset)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import struct
 import uuid
 from contextlib import closing
 from pathlib import Path
@@ -14,6 +13,7 @@ import tifffile
 import xarray as xr
 
 from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.describing import (
     SIGNATURE,
     checked,
@@ -23,7 +23,9 @@ from napari_phase4d.io.describing import (
     stack_of,
     step_of,
 )
+from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.io.slabs import slabs
+from napari_phase4d.io.tiff_checks import check_described
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
 __all__ = ["read_tiff_result", "tiff_description", "write_tiff_result"]
@@ -93,15 +95,18 @@ def read_tiff_result(path: Path) -> xr.DataArray:
         If the file is missing, damaged, or was not written by this program.
     """
     try:
-        with tifffile.TiffFile(path) as tif:
+        with quiet(), tifffile.TiffFile(path) as tif:
             description = description_of(tif)
             if description is None:
                 msg = f"{path.name} holds no phase written by napari-phase4d"
                 raise OSError(msg)
+            check_described(tif, path)
             check_size(tif, description, path)
             return stack_of(description, tif.asarray())
-    except (tifffile.TiffFileError, struct.error, ValueError, KeyError, IndexError) as error:
-        msg = f"{path.name} can't be read; it may be cut short or damaged ({error})"
+    except OSError:
+        raise
+    except Exception as error:  # tifffile raises what it likes for damaged files
+        msg = f"{path.name} can't be read; it may be cut short or damaged ({in_one_line(error)})"
         raise OSError(msg) from error
 
 
@@ -122,9 +127,9 @@ def check_size(tif: tifffile.TiffFile, description: dict[str, Any], path: Path) 
 def tiff_description(path: str | Path) -> dict[str, Any] | None:
     """Return what `write_tiff_result` noted in a file, or None if it did not write it."""
     try:
-        with tifffile.TiffFile(path) as tif:
+        with quiet(), tifffile.TiffFile(path) as tif:
             return description_of(tif)
-    except (OSError, struct.error, tifffile.TiffFileError):
+    except Exception:  # of a damaged file, which whoever reads it will tell
         return None
 
 

@@ -48,9 +48,7 @@ def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
     return group / ARRAY
 
 
-def finish_blocks(
-    group: Path, stack: xr.DataArray, limits: tuple[float, float]
-) -> None:
+def finish_blocks(group: Path, stack: xr.DataArray, limits: tuple[float, float]) -> None:
     """Note in a stack that is written by now what it is.
 
     Parameters

@@ -7,7 +7,7 @@ from napari_phase4d.pipeline.batch import run_batch
 from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint, fingerprinting
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.opening import found_anywhere, open_by
-from napari_phase4d.pipeline.places import Place, find_place
+from napari_phase4d.pipeline.places import Place, find_place, stacks_beside
 from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, Recipe
 from napari_phase4d.pipeline.running import (
     Outcome,
@@ -42,6 +42,7 @@ __all__ = [
     "run",
     "run_batch",
     "size_in_words",
+    "stacks_beside",
     "time_in_words",
     "unwrap_by",
     "working_bytes",

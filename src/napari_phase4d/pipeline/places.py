@@ -25,7 +25,7 @@ from napari_phase4d.pipeline.streaming import (
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
-__all__ = ["Place", "find_place", "place_for"]
+__all__ = ["Place", "find_place", "place_for", "stacks_beside"]
 
 
 @dataclass(frozen=True)
@@ -125,6 +125,23 @@ def find_place(
         return None
     workers: Workers = Threads() if scheduler is None else Cluster(scheduler)
     return Place(Shelf(temporary_folder() if folder is None else Path(folder)), workers)
+
+
+@contextmanager
+def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
+    """Give where stacks on disk go before results are written to a folder in a form.
+
+    It is the folder itself, unless they are wished for in another form than that of the disk.
+    """
+    if form != "tiff":
+        yield Path(folder)
+        return
+    Path(folder).mkdir(parents=True, exist_ok=True)
+    hidden = Path(tempfile.mkdtemp(prefix=".phase4d-", dir=folder))
+    try:
+        yield hidden
+    finally:
+        shutil.rmtree(hidden, ignore_errors=True)
 
 
 def temporary_folder() -> Path:

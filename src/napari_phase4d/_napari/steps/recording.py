@@ -214,9 +214,7 @@ class RecordingStep(Step):
             self.open_path(path, filters.get(chosen, "auto"))
 
     def _ask_folder(self) -> None:
-        path = QFileDialog.getExistingDirectory(
-            self, "Open images, Zarr or Koala"
-        )
+        path = QFileDialog.getExistingDirectory(self, "Open images, Zarr or Koala")
         if path:
             self.open_path(path)
 

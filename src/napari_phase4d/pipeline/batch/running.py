@@ -26,6 +26,7 @@ from napari_phase4d.pipeline.batch.summary import (
 )
 from napari_phase4d.pipeline.fingerprint import Hashing, fingerprinting
 from napari_phase4d.pipeline.opening import found_anywhere
+from napari_phase4d.pipeline.places import stacks_beside
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
@@ -208,18 +209,19 @@ def written(
     wish: Wish, recipe: Recipe, hashing: Hashing, folder: Path, progress: ProgressCall | None
 ) -> Outcome:
     """Run a recipe and write what comes out into a folder."""
-    outcome = run(
-        recipe,
-        truth=wish.truth,
-        progress=progress,
-        cancelled=wish.cancelled,
-        folder=folder,
-        scheduler=wish.scheduler,
-    )
-    source = hashing.result(wish.cancelled)
-    write_outcome(outcome, folder, progress, wish.cancelled, form=wish.form, source=source)
-    if wish.finished is not None:
-        wish.finished(outcome, folder)
+    with stacks_beside(folder, wish.form) as place:
+        outcome = run(
+            recipe,
+            truth=wish.truth,
+            progress=progress,
+            cancelled=wish.cancelled,
+            folder=place,
+            scheduler=wish.scheduler,
+        )
+        source = hashing.result(wish.cancelled)
+        write_outcome(outcome, folder, progress, wish.cancelled, form=wish.form, source=source)
+        if wish.finished is not None:
+            wish.finished(outcome, folder)
     return outcome
 
 
