@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.grey import grey
 from napari_phase4d.io.tiff import TIFF_SUFFIXES
+from napari_phase4d.io.tiff_checks import CutShort, check_described
 from napari_phase4d.io.video import Video
 
 __all__ = ["IMAGE_SUFFIXES", "load_image", "read_image"]
@@ -43,6 +44,7 @@ def load_image(path: Path) -> NDArray[Any]:
     try:
         if path.suffix.lower() in TIFF_SUFFIXES:
             with quiet(), tifffile.TiffFile(path) as tif:
+                check_described(tif, path)
                 check_size(path, tif.series[0].shape)
                 return grey(np.asarray(tif.asarray()))
         import imageio.v3 as iio
@@ -51,7 +53,7 @@ def load_image(path: Path) -> NDArray[Any]:
             warnings.simplefilter("ignore")  # Pillow's warning of large images
             check_size(path, iio.improps(path).shape)
             return grey(np.asarray(iio.imread(path)))
-    except TooLarge:
+    except (TooLarge, CutShort):
         raise
     except Exception as error:
         # Decoders raise SyntaxError, struct.error and more for damaged files.

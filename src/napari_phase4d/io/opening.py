@@ -25,6 +25,8 @@ __all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording
 
 #: Share of the free memory that a single frame may take.
 LARGEST_SHARE = 0.25
+#: Pixels along a side of a frame.
+LARGEST_SIDE = 2**20
 #: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
 LEAST_FACT, LARGEST_FACT = 1e-9, 1e9
 
@@ -209,8 +211,14 @@ def check_axes(video: Video, name: str) -> None:
 
 
 def check_frame_size(frames: Any, name: str) -> None:
-    """Raise ValueError if the memory can't hold a frame, as a damaged file may say of its size."""
+    """Raise ValueError if a frame is absurdly large, as a damaged file may say of its size."""
     shape = tuple(getattr(frames, "shape", ()))
+    if len(shape) >= 2 and max(shape[-2:]) > LARGEST_SIDE:
+        msg = (
+            f"{name} says that its frames are {shape[-2]} x {shape[-1]} pixels, more than a "
+            "camera has; it may be damaged"
+        )
+        raise ValueError(msg)
     if len(shape) < 2 or isinstance(frames, np.ndarray):
         return
     import psutil

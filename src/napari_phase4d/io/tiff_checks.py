@@ -22,6 +22,7 @@ class CutShort(OSError):  # noqa: N818 - it is an OSError to everybody else
 
 def check_described(tif: tifffile.TiffFile, path: Path) -> None:
     """Raise OSError if absurdly many frames are described; to lay them out would take minutes."""
+    len(tif.pages)  # tifffile notices pages that lead in a circle only where it counts them first
     told = told_frames(tif)
     if told > MOST_FRAMES:
         msg = f"{path.name} describes {told} frames, more than can be; it may be damaged"

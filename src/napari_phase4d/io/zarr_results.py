@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.atomic import folder_written_whole, written_whole
 from napari_phase4d.io.describing import SIGNATURE, checked, described, name_of, stack_of, step_of
+from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.io.slabs import slabs
 from napari_phase4d.progress import CancelledCall, ProgressCall, on_all_cores
 from napari_phase4d.recording import remember_reader
@@ -264,5 +265,5 @@ def zarr_description(path: str | Path) -> dict[str, Any] | None:
 
 
 def one_line(error: Exception) -> str:
-    """Return an error in one line."""
-    return " ".join(f"{type(error).__name__}: {error}".split())
+    """Return an error in one line of bounded length."""
+    return f"{type(error).__name__}: {in_one_line(error)}"
