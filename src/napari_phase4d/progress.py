@@ -90,11 +90,14 @@ class Watch:
         self.check()
 
 
-def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iterator[R]:
+def in_threads(
+    work: Callable[[T], R], items: Iterable[T], watch: Watch, *, wait: bool = False
+) -> Iterator[R]:
     """Yield ``work(item)`` in order, computed on as many threads as there are cores.
 
     Only a few results wait in memory at a time. When cancelled, it stops at once; items already
-    under way end by themselves and their results are dropped.
+    under way end by themselves and their results are dropped. With ``wait``, for work that leaves
+    more than its result, it ends only when these have ended.
     """
     workers = os.cpu_count() or 1
     waiting: deque[Future[Batch[R]]] = deque()
@@ -113,7 +116,7 @@ def in_threads(work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iter
             yield from counted(finished(waiting.popleft(), watch), watch)
     finally:
         stopped.set()
-        pool.shutdown(wait=False, cancel_futures=True)
+        pool.shutdown(wait=wait, cancel_futures=True)
 
 
 @dataclass

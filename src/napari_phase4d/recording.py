@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.optics import Optics
 
-__all__ = ["Recording", "one_frame", "remember_reader"]
+__all__ = ["Recording", "one_frame", "reader_of", "remember_reader"]
 
 #: Frames per second assumed where neither the file nor the user says it.
 DEFAULT_FRAME_RATE_HZ = 1.0
@@ -41,9 +41,14 @@ def remember_reader(name: str, reader: ReadsFrames) -> None:
     READERS[name] = reader
 
 
+def reader_of(frames: Any) -> ReadsFrames | None:
+    """Return who reads the frames of a dask array, if that is known; not of a part or a copy."""
+    return READERS.get(str(getattr(frames, "name", "")))
+
+
 def one_frame(frames: Any, index: int) -> NDArray[np.generic]:
     """Return one frame of an array (time, y, x), by the shortest way."""
-    reader = READERS.get(str(getattr(frames, "name", "")))
+    reader = reader_of(frames)
     frame = frames[index] if reader is None else reader.frame(range(len(frames))[index])
     return np.asarray(frame)
 

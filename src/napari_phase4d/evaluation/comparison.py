@@ -106,8 +106,13 @@ class Comparison:
         return confidence_of(self.results[method], reference, amplitude, self._level())
 
     def warnings(self) -> dict[str, str]:
-        """Say of which methods whole objects may be a turn off, and in how many frames."""
-        problem = self.needed_problem()
+        """Say of which methods whole objects may be a turn off, and in how many frames.
+
+        Nothing is said of results of a recording larger than memory.
+        """
+        if self.problem is None:
+            return {}
+        problem = self.problem
         empty = problem.result(problem.background().mask, "empty", {"units": "1"})
         said = {
             method: slip_warning(result, self.reference(), empty, self._level())
@@ -234,9 +239,8 @@ def compare(
     for method in (*chosen, *options):
         check_method(method, options.get(method, {}))
     problem = Problem(phase, boundary, mask, amplitude)
-    exact = as_truth(truth, problem.template)
     try:
-        return compare_on(InMemory(problem), chosen, exact, options, progress, cancelled, finished)
+        return compare_on(InMemory(problem), chosen, truth, options, progress, cancelled, finished)
     finally:
         problem.forget("field")  # as large as many results, and of no more use
 
@@ -287,13 +291,14 @@ class InMemory:
 def compare_on(
     runs: Runs,
     methods: Sequence[str],
-    exact: xr.DataArray | None,
+    truth: xr.DataArray | Any,
     options: Mapping[str, Mapping[str, Any]],
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
     finished: Callable[[str, Comparison], None] | None = None,
 ) -> Comparison:
     """Run several methods one after the other, wherever their phase lies; see `compare`."""
+    exact = as_truth(truth, runs.phase)
     so_far = Comparison({}, table_of({}), runs.problem, runs.phase)
     rows: dict[str, dict[str, Any]] = {}
     for place, method in enumerate(methods, 1):

@@ -2,8 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.evaluation.holding import parts_over_time
 
 __all__ = ["mean_squared_error", "wrong_cycle_map", "wrong_cycle_share"]
 
@@ -18,14 +23,23 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
     unwrapped, truth : xarray.DataArray
         Phase in radians on the same grid. Pixels where the truth is NaN don't count.
     """
-    difference = unwrapped.values.astype(np.float64) - truth.values
-    return float(np.nanmean(difference**2)) if np.isfinite(difference).any() else float("nan")
+    total, count = 0.0, 0
+    for part, values in parts_over_time(unwrapped):
+        squares = (values.astype(np.float64) - truth.values[part]) ** 2
+        total += float(np.nansum(squares))
+        count += int(np.count_nonzero(np.isfinite(squares)))
+    return total / count if count else float("nan")
 
 
 def wrong_cycle_map(unwrapped: xr.DataArray, truth: xr.DataArray) -> xr.DataArray:
     """Mark the pixels that are off by at least one turn; none where the truth is NaN."""
-    turns = np.round((unwrapped.values - truth.values) / TURN)
-    return unwrapped.copy(data=np.nan_to_num(turns) != 0)
+    return unwrapped.copy(data=off_by_turns(unwrapped.values, truth.values))
+
+
+def off_by_turns(unwrapped: NDArray[Any], truth: NDArray[Any]) -> NDArray[np.bool_]:
+    """Mark the numbers that are off by at least one turn."""
+    off: NDArray[np.bool_] = np.nan_to_num(np.round((unwrapped - truth) / TURN)) != 0
+    return off
 
 
 def wrong_cycle_share(
@@ -40,8 +54,12 @@ def wrong_cycle_share(
     where : xarray.DataArray of bool, optional
         Pixels to count; default all.
     """
-    wrong = wrong_cycle_map(unwrapped, truth).values
-    counted = np.isfinite(truth.values)
-    if where is not None:
-        counted = counted & where.values
-    return float(wrong[counted].mean()) if counted.any() else float("nan")
+    wrong = count = 0
+    for part, values in parts_over_time(unwrapped):
+        exact = truth.values[part]
+        counted = np.isfinite(exact)
+        if where is not None:
+            counted &= where.values[part]
+        wrong += int(np.count_nonzero(off_by_turns(values, exact)[counted]))
+        count += int(np.count_nonzero(counted))
+    return wrong / count if count else float("nan")

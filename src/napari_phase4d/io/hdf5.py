@@ -13,15 +13,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.choosing import Found, chosen_name, other_arrays
-from napari_phase4d.io.lazy import FrameReader, in_one_line, lazy_frames
+from napari_phase4d.io.hdf5_checks import (
+    check_sound,
+    check_written,
+    is_complete,
+    leads_inside,
+)
+from napari_phase4d.io.lazy import FrameReader, Unsound, in_one_line, lazy_frames
 from napari_phase4d.io.units import MICROMETRES, SECONDS
 from napari_phase4d.io.video import Facts, Video
 
 __all__ = ["HDF5_SUFFIXES", "read_hdf5"]
 
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".hspy", ".nxs", ".emd")
-#: What a piece of a file (an HDF5 chunk) may hold unpacked; a camera's holds a few frames.
-LARGEST_PIECE = 2**30
 #: Arrays looked at; a file with more is no recording, or made to keep us busy.
 MOST_ARRAYS = 20_000
 
@@ -83,10 +87,6 @@ def read_hdf5(path: Path, dataset: str | None = None) -> Video:
     )
 
 
-class Unsound(OSError):  # noqa: N818 - it is an OSError to everybody else
-    """What the file says of itself can't be true, or may not be followed."""
-
-
 class Hdf5Reader(FrameReader):
     """Reads frames of one dataset, or of one dataset a frame.
 
@@ -111,16 +111,21 @@ class Hdf5Reader(FrameReader):
         self.names = names
         self._lock = threading.Lock()
         self._file: Any = None
+        self._complete = False
 
     def read(self, index: int) -> NDArray[Any]:
         """Return one frame."""
         with self._lock:
             if len(self.names) > 1:
-                return self._open()[self.names[index]][()].reshape(self.shape[1:])  # type: ignore[no-any-return]
+                data = self._open()[self.names[index]]
+                check_sound(self.path, data)
+                check_written(data, ())
+                return data[()].reshape(self.shape[1:])  # type: ignore[no-any-return]
             data = self._open()[self.names[0]]
             long = [n > 1 for n in data.shape[:-2]]
             place = tuple(index if is_time else 0 for is_time in long)
-            check_written(data, place)
+            if not self._complete:
+                check_written(data, place)
             return data[place].reshape(self.shape[1:])  # type: ignore[no-any-return]
 
     def _open(self) -> Any:
@@ -134,6 +139,7 @@ class Hdf5Reader(FrameReader):
                 across = [-(-n // c) for n, c in zip(data.shape, data.chunks or (), strict=False)]
             needed = piece * math.prod(across[-2:])
             self._file = h5py.File(self.path, "r", rdcc_nbytes=min(max(2**20, needed), 2**28))
+            self._complete = is_complete(self._file[self.names[0]])
         return self._file
 
     def __getstate__(self) -> dict[str, Any]:
@@ -141,16 +147,6 @@ class Hdf5Reader(FrameReader):
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.__init__(**state)  # type: ignore[misc]
-
-
-def check_written(data: Any, place: tuple[int, ...]) -> None:
-    """Raise OSError if the first piece of a frame was never written; it would come as zeros."""
-    if data.chunks is None or data.is_virtual:
-        return
-    corner = (*(p - p % c for p, c in zip(place, data.chunks, strict=False)), 0, 0)
-    if data.id.get_chunk_info_by_coord(corner).byte_offset is None:
-        msg = "it was never written"
-        raise OSError(msg)
 
 
 def frames_of(
@@ -183,7 +179,10 @@ def found_arrays(file: Any) -> tuple[dict[str, Found], dict[str, tuple[str, ...]
 
     def note(name: str, item: Any) -> bool | None:
         if isinstance(item, h5py.Dataset) and item.shape is not None:
-            arrays[name] = (tuple(int(n) for n in item.shape), item.dtype)
+            try:
+                arrays[name] = (tuple(int(n) for n in item.shape), item.dtype)
+            except TypeError:  # of a kind that NumPy hasn't, such as H5T_TIME
+                return None
         return True if len(arrays) >= MOST_ARRAYS else None
 
     file.visititems(note)
@@ -201,57 +200,6 @@ def found_arrays(file: Any) -> tuple[dict[str, Found], dict[str, tuple[str, ...]
             shape, dtype = arrays[names[0]]
             arrays[group or "numbered frames"] = ((len(names), *shape), dtype)
     return arrays, members
-
-
-def check_sound(path: Path, data: Any) -> None:
-    """Raise Unsound if a dataset can't hold what it says, or lies in other files."""
-    if data.external:
-        msg = f"{path.name} keeps {data.name!r} in other files, which are not followed; copy it in"
-        raise Unsound(msg)
-    if data.is_virtual:
-        check_sources(path, data)
-        return
-    piece = math.prod(data.chunks) * data.dtype.itemsize if data.chunks else 0
-    if piece > LARGEST_PIECE:
-        msg = (
-            f"{path.name} packs {data.name!r} in pieces of {piece / 2**30:.3g} GiB, "
-            "more than can be unpacked for a frame; save it in pieces of a frame"
-        )
-        raise Unsound(msg)
-    if data.size and data.id.get_storage_size() == 0:
-        msg = f"{path.name} says that {data.name!r} is {data.shape}, but holds nothing of it"
-        raise Unsound(msg)
-
-
-def check_sources(path: Path, data: Any) -> None:
-    """Raise Unsound if a virtual dataset has no plain ones for its parts, or they lie elsewhere.
-
-    HDF5 ends the program on virtual datasets that lead to themselves.
-    """
-    sources = {(source.file_name, source.dset_name) for source in data.virtual_sources()}
-    if not sources:
-        msg = f"{path.name} says that {data.name!r} is {data.shape}, but holds nothing of it"
-        raise Unsound(msg)
-    for name, dataset in sources:
-        other = path if name == "." else path.parent / name
-        if not other.is_file():
-            msg = f"{path.name} needs {name}, which is not there"
-            raise Unsound(msg)
-        if not other.resolve().is_relative_to(path.parent.resolve()):
-            msg = f"{path.name} needs {name}, which is in another folder and not followed; copy it"
-            raise Unsound(msg)
-        if not is_plain(other, dataset):
-            msg = f"{path.name} needs {dataset!r} of {other.name}, which has no numbers of its own"
-            raise Unsound(msg)
-
-
-def is_plain(path: Path, name: str) -> bool:
-    """Say whether a file has a dataset that holds its numbers itself."""
-    import h5py
-
-    with h5py.File(path, "r") as file:
-        item = file.get(name)
-        return isinstance(item, h5py.Dataset) and not (item.is_virtual or item.external)
 
 
 def facts_of(file: Any, name: str) -> Facts:
@@ -285,7 +233,8 @@ def facts_in(attrs: Mapping[str, Any]) -> Facts:
 def axes_facts(group: Any) -> Facts:
     """Return what the axes of a HyperSpy file say: groups axis-0, axis-1 ... beside the data."""
     facts: Facts = {}
-    axes = [group[n].attrs for n in sorted(group) if re.fullmatch(r"axis-\d+", n)]
+    names = [n for n in sorted(group) if re.fullmatch(r"axis-\d+", n) and leads_inside(group, n)]
+    axes = [group[n].attrs for n in names]
     if len(axes) < 2:
         return facts
     unit = MICROMETRES.get(text(axes[-1].get("units")))

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.io.mapped import check_unchanged, stamp_of
 from napari_phase4d.recording import remember_reader
 
-__all__ = ["FrameReader", "WrongFrameError", "in_one_line", "lazy_frames"]
+__all__ = ["FrameReader", "Unsound", "WrongFrameError", "in_one_line", "lazy_frames"]
 
 #: Longest part of another program's message that is passed on.
 LONGEST = 160
@@ -23,6 +23,10 @@ MOST_FRAMES = 20_000_000
 
 class WrongFrameError(ValueError):
     """A frame was read well, but doesn't fit the recording; its message is for the user."""
+
+
+class Unsound(OSError):  # noqa: N818 - it is an OSError to everybody else
+    """What a file says of itself can't be true, or may not be followed; its message is whole."""
 
 
 class FrameReader(ABC):
@@ -68,7 +72,7 @@ class FrameReader(ABC):
             check_unchanged(self.path, self.stamp, index)
         try:
             frame = np.asarray(self.read(index))
-        except WrongFrameError:
+        except (WrongFrameError, Unsound):
             raise
         except Exception as error:
             # Readers stand on libraries that raise what they like, even KeyError or zlib.error.

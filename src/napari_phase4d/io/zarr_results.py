@@ -18,13 +18,27 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.io.atomic import folder_written_whole, written_whole
-from napari_phase4d.io.describing import SIGNATURE, checked, described, name_of, stack_of, step_of
+from napari_phase4d.io.describing import (
+    AXES,
+    SIGNATURE,
+    checked,
+    described,
+    name_of,
+    stack_of,
+    step_of,
+)
 from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.io.slabs import slabs
 from napari_phase4d.progress import CancelledCall, ProgressCall, on_all_cores
-from napari_phase4d.recording import remember_reader
+from napari_phase4d.recording import reader_of, remember_reader
 
-__all__ = ["note_zarr_result", "read_zarr_result", "write_zarr_result", "zarr_description"]
+__all__ = [
+    "note_zarr_result",
+    "path_of",
+    "read_zarr_result",
+    "write_zarr_result",
+    "zarr_description",
+]
 
 VERSION = "0.5"
 #: Name of the only array, and of the file that says what a group or an array is.
@@ -172,7 +186,7 @@ def read_zarr_result(path: Path) -> xr.DataArray:
         raise OSError(msg)
     wanted = tuple(len(places) for places in description["coords"].values())
     try:
-        frames = Frames(path)
+        frames = ZarrFrames(path)
     except Exception as error:  # whatever Zarr makes of a damaged description
         msg = f"{path.name} can't be read; it may be damaged ({one_line(error)})"
         raise OSError(msg) from error
@@ -195,12 +209,17 @@ def read_zarr_result(path: Path) -> xr.DataArray:
         meta=np.empty((0,) * 4, frames.dtype),
     )
     remember_reader(name, frames)
-    stack = stack_of(description, lazy)
-    stack.encoding["source"] = str(path)
-    return stack
+    return stack_of(description, lazy)
 
 
-class Frames:
+def path_of(stack: xr.DataArray) -> Path | None:
+    """Return the folder that a stack lies in as it is; None of a part or of a copy."""
+    reader = reader_of(stack.data)
+    whole = isinstance(reader, ZarrFrames) and stack.dims == AXES
+    return reader.path if isinstance(reader, ZarrFrames) and whole else None
+
+
+class ZarrFrames:
     """The numbers of an OME-Zarr, read when they are asked for.
 
     Parameters

@@ -26,8 +26,8 @@ SHARE_OF_MEMORY = 0.7
 BYTES_OF_A_PIXEL = 48
 #: Bytes for each pixel of a camera frame while it is transformed.
 BYTES_OF_A_CAMERA_PIXEL = 32
-#: What is needed on the way only, in stacks of float32: turns (3 of int16) and masks.
-SCRATCH_STACKS = 2.0
+#: What is needed on the way only, in stacks of float32: turns (4 of int16) and masks.
+SCRATCH_STACKS = 2.5
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Iterator
@@ -10,6 +11,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
+import psutil
 import xarray as xr
 
 from napari_phase4d.evaluation import Comparison, compare_on
@@ -23,6 +25,7 @@ from napari_phase4d.pipeline.streaming import (
     Workers,
     stored_at,
 )
+from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
 __all__ = ["Place", "find_place", "place_for", "stacks_beside"]
@@ -48,6 +51,15 @@ class Place:
         self.shelf.clear()
         if isinstance(self.workers, Cluster):
             self.workers.close()
+
+    @contextmanager
+    def nested(self, name: str) -> Iterator[Place]:
+        """Give a place of its own inside this one, so that what lies here stays as it is."""
+        inner = Place(Shelf(self.shelf.folder / name), self.workers)
+        try:
+            yield inner
+        finally:
+            inner.shelf.clear()
 
     def unwrap(
         self,
@@ -119,10 +131,16 @@ def find_place(
     on_disk = scheduler is not None or recipe.storage == "disk"
     if recipe.storage == "auto":
         on_disk = on_disk or not needs.fits_in_memory()
-    where = Path(tempfile.gettempdir()) if folder is None else Path(folder)
+    where = roomy() if folder is None else Path(folder)
     needs.check(where, on_disk=on_disk)
     if not on_disk:
         return None
+    if recipe.confidence:
+        msg = (
+            "maps of trust need all frames in memory at once, but these stay on disk; leave "
+            "confidence out, or cut the recording into shorter ones"
+        )
+        raise OSError(msg)
     workers: Workers = Threads() if scheduler is None else Cluster(scheduler)
     return Place(Shelf(temporary_folder() if folder is None else Path(folder)), workers)
 
@@ -136,8 +154,7 @@ def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
     if form != "tiff":
         yield Path(folder)
         return
-    Path(folder).mkdir(parents=True, exist_ok=True)
-    hidden = Path(tempfile.mkdtemp(prefix=".phase4d-", dir=folder))
+    hidden = new_folder(Path(folder), ".phase4d")
     try:
         yield hidden
     finally:
@@ -146,6 +163,16 @@ def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
 
 def temporary_folder() -> Path:
     """Return a new folder that is removed when Python ends."""
-    folder = Path(tempfile.mkdtemp(prefix="phase4d-"))
+    folder = new_folder(roomy(), "phase4d")
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder
+
+
+def roomy() -> Path:
+    """Return where large temporary files go: on many systems /tmp lies in memory."""
+    usual, on_disk = Path(tempfile.gettempdir()), Path("/var/tmp")
+    in_memory = any(
+        part.fstype == "tmpfs" and usual.is_relative_to(part.mountpoint) and part.mountpoint != "/"
+        for part in psutil.disk_partitions(all=True)
+    )
+    return on_disk if in_memory and os.access(on_disk, os.W_OK) else usual

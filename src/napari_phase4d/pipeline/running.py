@@ -27,6 +27,7 @@ from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import is_known
+from napari_phase4d.unwrapping.problem import checked_boundaries
 
 __all__ = ["Outcome", "focus_by", "reconstruct_by", "run", "unwrap_by"]
 
@@ -82,8 +83,9 @@ def run(
     progress, cancelled : callable, optional
         ``progress(done, total, message)``; ``cancelled()`` stops the work.
     folder : str or Path, optional
-        Where stacks lie that are not held in memory; `write_outcome` to the same folder finds
-        them there. Default: a temporary folder that goes when Python ends.
+        Where stacks lie that are not held in memory, those of an earlier run are replaced;
+        `write_outcome` to the same folder finds them there. Default: a temporary folder that
+        goes when Python ends.
     scheduler : str, optional
         Address of a ``dask.distributed`` scheduler whose workers see the recording and the folder
         under the same paths. All stacks lie on disk then.
@@ -100,14 +102,20 @@ def run(
         raise ValueError(msg)
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
+        checked_boundaries(recipe.boundary, opened.shape[:2])
         needs = phase_needs(recipe.methods, opened.shape)
         with place_for(recipe, needs, folder, scheduler) as place:
             comparison = unwrap_by(recipe, opened, truth, progress, cancelled, place=place)
         return Outcome(None, recipe, xr.Dataset({"phase": opened}), comparison, truth)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
-        recording, recipe.n_views, angles_deg=recipe.angles_deg
+        recording,
+        recipe.n_views,
+        angles_deg=recipe.angles_deg,
+        progress=progress,
+        cancelled=cancelled,
     )
+    checked_boundaries(recipe.boundary, (recording.n_frames, len(lobes)))
     needs = needs_of(recipe, recording, lobes)
     with place_for(recipe, needs, folder, scheduler) as place:
         data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
@@ -201,7 +209,7 @@ def opened_reference(recipe: Recipe, recording: Recording) -> Any:
     """Return a recipe's reference as `reconstruct` takes it; a file is opened."""
     reference = recipe.reference
     if isinstance(reference, str) and reference != "median":
-        return open_recording(reference, recording.optics)
+        return open_recording(reference, recording.optics, raw=recipe.raw)
     return reference
 
 

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 
 from napari_phase4d.pipeline.streaming.blocks import Block, blocks_of
 from napari_phase4d.pipeline.streaming.chaining import AlongAngle, AlongTime, Chain, FinishBlock
-from napari_phase4d.pipeline.streaming.scratch import Frames, Scratch
+from napari_phase4d.pipeline.streaming.scratch import KeptFrames, Scratch
 from napari_phase4d.pipeline.streaming.spatial import LiftBlock, UnwrapBlock
 from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, widest
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.unwrapping import METHODS, Problem, SharedSteps, is_known, noted, run_method
 from napari_phase4d.unwrapping.growing import coherence
-from napari_phase4d.unwrapping.problem import Boundary, checked_boundaries
+from napari_phase4d.unwrapping.problem import Boundary, all_known, checked_boundaries
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.registry import all_options
 from napari_phase4d.unwrapping.spatial import border_medians
@@ -50,12 +50,15 @@ class Found:
         Pixels to unwrap, and the object.
     centres : ndarray of shape (time, angle, 2)
         Centre of the object in pixels, NaN where there is none.
+    mask_word : str
+        What results note of the mask.
     """
 
     turns: Scratch
     mask: Scratch
     object: Scratch
     centres: NDArray[np.float64]
+    mask_word: str
 
 
 class ProblemOnDisk:
@@ -102,6 +105,8 @@ class ProblemOnDisk:
         self._amplitude = amplitude
         self._workers = Threads() if workers is None else workers
         self._blocks = blocks_of(stored.shape)
+        #: The phase in memory, for methods that need all of it.
+        self._whole: Problem | None = None
 
     def run(
         self,
@@ -124,7 +129,7 @@ class ProblemOnDisk:
             method,
             options,
             self._boundaries,
-            mask="auto" if self._finds_mask else "none",
+            mask=self._found(progress, cancelled).mask_word,
             amplitude=self._amplitude is not None,
         )
         return self._put(method, attrs, limits)
@@ -149,10 +154,15 @@ class ProblemOnDisk:
         options: Mapping[str, Any],
     ) -> xr.DataArray:
         """Unwrap by a method that needs all frames at once."""
-        mask = "auto" if self._finds_mask else is_known(self.phase.values)
-        problem = Problem(self.phase, self._boundaries, mask, self._amplitude)
-        problem.for_one_method = True
-        found = run_method(problem, method, progress, cancelled, options)
+        if self._whole is None:
+            mask: Any = None
+            if self._finds_mask:
+                mask = "auto"
+            elif not all_known(self.phase.values):
+                mask = is_known(self.phase.values)
+            self._whole = Problem(self.phase, self._boundaries, mask, self._amplitude)
+        found = run_method(self._whole, method, progress, cancelled, options)
+        self._whole.forget("field")  # as large as many results, and of no more use
         return self._shelf.take(method, found, progress, cancelled)
 
     def _put(self, method: str, attrs: Mapping[str, Any], limits: Limits) -> xr.DataArray:
@@ -186,8 +196,9 @@ class ProblemOnDisk:
         found = self._scratch("object", "bool")
         mask = found if self._finds_mask else self._scratch("mask", "bool")
         work = LiftBlock(self._stored, turns, lift, mask, found, self._finds_mask)
-        centres = self._each(work, "finding the object", progress, cancelled)
-        return Found(turns, mask, found, np.concatenate(centres))
+        each = self._each(work, "finding the object", progress, cancelled)
+        word = "auto" if self._finds_mask else "none" if all(k for _, k in each) else "given"
+        return Found(turns, mask, found, np.concatenate([centres for centres, _ in each]), word)
 
     def _lift(self, borders: list[NDArray[np.float64]]) -> NDArray[np.int16]:
         """Return the turns that bring the borders of all frames together."""
@@ -226,7 +237,7 @@ class ProblemOnDisk:
             watch = Watch(n_times * n_angles, "registration", progress, cancelled)
             return centre_of_mass_shifts(
                 KnownFrames(self._stored),
-                Frames(found.object),
+                KeptFrames(found.object),
                 self._boundaries[0],
                 watch,
                 found.centres,
@@ -286,7 +297,7 @@ class ProblemOnDisk:
         return self._shelf.temporary(name, self._stored.shape, dtype)
 
 
-class KnownFrames(Frames):
+class KnownFrames(KeptFrames):
     """Frames of wrapped phase, 0 where it is not known."""
 
     def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:

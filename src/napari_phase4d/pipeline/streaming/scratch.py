@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from napari_phase4d.pipeline.streaming.blocks import Block, block_at
 
-__all__ = ["Frames", "ReadBlocks", "Scratch"]
+__all__ = ["KeptFrames", "ReadBlocks", "Scratch"]
 
-#: Blocks that `Frames` holds.
+#: Blocks that `KeptFrames` holds.
 KEPT_BLOCKS = 8
 
 
@@ -58,10 +58,16 @@ class Scratch:
 
     def read(self, block: Block, angles: slice = slice(None)) -> NDArray[Any]:
         """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
-        shape = (len(block), *self.shape[1:])
-        start = self._place(block.start, 0)
+        first, last, _ = angles.indices(self.shape[1])
+        frames = (last - first, *self.shape[2:])
+        if last - first == self.shape[1]:
+            return self._read(self._place(block.start, 0), (len(block), *frames))
+        return np.stack([self._read(self._place(t, first), frames) for t in block.times])
+
+    def _read(self, start: int, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Return numbers from somewhere in the file."""
         flat = np.fromfile(self.path, self.dtype, math.prod(shape), offset=start)
-        return flat.reshape(shape)[:, angles]
+        return flat.reshape(shape)
 
     def write(self, block: Block, values: NDArray[Any]) -> None:
         """Write the frames of a block."""
@@ -74,7 +80,9 @@ class Scratch:
     def _write(self, start: int, values: NDArray[Any]) -> None:
         with self.path.open("r+b") as file:
             file.seek(start)
-            np.ascontiguousarray(values, self.dtype).tofile(file)
+            # Unlike ``tofile`` this says when the disk is full.
+            whole: Any = np.ascontiguousarray(values, self.dtype)
+            file.write(whole.data)
 
     def _place(self, time: int, angle: int) -> int:
         """Return where in the file a frame begins."""
@@ -82,7 +90,7 @@ class Scratch:
         return (time * self.shape[1] + angle) * frame
 
 
-class Frames:
+class KeptFrames:
     """Single frames of a stack on disk, of which a few blocks are held.
 
     Parameters

@@ -107,8 +107,14 @@ class LiftBlock:
     found: Scratch
     finds_mask: bool
 
-    def __call__(self, block: Block) -> NDArray[np.float64]:
-        """Do a block; return the object's centre in each frame, shape (time, angle, 2)."""
+    def __call__(self, block: Block) -> tuple[NDArray[np.float64], bool]:
+        """Do a block.
+
+        Returns
+        -------
+        ndarray of shape (time, angle, 2), bool
+            The object's centre in each frame; whether the phase is known everywhere.
+        """
         wrapped, known = known_phase(self.phase, block)
         lift = self.lift[block.start : block.stop, :, None, None]
         turns = self.turns.read(block)
@@ -127,4 +133,4 @@ class LiftBlock:
         self.found.write(block, found)
         if not self.finds_mask:
             self.mask.write(block, known)
-        return centres
+        return centres, bool(known.all())

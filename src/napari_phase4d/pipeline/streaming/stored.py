@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import tempfile
 import weakref
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -18,7 +17,9 @@ from numpy.typing import NDArray
 from napari_phase4d.io import read_results
 from napari_phase4d.io.atomic import put_in_place
 from napari_phase4d.io.zarr_blocks import ARRAY, create_blocks, finish_blocks
+from napari_phase4d.io.zarr_results import path_of
 from napari_phase4d.pipeline.streaming.blocks import Block, block_frames, blocks_of
+from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.pipeline.streaming.scratch import Scratch
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 
@@ -67,7 +68,7 @@ class Stored:
     def read(self, block: Block, angles: slice = ALL) -> NDArray[np.float32]:
         """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
         frames = opened(self.path)[block.start : block.stop, angles]
-        found: NDArray[np.float32] = np.asarray(frames)
+        found: NDArray[np.float32] = np.asarray(frames, dtype=np.float32)
         return found
 
     def write(self, block: Block, values: NDArray[np.float32]) -> None:
@@ -77,15 +78,19 @@ class Stored:
 
 def stored_at(stack: xr.DataArray) -> Stored | None:
     """Return where a stack lies on disk, None if it is in memory."""
-    source = stack.encoding.get("source")
-    if source is None or stack.chunks is None:
-        return None
-    return Stored(Path(source) / ARRAY, stack.shape)
+    path = path_of(stack)
+    return None if path is None else Stored(path / ARRAY, stack.shape)
+
+
+def opened(path: Path) -> Any:
+    """Return an array on disk, open for reading and for writing blocks."""
+    status = (path / "zarr.json").stat()
+    return opened_once(path, status.st_ino, status.st_mtime_ns)
 
 
 @lru_cache(OPEN_ARRAYS)
-def opened(path: Path) -> Any:
-    """Return an array on disk, open for reading and for writing blocks."""
+def opened_once(path: Path, *_which: int) -> Any:
+    """Return an array, opened once; another one may come to lie at the same path later."""
     import zarr
 
     return zarr.open_array(path, mode="r+")
@@ -103,10 +108,10 @@ class Shelf:
     """
 
     def __init__(self, folder: Path) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        self.folder = folder
+        # Workers of a cluster may have been started elsewhere.
+        self.folder = folder.absolute()
         #: Holds what is needed on the way only.
-        self.scratch = Path(tempfile.mkdtemp(prefix=".phase4d-", dir=folder))
+        self.scratch = new_folder(self.folder, ".phase4d")
         # The name of the folder alone: nothing of the shelf may be held by what clears it.
         self._clear = weakref.finalize(self, shutil.rmtree, self.scratch, ignore_errors=True)
 

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import islice
+from pathlib import Path
 from typing import Any, Protocol, TypeVar
 
 from napari_phase4d.progress import LOOK_UP_S, Watch, in_threads
@@ -16,8 +18,8 @@ R = TypeVar("R")
 
 #: Blocks that wait for each thread of a cluster, so that none has nothing to do.
 AHEAD = 2
-#: How often a block is tried anew after its worker has died.
-RETRIES = 5
+#: Seconds to wait for blocks that are under way when the work is stopped.
+ENDING_S = 30
 #: Seconds to wait for the scheduler to answer.
 ANSWER_S = 20
 
@@ -34,7 +36,8 @@ class Threads:
 
     def map(self, work: Callable[[T], R], items: Iterable[T], watch: Watch) -> Iterator[R]:
         """Yield ``work(item)`` in order."""
-        return in_threads(work, items, watch)
+        # What is written must be written before its folder may go.
+        return in_threads(work, items, watch, wait=True)
 
 
 class Cluster:
@@ -64,7 +67,12 @@ class Cluster:
             raise ImportError(msg) from error
         try:
             how = {"scheduler_file": address} if address.endswith(".json") else {}
-            self._client: Any = Client(None if how else address, timeout=ANSWER_S, **how)
+            if how and not Path(address).is_file():
+                raise FileNotFoundError(address)
+            # Not for all of dask: what this process reads by itself is its own work.
+            self._client: Any = Client(
+                None if how else address, timeout=ANSWER_S, set_as_default=False, **how
+            )
         except (OSError, ValueError) as error:
             msg = f"no dask scheduler answers at {address}; start one with 'dask scheduler'"
             raise OSError(msg) from error
@@ -82,17 +90,30 @@ class Cluster:
             while True:
                 room = AHEAD * max(sum(self._client.nthreads().values()), 1) - len(waiting)
                 for item in islice(left, max(room, 1)):
-                    waiting.append(self._client.submit(work, item, pure=False, retries=RETRIES))
+                    waiting.append(self._client.submit(work, item, pure=False))
                 if not waiting:
                     return
                 yield self._result(waiting.popleft(), watch)
                 watch.step()
         finally:
-            self._client.cancel(list(waiting))
+            self._end(list(waiting))
 
     def close(self) -> None:
         """Leave the cluster; its workers go on for others."""
         self._client.close()
+
+    def _end(self, waiting: list[Any]) -> None:
+        """Stop what has not begun, and wait for what is being written."""
+        if not waiting:
+            return
+        names = {future.key for future in waiting}
+        self._client.cancel(waiting)
+        give_up = time.monotonic() + ENDING_S
+        while time.monotonic() < give_up:
+            executing = self._client.run(keys_under_way)
+            if not names & {key for keys in executing.values() for key in keys}:
+                return
+            time.sleep(LOOK_UP_S)
 
     def _result(self, future: Any, watch: Watch) -> Any:
         """Wait for what one item gives."""
@@ -106,5 +127,11 @@ class Cluster:
         try:
             return future.result()
         except KilledWorker as error:
-            msg = f"{watch.message}: the workers that did it died {RETRIES} times; see their logs"
+            times = error.allowed_failures + 1
+            msg = f"{watch.message}: {times} workers that did it died; see their logs"
             raise OSError(msg) from error
+
+
+def keys_under_way(dask_worker: Any) -> list[str]:
+    """Return the names of the blocks that a worker of a cluster is at."""
+    return [str(task.key) for task in dask_worker.state.executing]
