@@ -67,7 +67,7 @@ def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Pa
 
 
 def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("napari_phase4d._napari.session.plans.SCORED_TIMES", 10)
+    monkeypatch.setattr("napari_phase4d._napari.session.plans.results.SCORED_TIMES", 10)
     time, angle = on_disk.session.suggest_boundary()
     scores = on_disk.session.scores
     assert scores.shape == (30, 2)

@@ -397,6 +397,11 @@ class State:
         self.update(boundary=tuple(kept) or ((0, 0),))
         self.reconstruction_changed.emit()
 
+    def check_is(self, recording: Recording) -> None:
+        """Refuse a result that belongs to an earlier recording or calibration."""
+        if self.recording is not recording:
+            raise Changed
+
     def needed_recording(self) -> Recording:
         """Return the recording, or raise ValueError if there is none."""
         if self.recording is None and self.reconstruction is not None:

@@ -37,6 +37,8 @@ PLOTTED = (
     "area (um^2)",
     "mean phase (rad)",
 )
+#: What can be saved: the table, or a picture of the plot.
+KINDS, PICTURES = "Table (*.csv);;Plot (*.png *.svg)", (".png", ".svg")
 #: Pixels that a field gets at least.
 NARROW = 90
 
@@ -69,7 +71,7 @@ class MeasurePart(Step):
             "Copy", "copy_measured", "Put the table on the clipboard.", self._copy
         )
         self.save = self.button(
-            "Save as CSV…", "save_measured", "Write the table to a file.", self._ask_file
+            "Save…", "save_measured", "The table as CSV, or a picture of the plot.", self._ask_file
         )
         self.column.addLayout(self.row(self.copy, self.save))
         self.when_changed(self.quantity, self._draw)
@@ -196,7 +198,11 @@ class MeasurePart(Step):
         return replace(own, wavelength_um=float(noted))
 
     def save_to(self, path: str | Path) -> None:
-        """Write the table as CSV, units in the headings."""
+        """Write the table as CSV, units in the headings; the plot as PNG or SVG."""
+        if Path(path).suffix.lower() in PICTURES:
+            self._needed_measurement()
+            self.plot.save(path)
+            return
         write_table(path, self._needed_measurement().set_index("region"))
         self.said.emit(f"The measurement is in {Path(path).name}.")
 
@@ -251,7 +257,7 @@ class MeasurePart(Step):
 
     def _ask_file(self) -> None:
         self._needed_measurement()
-        path, _ = QFileDialog.getSaveFileName(self, "Measurement", "measured.csv", "CSV (*.csv)")
+        path, _ = QFileDialog.getSaveFileName(self, "Measurement", "measured.csv", KINDS)
         if path:
             self.save_to(path)
 

@@ -1,0 +1,163 @@
+"""What the session can do from phase to results."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import xarray as xr
+
+from napari_phase4d._napari.session.plan import Plan
+from napari_phase4d._napari.session.state import Changed, State
+from napari_phase4d._napari.session.states import phase_is_stale
+from napari_phase4d.evaluation import (
+    REFERENCE,
+    Comparison,
+    held,
+)
+from napari_phase4d.pipeline import (
+    Outcome,
+    estimated_seconds,
+    phase_needs,
+    unwrap_by,
+)
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import score_boundaries
+
+__all__ = ["plan_estimate", "plan_scores", "plan_unwrapping"]
+
+#: Times that are scored of a recording larger than memory.
+SCORED_TIMES = 100
+
+
+def plan_unwrapping(state: State) -> Plan:
+    """Plan to unwrap with the chosen methods, one after another.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase for the present settings, or no method is chosen.
+    """
+    data = state.needed_reconstruction()
+    if phase_is_stale(state):
+        msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
+        raise ValueError(msg)
+    recording, chosen, truth = state.recording, state.recipe, state.truth
+    if not chosen.methods:
+        msg = "no method is ticked; tick at least one in step 4"
+        raise ValueError(msg)
+    recipe = state.phase_recipe.changed(
+        boundary=chosen.boundary,
+        mask=chosen.mask,
+        methods=chosen.methods,
+        options=chosen.options,
+        confidence=chosen.confidence,
+    )
+    place = state.place
+    folder = Path(tempfile.gettempdir()) if place is None else place.shelf.folder
+    phase_needs(recipe.methods, data["phase"].shape).check(folder, on_disk=place is not None)
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> Outcome:
+        so_far: list[Comparison] = []
+        try:
+            comparison = unwrap_by(
+                recipe,
+                data["phase"],
+                truth,
+                progress,
+                cancelled,
+                amplitude=data.get("amplitude"),
+                finished=lambda _, comparison: so_far.append(comparison),
+                place=place,
+            )
+        except Cancelled:
+            if not so_far:
+                raise
+            comparison = so_far[-1]
+        done = recipe.changed(methods=tuple(comparison.results))
+        return Outcome(recording, done, data, comparison, truth)
+
+    def receive(outcome: Outcome) -> None:
+        if state.reconstruction is not data:
+            raise Changed
+        if state.truth is not truth:  # chosen while this was computed
+            comparison = outcome.comparison.against(state.truth)
+            outcome = replace(outcome, comparison=comparison, truth=state.truth)
+        state.outcome, state.margin = outcome, None
+        state.confidence, state.warnings = {}, {}
+        state.outcome_changed.emit()
+
+    return Plan("Unwrapping", work, receive, keeps_parts=True)
+
+
+def plan_scores(state: State, *, unasked: bool = False) -> Plan:
+    """Plan to score every frame as the one to start from.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    unasked : bool, optional
+        Whether to do it unseen, until something else is asked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase yet.
+    """
+    data = state.needed_reconstruction()
+    reference, place = state.results.get(REFERENCE), state.place
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> xr.DataArray:
+        if place is not None:
+            return scores_of_some(data["phase"], progress, cancelled)
+        return score_boundaries(data["phase"], reference, progress=progress, cancelled=cancelled)
+
+    def receive(scores: xr.DataArray) -> None:
+        if state.reconstruction is not data:
+            raise Changed
+        state.scores = scores
+        state.scores_changed.emit()
+
+    return Plan("Scoring the frames", work, receive, gives_way=unasked)
+
+
+def scores_of_some(
+    phase: xr.DataArray, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> xr.DataArray:
+    """Score some frames of a recording larger than memory; the others stay unknown."""
+    every = max(1, -(-phase.sizes["time"] // SCORED_TIMES))
+    some = held(phase.isel(time=slice(None, None, every)))
+    found = score_boundaries(some, progress=progress, cancelled=cancelled)
+    scores = found.reindex(time=phase["time"])
+    time, angle = found.attrs["best"]
+    return scores.assign_attrs(best=[time * every, angle])
+
+
+def plan_estimate(state: State) -> Plan:
+    """Plan to see how long the ticked methods will take, until something else is asked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no phase yet.
+    """
+    data, recipe = state.needed_reconstruction(), state.recipe
+
+    def work(
+        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> float:
+        return estimated_seconds(recipe, data["phase"], cancelled=cancelled)
+
+    def receive(seconds: float) -> None:
+        if state.reconstruction is not data:
+            raise Changed
+        state.estimate = (recipe.methods, seconds)
+        state.estimate_changed.emit()
+
+    return Plan("Estimating the time", work, receive, gives_way=True)
