@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -249,6 +250,21 @@ def test_what_a_user_has_put_beside_results_is_kept(phases: Path, tmp_path: Path
     assert (tmp_path / "a" / "figures" / "one.png").read_bytes() == b"1"
 
 
+def test_what_a_user_named_as_a_new_result_is_kept_too(phases: Path, tmp_path: Path) -> None:
+    batch(tmp_path, phases / "a.npy")
+    own = tmp_path / "a" / "comparison.png"
+    own.write_bytes(b"mine")
+    (tmp_path / "a" / "comparison-kept.png").write_bytes(b"mine, too")
+
+    def draw(outcome: Outcome, folder: Path) -> None:
+        (folder / "comparison.png").write_bytes(b"new")
+
+    batch(tmp_path, phases / "a.npy", finished=draw)
+    assert own.read_bytes() == b"new"
+    assert own.with_name("comparison-kept.png").read_bytes() == b"mine, too"
+    assert own.with_name("comparison-kept2.png").read_bytes() == b"mine"
+
+
 def test_folders_that_no_batch_has_made_are_not_replaced(phases: Path, tmp_path: Path) -> None:
     (tmp_path / "a").mkdir()
     (tmp_path / "a" / "thesis.txt").write_text("three years")
@@ -276,6 +292,18 @@ def test_what_a_killed_batch_has_left_is_put_right(phases: Path, tmp_path: Path)
 # One at a time
 
 
+@pytest.fixture(params=["links", "no links"])
+def disk(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A disk with hard links, and one without, such as exFAT."""
+
+    def refuse(*_: Any, **__: Any) -> None:
+        raise PermissionError(errno.EPERM, os.strerror(errno.EPERM))
+
+    if request.param == "no links":
+        monkeypatch.setattr(os, "link", refuse)
+
+
+@pytest.mark.usefixtures("disk")
 def test_two_batches_do_not_share_a_folder(phases: Path, tmp_path: Path) -> None:
     def begin_another(outcome: Outcome, folder: Path) -> None:
         assert not (tmp_path / "a").exists()
@@ -290,6 +318,7 @@ def test_two_batches_do_not_share_a_folder(phases: Path, tmp_path: Path) -> None
     assert names(tmp_path) == {"batch.log", "summary.csv"}
 
 
+@pytest.mark.usefixtures("disk")
 @pytest.mark.parametrize("mark", ["ended", "another process by now", "half-written"])
 def test_locks_of_batches_that_are_gone_do_not_count(
     phases: Path, tmp_path: Path, mark: str
@@ -363,6 +392,43 @@ def test_input_is_hashed_once_and_in_another_thread(
     assert threads[0] is not threading.main_thread()
 
 
+def test_reference_and_truth_are_hashed_once_a_batch(
+    tmp_path: Path, small_video: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    files = [tmp_path / f"{name}.npy" for name in ("reference", "a", "b")]
+    for file in files:
+        np.save(file, small_video.holograms.values)
+    fingerprints = sys.modules["napari_phase4d.pipeline.fingerprint"]
+    batches = sys.modules["napari_phase4d.pipeline.batch.running"]
+    hashed, digest_of, seen = fingerprints.hashed, batches.digest_of, []
+
+    def counted(parts: Any, *arguments: Any, **options: Any) -> str:
+        seen.extend(name for name, *_ in parts if name == "reference.npy")
+        return hashed(parts, *arguments, **options)
+
+    def digested(truth: Any) -> str:
+        seen.append("truth")
+        return digest_of(truth)
+
+    monkeypatch.setattr(fingerprints, "hashed", counted)
+    monkeypatch.setattr(batches, "digest_of", digested)
+    recipe = RECIPE.changed(reference=str(files[0]), methods=("spatial-2d",))
+    exact = p4d.run(recipe.changed(recording=str(files[1]))).reconstruction["phase"]
+    table = run_batch(recipe, files[1:], tmp_path / "out", truth=exact)
+    assert list(table["status"]) == ["done", "done"]
+    assert sorted(seen) == ["reference.npy", "truth"]
+    note = json.loads((tmp_path / "out" / "b" / "run.json").read_text())
+    expected = fingerprint_of(files[0]).as_dict()
+    assert note["asked"]["recipe"]["reference"] == expected
+    found = read_results(tmp_path / "out" / "b" / "wrapped.ome.tif")
+    assert found.attrs["provenance"]["reference"] == expected
+    # It is the content that counts, also of one that changes between two files.
+    remembered = fingerprints.Remembered()
+    before = remembered(str(files[0]))
+    np.save(files[0], small_video.holograms.values[:1])
+    assert remembered(str(files[0])) != before
+
+
 def test_input_that_changes_while_it_is_run_has_failed(phases: Path, tmp_path: Path) -> None:
     file = Path(shutil.copy(phases / "a.npy", tmp_path / "a.npy"))
 
@@ -415,21 +481,33 @@ def batch_with_traceback(
     return run_batch(RECIPE, files, out, told=said.append, finished=finished), said
 
 
-def test_full_disk_ends_the_batch_with_one_sentence(phases: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("storage", "sentence"),
+    [
+        ("memory", r"could not be written \(No space left on device\)"),
+        ("disk", "No space left on device"),
+    ],
+)
+def test_full_disk_ends_the_batch_with_one_sentence(
+    phases: Path, tmp_path: Path, storage: str, sentence: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if storage == "disk":  # else it is refused before it begins
+        monkeypatch.setattr("napari_phase4d.pipeline.needs.Needs.check", lambda *_, **__: None)
+    recipe = RECIPE.changed(storage=storage)
     data = p4d.simulation.budding_yeast((128, 128), n_times=4, angles_deg=(0.0, 5.0))
     np.save(tmp_path / "large.npy", data["wrapped"].values)
     files = [phases / "a.npy", tmp_path / "large.npy", phases / "b.npy"]
     said: list[str] = []
     with small_disk(tmp_path / "disk") as out:
-        with pytest.raises(
-            OSError, match=r"could not be written \(No space left.*; make room in .* --resume"
-        ) as caught:
-            run_batch(RECIPE, files, out, told=said.append)
+        words = rf"{sentence}.*; make room in .* --resume"
+        with pytest.raises(OSError, match=words) as caught:
+            run_batch(recipe, files, out, told=said.append)
         assert "\n" not in str(caught.value)
         assert "failed: " in said[1]
         assert names(out) == {"a", "batch.log", "summary.csv"}
         assert list(pd.read_csv(out / "summary.csv")["status"]) == ["done", "failed", "waiting"]
-        assert statuses(out, files[0], files[2]) == ["complete already", "done"]
+        again = statuses(out, files[0], files[2], recipe=recipe)
+        assert again == ["complete already", "done"]
 
 
 def test_disk_that_can_not_be_written_is_one_sentence(phases: Path, tmp_path: Path) -> None:
@@ -463,6 +541,24 @@ def test_cancelled_batch_leaves_nothing_half_written(phases: Path, tmp_path: Pat
     last = (tmp_path / "batch.log").read_text().splitlines()[-1]
     assert last == "Stopped; 2 files: 1 done. Go on with --resume."
     assert statuses(tmp_path, *files) == ["complete already", "done"]
+
+
+def test_batch_can_be_cancelled_while_results_are_hashed(
+    phases: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    hashing = sys.modules["napari_phase4d.pipeline.fingerprint"]
+    real, results = hashing.hashed, []
+
+    def slowly(parts: Any, *arguments: Any, **options: Any) -> str:
+        if parts[0][0] == "wrapped.ome.tif":
+            results.append(parts)
+            time.sleep(0.5)  # as of a large one
+        return real(parts, *arguments, **options)
+
+    monkeypatch.setattr(hashing, "hashed", slowly)
+    with pytest.raises(p4d.Cancelled):
+        run_batch(RECIPE, [phases / "a.npy"], tmp_path, cancelled=lambda: bool(results))
+    assert names(tmp_path) == {"batch.log", "summary.csv"}
 
 
 # The command line
@@ -500,7 +596,13 @@ def test_ctrl_c_is_one_sentence_and_nothing_half_written(phases: Path, tmp_path:
     recipe = RECIPE.to_file(tmp_path / "recipe.json")
     line = command("run", recipe, *files, "--out", "out", cwd=tmp_path)
     with subprocess.Popen(
-        line, cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        line,
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+        # A shell lets what it starts in the background ignore Ctrl-C, and that is inherited.
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     ) as process:
         until = time.monotonic() + 60
         while not (tmp_path / "out" / "f002").exists() and time.monotonic() < until:

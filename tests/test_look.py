@@ -41,7 +41,7 @@ def test_plain_video_has_one_view_and_gets_its_picture(plain_video: Path, tmp_pa
     out = tmp_path / "one.png"
     code, words = run_look(plain_video, "--out", out)
     assert code == 0
-    assert "1 view(s)" in words
+    assert ", 1 view, pixel" in words
     assert "fringe visibility 0.9" in words  # 2 * 1.5 / (1 + 1.5^2) = 0.92
     assert "mrad" in words
     assert "in time" in words
@@ -60,10 +60,23 @@ def test_multiplexed_video_gets_a_row_for_each_view(plain_video: Path, tmp_path:
         "--background", "zernike",
     )  # fmt: skip
     assert code == 0
-    assert "2 view(s)" in words
+    assert ", 2 views, pixel" in words
     assert "found for a phase object" in words
     run_look(plain_video, "--out", tmp_path / "one.png")
     assert rows_of_pictures(tmp_path / "two.png") > 1.2 * rows_of_pictures(tmp_path / "one.png")
+
+
+def test_picture_is_named_after_the_recording_unless_a_name_is_given(
+    plain_video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save(tmp_path / "one.npy", np.load(plain_video)[:1])
+    code, words = run_look("one.npy")
+    assert code == 0
+    assert {path.name for path in tmp_path.glob("*.png")} == {"look_one.png"}
+    assert "1 frame looked at, 1 view, pixel" in words
+    picture = iio.imread(tmp_path / "look_one.png")
+    assert (picture[:, :5] == 255).all()  # no label touches the edge
 
 
 def test_wrong_inputs_give_one_sentence(plain_video: Path, tmp_path: Path) -> None:

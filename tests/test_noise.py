@@ -10,6 +10,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.evaluation import noise_figures, noise_sentence
+from napari_phase4d.evaluation.noise import variance_in_space
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, fringe_visibility
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -115,6 +116,27 @@ def test_visibility_of_each_view_and_of_none() -> None:
     found = fringe_visibility(p4d.open_recording(frame), demodulate)
     assert found == pytest.approx([0.3, 0.12], rel=1e-4)
     assert fringe_visibility(p4d.open_recording(0 * frame), demodulate) == [0, 0]
+
+
+def test_visibility_stays_with_its_view() -> None:
+    """Also where views were left out or are in another order since."""
+    lobes = [{"angle_deg": float(a)} for a in (0, 30, 60)]
+    values = wrapped_noise(0.02, (2, 3, 64, 64))
+    ds = stack(values).assign_coords(angle=[0.0, 30.0, 60.0])
+    ds.attrs |= {"lobes": lobes, "fringe_visibility": [0.1, 0.2, 0.3]}
+    for chosen in ([0, 1, 2], [2, 1, 0], [1, 2]):
+        found = noise_figures(ds.isel(angle=chosen))["fringe_visibility"]
+        assert list(found) == [[0.1, 0.2, 0.3][i] for i in chosen]
+
+
+def test_variance_in_space_is_that_of_a_full_fit() -> None:
+    rng = np.random.default_rng(4)
+    empty = rng.uniform(size=(90, 120)) < 0.4
+    y, x = np.indices(empty.shape)
+    image = rng.normal(size=empty.shape) * 0.02 + 0.01 * y - 0.02 * x + 3
+    terms = np.stack([np.ones(empty.sum()), y[empty], x[empty]], axis=1)
+    _, left, *_ = np.linalg.lstsq(terms, image[empty], rcond=None)
+    assert variance_in_space(image, empty) == pytest.approx(left[0] / empty.sum(), rel=1e-9)
 
 
 def test_where_there_is_nothing_to_measure_it_says_so() -> None:

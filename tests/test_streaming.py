@@ -17,9 +17,10 @@ import xarray as xr
 import napari_phase4d as p4d
 from napari_phase4d.evaluation.resources import measured
 from napari_phase4d.io.lazy import FrameReader, lazy_frames
-from napari_phase4d.pipeline import Needs, needs_of, phase_needs, run_batch
-from napari_phase4d.pipeline.streaming import Shelf
+from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
+from napari_phase4d.pipeline.streaming import Shelf, stored_at
 from napari_phase4d.pipeline.streaming.blocks import block_at, block_frames, blocks_of
+from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.progress import Cancelled
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
@@ -95,7 +96,7 @@ def test_phase_that_is_not_known_everywhere(
     expected = p4d.run(chosen).comparison.results
     found = p4d.run(chosen.changed(storage="disk"), folder=tmp_path / "out").comparison.results
     for method, result in expected.items():
-        np.testing.assert_array_equal(found[method].values, result.values)
+        xr.testing.assert_identical(found[method].compute(), result)
         assert not found[method].values[2, 1, 10:20, 10:30].any()
 
 
@@ -217,12 +218,103 @@ def test_stacks_on_disk_can_be_written_as_tiff(
     chosen = recipe.changed(methods=("temporal-angular",), storage="disk")
     expected = p4d.run(chosen, video)
     table = run_batch(chosen, [tmp_path / "video.npy"], tmp_path / "out", form="tiff")
-    assert list(table["status"]) == ["done"]
+    assert list(table["status"]) == ["done"], table["error"].tolist()
     folder = tmp_path / "out" / "video"
     assert not [p for p in folder.iterdir() if p.is_dir()]
     found = p4d.read_results(folder / "temporal-angular.ome.tif")
     exact = expected.comparison.results["temporal-angular"]
     np.testing.assert_array_equal(found.values, exact.values)
+
+
+def test_a_folder_can_be_used_again_for_another_recording(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    chosen = recipe.changed(storage="disk", methods=("temporal-angular",))
+    for n_frames in (9, 19, 3):
+        rec, kept = long_video(video, n_frames)
+        found = p4d.run(chosen, rec, folder=tmp_path)
+        expected = p4d.run(chosen.changed(storage="memory"), rec)
+        assert_same(found, expected)
+        assert kept.shape[0] == n_frames
+
+
+def test_a_part_of_a_stack_on_disk_is_that_part(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    chosen = recipe.changed(storage="disk", methods=("temporal-angular",))
+    whole = p4d.run(chosen, video, folder=tmp_path).reconstruction["phase"]
+    assert stored_at(whole) is not None
+    part = whole.isel(time=slice(10, 19))
+    assert stored_at(part) is None
+    assert stored_at(-whole) is None
+    place = find_place(chosen, phase_needs(chosen.methods, part.shape), tmp_path / "part")
+    found = unwrap_by(chosen, part, place=place).results["temporal-angular"]
+    expected = p4d.unwrap(part.compute(), mask="auto")
+    np.testing.assert_array_equal(found.values, expected.values)
+    with place.nested("again") as other:
+        unwrap_by(chosen, -part.compute(), place=other)
+    np.testing.assert_array_equal(found.values, expected.values)
+    place.close()
+
+
+@pytest.mark.parametrize("after", [1, 2, 3])
+def test_what_is_under_way_leaves_nothing_behind(
+    after: int, video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    rec, _ = long_video(video, 400)
+    asked = iter(range(10**6))
+    with pytest.raises(Cancelled):
+        p4d.run(
+            recipe.changed(storage="disk", methods=("spatial-2d",)),
+            rec,
+            folder=tmp_path,
+            cancelled=lambda: next(asked) > 40 * after,
+        )
+    time.sleep(0.5)
+    assert all(p.name.endswith(".ome.zarr") for p in tmp_path.iterdir())
+
+
+def test_leftovers_of_a_killed_run_are_removed(tmp_path: Path) -> None:
+    mine = new_folder(tmp_path, ".phase4d")
+    machine = mine.name.split("-")[1]
+    dead = tmp_path / f".phase4d-{machine}-99999999-abc"
+    elsewhere = tmp_path / ".phase4d-00000000-99999999-abc"
+    for folder in (dead, elsewhere):
+        folder.mkdir()
+        (folder / "stack").write_bytes(b"1")
+    new_folder(tmp_path, ".phase4d")
+    assert mine.exists()
+    assert elsewhere.exists()
+    assert not dead.exists()
+
+
+def test_truth_is_looked_at_first_and_in_any_order_of_axes(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    chosen = recipe.changed(methods=("temporal-angular",))
+    memory = p4d.run(chosen, video)
+    truth = memory.comparison.results["temporal-angular"] + 1
+    expected = p4d.run(chosen, video, truth).comparison.table["mse_rad2"]
+    turned = truth.transpose("x", "time", "y", "angle")
+    on_disk = chosen.changed(storage="disk")
+    found = p4d.run(on_disk, video, turned, folder=tmp_path).comparison.table["mse_rad2"]
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+    with pytest.raises(ValueError, match="truth is"):
+        p4d.run(on_disk, video, truth[:3], folder=tmp_path)
+
+
+def test_what_can_not_be_is_said_before_the_work(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    chosen = recipe.changed(storage="disk")
+    with pytest.raises(ValueError, match=r"boundary frame \(time 99, angle 0\) does not exist"):
+        p4d.run(chosen.changed(boundary=((99, 0),)), video, folder=tmp_path)
+    with pytest.raises(OSError, match="maps of trust need all frames in memory"):
+        p4d.run(chosen.changed(confidence=True), video, folder=tmp_path)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OSError, match=r"file can't be written .*; choose another one"):
+        p4d.run(chosen, video, folder=tmp_path / "file")
+    assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
 
 # On a cluster
@@ -293,3 +385,10 @@ def test_without_a_scheduler_there_is_one_sentence(
     monkeypatch.setattr("napari_phase4d.pipeline.streaming.workers.ANSWER_S", 1)
     with pytest.raises(OSError, match="no dask scheduler answers at tcp://127.0.0.1:9"):
         p4d.run(recipe, video, folder=tmp_path, scheduler="tcp://127.0.0.1:9")
+
+
+def test_a_scheduler_file_that_is_not_there(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    with pytest.raises(OSError, match=r"no dask scheduler answers at .*none\.json"):
+        p4d.run(recipe, video, folder=tmp_path, scheduler=str(tmp_path / "none.json"))

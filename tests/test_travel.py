@@ -444,6 +444,17 @@ def test_input_that_is_gone_loses_no_results(tmp_path: Path, outcome: Outcome) -
     assert found["input"] == {"name": "gone.tif"}
 
 
+def test_what_fails_in_confidence_loses_no_results(tmp_path: Path, outcome: Outcome) -> None:
+    trusting = replace(
+        outcome,
+        recipe=outcome.recipe.changed(confidence=True),
+        comparison=replace(outcome.comparison, problem=None),  # as of stacks on disk
+    )
+    with pytest.raises(ValueError, match="judged on all frames at once"):
+        write_outcome(trusting, tmp_path)
+    assert {"temporal.ome.tif", "table.csv", "recipe.json"} <= {p.name for p in tmp_path.iterdir()}
+
+
 def test_lazy_results_are_written_as_zarr(tmp_path: Path, outcome: Outcome) -> None:
     lazy = replace(outcome, reconstruction=outcome.reconstruction.chunk(time=2))
     assert [p.suffix for p in write_outcome(lazy, tmp_path)][:4] == [".zarr"] * 4

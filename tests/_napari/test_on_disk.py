@@ -66,6 +66,17 @@ def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Pa
     assert {p.name for p in written} >= {"temporal-angular.ome.zarr", "table.csv"}
 
 
+def test_an_earlier_run_stays_as_it_was(viewer, on_disk) -> None:
+    on_disk.session.unwrap(["temporal-angular"])
+    first = on_disk.session.results["temporal-angular"]
+    layer = viewer.layers["T/A"]
+    before = first.values
+    on_disk.session.unwrap(["temporal-angular"], mask=None)
+    assert not np.array_equal(on_disk.session.results["temporal-angular"].values, before)
+    np.testing.assert_array_equal(first.values, before)
+    np.testing.assert_array_equal(layer.data[7, 1], before[7, 1])
+
+
 def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("napari_phase4d._napari.session.plans.results.SCORED_TIMES", 10)
     time, angle = on_disk.session.suggest_boundary()

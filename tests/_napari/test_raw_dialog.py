@@ -70,3 +70,11 @@ def test_a_plain_video_has_one_view(dock, click) -> None:
     assert dock.session.recipe.n_views == 1
     click("reconstruct")
     assert dock.session.reconstruction["phase"].shape[1] == 1
+
+
+def test_another_recording_is_not_refocused_like_the_last(dock, small_video) -> None:
+    dock.session.set_recording(small_video)
+    dock.session.update(refocus_um=12.5)
+    dock.session.set_recording(small_video)
+    assert dock.session.recipe.refocus_um is None
+    assert dock.session.focus is None

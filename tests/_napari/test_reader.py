@@ -60,3 +60,10 @@ def test_files_dropped_together_are_one_recording(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(layer_tuple[0])[:, 0], frames)
     assert get_reader([*files, str(tmp_path / "notes.txt")]) is None
     assert get_reader([str(tmp_path / "a.json"), str(tmp_path / "b.json")]) is None
+
+
+def test_raw_file_that_needs_a_layout_says_where_to_open_it(tmp_path: Path) -> None:
+    path = tmp_path / "camera.raw"
+    path.write_bytes(noise(2, (48, 64), np.uint16).tobytes())
+    with pytest.raises(ValueError, match=r"camera\.raw is raw .* in step 1 of the Phase 4D dock"):
+        get_reader(str(path))(str(path))

@@ -13,7 +13,13 @@ from napari_phase4d._napari.viewing.layers import (
     stack_layer,
     with_recipe,
 )
-from napari_phase4d.io import JOINED_SUFFIXES, READABLE_SUFFIXES, open_recording, read_results
+from napari_phase4d.io import (
+    JOINED_SUFFIXES,
+    READABLE_SUFFIXES,
+    needs_layout,
+    open_recording,
+    read_results,
+)
 from napari_phase4d.io.results import is_result
 from napari_phase4d.io.sequences import by_number
 from napari_phase4d.pipeline import Recipe
@@ -50,6 +56,12 @@ def read(path: str | list[str]) -> list[LayerTuple]:
     if isinstance(path, list) and len(path) > 1:
         return [hologram_layer(open_recording(sorted(map(Path, path), key=by_number)))]
     file = Path(path[0] if isinstance(path, list) else path)
+    if needs_layout(file):
+        msg = (
+            f"{file.name} is raw and can't say how large its frames are; "
+            "open it in step 1 of the Phase 4D dock, which asks how its frames lie"
+        )
+        raise ValueError(msg)
     if is_result(file):
         stack = read_results(file)
         kind = kind_of(stack.attrs)

@@ -12,6 +12,7 @@ from napari_phase4d.cli.info import info
 from napari_phase4d.cli.look import look
 from napari_phase4d.cli.reproducing import reproduce
 from napari_phase4d.cli.running import run_command
+from napari_phase4d.pipeline import EXPECTED, sentence_of
 
 __all__ = ["app", "main"]
 
@@ -34,6 +35,6 @@ def main() -> None:
     """Run the command line; a wrong input ends it with one sentence instead of a traceback."""
     try:
         app()
-    except (OSError, TypeError, ValueError) as error:
-        errors.print(f"[red]Error:[/red] {escape(str(error))}")
+    except EXPECTED as error:
+        errors.print(f"[red]Error:[/red] {escape(sentence_of(error))}")
         raise SystemExit(1) from None

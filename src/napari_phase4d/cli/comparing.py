@@ -7,9 +7,11 @@ from typing import Annotated
 
 import typer
 import xarray as xr
+from rich.markup import escape
 
 from napari_phase4d.cli.batches import batch, stoppable
 from napari_phase4d.cli.console import console
+from napari_phase4d.cli.folders import made
 from napari_phase4d.cli.options import (
     Angles,
     Boundary,
@@ -18,6 +20,7 @@ from napari_phase4d.cli.options import (
     Raw,
     Refocus,
     Views,
+    is_recipe,
     recipe_and_files,
     with_settings,
 )
@@ -35,6 +38,8 @@ from napari_phase4d.pipeline import (
     fingerprinting,
     found_anywhere,
     run,
+    sentence_of,
+    stacks_beside,
     write_outcome,
 )
 from napari_phase4d.unwrapping import METHODS
@@ -68,7 +73,7 @@ def compare_command(
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
-    all_methods = None if any(p.suffix == ".json" for p in inputs) else list(METHODS)
+    all_methods = None if any(is_recipe(p) for p in inputs) else list(METHODS)
     recipe = with_settings(
         recipe,
         views,
@@ -89,7 +94,10 @@ def compare_command(
     def show(outcome: Outcome) -> None:
         print_notes(outcome)
         print_table(outcome.comparison.table)
-        print_itoh(outcome, exact)
+        try:
+            print_itoh(outcome, exact)
+        except OSError as error:  # results larger than memory
+            console.print(f"[yellow]{escape(sentence_of(error))}[/yellow]")
 
     def finish(outcome: Outcome, folder: Path) -> None:
         show(outcome)
@@ -100,11 +108,16 @@ def compare_command(
             batch(recipe, files, out, truth=exact, finished=finish)
             return
         recording = found_anywhere(files[0] if files else recipe.recording)
-        with fingerprinting(recording) as hashing:
-            with bar() as progress:
-                outcome = run(recipe.changed(recording=recording), truth=exact, progress=progress)
-            show(outcome)
-            written = write_outcome(outcome, out, source=hashing.result())
+        recipe = recipe.changed(recording=recording)
+        with (
+            made(out),
+            fingerprinting(recording) as hashing,
+            stacks_beside(out, None) as place,
+            bar() as progress,
+        ):
+            outcome = run(recipe, truth=exact, progress=progress, folder=place)
+            written = write_outcome(outcome, out, progress, source=hashing.result())
+        show(outcome)
         write_picture(outcome, exact, out / "comparison.png")
     console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
 

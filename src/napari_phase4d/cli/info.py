@@ -15,7 +15,7 @@ from rich.table import Table
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, raw_layout
-from napari_phase4d.cli.printing import print_lobes
+from napari_phase4d.cli.printing import counted, print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
 from napari_phase4d.holography import Lobe, find_lobes, reconstruct
 from napari_phase4d.pipeline import (
@@ -36,6 +36,8 @@ __all__ = ["info"]
 
 #: Frames from the beginning of which the noise is measured.
 NOISE_FRAMES = 8
+#: Times from the beginning of wrapped phase that are looked into.
+SCORED_TIMES = 100
 
 
 def info(
@@ -62,7 +64,7 @@ def info(
     first = recording.frame(0)
     console.print(f"[bold]{escape(recording.name)}[/bold]")
     console.print(
-        f"  {frames_in_words(recording.n_frames)} of {height} x {width} pixels, "
+        f"  {counted(recording.n_frames, 'frame')} of {height} x {width} pixels, "
         f"{recording.holograms.dtype}, {size_in_words(recording.nbytes)}"
         f"{f', from {escape(recording.kind)}' if recording.kind else ''}"
     )
@@ -117,21 +119,26 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
     n_times, n_angles, height, width = phase.shape
     console.print(f"[bold]{escape(file.name)}[/bold]")
     console.print(
-        f"  wrapped phase, {n_times} times, {n_angles} views of {height} x {width} pixels"
+        f"  wrapped phase, {counted(n_times, 'time')}, {counted(n_angles, 'view')} of "
+        f"{height} x {width} pixels"
     )
     angles = ", ".join(f"{a:g}" for a in phase["angle"].values)
-    console.print(f"  viewing angles {angles} degrees; {int(abs(residues(phase)).sum())} residues")
+    console.print(f"  viewing angles {angles} degrees")
     for note in phase.attrs.get("notes", ()):
         console.print(f"  [yellow]{escape(note)}[/yellow]")
-    scores = score_boundaries(phase)
-    time, view = scores.attrs["best"]
-    console.print(
-        f"  safest boundary frame {time},{view}: {scores.attrs['basis']} agree on "
-        f"{100 * scores.attrs['agreement']:.2f} % of the object"
-    )
+    # First: the rest takes its time, and memory for its frames.
     print_needs(
         lambda methods: phase_needs(methods, phase.shape),
         lambda methods: estimated_seconds(Recipe(methods=methods), phase),
+    )
+    some = phase.isel(time=slice(SCORED_TIMES)).compute()
+    which = f" of the first {SCORED_TIMES} times" if n_times > SCORED_TIMES else ""
+    console.print(f"  {int(abs(residues(some)).sum())} residues{which}")
+    scores = score_boundaries(some)
+    time, view = scores.attrs["best"]
+    console.print(
+        f"  safest boundary frame{which}: {time},{view}; {scores.attrs['basis']} agree on "
+        f"{100 * scores.attrs['agreement']:.2f} % of the object"
     )
 
 
@@ -140,12 +147,7 @@ def first_frames(recording: Recording, lobes: list[Lobe]) -> xr.Dataset:
     return reconstruct(recording.first(NOISE_FRAMES), lobes)
 
 
-def frames_in_words(number: int) -> str:
-    """Return "1 frame", "2 frames" and so on."""
-    return "1 frame" if number == 1 else f"{number} frames"
-
-
 def rate_of(recording: Recording) -> str:
     """Return the frame rate in words."""
     rate = recording.frame_rate_hz
-    return "one frame" if rate is None else f"{rate:.4g} frames a second"
+    return "one frame" if rate is None else f"{counted(f'{rate:.4g}', 'frame')} a second"

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -14,12 +13,12 @@ from rich.markup import escape
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, Refocus, distance_of, raw_layout
-from napari_phase4d.cli.printing import bar, print_lobes
+from napari_phase4d.cli.printing import bar, counted, print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence
 from napari_phase4d.evaluation.look_figure import Circle, look_figure
 from napari_phase4d.holography import Lobe, find_lobes, fringe_contrast, power_spectrum
 from napari_phase4d.io import write_figure
-from napari_phase4d.pipeline import Recipe, open_by, reconstruct_by
+from napari_phase4d.pipeline import Recipe, open_by, reconstruct_by, result_folders
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import score_boundaries, unwrap
 
@@ -37,8 +36,11 @@ def look(
         int | None, typer.Option(help="Number of views, 1 to 6. Default: found by itself.")
     ] = None,
     out: Annotated[
-        Path, typer.Option(help="Where to save the picture: .png, .svg or .pdf.")
-    ] = Path("look.png"),
+        Path | None,
+        typer.Option(
+            help="Where to save the picture: .png, .svg or .pdf. Default: look_NAME.png, here."
+        ),
+    ] = None,
     background: Annotated[
         str, typer.Option(help="What to remove: none, tilt, curvature, polynomial, zernike.")
     ] = "tilt",
@@ -58,7 +60,7 @@ def look(
     if isinstance(recording, xr.DataArray):
         msg = f"{file.name} holds wrapped phase, not holograms; use info or compare on it"
         raise ValueError(msg)
-    recording = beginning(recording)
+    recording = recording.first(FRAMES)
     with bar() as progress:
         lobes = find_lobes(recording, views, progress=progress)
         data = reconstruct_by(recipe, recording, lobes, progress)
@@ -78,13 +80,10 @@ def look(
         title=recording.name,
         words=words,
     )
+    if out is None:
+        out = Path(f"look_{result_folders([file], '.')[0].name}.png")
     write_figure(out, figure)
     console.print(f"The picture is [bold]{escape(str(out.resolve()))}[/bold]")
-
-
-def beginning(recording: Recording) -> Recording:
-    """Return the first frames of a recording, which are enough for a look."""
-    return replace(recording, holograms=recording.holograms[:FRAMES])
 
 
 def circles_of(lobes: Sequence[Lobe], data: xr.Dataset) -> list[Circle]:
@@ -99,7 +98,8 @@ def sentences(recording: Recording, data: xr.Dataset, figures: pd.DataFrame) -> 
     n_views = len(figures)
     contrast = fringe_contrast(recording.frame(0))
     lines = [
-        f"{recording.n_frames} frame(s) looked at, {n_views} view(s), pixel in the sample "
+        f"{counted(recording.n_frames, 'frame')} looked at, {counted(n_views, 'view')}, "
+        f"pixel in the sample "
         f"{recording.optics.pixel_um:.4g} um, fringe contrast {contrast:.2f}"
     ]
     for number, (note, visibility) in enumerate(

@@ -21,6 +21,7 @@ __all__ = [
     "Storage",
     "Views",
     "distance_of",
+    "is_recipe",
     "raw_layout",
     "recipe_and_files",
     "with_settings",
@@ -36,7 +37,10 @@ Boundary = Annotated[
 Dataset = Annotated[str | None, typer.Option(help="Which array of a file that has several.")]
 Raw = Annotated[
     str | None,
-    typer.Option(help="Frames of a raw file: HEIGHT,WIDTH,TYPE,HEADER, such as 512,640,uint16,0."),
+    typer.Option(
+        help="Frames of a raw file: HEIGHT,WIDTH,TYPE,HEADER, such as 512,640,uint16,0; "
+        "a TYPE such as >uint16 has the large byte first."
+    ),
 ]
 Storage = Annotated[
     str | None,
@@ -52,12 +56,17 @@ Confidence = Annotated[
 
 def recipe_and_files(inputs: Sequence[Path]) -> tuple[Recipe, list[Path]]:
     """Tell the recipe from the recordings."""
-    recipes = [p for p in inputs if p.suffix == ".json"]
+    recipes = [p for p in inputs if is_recipe(p)]
     if len(recipes) > 1:
         msg = "give one recipe at most"
         raise ValueError(msg)
     recipe = Recipe.from_file(recipes[0]) if recipes else Recipe()
-    return recipe, [p for p in inputs if p.suffix != ".json"]
+    return recipe, [p for p in inputs if not is_recipe(p)]
+
+
+def is_recipe(path: Path) -> bool:
+    """Say whether a file is a recipe, by its name."""
+    return path.suffix.lower() == ".json"
 
 
 def with_settings(
@@ -108,7 +117,8 @@ def raw_layout(text: str | None) -> RawLayout | None:
     try:
         height, width, *more = parts
         kind, header = [*more, *("uint16", "0")[len(more) :]]
-        return RawLayout(int(height), int(width), kind, header_bytes=int(header))
+        order, kind = (kind[0], kind[1:]) if kind[:1] in ("<", ">") else ("<", kind)
+        return RawLayout(int(height), int(width), kind, order, int(header))
     except ValueError as error:
         why = str(error) if "raw" in str(error) else f"but got {text!r}"
         msg = f"--raw takes HEIGHT,WIDTH,TYPE,HEADER such as 512,640,uint16,0; {why}"

@@ -12,6 +12,7 @@ import xarray as xr
 
 from napari_phase4d.cli.batches import batch, stoppable
 from napari_phase4d.cli.console import console
+from napari_phase4d.cli.folders import made
 from napari_phase4d.cli.options import (
     Angles,
     Boundary,
@@ -29,6 +30,7 @@ from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     Outcome,
     Recipe,
+    checked_form,
     fingerprinting,
     found_anywhere,
     open_by,
@@ -36,7 +38,6 @@ from napari_phase4d.pipeline import (
     stacks_beside,
     write_outcome,
 )
-from napari_phase4d.pipeline.writing import checked_form
 from napari_phase4d.recording import Recording
 
 __all__ = ["run_command"]
@@ -121,7 +122,11 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
     """Run one recording and write what comes out."""
     if not recipe.recording:
         run(recipe)  # which says what is missing
-    with fingerprinting(recipe.recording) as hashing, stacks_beside(folder, form) as place:
+    with (
+        made(folder),
+        fingerprinting(recipe.recording) as hashing,
+        stacks_beside(folder, form) as place,
+    ):
         with bar() as progress:
             outcome: Outcome = run(recipe, progress=progress, folder=place, scheduler=scheduler)
         print_notes(outcome)

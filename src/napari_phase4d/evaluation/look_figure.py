@@ -17,6 +17,8 @@ __all__ = ["Circle", "look_figure"]
 
 #: Inches of one picture, and of the words below them, a line.
 CELL, LINE = 3.0, 0.2
+#: Inches that stay empty on the left and on the right.
+MARGIN = 0.1
 #: Rows and columns of a hologram that are shown at the camera's own resolution, so that the
 #: fringes can be seen.
 DETAIL = 64
@@ -76,7 +78,8 @@ def look_figure(
     size = (3 * (CELL + 0.7), (1 + n_views) * (cell + 0.35) + foot + 0.3)
     figure = Figure(figsize=size)
     bottom = foot / size[1]
-    figure.set_layout_engine("constrained", rect=(0, bottom, 1, 1 - bottom))
+    side = MARGIN / size[0]
+    figure.set_layout_engine("constrained", rect=(side, bottom, 1 - 2 * side, 1 - bottom))
     axes = figure.subplots(1 + n_views, 3, squeeze=False)
     for axis in axes.flat:
         axis.set_xticks([])

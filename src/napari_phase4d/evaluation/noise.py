@@ -94,9 +94,7 @@ def noise_figures(
         raise ValueError(msg)
     phase = ds["phase"]
     wavelength = float(phase.attrs.get("wavelength_um", ds.attrs.get("wavelength_um", math.nan)))
-    visibility = ds.attrs.get("fringe_visibility", ())
-    if len(visibility) != phase.sizes["angle"]:  # unknown, or of views that were left out since
-        visibility = [math.nan] * phase.sizes["angle"]
+    visibility = visibility_of_angles(ds)
     times = chosen_times(phase.sizes["time"])
     watch = Watch(len(times) * phase.sizes["angle"], "noise", progress, cancelled)
     rows = []
@@ -106,6 +104,20 @@ def noise_figures(
             | figures_of(sums_of(ds, view, times, watch))
         )
     return with_wavelength(pd.DataFrame(rows).set_index("view"), wavelength)
+
+
+def visibility_of_angles(ds: xr.Dataset) -> list[float]:
+    """Return the fringe visibility of the views that are there, NaN where it isn't known."""
+    angles = [float(a) for a in ds["phase"]["angle"].values]
+    visibility = [float(v) for v in ds.attrs.get("fringe_visibility", ())]
+    lobes = ds.attrs.get("lobes", ())
+    noted = [float(lobe["angle_deg"]) for lobe in lobes if isinstance(lobe, dict)]
+    if len(noted) != len(visibility):
+        return visibility if len(visibility) == len(angles) else [math.nan] * len(angles)
+    if len(set(noted)) < len(noted):  # such views are numbered instead
+        noted = [float(i) for i in range(len(noted))]
+    known = dict(zip(noted, visibility, strict=True))
+    return [known.get(angle, math.nan) for angle in angles]
 
 
 def with_wavelength(table: pd.DataFrame, wavelength_um: float) -> pd.DataFrame:
@@ -264,10 +276,11 @@ def relative(amplitude: Image, empty: Mask) -> Image:
 def variance_in_space(image: Image, empty: Mask) -> float:
     """Return the variance over the empty field after a tilt has been taken off."""
     y, x = np.nonzero(empty)
-    terms = np.stack([np.ones(len(y)), y - y.mean(), x - x.mean()], axis=1)
+    terms = np.stack([np.ones(len(y)), y - y.mean(), x - x.mean()])
     values = image[empty]
-    tilt, *_ = np.linalg.lstsq(terms, values, rcond=None)
-    return float(np.mean((values - terms @ tilt) ** 2))
+    # The normal equations are three by three; y and x are centred, so they are solved exactly.
+    tilt, *_ = np.linalg.lstsq(terms @ terms.T, terms @ values, rcond=None)
+    return float(np.mean((values - tilt @ terms) ** 2))
 
 
 def rms(values: NDArray[np.float64]) -> float:

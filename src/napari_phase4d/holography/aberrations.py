@@ -16,7 +16,10 @@ import numpy as np
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
 
-__all__ = ["ABERRATION_NAMES", "MAX_ORDER", "MIN_ORDER", "noll", "surface_terms", "zernike"]
+__all__ = [
+    "ABERRATION_NAMES", "MAX_ORDER", "MIN_ORDER", "noll", "surface_of", "surface_terms",
+    "terms_at", "zernike",
+]  # fmt: skip
 
 #: Degrees of the polynomials that can be asked for.
 MIN_ORDER, MAX_ORDER = 1, 8
@@ -54,37 +57,83 @@ def surface_terms(kind: str, order: int, shape: tuple[int, ...]) -> Terms:
     ndarray of shape (term, y, x)
         float64; Noll's order for "zernike".
     """
-    return TERMS[kind](order, (int(shape[0]), int(shape[1])))
+    y, x = (np.linspace(-1, 1, int(n)) for n in shape)
+    return terms_at(kind, order, y, x, shape)
 
 
-def powers(order: int, shape: tuple[int, int]) -> Terms:
+def terms_at(kind: str, order: int, y: Terms, x: Terms, shape: tuple[int, ...]) -> Terms:
+    """Return the terms of `surface_terms` on some rows and columns only.
+
+    Parameters
+    ----------
+    kind, order, shape
+        As there.
+    y, x : ndarray of shape (row,), (column,)
+        Where, from -1 at the first to 1 at the last pixel of a side.
+
+    Returns
+    -------
+    ndarray of shape (term, row, column)
+        float64.
+    """
+    return TERMS[kind](order, y, x, (int(shape[0]), int(shape[1])))
+
+
+def surface_of(
+    coefficients: Terms, kind: str, order: int, shape: tuple[int, ...]
+) -> NDArray[np.float64]:
+    """Return the sum of the terms with these coefficients on every pixel.
+
+    A polynomial of degree n is known by its values on n + 1 rows and columns, so two products of
+    matrices give it, and no term is ever as large as the frame.
+
+    Parameters
+    ----------
+    coefficients : ndarray of shape (term,)
+        Of the terms of `surface_terms`.
+    kind, order, shape
+        As there.
+
+    Returns
+    -------
+    ndarray of shape (y, x)
+        float64.
+    """
+    nodes, _ = legendre.leggauss(order + 1)
+    values = np.tensordot(coefficients, terms_at(kind, order, nodes, nodes, shape), 1)
+    known = np.linalg.inv(legendre.legvander(nodes, order))
+    rows, columns = (legendre.legvander(np.linspace(-1, 1, n), order) @ known for n in shape)
+    surface: NDArray[np.float64] = rows @ values @ columns.T
+    return surface
+
+
+def powers(order: int, y: Terms, x: Terms, _: tuple[int, int]) -> Terms:
     """Return 1, y, x, and with order 2 also y^2, y x, x^2; y and x from -1 to 1."""
-    y, x = unit_grid(shape)
-    terms = [np.ones(shape), y, x]
+    y, x = np.broadcast_arrays(y[:, None], x[None, :])
+    terms = [np.ones(y.shape), y, x]
     if order >= 2:
         terms += [y**2, y * x, x**2]
     return np.stack(terms)
 
 
-def products(order: int, shape: tuple[int, int]) -> Terms:
+def products(order: int, y: Terms, x: Terms, _: tuple[int, int]) -> Terms:
     """Return the products of Legendre's polynomials of y and x up to a total degree.
 
     They span all polynomials of that degree, and being orthogonal they are fitted more exactly
     than powers are.
     """
-    rows, columns = (legendre.legvander(np.linspace(-1, 1, n), order) for n in shape)
+    rows, columns = (legendre.legvander(places, order) for places in (y, x))
     degrees = sorted(
         ((i, j) for i in range(order + 1) for j in range(order + 1 - i)), key=lambda d: sum(d)
     )
     return np.stack([np.outer(rows[:, i], columns[:, j]) for i, j in degrees])
 
 
-def circle_terms(order: int, shape: tuple[int, int]) -> Terms:
+def circle_terms(order: int, y: Terms, x: Terms, shape: tuple[int, int]) -> Terms:
     """Return Noll's terms up to a radial degree; the circle goes through the corners."""
-    y, x = unit_grid(shape)
     height, width = shape
     across = math.hypot(height, width)
-    y, x = y * height / across, x * width / across
+    y, x = np.broadcast_arrays(y[:, None] * height / across, x[None, :] * width / across)
     rho, theta = np.hypot(y, x), np.arctan2(y, x)
     return np.stack([zernike(j, rho, theta) for j in range(1, number_of_terms(order) + 1)])
 
@@ -92,13 +141,6 @@ def circle_terms(order: int, shape: tuple[int, int]) -> Terms:
 def number_of_terms(order: int) -> int:
     """Return how many terms there are up to a degree."""
     return (order + 1) * (order + 2) // 2
-
-
-def unit_grid(shape: tuple[int, int]) -> tuple[Terms, Terms]:
-    """Return y and x from -1 to 1 on every pixel."""
-    y, x = (np.linspace(-1, 1, n) for n in shape)
-    grid_y, grid_x = np.broadcast_arrays(y[:, None], x[None, :])
-    return grid_y, grid_x
 
 
 def noll(j: int) -> tuple[int, int]:
@@ -152,8 +194,8 @@ def zernike(j: int, rho: Terms, theta: Terms) -> Terms:
     return math.sqrt(2 * (n + 1)) * radial * turn
 
 
-#: What a background is fitted with: name -> terms of (order, shape).
-TERMS: dict[str, Callable[[int, tuple[int, int]], Terms]] = {
+#: What a background is fitted with: name -> terms of (order, rows, columns, shape).
+TERMS: dict[str, Callable[[int, Terms, Terms, tuple[int, int]], Terms]] = {
     "powers": powers,
     "polynomial": products,
     "zernike": circle_terms,

@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.holography.aberrations import surface_terms
+from napari_phase4d.holography.aberrations import surface_of, terms_at
+from napari_phase4d.progress import nothing
 
-__all__ = ["background_offset", "fit_background", "fitted_surface", "flat_share", "mode_phase"]
+__all__ = [
+    "Surface",
+    "aligned_to",
+    "background_offset",
+    "fit_background",
+    "fitted_surface",
+    "flat_share",
+    "mode_phase",
+]
 
 Real = TypeVar("Real", np.float32, np.float64)
 
@@ -33,6 +45,8 @@ FLAT_RAD = 0.8
 ENOUGH_BACKGROUND = 0.15
 #: Slopes are fitted to about so many pixels, so many times over.
 SLOPE_PIXELS, SLOPE_ROUNDS = 40_000, 12
+#: A surface with more terms than a tilt has is fitted to about so many pixels at least.
+SURFACE_PIXELS = 100_000
 
 
 def fit_background(
@@ -71,23 +85,104 @@ def fitted_surface(
     fit of the slopes, since strong curvature or coma leaves no one tilt to begin with.
     """
     mean = aligned_mean(fields)
-    if order == 0:
-        return np.zeros(mean.shape, dtype=np.float32), np.zeros(0)
-    terms = surface_terms(kind, order, mean.shape)
-    unit = mean / np.maximum(np.abs(mean), np.finfo(np.float32).tiny)
-    phase = np.angle(unit).astype(np.float64)
-    plain_tilt = kind == "powers" and order == 1
-    found = first_tilt(unit) if plain_tilt else fitted_slopes(unit, terms)
-    for limit in LIMITS_RAD:
-        residual = wrapped(phase - np.tensordot(found, terms, 1))
-        residual = wrapped(residual - mode_phase(residual))
-        near = joined_to_the_border(np.abs(residual) < limit)
-        if near.mean() < ENOUGH_BACKGROUND:
-            break
-        found += fitted(residual, near, terms)
-    surface = np.tensordot(found, terms, 1)
-    centred: NDArray[np.float32] = (surface - surface.mean()).astype(np.float32)
-    return centred, found
+    return Surface(kind, order, mean.shape).fitted_to(mean)
+
+
+@dataclass(frozen=True)
+class Surface:
+    """Surfaces of one kind, to be fitted to the views of one size; the terms are made once.
+
+    Fitted is what is seen on every so-manieth row and column of a large field, so that memory and
+    time don't grow with it; a tilt takes so little that it is fitted to every pixel.
+
+    Parameters
+    ----------
+    kind : str
+        "powers", "polynomial" or "zernike".
+    order : int
+        The degree; 0 for nothing.
+    shape : tuple of int
+        Height and width in pixels.
+    """
+
+    kind: str
+    order: int
+    shape: tuple[int, ...]
+
+    @property
+    def is_tilt(self) -> bool:
+        """Whether it has no more terms than a tilt."""
+        return self.kind == "powers" and self.order == 1
+
+    @property
+    def thin(self) -> int:
+        """Of so many rows and columns one is fitted to."""
+        size = math.prod(self.shape)
+        return 1 if self.is_tilt else max(1, math.isqrt(size // SURFACE_PIXELS))
+
+    @cached_property
+    def terms(self) -> NDArray[np.float64]:
+        """The terms on the thinned grid, (term, y, x)."""
+        return self._terms_on(*(slice(None, None, self.thin) for _ in self.shape))
+
+    @cached_property
+    def slopes(self) -> NDArray[np.float64]:
+        """What the terms change by from a pixel to its neighbours, (term, pixel)."""
+        steps = []
+        for axis in (0, 1):
+            ahead, here = neighbours(axis, self.shape)
+            step = self._terms_on(*ahead) - self._terms_on(*here)
+            steps.append(step.reshape(len(step), -1))
+        return np.concatenate(steps, axis=1)
+
+    def _terms_on(self, rows: slice, columns: slice) -> NDArray[np.float64]:
+        """Return the terms on some rows and columns."""
+        y, x = (np.linspace(-1, 1, n) for n in self.shape)
+        return terms_at(self.kind, self.order, y[rows], x[columns], self.shape)
+
+    def fitted_to(
+        self, mean: NDArray[np.complex64], check: Callable[[], None] = nothing
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+        """Return the surface that fits the phase of a field's background, and its coefficients.
+
+        Parameters
+        ----------
+        mean : ndarray of shape (y, x)
+            The field.
+        check : callable, optional
+            Called between rounds; what it raises ends the work.
+        """
+        if self.order == 0:
+            return np.zeros(mean.shape, dtype=np.float32), np.zeros(0)
+        unit = mean / np.maximum(np.abs(mean), np.finfo(np.float32).tiny)
+        phase = np.angle(unit[:: self.thin, :: self.thin]).astype(np.float64)
+        found = first_tilt(unit) if self.is_tilt else fitted_slopes(unit, self.slopes, check)
+        for limit in LIMITS_RAD:
+            check()
+            residual = wrapped(phase - np.tensordot(found, self.terms, 1))
+            residual = wrapped(residual - mode_phase(residual))
+            near = joined_to_the_border(np.abs(residual) < limit)
+            if near.mean() < ENOUGH_BACKGROUND:
+                break
+            found += fitted(residual, near, self.terms)
+        surface = (
+            np.tensordot(found, self.terms, 1)
+            if self.thin == 1
+            else surface_of(found, self.kind, self.order, self.shape)
+        )
+        centred: NDArray[np.float32] = (surface - surface.mean()).astype(np.float32)
+        return centred, found
+
+
+def neighbours(
+    axis: int, shape: tuple[int, ...]
+) -> tuple[tuple[slice, slice], tuple[slice, slice]]:
+    """Return where pixels are, not too many, and where those before them along an axis."""
+    thin = max(1, math.isqrt(math.prod(shape) // SLOPE_PIXELS))
+    ahead, here, all_along = slice(1, None, thin), slice(0, -1, thin), slice(0, None, thin)
+    if axis == 0:
+        return (ahead, all_along), (here, all_along)
+    return (all_along, ahead), (all_along, here)
 
 
 def first_tilt(unit: NDArray[np.complexfloating]) -> NDArray[np.float64]:
@@ -96,7 +191,9 @@ def first_tilt(unit: NDArray[np.complexfloating]) -> NDArray[np.float64]:
 
 
 def fitted_slopes(
-    unit: NDArray[np.complexfloating], terms: NDArray[np.float64]
+    unit: NDArray[np.complexfloating],
+    matrix: NDArray[np.float64],
+    check: Callable[[], None] = nothing,
 ) -> NDArray[np.float64]:
     """Return the coefficients whose slopes fit the wrapped differences of neighbours best.
 
@@ -104,16 +201,13 @@ def fitted_slopes(
     4.685 standard deviations, which are told by the median (Huber & Ronchetti, Robust
     Statistics).
     """
-    thin = max(1, math.isqrt(unit.size // SLOPE_PIXELS))
-    steps, of_terms = [], []
-    for axis in (0, 1):
-        ahead, here = (np.delete(unit, end, axis) for end in (0, -1))
-        steps.append(np.angle(ahead * here.conj())[::thin, ::thin].ravel())
-        of_terms.append(np.diff(terms, axis=axis + 1)[:, ::thin, ::thin].reshape(len(terms), -1))
-    step, matrix = np.concatenate(steps).astype(np.float64), np.concatenate(of_terms, axis=1)
+    pairs = (neighbours(axis, unit.shape) for axis in (0, 1))
+    steps = [np.angle(unit[ahead] * unit[here].conj()).ravel() for ahead, here in pairs]
+    step = np.concatenate(steps).astype(np.float64)
     weights: NDArray[np.float64] = np.ones(step.size)
-    found: NDArray[np.float64] = np.zeros(len(terms))
+    found: NDArray[np.float64] = np.zeros(len(matrix))
     for _ in range(SLOPE_ROUNDS):
+        check()
         found = solved(matrix, weights, step)
         rest = wrapped(step - found @ matrix)
         limit = 4.685 * 1.4826 * max(float(np.median(np.abs(rest))), 1e-6)
@@ -140,10 +234,18 @@ def aligned_mean(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
     first = fields[0]
     total = first.copy()
     for field in fields[1:]:
-        overlap = np.vdot(first, field)
-        total += field * np.complex64(np.exp(-1j * np.angle(overlap)))
+        total += aligned_to(first, field)
     mean: NDArray[np.complex64] = total / np.float32(len(fields))
     return mean
+
+
+def aligned_to(
+    first: NDArray[np.complex64], field: NDArray[np.complex64]
+) -> NDArray[np.complex64]:
+    """Return a field turned so that its constant phase agrees with that of the first."""
+    overlap = np.vdot(first, field)
+    turned: NDArray[np.complex64] = field * np.complex64(np.exp(-1j * np.angle(overlap)))
+    return turned
 
 
 def slope(unit: NDArray[np.complexfloating], axis: int) -> float:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
-from napari_phase4d.holography.background import fitted_surface
+from napari_phase4d.holography.background import Surface, aligned_to
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.recording import Recording
@@ -58,13 +59,18 @@ def corrections(
     by_median = isinstance(reference, str) and reference == "median"
     if reference is not None and not by_median:
         factor = inverse(demodulate(reference_frame(rec, reference)))
-    if order or by_median:
-        static = static_fields(rec, demodulate, cancelled)
     if by_median:
+        static = np.stack(list(static_fields(rec, demodulate, cancelled)))
         factor = inverse(median_fields(static))
     if order:
-        static *= factor
-        found = [fitted_surface(view, order, kind) for view in static.swapaxes(0, 1)]
+        each = iter(static) if by_median else static_fields(rec, demodulate, cancelled)
+        means = mean_fields(fields * factor for fields in each)
+        surface = Surface(kind, order, means.shape[1:])
+        watch = Watch(len(means), "fit the background", None, cancelled)
+        found = []
+        for mean in means:
+            found.append(surface.fitted_to(mean, watch.check))
+            watch.step()
         surfaces = np.stack([surface for surface, _ in found])
         factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
         return factor, [coefficients for _, coefficients in found]
@@ -85,9 +91,10 @@ def background_surface(background: str, background_order: int) -> tuple[str, int
     fixed = BACKGROUND_ORDERS[background]
     if fixed is not None:
         return "powers", fixed
-    if not MIN_ORDER <= background_order <= MAX_ORDER:
+    whole = isinstance(background_order, (int, np.integer)) and background_order is not True
+    if not whole or not MIN_ORDER <= background_order <= MAX_ORDER:
         msg = (
-            f"background_order must lie between {MIN_ORDER} and {MAX_ORDER}, "
+            f"background_order must lie between {MIN_ORDER} and {MAX_ORDER}, a whole number, "
             f"but is {background_order!r}"
         )
         raise ValueError(msg)
@@ -107,11 +114,23 @@ def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
 
 def static_fields(
     rec: Recording, demodulate: Demodulator, cancelled: CancelledCall | None
-) -> NDArray[np.complex64]:
-    """Return the fields of some frames, spread over the recording, (frame, view, y, x)."""
+) -> Iterator[NDArray[np.complex64]]:
+    """Yield the fields of some frames, spread over the recording, (view, y, x)."""
     indices = rec.sample_indices(STATIC_FRAMES)
     watch = Watch(len(indices), "look at the background", None, cancelled)
-    return np.stack(list(in_threads(lambda i: demodulate(rec.raw_frame(i)), indices, watch)))
+    return in_threads(lambda i: demodulate(rec.raw_frame(i)), indices, watch)
+
+
+def mean_fields(each: Iterator[NDArray[np.complex64]]) -> NDArray[np.complex64]:
+    """Return the mean over frames of every view, turned to agree with the first frame's."""
+    first = next(each)
+    total, count = first.copy(), 1
+    for fields in each:
+        for view, field in enumerate(fields):
+            total[view] += aligned_to(first[view], field)
+        count += 1
+    mean: NDArray[np.complex64] = total / np.float32(count)
+    return mean
 
 
 def median_fields(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:

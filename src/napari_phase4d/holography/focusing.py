@@ -126,17 +126,20 @@ def autofocus(
     if not fields[0][part].size:
         msg = f"region holds no pixel of a field of {fields.shape[-2:]} pixels"
         raise ValueError(msg)
-    faded = np.stack([with_faded_edges(one) for one in fields])
-    spectra = Propagator(fields.shape[-2:], 0.0, *light).spectrum(faded)
+    watch = Watch(len(distances), "looking for the focus", progress, cancelled)
+    here = Propagator(fields.shape[-2:], 0.0, *light, keep=False)
+    spectra = [here.spectrum(with_faded_edges(one)) for one in fields]
 
     def score(distance: float) -> float:
-        moved = Propagator(fields.shape[-2:], distance, *light).from_spectrum(spectra)
-        return float(np.mean([measure.score(np.abs(plane[part])) for plane in moved]))
+        carry = Propagator(fields.shape[-2:], distance, *light, keep=False)
+        total = 0.0
+        for spectrum in spectra:
+            watch.check()
+            total += measure.score(np.abs(carry.from_spectrum(spectrum)[part]))
+        return total / len(spectra)
 
-    watch = Watch(len(distances), "looking for the focus", progress, cancelled)
     scores = np.empty(len(distances))
     for i, distance in enumerate(distances):
-        watch.check()
         scores[i] = score(float(distance))
         watch.step()
     kind = objects if objects != "auto" else kind_of_object(scores, measure)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
@@ -29,6 +30,8 @@ __all__ = ["Refocus", "find_focus", "prepared", "reconstruct"]
 
 #: Frames that the focus is looked for in at most, and about how many pixels of all views.
 FOCUS_FRAMES, FOCUS_PIXELS = 4, 500_000
+#: So many pixels at most, unless one view alone has more; of more views some are looked at.
+MOST_FOCUS_PIXELS = 4_000_000
 
 #: Micrometres, "auto" to find the focus, None to stay in the camera's plane.
 Refocus = float | Literal["auto"] | None
@@ -162,15 +165,21 @@ def with_refocus(
 ) -> FrameWork:
     """Return the same work with refocusing, by a known distance or to the focus."""
     note: dict[str, Any] = {}
-    if isinstance(refocus_um, str):
-        if refocus_um != "auto":
-            msg = f'refocus_um must be a number of micrometres or "auto", but is {refocus_um!r}'
-            raise ValueError(msg)
+    if isinstance(refocus_um, str) and refocus_um == "auto":
         focus = find_focus(work, rec, cancelled=cancelled)
         refocus_um, note = focus.distance_um, focus_note(focus)
-    carry = refocusing(work.demodulate, rec.optics, refocus_um)
-    note["refocus_um"] = float(refocus_um)
+    distance_um = checked_distance(refocus_um)
+    carry = refocusing(work.demodulate, rec.optics, distance_um)
+    note["refocus_um"] = distance_um
     return replace(work, refocus=carry, attrs=work.attrs | note)
+
+
+def checked_distance(refocus_um: object) -> float:
+    """Return a distance; ValueError if it is no number."""
+    if isinstance(refocus_um, bool) or not isinstance(refocus_um, Real):
+        msg = f'refocus_um must be a number of micrometres or "auto", but is {refocus_um!r}'
+        raise ValueError(msg)
+    return float(refocus_um)
 
 
 def find_focus(
@@ -189,13 +198,17 @@ def find_focus(
     work : FrameWork
         From `prepared`, without refocusing.
     rec : Recording
-        The hologram video; up to four frames of it are looked at, fewer where they are large.
+        The hologram video; up to four frames of it are looked at, fewer where they are large,
+        and then also fewer of many views.
     metric, objects, progress, cancelled : optional
         As in `autofocus`.
     """
     pixels = int(np.prod(work.stack_shape(1)))
     indices = rec.sample_indices(int(np.clip(FOCUS_PIXELS // pixels, 1, FOCUS_FRAMES)))
-    fields = np.concatenate([work.fields(rec.raw_frame(i)) for i in indices])
+    n_views, *shape = work.stack_shape(1)[1:]
+    n_looked_at = int(np.clip(MOST_FOCUS_PIXELS // int(np.prod(shape)), 1, n_views))
+    views = np.linspace(0, n_views - 1, n_looked_at).round().astype(int)
+    fields = np.concatenate([work.fields(rec.raw_frame(i))[views] for i in indices])
     pixel_um = [rec.optics.pixel_um * ratio for ratio in work.demodulate.pixel_ratio]
     return autofocus(
         fields,

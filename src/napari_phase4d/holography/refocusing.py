@@ -25,8 +25,8 @@ __all__ = ["EDGES", "Propagator", "propagate", "refocused"]
 
 #: How a field goes on beyond its edges.
 EDGES = ("mirrored", "periodic")
-#: Transfer functions that are kept: the frames of a video share one.
-KEPT = 8
+#: Transfer functions that are kept: the frames of a video share one, as large as a frame.
+KEPT = 1
 
 PixelSize = float | Sequence[float]
 
@@ -52,6 +52,8 @@ class Propagator:
         Refractive index round the object, at least 1.
     edges : str, optional
         How the field goes on beyond its edges: "mirrored" (default) or "periodic".
+    keep : bool, optional
+        Whether to keep what was worked out for the next one of the same kind (default True).
 
     Raises
     ------
@@ -67,6 +69,8 @@ class Propagator:
         pixel_um: PixelSize,
         medium_index: float,
         edges: str = "mirrored",
+        *,
+        keep: bool = True,
     ) -> None:
         if edges not in EDGES:
             msg = f"edges must be one of {', '.join(EDGES)}, but is {edges!r}"
@@ -76,7 +80,8 @@ class Propagator:
         self.shape = (int(shape[0]), int(shape[1]))
         self.edges = edges
         self.distance_um = float(distance_um)
-        self._transfer = transfer_function(
+        worked_out = transfer_function if keep else transfer_function.__wrapped__
+        self._transfer = worked_out(
             self.shape, self.distance_um, float(wavelength_um) / float(medium_index), pixel, edges
         )
 
@@ -181,7 +186,8 @@ def refocused(
     Parameters
     ----------
     ds : xarray.Dataset
-        What `reconstruct` returns: ``phase`` wrapped, ``amplitude``, dims (time, angle, y, x).
+        What `reconstruct` returns: ``phase`` wrapped, ``amplitude``, dims (time, angle, y, x);
+        read a time at a time. What else it holds stays as it is.
     distance_um : float
         How far, in micrometres in the medium; positive in the direction of the light.
     medium_index : float, optional
@@ -192,17 +198,35 @@ def refocused(
     Returns
     -------
     xarray.Dataset
-        Like ``ds``; ``attrs["refocus_um"]`` is how far it is from the camera's plane by now.
+        Like ``ds``, with phase and amplitude in memory; ``attrs["refocus_um"]`` is how far it is
+        from the camera's plane by now.
 
     Raises
     ------
     ValueError
-        If ``ds`` has no amplitude, or a number is out of range.
+        If ``ds`` has no amplitude, doesn't say the light, medium or pixel, or a number is out of
+        range.
     Cancelled
         If ``cancelled()`` returned True.
     """
     if "amplitude" not in ds or "phase" not in ds:
         msg = "refocusing needs phase and amplitude; give what reconstruct() returns"
+        raise ValueError(msg)
+    missing = [
+        name
+        for name, known in (
+            ("wavelength_um", "wavelength_um" in ds.attrs),
+            ("medium_index", medium_index is not None or "medium_index" in ds.attrs),
+            ("y", "y" in ds.coords and ds.sizes["y"] > 1),
+            ("x", "x" in ds.coords and ds.sizes["x"] > 1),
+        )
+        if not known
+    ]
+    if missing:
+        msg = (
+            f"refocusing needs {', '.join(missing)}, which the dataset does not have; "
+            "give what reconstruct() returns"
+        )
         raise ValueError(msg)
     carry = Propagator(
         (ds.sizes["y"], ds.sizes["x"]),
@@ -211,27 +235,30 @@ def refocused(
         pixel_of(ds),
         ds.attrs["medium_index"] if medium_index is None else medium_index,
     )
-    phase, amplitude = (np.array(ds[n].values, np.float32) for n in ("phase", "amplitude"))
+    phase, amplitude = (np.empty(ds[n].shape, np.float32) for n in ("phase", "amplitude"))
 
     def work(index: int) -> None:
-        fields = carry(amplitude[index] * np.exp(1j * phase[index]))
+        angles, sizes = (ds[n][index].values.astype(np.float32) for n in ("phase", "amplitude"))
+        fields = carry(sizes * np.exp(1j * angles))
         np.abs(fields, out=amplitude[index])
         np.arctan2(fields.imag, fields.real, out=phase[index])
 
     watch = Watch(len(phase), "refocus", progress, cancelled)
     for _ in in_threads(work, range(len(phase)), watch):
         pass
-    moved = ds.copy(data={"phase": phase, "amplitude": amplitude})
+    moved = ds.assign(
+        phase=ds["phase"].copy(data=phase), amplitude=ds["amplitude"].copy(data=amplitude)
+    )
     note = {"refocus_um": float(ds.attrs.get("refocus_um") or 0.0) + float(distance_um)}
     moved.attrs |= note
-    for variable in moved.data_vars.values():
-        variable.attrs |= note
+    for name in ("phase", "amplitude"):
+        moved[name].attrs |= note
     return moved
 
 
 def pixel_of(ds: xr.Dataset | xr.DataArray) -> tuple[float, float]:
     """Return height and width of a pixel in micrometres."""
-    return float(ds["y"][1] - ds["y"][0]), float(ds["x"][1] - ds["x"][0])
+    return abs(float(ds["y"][1] - ds["y"][0])), abs(float(ds["x"][1] - ds["x"][0]))
 
 
 def pixel_sides(pixel_um: PixelSize) -> tuple[float, float]:

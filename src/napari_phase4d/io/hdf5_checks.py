@@ -22,7 +22,8 @@ def is_complete(data: Any) -> bool:
     if data.chunks is None or data.is_virtual:
         return True
     pieces = math.prod(-(-n // c) for n, c in zip(data.shape, data.chunks, strict=True))
-    return int(data.id.get_num_chunks()) == pieces
+    written: int = data.id.get_num_chunks()
+    return bool(written == pieces)
 
 
 def check_written(data: Any, place: tuple[int, ...]) -> None:
@@ -30,8 +31,8 @@ def check_written(data: Any, place: tuple[int, ...]) -> None:
     if data.chunks is None or data.is_virtual:
         return
     first = tuple(p - p % c for p, c in zip(place, data.chunks, strict=False))
-    rows, columns = (range(0, n, c) for n, c in zip(data.shape[-2:], data.chunks[-2:], strict=True))
-    for corner in product(rows, columns):
+    sides = zip(data.shape[-2:], data.chunks[-2:], strict=True)
+    for corner in product(*(range(0, n, c) for n, c in sides)):
         if data.id.get_chunk_info_by_coord((*first, *corner)).byte_offset is None:
             msg = "it, or a part of it, was never written"
             raise OSError(msg)

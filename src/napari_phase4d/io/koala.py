@@ -31,8 +31,8 @@ from napari_phase4d.io.tiff import read_tiff
 from napari_phase4d.io.video import Video
 
 __all__ = [
-    "is_koala", "is_koala_phase", "is_koala_raw", "read_koala", "read_koala_phase",
-    "read_koala_raw",
+    "is_koala", "is_koala_phase", "is_koala_raw", "read_koala", "read_koala_file",
+    "read_koala_phase",
 ]  # fmt: skip
 
 #: Head of a raw file: width, height, bits a pixel, frames.
@@ -48,6 +48,8 @@ RADIANS, METRES = 1, 2
 #: Milliseconds since the start, last in a line of timestamps.txt.
 TIME_LINE = re.compile(r"\d+\s+\S+\s+\S+\s+(\d+(?:\.\d+)?)")
 LARGEST_SIDE = 2**16
+#: What Koala calls its raw file.
+RAW_NAME = "holo.raw"
 
 
 def is_koala(folder: Path) -> bool:
@@ -56,7 +58,7 @@ def is_koala(folder: Path) -> bool:
     if holograms.is_dir():
         return True
     return folder.name == "Holograms" and (
-        (folder / "holo.raw").is_file() or any(folder.glob("*_holo.tif"))
+        (folder / RAW_NAME).is_file() or any(folder.glob("*_holo.tif"))
     )
 
 
@@ -103,12 +105,26 @@ def timed(video: Video, folder: Path) -> Video:
 
 
 def is_koala_raw(path: Path) -> bool:
-    """Say whether a raw file begins as those of Koala do, and is as long as it then must be."""
+    """Say whether a raw file begins as those of Koala do, and is as long as it then must be.
+
+    What is called holo.raw is taken for one, so that it is told where it is damaged.
+    """
     found = raw_header(path)
-    if found is None:
-        return path.name.lower() == "holo.raw"
+    if found is None or path.name.lower() == RAW_NAME:
+        return path.name.lower() == RAW_NAME
     width, height, bits, count = found
     return path.stat().st_size == RAW_HEADER_BYTES + count * height * width * (bits // 8)
+
+
+def read_koala_file(path: Path) -> Video:
+    """Open the raw file of a Koala recording alone, with the times beside or above it.
+
+    Raises
+    ------
+    OSError
+        If it is cut short or damaged.
+    """
+    return timed(read_koala_raw(path), path.parent)
 
 
 def read_koala_raw(path: Path) -> Video:

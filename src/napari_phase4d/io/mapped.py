@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import mmap
+import zlib
 from pathlib import Path
 from typing import Any
 
@@ -11,8 +12,12 @@ from numpy.typing import DTypeLike, NDArray
 
 __all__ = ["MappedFrames", "check_unchanged", "map_frames", "stamp_of"]
 
-#: Size in bytes and time of the last change in nanoseconds.
-Stamp = tuple[int, int]
+#: Size in bytes, time of the last change in nanoseconds, and the number of the file on its disk.
+Stamp = tuple[int, int, int]
+#: First and last byte of numbers in a file, and a sum of those near either.
+Ends = tuple[int, int, int]
+#: How many bytes near either end are summed.
+SUMMED = 4096
 
 
 class MappedFrames(np.memmap[Any, Any]):
@@ -23,14 +28,16 @@ class MappedFrames(np.memmap[Any, Any]):
     """
 
     stamp: Stamp | None
+    ends: Ends | None
 
     def __array_finalize__(self, obj: Any) -> None:
         super().__array_finalize__(obj)
         self.stamp = getattr(obj, "stamp", None)
+        self.ends = getattr(obj, "ends", None)
 
     def __getitem__(self, key: Any) -> Any:
         if self.stamp is not None and self._is_map():
-            check_unchanged(Path(str(self.filename)), self.stamp, key)
+            check_unchanged(Path(str(self.filename)), self.stamp, key, self.ends)
         return super().__getitem__(key)
 
     def __reduce__(self) -> Any:
@@ -86,7 +93,7 @@ def map_frames(
     stamp = stamp_of(path)
     if stamp[0] < offset + length:
         msg = (
-            f"{path.name} is cut short: {shape[0]} frames need {offset + length} bytes, the file "
+            f"{path.name} is cut short: {announced(shape)} {offset + length} bytes, the file "
             f"has {stamp[0]}"
         )
         raise OSError(msg)
@@ -97,27 +104,48 @@ def map_frames(
     for name in ("_mmap", "filename", "offset", "mode"):
         setattr(frames, name, getattr(numbers, name))
     frames.stamp = stamp  # type: ignore[attr-defined]
+    frames.ends = ends_of(path, offset, offset + length)  # type: ignore[attr-defined]
     return frames
 
 
+def announced(shape: tuple[int, ...]) -> str:
+    """Say what needs so many bytes."""
+    if len(shape) < 3 or shape[0] == 1:
+        return "one frame needs"
+    return f"{shape[0]} frames need"
+
+
 def stamp_of(path: Path) -> Stamp:
-    """Return the size of a file and when it was changed."""
+    """Return the size of a file, when it was changed, and which file it is."""
     found = path.stat()
-    return found.st_size, found.st_mtime_ns
+    return found.st_size, found.st_mtime_ns, found.st_ino
 
 
-def check_unchanged(path: Path, stamp: Stamp, key: Any) -> None:
+def ends_of(path: Path, start: int, stop: int) -> Ends:
+    """Return where numbers lie in a file, and a sum that tells whether they are others by now."""
+    near = min(SUMMED, stop - start)
+    with path.open("rb") as file:
+        file.seek(start)
+        found = zlib.crc32(file.read(near))
+        file.seek(stop - near)
+        return start, stop, zlib.crc32(file.read(near), found)
+
+
+def check_unchanged(path: Path, stamp: Stamp, key: Any, ends: Ends | None = None) -> None:
     """Raise OSError if a file is gone, shorter, or was written anew since it was opened.
 
-    One that grows, as the camera still writes it, holds what it held.
+    One that grows, as the camera still writes it, holds what it held: it is the same file, and
+    the numbers at the ends of those that were in it, where they are known, are the same.
     """
     try:
-        size, changed = stamp_of(path)
+        found = stamp_of(path)
+        size, same_file = found[0], found[2] == stamp[2]
+        grown = size > stamp[0] and same_file
+        if found == stamp or (grown and (ends is None or ends_of(path, *ends[:2]) == ends)):
+            return
     except OSError:
         what = "is gone"
     else:
-        if size > stamp[0] or (size, changed) == stamp:
-            return
         what = "became shorter" if size < stamp[0] else "was written anew"
     first = key[0] if isinstance(key, tuple) and key else key
     where = f"frame {int(first)}" if isinstance(first, (int, np.integer)) else "frames"

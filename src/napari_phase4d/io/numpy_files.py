@@ -33,12 +33,13 @@ def read_npy(path: Path) -> Video:
         If the file is damaged, cut short, or holds pickled objects.
     """
     try:
-        found = np.load(path, mmap_mode="r", allow_pickle=False)
+        found: NDArray[Any] = np.lib.format.open_memmap(path, mode="r")
     except Exception as error:
         # NumPy parses the header as Python, whose SyntaxError and others come through.
         raise OSError(unreadable(path, error)) from error
     if found.size:
-        found = map_frames(path, found.dtype, found.shape, found.offset, found.strides)
+        place = found.offset  # type: ignore[attr-defined]
+        found = map_frames(path, found.dtype, found.shape, place, found.strides)
     return Video(found, kind="NPY")
 
 

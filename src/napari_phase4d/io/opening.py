@@ -80,7 +80,11 @@ def open_recording(
     if is_list_of_paths(path_or_array):
         files = [Path(p).expanduser() for p in path_or_array]
         return recording_of(
-            read_list(files), files[0].name, str(files[0].parent), optics, frame_rate_hz
+            read_list(files, None, dataset, raw),
+            files[0].name,
+            str(files[0].parent),
+            optics,
+            frame_rate_hz,
         )
     if isinstance(path_or_array, xr.DataArray):
         return open_data_array(path_or_array, optics, frame_rate_hz)
@@ -246,7 +250,7 @@ def open_data_array(
     if frame_rate_hz is None and "time" in data.dims and "time" in data.coords:
         times = seconds(data["time"].values)
     if optics is None and "x" in data.coords and data["x"].attrs.get("units") == "um":
-        optics = optics_for_pixel(float(data["x"][1] - data["x"][0]))
+        optics = optics_along(data["x"].values)
     return Recording.from_frames(
         data.data,
         optics=optics,
@@ -263,6 +267,12 @@ def seconds(times: NDArray[Any]) -> NDArray[np.float64]:
         since = times - times[0] if times.dtype.kind == "M" else times
         return np.asarray(since / np.timedelta64(1, "s"), dtype=np.float64)
     return np.asarray(times, dtype=np.float64)
+
+
+def optics_along(x: NDArray[Any]) -> Optics | None:
+    """Return the microscope by the places of pixels in micrometres, in either direction."""
+    step = abs(float(x[1] - x[0])) if x.size > 1 else 0.0
+    return optics_for_pixel(step) if math.isfinite(step) and step > 0 else None
 
 
 def optics_for_pixel(pixel_um: float) -> Optics:

@@ -37,6 +37,8 @@ class RawLayout:
 
     Raises
     ------
+    TypeError
+        If a size is no whole number.
     ValueError
         If a value is out of its range.
     """
@@ -49,6 +51,11 @@ class RawLayout:
     gap_bytes: int = 0
 
     def __post_init__(self) -> None:
+        for name in ("height", "width", "header_bytes", "gap_bytes"):
+            value = getattr(self, name)
+            if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+                msg = f"{name} of raw frames must be a whole number, but is {value!r}"
+                raise TypeError(msg)
         for name in ("height", "width"):
             value = getattr(self, name)
             if not 1 <= value <= LARGEST_SIDE:

@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from napari_phase4d.io.bio import BIO_SUFFIXES, read_bio
 from napari_phase4d.io.films import FILM_SUFFIXES, read_film
 from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.images import IMAGE_SUFFIXES, PICTURE_SUFFIXES, read_image
-from napari_phase4d.io.koala import is_koala, is_koala_raw, read_koala, read_koala_raw
+from napari_phase4d.io.koala import (
+    is_koala,
+    is_koala_phase,
+    is_koala_raw,
+    read_koala,
+    read_koala_file,
+)
 from napari_phase4d.io.numpy_files import read_npy, read_npz
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout, read_raw
 from napari_phase4d.io.sequences import PATTERN_SIGNS, files_of, files_of_folder, read_files
@@ -18,7 +25,7 @@ from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 
-__all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "read_list", "read_video"]
+__all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "needs_layout", "read_list", "read_video"]
 
 #: Endings of what can be read; folders of them too.
 READABLE_SUFFIXES = (
@@ -46,34 +53,62 @@ def read_video(path: Path, dataset: str | None = None, raw: RawLayout | None = N
     OSError
         If it is missing, damaged, or of a kind that can't be read.
     ValueError
-        If it holds no such array, or one of a raw file's size is missing.
+        If it holds no such array, has one only but ``dataset`` is given, or if a raw file's layout
+        is missing.
     """
     if any(sign in path.name for sign in PATTERN_SIGNS) and not path.exists():
-        return read_list(files_of(path), path)
+        return read_list(files_of(path), path, dataset, raw)
     if not path.exists():
         msg = f"there is no file or folder {path}"
         raise OSError(msg)
     if path.is_dir():
-        return read_folder(path, dataset)
+        return read_folder(path, dataset, raw)
     if path.stat().st_size == 0:
         msg = f"{path.name} is empty (0 bytes)"
         raise OSError(msg)
     return read_file(path, dataset, raw)
 
 
-def read_folder(path: Path, dataset: str | None) -> Video:
+def needs_layout(path: Path) -> bool:
+    """Say whether a file is raw and can't say itself how its frames lie."""
+    return (
+        path.suffix.lower() in RAW_SUFFIXES
+        and path.is_file()
+        and path.stat().st_size > 0
+        and not is_koala_raw(path)
+        and not is_koala_phase(path)
+    )
+
+
+def read_folder(path: Path, dataset: str | None, raw: RawLayout | None) -> Video:
     """Open a folder: a Zarr store, a Koala recording, or files that follow one another."""
     if is_zarr(path):
         return read_zarr(path, dataset)
-    if is_koala(path):
+    if is_koala(path) and raw is None:
+        refuse_choice(path, dataset)
         return read_koala(path)
-    files, notes = files_of_folder(path, JOINED_SUFFIXES)
-    video = read_files(path, files, read_part)
+    suffixes = JOINED_SUFFIXES if raw is None else (*JOINED_SUFFIXES, *RAW_SUFFIXES)
+    files, notes = files_of_folder(path, suffixes)
+    video = read_joined(path, files, dataset, raw)
     return replace(video, notes=(*video.notes, *notes))
 
 
-def read_list(files: Sequence[Path], name: Path | None = None) -> Video:
+def read_list(
+    files: Sequence[Path],
+    name: Path | None = None,
+    dataset: str | None = None,
+    raw: RawLayout | None = None,
+) -> Video:
     """Open files that follow one another in time, as they are listed.
+
+    Parameters
+    ----------
+    files : sequence of Path
+        All of one kind.
+    name : Path, optional
+        What to call them all. Default: their folder.
+    dataset, raw : optional
+        As for `read_video`; the same for every file.
 
     Raises
     ------
@@ -81,33 +116,54 @@ def read_list(files: Sequence[Path], name: Path | None = None) -> Video:
         If they are of several kinds, or of one that can't be joined.
     """
     kinds = sorted({path.suffix.lower() for path in files})
-    if len(kinds) > 1 or kinds[0] not in JOINED_SUFFIXES:
+    if len(kinds) > 1 or (kinds[0] not in JOINED_SUFFIXES and raw is None):
         msg = (
             f"{len(files)} files with {', '.join(kinds)} can't be joined to one recording; "
             f"give files of one kind out of {', '.join(JOINED_SUFFIXES)}"
         )
         raise ValueError(msg)
-    return read_files(name or files[0].parent, files, read_part)
+    return read_joined(name or files[0].parent, files, dataset, raw)
 
 
-def read_part(path: Path) -> Video:
+def read_joined(
+    name: Path, files: Sequence[Path], dataset: str | None, raw: RawLayout | None
+) -> Video:
+    """Open files as one video, each with the same choice."""
+    if files[0].suffix.lower() in PICTURE_SUFFIXES and raw is None:
+        refuse_choice(name, dataset)
+    if not dataset and raw is None:
+        return read_files(name, files, read_part)
+    return read_files(name, files, partial(read_part, dataset=dataset, raw=raw), whole=False)
+
+
+def read_part(path: Path, dataset: str | None = None, raw: RawLayout | None = None) -> Video:
     """Open one of several files."""
-    return read_file(path, None, None)
+    return read_file(path, dataset, raw)
+
+
+def refuse_choice(path: Path, dataset: str | None) -> None:
+    """Raise ValueError if something is to be chosen where there is no choice."""
+    if dataset:
+        msg = f"{path.name} has one array only; leave dataset out, which is {dataset!r}"
+        raise ValueError(msg)
 
 
 def read_file(path: Path, dataset: str | None, raw: RawLayout | None) -> Video:
     """Open one file; its ending says how."""
     suffix = path.suffix.lower()
     if raw is not None:
+        refuse_choice(path, dataset)
         return read_raw(path, raw)
     if suffix in TIFF_SUFFIXES:
         return read_tiff(path, dataset)
-    if suffix == ".npy":
-        return read_npy(path)
     if suffix == ".npz":
         return read_npz(path, dataset)
     if suffix in HDF5_SUFFIXES:
         return read_hdf5(path, dataset)
+    if suffix in (".npy", *FILM_SUFFIXES, *PICTURE_SUFFIXES):
+        refuse_choice(path, dataset)
+    if suffix == ".npy":
+        return read_npy(path)
     if suffix in FILM_SUFFIXES:
         return read_film(path)
     if suffix in PICTURE_SUFFIXES:
@@ -120,5 +176,6 @@ def read_other(path: Path, dataset: str | None) -> Video:
     if is_zarr(path):
         return read_zarr(path, dataset)
     if path.suffix.lower() in RAW_SUFFIXES:
-        return read_koala_raw(path) if is_koala_raw(path) else read_raw(path, None)
+        refuse_choice(path, dataset)
+        return read_koala_file(path) if is_koala_raw(path) else read_raw(path, None)
     return read_bio(path, dataset)

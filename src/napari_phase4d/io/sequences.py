@@ -70,7 +70,9 @@ def files_of(pattern: Path) -> list[Path]:
     return files
 
 
-def read_files(name: Path, files: Sequence[Path], read_one: ReadOne) -> Video:
+def read_files(
+    name: Path, files: Sequence[Path], read_one: ReadOne, *, whole: bool = True
+) -> Video:
     """Open files as one video, lazily.
 
     Images are frames, and only the first is read. Stacks are joined over time, and of each the
@@ -84,6 +86,9 @@ def read_files(name: Path, files: Sequence[Path], read_one: ReadOne) -> Video:
         In the order of time, all of one kind.
     read_one : callable
         Opens a single file; of the top level of a module, so that other processes find it.
+    whole : bool, optional
+        Whether files of one image may be read as images (default), or only ``read_one`` knows
+        what of them is to be read.
 
     Raises
     ------
@@ -92,7 +97,7 @@ def read_files(name: Path, files: Sequence[Path], read_one: ReadOne) -> Video:
     ValueError
         If stacks differ in size or kind of pixels. Images that do are found while reading them.
     """
-    if files[0].suffix.lower() in PICTURE_SUFFIXES:
+    if whole and files[0].suffix.lower() in PICTURE_SUFFIXES:
         image = load_image(files[0])
         if image.ndim == 3:
             return Video(image, colour=True)
@@ -102,11 +107,10 @@ def read_files(name: Path, files: Sequence[Path], read_one: ReadOne) -> Video:
         )
     first = read_one(files[0])
     shape, dtype = frame_kind(first)
-    if first.frames.ndim == 2 or len(first.frames) == 1:
-        alone = ImageFiles if files[0].suffix.lower() in IMAGE_SUFFIXES else None
-        if alone is not None:
-            video = Video(lazy_frames(alone(name, files, shape, dtype)))
-            return replaced(video, first, f"{len(files)} {first.kind} images")
+    alone = first.frames.ndim == 2 or len(first.frames) == 1
+    if whole and alone and files[0].suffix.lower() in IMAGE_SUFFIXES:
+        video = Video(lazy_frames(ImageFiles(name, files, shape, dtype)))
+        return replaced(video, first, f"{len(files)} {first.kind} images")
     lengths = [length_of(path, read_one, shape, dtype) for path in files]
     reader = JoinedFiles(name, files, lengths, shape, dtype, read_one)
     return replaced(Video(lazy_frames(reader)), first, f"{len(files)} {first.kind} files")

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.io.choosing import Found, chosen_name, other_arrays
 from napari_phase4d.io.lazy import FrameReader, in_one_line, lazy_frames
 from napari_phase4d.io.ngff import axes_of, ome_facts, ome_image
+from napari_phase4d.io.tiff import chosen_places
 from napari_phase4d.io.video import Facts, Video
 
 __all__ = ["is_zarr", "read_zarr"]
@@ -43,8 +44,9 @@ def read_zarr(path: Path, dataset: str | None = None) -> Video:
     path : Path
         A folder, or a zipped one that ends with .zarr.zip.
     dataset : str, optional
-        Name of the array in a group, as "group/name". Default: the image of an OME-Zarr, else a
-        guess, see `choosing.chosen_name`, told in ``notes``.
+        Name of the array in a group, as "group/name", or the place on further axes of the image
+        of an OME-Zarr, as "C=0,Z=1". Default: the image of an OME-Zarr, else a guess, see
+        `choosing.chosen_name`, told in ``notes``.
 
     Raises
     ------
@@ -60,10 +62,10 @@ def read_zarr(path: Path, dataset: str | None = None) -> Video:
         if isinstance(root, zarr.Array):
             return video_of(path, root, "", {}, "Zarr")
         image = ome_image(root.attrs)
-        if image and dataset is None:
+        if image and (dataset is None or "=" in dataset):
             name = str(image["datasets"][0]["path"])
-            facts = ome_facts(image)
-            return video_of(path, root[name], name, facts, "OME-Zarr", axes_of(image))
+            facts, axes = ome_facts(image), axes_of(image)
+            return video_of(path, root[name], name, facts, "OME-Zarr", axes, dataset=dataset)
         arrays: dict[str, Found] = {
             name: (tuple(item.shape), np.dtype(item.dtype))
             for name, item in root.members(max_depth=6)
@@ -98,6 +100,8 @@ class ZarrReader(FrameReader):
         Which axis of the array is time.
     shape, dtype
         Of the recording.
+    leading : tuple of int, optional
+        The place on each axis before y and x; default 0.
     """
 
     def __init__(
@@ -107,10 +111,12 @@ class ZarrReader(FrameReader):
         axis: int | None,
         shape: tuple[int, int, int],
         dtype: np.dtype[Any],
+        leading: tuple[int, ...] = (),
     ) -> None:
         super().__init__(path, shape, dtype)
         self.name = name
         self.axis = axis
+        self.leading = leading
         self._lock = threading.Lock()
         self._array: Any = None
         self._block = (0, np.empty((0, *shape[1:]), dtype))
@@ -125,7 +131,7 @@ class ZarrReader(FrameReader):
                 if step * math.prod(self.shape[1:]) * self.dtype.itemsize > LARGEST_KEPT:
                     step = 1
                 first = index - index % step
-                check_pieces(self.path, self.name, array, self.axis, index)
+                check_pieces(self.path, self.name, array, self._place(array, index))
                 block = self._read(array, first, min(first + step, self.shape[0]))
                 if step > 1:
                     self._block = (first, block)
@@ -133,10 +139,17 @@ class ZarrReader(FrameReader):
 
     def _read(self, array: Any, first: int, stop: int) -> NDArray[Any]:
         """Return frames from the store."""
-        place: list[Any] = [0] * (array.ndim - 2) + [slice(None), slice(None)]
+        place: list[Any] = [*self._place(array, first), slice(None), slice(None)]
         if self.axis is not None:
             place[self.axis] = slice(first, stop)
         return np.asarray(array[tuple(place)]).reshape(stop - first, *self.shape[1:])
+
+    def _place(self, array: Any, index: int) -> list[int]:
+        """Return the place of a frame on the axes before y and x."""
+        place = list(self.leading or [0] * (array.ndim - 2))
+        if self.axis is not None:
+            place[self.axis] = index
+        return place
 
     def _opened(self) -> Any:
         """Return the array, opened once."""
@@ -146,7 +159,7 @@ class ZarrReader(FrameReader):
         return self._array
 
     def __getstate__(self) -> dict[str, Any]:
-        names = ("path", "name", "axis", "shape", "dtype")
+        names = ("path", "name", "axis", "shape", "dtype", "leading")
         return {name: getattr(self, name) for name in names}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
@@ -170,29 +183,53 @@ def video_of(
     kind: str,
     axes: str = "",
     notes: tuple[str, ...] = (),
+    dataset: str | None = None,
 ) -> Video:
     """Return the lazy frames of an array."""
     check_sound(path, array)
     shape = tuple(int(n) for n in array.shape)
     dtype = np.dtype(array.dtype)
-    long = [i for i in range(len(shape) - 2) if shape[i] != 1]
+    leading, long = chosen_leading(path, axes.upper(), shape, dataset)
     if len(shape) < 2 or len(long) > 1 or dtype.kind not in "buif":
         of_axes = f" ({axes})" if axes else ""
         msg = (
             f"{path.name} holds {dtype} values {shape}{of_axes}; a hologram video has three axes "
             "of numbers: time, y, x"
         )
+        others = [axes[i].upper() for i in long if i < len(axes) and axes[i] != "t"]
+        if len(long) > 1 and others:
+            choice = ",".join(f"{a}=0" for a in (others if "t" in axes else others[1:]))
+            msg += f', so choose one place, as with dataset="{choice}"'
         raise ValueError(msg)
     time = axes.find("t")
     axis = long[0] if long else (time if 0 <= time < len(shape) - 2 else None)
+    if long and axes and axis != time:
+        facts.pop("interval_s", None)
+        notes = (*notes, f"The axis {axes[long[0]].upper()} is taken for time.")
     if axis is None and len(shape) > 2:
         axis = 0
     video = (1 if axis is None else shape[axis], shape[-2], shape[-1])
-    reader = ZarrReader(path, name, axis, video, dtype)
+    reader = ZarrReader(path, name, axis, video, dtype, leading)
     version = array.metadata.zarr_format
     return Video(
-        lazy_frames(reader), kind=f"{kind} (version {version})", dataset=name, notes=notes, **facts
+        lazy_frames(reader),
+        kind=f"{kind} (version {version})",
+        dataset=dataset or name,
+        notes=notes,
+        **facts,
     )
+
+
+def chosen_leading(
+    path: Path, axes: str, shape: tuple[int, ...], dataset: str | None
+) -> tuple[tuple[int, ...], list[int]]:
+    """Return the place on each axis before y and x, and which of them are still long."""
+    n_leading = max(len(shape) - 2, 0)
+    if dataset is None or len(axes) != len(shape):
+        return (0,) * n_leading, [i for i in range(n_leading) if shape[i] != 1]
+    places = chosen_places(path, axes, shape, dataset)[:n_leading]
+    chosen = tuple(p if isinstance(p, int) else 0 for p in places)
+    return chosen, [i for i, p in enumerate(places) if not isinstance(p, int)]
 
 
 def check_sound(path: Path, array: Any) -> None:
@@ -217,7 +254,7 @@ def check_sound(path: Path, array: Any) -> None:
         raise WrongStore(msg)
 
 
-def check_pieces(path: Path, name: str, array: Any, axis: int | None, index: int) -> None:
+def check_pieces(path: Path, name: str, array: Any, place: list[int]) -> None:
     """Raise OSError if the pieces of a frame in a folder are missing or cut short.
 
     zarr-python gives zeros for pieces that aren't there, and Blosc for the missing end of one that
@@ -227,9 +264,7 @@ def check_pieces(path: Path, name: str, array: Any, axis: int | None, index: int
         return
     pieces = array.shards or array.chunks
     counts = [-(-n // p) for n, p in zip(array.shape[-2:], pieces[-2:], strict=True)]
-    leading = [0] * (array.ndim - 2)
-    if axis is not None:
-        leading[axis] = index // pieces[axis]
+    leading = [p // n for p, n in zip(place, pieces, strict=False)]
     keys = (
         array.metadata.encode_chunk_key((*leading, row, column))
         for row in range(counts[0])

@@ -3,7 +3,13 @@
 A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
 """
 
-from napari_phase4d.pipeline.batch import run_batch
+from napari_phase4d.pipeline.batch import (
+    EXPECTED,
+    make_folder,
+    result_folders,
+    run_batch,
+    sentence_of,
+)
 from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint, fingerprinting
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.opening import found_anywhere, open_by
@@ -18,29 +24,34 @@ from napari_phase4d.pipeline.running import (
 )
 from napari_phase4d.pipeline.trial import estimated_seconds
 from napari_phase4d.pipeline.words import size_in_words, time_in_words
-from napari_phase4d.pipeline.writing import write_outcome
+from napari_phase4d.pipeline.writing import checked_form, write_outcome
 
 __all__ = [
     "DEFAULT_METHODS",
+    "EXPECTED",
     "PAPER_METHODS",
     "Fingerprint",
     "Needs",
     "Outcome",
     "Place",
     "Recipe",
+    "checked_form",
     "estimated_seconds",
     "find_place",
     "fingerprint",
     "fingerprinting",
     "focus_by",
     "found_anywhere",
+    "make_folder",
     "needed_bytes",
     "needs_of",
     "open_by",
     "phase_needs",
     "reconstruct_by",
+    "result_folders",
     "run",
     "run_batch",
+    "sentence_of",
     "size_in_words",
     "stacks_beside",
     "time_in_words",

@@ -15,7 +15,7 @@ from typing import Any
 from napari_phase4d.progress import THREADS, CancelledCall, Watch, finished
 from napari_phase4d.sample import is_sample
 
-__all__ = ["Fingerprint", "Hashing", "fingerprint", "fingerprinting"]
+__all__ = ["Fingerprint", "Hashing", "Remembered", "fingerprint", "fingerprinting"]
 
 #: Bytes that are read at a time.
 BLOCK = 2**20
@@ -130,6 +130,28 @@ def fingerprint(source: str | Path, cancelled: CancelledCall | None = None) -> F
     """
     with fingerprinting(source) as hashing:
         return hashing.result(cancelled)
+
+
+class Remembered:
+    """Fingerprints of files that are asked for again and again; hashed anew if they changed."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[Parts, Fingerprint]] = {}
+
+    def __call__(self, source: str, cancelled: CancelledCall | None = None) -> Fingerprint:
+        """Return the fingerprint of a file, see `fingerprint`.
+
+        Raises
+        ------
+        OSError
+            If there is no such file or folder, it can't be read, or it changes meanwhile.
+        Cancelled
+            If ``cancelled()`` returned True.
+        """
+        parts = [] if is_sample(source) else parts_of(source)
+        if source not in self._found or self._found[source][0] != parts:
+            self._found[source] = (parts, fingerprint(source, cancelled))
+        return self._found[source][1]
 
 
 def parts_of(source: str) -> Parts:

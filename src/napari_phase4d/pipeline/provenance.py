@@ -15,7 +15,14 @@ from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.progress import CancelledCall
 from napari_phase4d.sample import is_sample
 
-__all__ = ["PROGRAM", "asked_recipe", "program_version", "provenance_of", "with_provenance"]
+__all__ = [
+    "PROGRAM",
+    "asked_recipe",
+    "is_reference_file",
+    "program_version",
+    "provenance_of",
+    "with_provenance",
+]
 
 PROGRAM = "napari-phase4d"
 #: Packages whose numbers go into the results.
@@ -23,7 +30,10 @@ PACKAGES = ("numpy", "scipy", "scikit-image", "numba")
 
 
 def provenance_of(
-    outcome: Outcome, source: Fingerprint | None = None, cancelled: CancelledCall | None = None
+    outcome: Outcome,
+    source: Fingerprint | None = None,
+    cancelled: CancelledCall | None = None,
+    reference: Fingerprint | None = None,
 ) -> dict[str, Any]:
     """Return what made the results of a run, as JSON can hold it.
 
@@ -38,6 +48,8 @@ def provenance_of(
         That of the input. Default: it is computed now, if the input is still there.
     cancelled : callable, optional
         ``cancelled()`` stops the work.
+    reference : Fingerprint, optional
+        That of the file it was divided by. Default: it is computed now, if there is such a file.
 
     Returns
     -------
@@ -56,7 +68,7 @@ def provenance_of(
         "input": (source or source_of(outcome, cancelled)).as_dict(),
     }
     if is_reference_file(recipe):
-        found["reference"] = known(str(recipe.reference), cancelled).as_dict()
+        found["reference"] = (reference or known(str(recipe.reference), cancelled)).as_dict()
     return found
 
 
@@ -67,12 +79,10 @@ def with_provenance(stack: xr.DataArray, provenance: dict[str, Any]) -> xr.DataA
     return stack.assign_attrs({**nowhere, "provenance": provenance})
 
 
-def asked_recipe(recipe: Recipe, cancelled: CancelledCall | None = None) -> dict[str, Any]:
+def asked_recipe(recipe: Recipe, reference: Fingerprint | None = None) -> dict[str, Any]:
     """Return a recipe but for its recording, with the fingerprint of its reference file."""
-    settings = settings_of(recipe) | {"recording": ""}
-    if is_reference_file(recipe):
-        settings["reference"] = fingerprint(str(recipe.reference), cancelled).as_dict()
-    return settings
+    noted = {} if reference is None else {"reference": reference.as_dict()}
+    return settings_of(recipe) | {"recording": ""} | noted
 
 
 def settings_of(recipe: Recipe) -> dict[str, Any]:

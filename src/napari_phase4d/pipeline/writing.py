@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 import xarray as xr
 
 from napari_phase4d.io import write_phase, write_table
-from napari_phase4d.io.zarr_results import note_zarr_result
+from napari_phase4d.io.zarr_results import note_zarr_result, path_of
 from napari_phase4d.pipeline.fingerprint import Fingerprint
 from napari_phase4d.pipeline.provenance import provenance_of, with_provenance
 from napari_phase4d.pipeline.running import Outcome
@@ -29,12 +29,14 @@ def write_outcome(
     *,
     form: str | None = None,
     source: Fingerprint | None = None,
+    reference: Fingerprint | None = None,
 ) -> list[Path]:
     """Write phase, amplitude, every result, the table and the recipe into a folder.
 
-    Where they are there, the exact phase is written too, and how far to trust each result. All
-    stacks have their pixel, times and angles, and note in ``attrs["provenance"]`` what made them,
-    see `write_phase`.
+    Where it is there, the exact phase is written too; last, where the recipe asks for it, how far
+    to trust each result. All stacks have their pixel, times and angles, and note in
+    ``attrs["provenance"]`` what made them, see `write_phase`. Wrapped phase that the run began
+    with, and that lies there already, is left as it is.
 
     Parameters
     ----------
@@ -49,6 +51,8 @@ def write_outcome(
         are lazy, as those of a run larger than memory are.
     source : Fingerprint, optional
         That of the input, if it is known already. Default: it is computed now.
+    reference : Fingerprint, optional
+        That of the file that the recipe divides by, likewise.
 
     Raises
     ------
@@ -67,20 +71,35 @@ def write_outcome(
     } | dict(comparison.results)
     if outcome.truth is not None:
         stacks["exact"] = exact_phase(outcome.truth, outcome.reconstruction["phase"])
-    if outcome.recipe.confidence:
-        trust = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
-        stacks |= {f"confidence_{method}": stack for method, stack in trust.items()}
-        comparison = comparison.with_suspicion(trust)
     ending = ENDINGS[chosen or usual_form(stacks)]
-    provenance = provenance_of(outcome, source, cancelled)
-    written = []
-    for place, (name, stack) in enumerate(stacks.items(), 1):
-        report = named(progress, f"{name} ({place} of {len(stacks)})")
-        noted = with_provenance(stack, provenance)
-        written.append(put(folder / f"{name}{ending}", noted, report, cancelled))
-    written.append(write_table(folder / "table.csv", comparison.table))
-    written.append(outcome.recipe.to_file(folder / "recipe.json"))
+    provenance = provenance_of(outcome, source, cancelled, reference)
+
+    def write(stacks: dict[str, xr.DataArray]) -> list[Path]:
+        paths = [folder / f"{name}{ending}" for name in stacks]
+        for place, (path, (name, stack)) in enumerate(zip(paths, stacks.items(), strict=True), 1):
+            if name == "wrapped" and is_input(path, outcome):
+                continue
+            report = named(progress, f"{name} ({place} of {len(stacks)})")
+            put(path, with_provenance(stack, provenance), report, cancelled)
+        return paths
+
+    written = write(stacks)
+    table = write_table(folder / "table.csv", comparison.table)
+    written += [table, outcome.recipe.to_file(folder / "recipe.json")]
+    if outcome.recipe.confidence:
+        # Only now: what has been found by then is not lost if this fails.
+        trust = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
+        written += write({f"confidence_{method}": stack for method, stack in trust.items()})
+        write_table(table, comparison.with_suspicion(trust).table)
     return written
+
+
+def is_input(path: Path, outcome: Outcome) -> bool:
+    """Say whether a file is the one with the wrapped phase that a run began with."""
+    source = outcome.recipe.recording
+    if outcome.recording is not None or not source or not path.exists():
+        return False
+    return Path(source).resolve() == path.resolve()
 
 
 def put(
@@ -90,8 +109,8 @@ def put(
     cancelled: CancelledCall | None,
 ) -> Path:
     """Write a stack; of one that lies there already, only note what made it."""
-    source = stack.encoding.get("source")
-    if source is None or stack.chunks is None or Path(source).resolve() != path.resolve():
+    source = path_of(stack)
+    if source is None or source.resolve() != path.resolve():
         return write_phase(path, stack, progress, cancelled)
     note_zarr_result(path, stack)
     return path

@@ -215,6 +215,7 @@ class State:
                 "angles_deg": angles,
                 "n_views": self.recipe.n_views if angles is None else len(angles),
                 "reference": None,
+                "refocus_um": None,
                 "boundary": (boundary,),
             }
         self._begin(recording, truth, (recipe or self.recipe).changed(**settings))
@@ -269,7 +270,7 @@ class State:
         """Forget what belonged to an earlier recording."""
         self.recording = recording
         self.recipe = recipe
-        self.spectrum = None
+        self.spectrum = self.focus = None
         self.reconstruction = None
         self.leave_place()
         self.truth = self.known_truth = None

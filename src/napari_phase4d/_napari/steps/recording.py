@@ -35,7 +35,7 @@ from napari_phase4d._napari.viewing.sources import (
     truth_among,
 )
 from napari_phase4d.holography import fringe_contrast
-from napari_phase4d.io import RAW_SUFFIXES, READABLE_SUFFIXES, RawLayout
+from napari_phase4d.io import READABLE_SUFFIXES, RawLayout, needs_layout
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import EUGLENA, Sample
@@ -172,7 +172,7 @@ class RecordingStep(Step):
             "holograms", "phase", or "auto" (default) to look.
         """
         raw = None
-        if Path(path).suffix.lower() in RAW_SUFFIXES and Path(path).is_file():
+        if needs_layout(Path(path)):
             raw = self._ask_layout(Path(path))
             if raw is None:
                 return

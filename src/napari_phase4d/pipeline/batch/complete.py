@@ -12,12 +12,12 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.io.atomic import written_whole
-from napari_phase4d.pipeline.fingerprint import Hashing, fingerprint
+from napari_phase4d.pipeline.fingerprint import Fingerprint, Hashing, fingerprint
 from napari_phase4d.pipeline.provenance import PROGRAM, asked_recipe, program_version
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.progress import CancelledCall
 
-__all__ = ["NOTE", "asked_for", "complete", "noted", "write_note"]
+__all__ = ["NOTE", "asked_for", "complete", "digest_of", "noted", "write_note"]
 
 #: Name of the file that says what a folder holds.
 NOTE = "run.json"
@@ -28,15 +28,19 @@ Facts = dict[str, Any]
 def asked_for(
     recipe: Recipe,
     form: str | None,
-    truth: xr.DataArray | None = None,
-    cancelled: CancelledCall | None = None,
+    truth: str | None = None,
+    reference: Fingerprint | None = None,
 ) -> dict[str, Any]:
-    """Return all that results depend on but the input: recipe, form, exact phase and version."""
+    """Return all that results depend on but the input: recipe, form, exact phase and version.
+
+    ``truth`` is the digest of the exact phase, ``reference`` the fingerprint of the file that the
+    recipe divides by.
+    """
     return {
         "version": program_version(),
-        "recipe": asked_recipe(recipe, cancelled),
+        "recipe": asked_recipe(recipe, reference),
         "form": form,
-        "truth": None if truth is None else digest_of(truth),
+        "truth": truth,
     }
 
 
@@ -46,10 +50,14 @@ def digest_of(truth: xr.DataArray) -> str:
 
 
 def write_note(
-    folder: Path, asked: Mapping[str, Any], source: Mapping[str, Any], facts: Facts
+    folder: Path,
+    asked: Mapping[str, Any],
+    source: Mapping[str, Any],
+    facts: Facts,
+    cancelled: CancelledCall | None = None,
 ) -> None:
     """Note in a folder what was asked for, of which input, and each file that it holds."""
-    files = [fingerprint(path).as_dict() for path in sorted(folder.iterdir())]
+    files = [fingerprint(path, cancelled).as_dict() for path in sorted(folder.iterdir())]
     note = {"program": PROGRAM, "input": source, "asked": asked, "facts": facts, "files": files}
     with written_whole(folder / NOTE) as temporary:
         temporary.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")

@@ -139,12 +139,24 @@ def check_replaceable(folder: Path) -> None:
 
 
 def keep_foreign(folder: Path, partial: Path) -> None:
-    """Copy what a user has put into an older folder into the new one."""
+    """Copy what a user has put into an older folder into the new one.
+
+    Where a new result has the name, it is called so with ``-kept``.
+    """
     note = noted(folder)
     if note is None:
         return
     own = {NOTE, *(file["name"] for file in note["files"])}
     for path in folder.iterdir():
-        if path.name not in own and not (partial / path.name).exists():
+        if path.name not in own:
             copy = shutil.copytree if path.is_dir() else shutil.copy2
-            copy(path, partial / path.name)
+            copy(path, partial / kept_name(path, partial))
+
+
+def kept_name(path: Path, partial: Path) -> str:
+    """Return the name of a user's file, or the next one that is free beside new results."""
+    if not (partial / path.name).exists():
+        return path.name
+    stem, dot, ending = path.name[1:].partition(".")
+    names = (f"{path.name[0]}{stem}-kept{n}{dot}{ending}" for n in ("", *range(2, 10_000)))
+    return next(n for n in names if not any((p / n).exists() for p in (path.parent, partial)))

@@ -68,8 +68,7 @@ def remove_left(out: Path) -> None:
 def take(lock: Path, temporary: Path, mine: dict[str, Any]) -> None:
     """Put a lock in its place if there is none, or none of a batch that still runs."""
     try:
-        # A link is made whole or not at all, and never over another file.
-        os.link(temporary, lock)
+        put(lock, temporary)
     except FileExistsError:
         other = mark_in(lock)
         if other is not None and is_alive(other):
@@ -78,9 +77,18 @@ def take(lock: Path, temporary: Path, mine: dict[str, Any]) -> None:
         time.sleep(SETTLED_S)
         if mark_in(lock) != mine:
             raise OSError(in_use(lock, mark_in(lock) or {})) from None
+
+
+def put(lock: Path, temporary: Path) -> None:
+    """Put a lock in its place; raise FileExistsError if there is one."""
+    try:
+        # A link is made whole or not at all, and never over another file.
+        os.link(temporary, lock)
+    except FileExistsError:
+        raise
     except OSError:  # no links on this kind of disk
         with lock.open("x", encoding="utf-8") as file:
-            file.write(json.dumps(mine))
+            file.write(temporary.read_text(encoding="utf-8"))
 
 
 def in_use(lock: Path, other: dict[str, Any]) -> str:

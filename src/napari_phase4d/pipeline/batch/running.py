@@ -3,30 +3,37 @@
 from __future__ import annotations
 
 import errno
-import math
 import time
 import traceback
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from napari_phase4d.evaluation import most_trusted
-from napari_phase4d.pipeline.batch.complete import asked_for, complete, write_note
+from napari_phase4d.pipeline.batch.complete import asked_for, complete, digest_of, write_note
+from napari_phase4d.pipeline.batch.facts import facts_of, facts_of_input
 from napari_phase4d.pipeline.batch.folders import made_whole, recovered, result_folders
 from napari_phase4d.pipeline.batch.lock import alone
 from napari_phase4d.pipeline.batch.summary import (
     COMPLETE,
     DONE,
+    EXPECTED,
     FAILED,
     Summary,
     sentence_of,
 )
-from napari_phase4d.pipeline.fingerprint import Hashing, fingerprinting
+from napari_phase4d.pipeline.fingerprint import (
+    Fingerprint,
+    Hashing,
+    Remembered,
+    fingerprinting,
+)
 from napari_phase4d.pipeline.opening import found_anywhere
 from napari_phase4d.pipeline.places import stacks_beside
+from napari_phase4d.pipeline.provenance import is_reference_file
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
@@ -35,7 +42,7 @@ from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["run_batch"]
+__all__ = ["make_folder", "run_batch"]
 
 #: Faults after which no other file would fare better.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
@@ -144,6 +151,18 @@ class Wish:
     cancelled: CancelledCall | None
     prepared: Callable[[Recipe], Recipe] | None
     finished: Callable[[Outcome, Path], None] | None
+    remembered: Remembered = field(default_factory=Remembered)
+
+    @cached_property
+    def truth_digest(self) -> str | None:
+        """What tells the exact phase from others, computed once."""
+        return None if self.truth is None else digest_of(self.truth)
+
+    def reference_of(self, recipe: Recipe) -> Fingerprint | None:
+        """Return the fingerprint of the file that a recipe divides by, computed once."""
+        if not is_reference_file(recipe):
+            return None
+        return self.remembered(str(recipe.reference), self.cancelled)
 
 
 def one_file(
@@ -164,7 +183,7 @@ def one_file(
     except Cancelled:
         raise
     except Exception as error:  # whatever a library raises on a bad file at night
-        expected = isinstance(error, OSError | TypeError | ValueError)
+        expected = isinstance(error, EXPECTED)
         sentence = sentence_of(error)
         more = "" if expected else traceback.format_exc()
         summary.tell(f"failed: {sentence}", number, more)
@@ -191,22 +210,28 @@ def results_of(
         recipe = wish.recipe.changed(recording=source)
         if wish.prepared is not None:
             recipe = wish.prepared(recipe)
-        asked = asked_for(recipe, wish.form, wish.truth, wish.cancelled)
+        reference = wish.reference_of(recipe)
+        asked = asked_for(recipe, wish.form, wish.truth_digest, reference)
         if wish.resume:
             note = complete(folder, asked, hashing, wish.cancelled)
             if note is not None:
                 return COMPLETE, note["facts"] | facts_of_input(note["input"])
         with made_whole(folder) as partial:
-            outcome = written(wish, recipe, hashing, partial, progress)
+            outcome = written(wish, recipe, hashing, reference, partial, progress)
             facts = facts_of(outcome, partial)
             known = hashing.result(wish.cancelled).as_dict()  # asked again: is it still the same?
             facts["seconds"] = seconds_since(began)
-            write_note(partial, asked, known, facts)
+            write_note(partial, asked, known, facts, wish.cancelled)
     return DONE, facts | facts_of_input(known)
 
 
 def written(
-    wish: Wish, recipe: Recipe, hashing: Hashing, folder: Path, progress: ProgressCall | None
+    wish: Wish,
+    recipe: Recipe,
+    hashing: Hashing,
+    reference: Fingerprint | None,
+    folder: Path,
+    progress: ProgressCall | None,
 ) -> Outcome:
     """Run a recipe and write what comes out into a folder."""
     with stacks_beside(folder, wish.form) as place:
@@ -219,47 +244,28 @@ def written(
             scheduler=wish.scheduler,
         )
         source = hashing.result(wish.cancelled)
-        write_outcome(outcome, folder, progress, wish.cancelled, form=wish.form, source=source)
+        write_outcome(
+            outcome,
+            folder,
+            progress,
+            wish.cancelled,
+            form=wish.form,
+            source=source,
+            reference=reference,
+        )
         if wish.finished is not None:
             wish.finished(outcome, folder)
     return outcome
 
 
-def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
-    """Return what the summary says of a run, from what was written of it."""
-    import pandas as pd
-
-    phase = outcome.reconstruction["phase"]
-    results = outcome.comparison.results
-    best = most_trusted(results)
-    facts = {
-        "frames": int(phase.sizes["time"]),
-        "views": int(phase.sizes["angle"]),
-        "results": len(results),
-        "best_method": best,
-        "notes": " ".join(notes_of(outcome, phase)),
-    }
-    table = pd.read_csv(folder / "table.csv", index_col="id")
-    if "suspicious_percent" in table.columns:
-        doubtful = float(table["suspicious_percent"].to_dict()[best])
-        facts["doubtful_percent"] = None if math.isnan(doubtful) else doubtful
-    return facts
-
-
-def notes_of(outcome: Outcome, phase: xr.DataArray) -> Sequence[str]:
-    """Return what had to be assumed of an input."""
-    if outcome.recording is not None:
-        return outcome.recording.notes
-    return [str(note) for note in phase.attrs.get("notes", ())]
-
-
-def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:
-    """Return what the summary says of an input."""
-    return {"input_bytes": known.get("bytes"), "input_sha256": known.get("sha256")}
-
-
 def make_folder(out: Path) -> None:
-    """Make the folder of a batch, or say in one sentence why not."""
+    """Make the folder for results.
+
+    Raises
+    ------
+    OSError
+        If it can't be made, in one sentence.
+    """
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -13,7 +13,10 @@ from napari_phase4d.progress import ProgressCall
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["COMPLETE", "DONE", "FAILED", "WAITING", "Summary", "sentence_of"]
+__all__ = ["COMPLETE", "DONE", "EXPECTED", "FAILED", "WAITING", "Summary", "sentence_of"]
+
+#: Faults whose sentence is for the user.
+EXPECTED = (ImportError, MemoryError, OSError, TypeError, ValueError)
 
 WAITING, DONE, COMPLETE, FAILED = "waiting", "done", "complete already", "failed"
 COLUMNS = (
@@ -122,6 +125,6 @@ def sentence_of(error: BaseException) -> str:
     if isinstance(error, MemoryError):
         return "it needs more memory than there is"
     words = " ".join(str(error).split())
-    if isinstance(error, OSError | TypeError | ValueError) and words:
+    if isinstance(error, EXPECTED) and words:
         return words
     return f"an unexpected fault, {type(error).__name__}: {words}; batch.log has the details"

@@ -18,6 +18,8 @@ R = TypeVar("R")
 
 #: Blocks that wait for each thread of a cluster, so that none has nothing to do.
 AHEAD = 2
+#: Seconds between two looks at whether a block is done.
+BETWEEN_S = 0.01
 #: Seconds to wait for blocks that are under way when the work is stopped.
 ENDING_S = 30
 #: Seconds to wait for the scheduler to answer.
@@ -117,13 +119,11 @@ class Cluster:
 
     def _result(self, future: Any, watch: Watch) -> Any:
         """Wait for what one item gives."""
-        from distributed import KilledWorker, wait
+        from distributed import KilledWorker
 
         while not future.done():
-            try:
-                wait([future], timeout=LOOK_UP_S)
-            except TimeoutError:
-                watch.check()
+            watch.check()
+            time.sleep(BETWEEN_S)
         try:
             return future.result()
         except KilledWorker as error:

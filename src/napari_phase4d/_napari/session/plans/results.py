@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 import tempfile
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -27,8 +29,12 @@ from napari_phase4d.unwrapping import score_boundaries
 
 __all__ = ["plan_estimate", "plan_scores", "plan_unwrapping"]
 
+#: Numbers the runs whose results lie on disk.
+RUNS = itertools.count(1)
 #: Times that are scored of a recording larger than memory.
 SCORED_TIMES = 100
+#: Bytes of phase that are held at most to score them.
+SCORED_BYTES = 256 * 2**20
 
 
 def plan_unwrapping(state: State) -> Plan:
@@ -54,7 +60,7 @@ def plan_unwrapping(state: State) -> Plan:
         options=chosen.options,
         confidence=chosen.confidence,
     )
-    place = state.place
+    place, number = state.place, next(RUNS)
     folder = Path(tempfile.gettempdir()) if place is None else place.shelf.folder
     phase_needs(recipe.methods, data["phase"].shape).check(folder, on_disk=place is not None)
 
@@ -62,21 +68,23 @@ def plan_unwrapping(state: State) -> Plan:
         progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> Outcome:
         so_far: list[Comparison] = []
-        try:
-            comparison = unwrap_by(
-                recipe,
-                data["phase"],
-                truth,
-                progress,
-                cancelled,
-                amplitude=data.get("amplitude"),
-                finished=lambda _, comparison: so_far.append(comparison),
-                place=place,
-            )
-        except Cancelled:
-            if not so_far:
-                raise
-            comparison = so_far[-1]
+        # Each run has a folder of its own: what an earlier one showed stays as it is.
+        with nullcontext() if place is None else place.nested(f"run_{number}") as own:
+            try:
+                comparison = unwrap_by(
+                    recipe,
+                    data["phase"],
+                    truth,
+                    progress,
+                    cancelled,
+                    amplitude=data.get("amplitude"),
+                    finished=lambda _, comparison: so_far.append(comparison),
+                    place=own,
+                )
+            except Cancelled:
+                if not so_far:
+                    raise
+                comparison = so_far[-1]
         done = recipe.changed(methods=tuple(comparison.results))
         return Outcome(recording, done, data, comparison, truth)
 
@@ -131,7 +139,8 @@ def scores_of_some(
     phase: xr.DataArray, progress: ProgressCall | None, cancelled: CancelledCall | None
 ) -> xr.DataArray:
     """Score some frames of a recording larger than memory; the others stay unknown."""
-    every = max(1, -(-phase.sizes["time"] // SCORED_TIMES))
+    times = max(2, min(SCORED_TIMES, SCORED_BYTES // max(phase[0].nbytes, 1)))
+    every = max(1, -(-phase.sizes["time"] // times))
     some = held(phase.isel(time=slice(None, None, every)))
     found = score_boundaries(some, progress=progress, cancelled=cancelled)
     scores = found.reindex(time=phase["time"])

@@ -1,0 +1,157 @@
+"""The command line: what it writes, where it stops, and in which words."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from typer.testing import CliRunner
+
+import napari_phase4d as p4d
+from napari_phase4d.cli import app, main
+from napari_phase4d.cli.options import raw_layout, recipe_and_files
+from napari_phase4d.io import write_phase
+
+RECIPE = p4d.Recipe(methods=("spatial-2d", "temporal-angular"), mask=None)
+
+
+def told(*arguments: object) -> str:
+    """Return what a command prints."""
+    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    if result.exception is not None:
+        raise result.exception
+    return result.output
+
+
+def refused(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], *arguments: object
+) -> str:
+    """Return the sentence with which a command ends."""
+    monkeypatch.setattr(sys, "argv", ["napari-phase4d", *map(str, arguments)])
+    with pytest.raises(SystemExit) as ended:
+        main()
+    assert ended.value.code == 1
+    return capsys.readouterr().err
+
+
+@pytest.fixture
+def phase_file(tmp_path: Path) -> Path:
+    data = p4d.simulation.budding_yeast((16, 16), n_times=3, angles_deg=(0.0, 5.0))
+    np.save(tmp_path / "phase.npy", data["wrapped"].values)
+    return tmp_path / "phase.npy"
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+def test_compare_of_stacks_on_disk_writes_everything(phase_file: Path, tmp_path: Path) -> None:
+    recipe = RECIPE.changed(storage="disk").to_file(tmp_path / "recipe.json")
+    out = tmp_path / "out"
+    words = told("compare", recipe, phase_file, "--out", out)
+    results = {"wrapped.ome.zarr", "spatial-2d.ome.zarr", "temporal-angular.ome.zarr"}
+    assert names(out) == results | {"table.csv", "recipe.json", "comparison.png"}
+    assert "Steps beyond half a cycle" in words
+
+
+def test_compare_writes_results_before_it_looks_at_all_frames(
+    phase_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    holding = sys.modules["napari_phase4d.evaluation.holding"]
+    monkeypatch.setattr(holding, "COPIES", 10**12)  # as if there were too little memory
+    recipe = RECIPE.changed(storage="disk").to_file(tmp_path / "recipe.json")
+    words = told("compare", recipe, phase_file, "--out", tmp_path / "out")
+    assert "this looks at all frames at once" in words
+    assert {"temporal-angular.ome.zarr", "comparison.png"} <= names(tmp_path / "out")
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_folder_that_is_a_file_is_one_sentence(
+    phase_file: Path,
+    tmp_path: Path,
+    command: str,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / "afile").write_text("no folder")
+    line = (command, phase_file, "--method", "spatial-2d", "--out", tmp_path / "afile")
+    said = refused(monkeypatch, capsys, *line)
+    assert f"the folder {tmp_path / 'afile'} can't be made" in said
+    assert "Errno" not in said
+
+
+def test_missing_package_is_one_sentence(
+    phase_file: Path,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    line = ("run", phase_file, "--scheduler", "tcp://127.0.0.1:1", "--out", tmp_path / "out")
+    said = refused(monkeypatch, capsys, *line)
+    assert said.startswith("Error: a cluster needs one more package; run: pip install")
+
+
+def test_too_little_memory_is_one_sentence(
+    phase_file: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def greedy(*_: Any, **__: Any) -> None:
+        raise MemoryError
+
+    monkeypatch.setattr(sys.modules["napari_phase4d.cli.info"], "score_boundaries", greedy)
+    said = refused(monkeypatch, capsys, "info", phase_file)
+    assert said == "Error: it needs more memory than there is\n"
+
+
+def test_info_says_the_needs_before_it_looks_at_few_times(tmp_path: Path) -> None:
+    data = p4d.simulation.budding_yeast((16, 16), n_times=3, angles_deg=(0.0, 5.0))["wrapped"]
+    times = np.arange(103) % 3
+    long = data.isel(time=times).assign_coords(time=np.arange(103.0))
+    long[100:] = np.random.default_rng(0).uniform(-3, 3, (3, 2, 16, 16))  # full of residues
+    write_phase(tmp_path / "wrapped.ome.zarr", long)
+    words = told("info", tmp_path / "wrapped.ome.zarr")
+    first = int(abs(p4d.evaluation.residues(long[:100])).sum())
+    assert f"{first} residues of the first 100 times" in words
+    assert words.index("What a run needs") < words.index("residues")
+    assert "103 times, 2 views" in words
+
+
+def test_recipes_are_told_by_their_ending_in_any_case(tmp_path: Path) -> None:
+    path = RECIPE.to_file(tmp_path / "RECIPE.JSON")
+    recipe, files = recipe_and_files([path, Path("a.npy")])
+    assert (recipe, files) == (RECIPE, [Path("a.npy")])
+
+
+@pytest.mark.parametrize(("order", "large_first"), [("", False), ("<", False), (">", True)])
+def test_raw_frames_of_either_byte_order(tmp_path: Path, order: str, large_first: bool) -> None:
+    frames = np.arange(2 * 8 * 9).reshape(2, 8, 9) * 300
+    frames.astype(">u2" if large_first else "<u2").tofile(tmp_path / "a.raw")
+    layout = raw_layout(f"8,9,{order}uint16,0")
+    found = p4d.open_recording(tmp_path / "a.raw", raw=layout)
+    np.testing.assert_array_equal(np.asarray(found.holograms), frames)
+    with pytest.raises(ValueError, match="--raw takes HEIGHT,WIDTH,TYPE,HEADER"):
+        raw_layout("8,9,=uint16,0")
+
+
+def test_wrapped_phase_that_is_the_input_stays_as_it_is(phase_file: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    for form, ending in (("zarr", "zarr"), ("tiff", "tif")):
+        told("run", phase_file, "--method", "spatial-2d", "--form", form, "--out", out)
+        wrapped = out / f"wrapped.ome.{ending}"
+        before = contents(wrapped)
+        told("run", wrapped, "--method", "temporal-angular", "--form", form, "--out", out)
+        assert contents(wrapped) == before
+        found = p4d.read_results(out / f"temporal-angular.ome.{ending}")
+        assert found.attrs["provenance"]["input"]["name"] == wrapped.name
+        assert isinstance(found, xr.DataArray)
+
+
+def contents(path: Path) -> dict[Path, tuple[bytes, int]]:
+    files = [path] if path.is_file() else [p for p in path.rglob("*") if p.is_file()]
+    return {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in files}

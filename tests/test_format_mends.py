@@ -1,0 +1,261 @@
+"""Faults of files that were once read wrongly, each by the smallest file that shows it."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+import tifffile
+import xarray as xr
+
+import napari_phase4d as p4d
+from format_writers import noise
+from napari_phase4d.io import RawLayout, needs_layout
+
+FRAMES = noise(6, (24, 32), np.uint16)
+
+
+def numbered(path: Path, n: int = 4) -> h5py.File:
+    """Return an open HDF5 file with a dataset a frame."""
+    file = h5py.File(path, "w")
+    for i in range(n):
+        file[f"video/{i}"] = FRAMES[i]
+    return file
+
+
+def spoil(file: h5py.File, folder: Path, way: str) -> None:
+    """Put a third frame among numbered ones that may not be read."""
+    del file["video/2"]
+    shape, dtype = FRAMES.shape[1:], FRAMES.dtype
+    if way == "other file":
+        (folder / "secret.bin").write_bytes(FRAMES[0].tobytes())
+        where = [("secret.bin", 0, FRAMES[0].nbytes)]
+        file.create_dataset("video/2", shape, dtype, external=where)
+    elif way == "itself":
+        layout = h5py.VirtualLayout(shape, dtype)
+        layout[:] = h5py.VirtualSource(".", "video/2", shape)
+        file.create_virtual_dataset("video/2", layout)
+    elif way == "a link out":
+        with h5py.File(folder / "else.h5", "w") as other:
+            other["frame"] = FRAMES[0]
+        file["door"] = h5py.ExternalLink("else.h5", "/")
+        layout = h5py.VirtualLayout(shape, dtype)
+        layout[:] = h5py.VirtualSource(".", "door/frame", shape)
+        file.create_virtual_dataset("video/2", layout)
+    else:
+        file.create_dataset("video/2", shape, dtype, chunks=shape)
+
+
+@pytest.mark.parametrize(
+    ("way", "sentence"),
+    [
+        ("other file", r"a\.h5 keeps '/video/2' in other files"),
+        ("itself", r"a\.h5 needs '/?video/2' of a\.h5, which has no numbers of its own"),
+        ("a link out", r"a\.h5 needs 'door/frame' of a\.h5, which has no numbers of its own"),
+        ("nothing", r"a\.h5 says that '/video/2' is .* but holds nothing of it"),
+    ],
+)
+def test_each_of_the_hdf5_frames_is_looked_at(tmp_path: Path, way: str, sentence: str) -> None:
+    with numbered(tmp_path / "a.h5") as file:
+        spoil(file, tmp_path, way)
+    rec = p4d.open_recording(tmp_path / "a.h5")
+    np.testing.assert_array_equal(rec.raw_frame(3), FRAMES[3])
+    with pytest.raises(OSError, match=f"^{sentence}"):
+        rec.raw_frame(2)
+
+
+def test_hdf5_frame_of_which_a_part_is_missing(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        data = file.create_dataset("frames", (2, 24, 32), "u2", chunks=(1, 12, 16))
+        data[0] = FRAMES[0]
+        data[1, :12] = FRAMES[1, :12]
+    rec = p4d.open_recording(tmp_path / "a.h5")
+    np.testing.assert_array_equal(rec.raw_frame(0), FRAMES[0])
+    with pytest.raises(OSError, match="frame 1 of a.h5 .*never written"):
+        rec.raw_frame(1)
+
+
+def test_hdf5_with_a_dataset_that_numpy_has_no_kind_for(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["frames"] = FRAMES
+        space = h5py.h5s.create_simple((4,))
+        h5py.h5d.create(file.id, b"a_time", h5py.h5t.UNIX_D32LE, space)
+    np.testing.assert_array_equal(p4d.open_recording(tmp_path / "a.h5").raw_frame(1), FRAMES[1])
+
+
+def test_npz_that_is_called_npy(tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", frames=FRAMES)
+    (tmp_path / "a.npz").rename(tmp_path / "a.npy")
+    with pytest.raises(OSError, match=r"^a\.npy can't be read as a NumPy file"):
+        p4d.open_recording(tmp_path / "a.npy")
+
+
+def koala_raw(path: Path, cut: int = 0) -> None:
+    frames = FRAMES.astype(np.uint8)
+    head = np.array([32, 24, 8, len(frames)], "<i4").tobytes()
+    data = head + frames.tobytes()
+    path.write_bytes(data[: len(data) - cut])
+
+
+def test_koala_raw_alone(tmp_path: Path) -> None:
+    folder = tmp_path / "Holograms"
+    folder.mkdir()
+    koala_raw(folder / "holo.raw")
+    lines = [f"{i:05d} 12:00:00.0 2026.01.31 {250 * i}" for i in range(6)]
+    (tmp_path / "timestamps.txt").write_text("\n".join(lines))
+    rec = p4d.open_recording(folder / "holo.raw")
+    np.testing.assert_allclose(rec.holograms["time"], np.arange(6) / 4)
+    koala_raw(folder / "holo.raw", cut=5)
+    with pytest.raises(OSError, match=r"holo\.raw is cut short"):
+        p4d.open_recording(folder / "holo.raw")
+
+
+def test_which_files_need_a_layout(tmp_path: Path) -> None:
+    (tmp_path / "camera.raw").write_bytes(FRAMES.tobytes())
+    koala_raw(tmp_path / "koala.raw")
+    np.save(tmp_path / "a.npy", FRAMES)
+    (tmp_path / "empty.raw").touch()
+    needing = [p.name for p in sorted(tmp_path.iterdir()) if needs_layout(p)]
+    assert needing == ["camera.raw"]
+    assert not needs_layout(tmp_path / "missing.raw")
+
+
+def test_dataset_is_chosen_in_every_file_of_a_folder_and_list(tmp_path: Path) -> None:
+    files = [tmp_path / f"part{i}.h5" for i in range(2)]
+    for i, path in enumerate(files):
+        with h5py.File(path, "w") as file:
+            file["frames"] = FRAMES[:3] * 0
+            file["second"] = FRAMES[3 * i : 3 * i + 3]
+    for given in (tmp_path, files, tmp_path / "part*.h5"):
+        rec = p4d.open_recording(given, dataset="second")
+        np.testing.assert_array_equal(rec.holograms.values, FRAMES)
+    lazy = pickle.loads(pickle.dumps(rec.holograms.data))
+    np.testing.assert_array_equal(lazy[4].compute(), FRAMES[4])
+
+
+def test_dataset_is_chosen_in_every_tiff(tmp_path: Path) -> None:
+    for i in range(3):
+        tifffile.imwrite(
+            tmp_path / f"b{i}.ome.tif",
+            np.stack([FRAMES[i : i + 2], FRAMES[i + 2 : i + 4]]),
+            metadata={"axes": "TZYX"},
+        )
+    rec = p4d.open_recording(tmp_path / "b*.tif", dataset="Z=1")
+    assert len(rec.holograms) == 6
+    np.testing.assert_array_equal(rec.raw_frame(3), FRAMES[4])
+
+
+def test_raw_layout_serves_every_file(tmp_path: Path) -> None:
+    files = [tmp_path / f"part{i}.raw" for i in range(2)]
+    for i, path in enumerate(files):
+        path.write_bytes(FRAMES[3 * i : 3 * i + 3].tobytes())
+    for given in (tmp_path, files, tmp_path / "*.raw"):
+        rec = p4d.open_recording(given, raw=RawLayout(24, 32))
+        np.testing.assert_array_equal(rec.holograms.values, FRAMES)
+
+
+@pytest.mark.parametrize("name", ["a.npy", "a.png", "a.raw", "folder"])
+def test_dataset_where_there_is_nothing_to_choose(tmp_path: Path, name: str) -> None:
+    import imageio.v3 as iio
+
+    raw = None
+    if name == "a.npy":
+        np.save(tmp_path / name, FRAMES)
+    elif name == "a.raw":
+        raw = RawLayout(24, 32)
+        (tmp_path / name).write_bytes(FRAMES.tobytes())
+    elif name == "a.png":
+        iio.imwrite(tmp_path / name, FRAMES[0])
+    else:
+        (tmp_path / name).mkdir()
+        iio.imwrite(tmp_path / name / "0.png", FRAMES[0])
+        iio.imwrite(tmp_path / name / "1.png", FRAMES[1])
+    with pytest.raises(ValueError, match=f"{name} has one array only; leave dataset out"):
+        p4d.open_recording(tmp_path / name, dataset="Z=0", raw=raw)
+
+
+def test_pixels_that_run_backwards_or_are_one(tmp_path: Path) -> None:
+    def array(n: int, step: float) -> xr.DataArray:
+        x = ("x", step * np.arange(n), {"units": "um"})
+        return xr.DataArray(FRAMES[:, :, :n], dims=("time", "y", "x"), coords={"x": x})
+
+    assert p4d.open_recording(array(32, -0.25)).optics.pixel_um == pytest.approx(0.25)
+    with pytest.raises(ValueError, match="the array"):  # a strip is no frame, and says so
+        p4d.open_recording(array(1, 0.25))
+
+
+@pytest.mark.parametrize("way", ["in place", "another file"])
+@pytest.mark.parametrize("kind", ["npy", "raw", "h5"])
+def test_file_that_is_written_anew_and_larger(tmp_path: Path, kind: str, way: str) -> None:
+    path = tmp_path / f"a.{kind}"
+    others = np.concatenate([FRAMES[::-1], FRAMES])
+
+    def write(to: Path, frames: np.ndarray) -> None:
+        if kind == "npy":
+            np.save(to, frames)
+        elif kind == "raw":
+            to.write_bytes(frames.tobytes())
+        else:
+            with h5py.File(to, "w") as file:
+                file["frames"] = frames
+
+    write(path, FRAMES)
+    rec = p4d.open_recording(path, raw=RawLayout(24, 32) if kind == "raw" else None)
+    if way == "in place" and kind == "h5":
+        pytest.skip("HDF5 locks a file that it reads")
+    if way == "in place":
+        write(path, others)
+    else:
+        write(tmp_path / f"new.{kind}", others)
+        (tmp_path / f"new.{kind}").replace(path)
+    with pytest.raises(OSError, match="frame 2 of .* was written anew since it was opened"):
+        rec.raw_frame(2)
+
+
+def test_npy_that_grows_is_read_as_it_was(tmp_path: Path) -> None:
+    """Its header changes, its frames don't."""
+    path = tmp_path / "a.npy"
+    np.save(path, FRAMES[:4])
+    rec = p4d.open_recording(path)
+    with path.open("r+b") as file:
+        np.save(file, FRAMES)
+    np.testing.assert_array_equal(rec.raw_frame(2), FRAMES[2])
+
+
+def ome_zarr(path: Path, values: np.ndarray, axes: str) -> None:
+    import zarr
+
+    kinds = {"t": "time", "c": "channel"}
+    told = [{"name": a, "type": kinds.get(a, "space")} for a in axes]
+    told[axes.index("t")]["unit"] = "second"
+    scale = [0.5 if a == "t" else 1.0 for a in axes]
+    steps = [{"type": "scale", "scale": scale}]
+    image = {"axes": told, "datasets": [{"path": "0", "coordinateTransformations": steps}]}
+    root = zarr.open_group(str(path), mode="w")
+    root.create_array("0", data=values, chunks=(*[1] * (values.ndim - 2), 24, 32))
+    root.attrs["ome"] = {"version": "0.5", "multiscales": [image]}
+
+
+def test_ome_zarr_with_channels(tmp_path: Path) -> None:
+    values = np.stack([FRAMES, FRAMES[::-1] + 1], axis=1)  # t, c, y, x
+    ome_zarr(tmp_path / "a.zarr", values, "tcyx")
+    with pytest.raises(ValueError, match='choose one place, as with dataset="C=0"'):
+        p4d.open_recording(tmp_path / "a.zarr")
+    rec = p4d.open_recording(tmp_path / "a.zarr", dataset="C=1")
+    np.testing.assert_array_equal(rec.holograms.values, values[:, 1])
+    np.testing.assert_allclose(np.diff(rec.holograms["time"]), 0.5)
+    unpickled = pickle.loads(pickle.dumps(rec.holograms.data))
+    np.testing.assert_array_equal(unpickled[2].compute(), values[2, 1])
+    with pytest.raises(ValueError, match="'C=2' is no place there"):
+        p4d.open_recording(tmp_path / "a.zarr", dataset="C=2")
+
+
+def test_depth_of_ome_zarr_has_no_interval(tmp_path: Path) -> None:
+    ome_zarr(tmp_path / "a.zarr", FRAMES[None], "tzyx")
+    rec = p4d.open_recording(tmp_path / "a.zarr")
+    np.testing.assert_array_equal(rec.raw_frame(3), FRAMES[3])
+    np.testing.assert_allclose(np.diff(rec.holograms["time"]), 1)
+    assert any("axis Z is taken for time" in note for note in rec.notes)
