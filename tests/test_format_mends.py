@@ -259,3 +259,19 @@ def test_depth_of_ome_zarr_has_no_interval(tmp_path: Path) -> None:
     np.testing.assert_array_equal(rec.raw_frame(3), FRAMES[3])
     np.testing.assert_allclose(np.diff(rec.holograms["time"]), 1)
     assert any("axis Z is taken for time" in note for note in rec.notes)
+
+
+def test_a_black_frame_that_zarr_left_out_is_black(tmp_path: Path) -> None:
+    import zarr
+
+    frames = np.random.default_rng(0).integers(1, 200, (6, 16, 20)).astype(np.uint8)
+    frames[2] = 0
+    array = zarr.create_array(
+        tmp_path / "v.zarr", shape=frames.shape, chunks=(1, 16, 20), dtype="u1"
+    )
+    array[:] = frames
+    rec = p4d.open_recording(tmp_path / "v.zarr")
+    np.testing.assert_array_equal(rec.raw_frame(2), frames[2])
+    (tmp_path / "v.zarr" / "c" / "5" / "0" / "0").unlink()
+    with pytest.raises(OSError, match=r"frame 5 of v\.zarr"):
+        rec.raw_frame(5)

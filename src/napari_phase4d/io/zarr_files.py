@@ -131,7 +131,7 @@ class ZarrReader(FrameReader):
                 if step * math.prod(self.shape[1:]) * self.dtype.itemsize > LARGEST_KEPT:
                     step = 1
                 first = index - index % step
-                check_pieces(self.path, self.name, array, self._place(array, index))
+                check_pieces(self.path, self.name, array, self._place(array, index), self.axis)
                 block = self._read(array, first, min(first + step, self.shape[0]))
                 if step > 1:
                     self._block = (first, block)
@@ -254,24 +254,19 @@ def check_sound(path: Path, array: Any) -> None:
         raise WrongStore(msg)
 
 
-def check_pieces(path: Path, name: str, array: Any, place: list[int]) -> None:
+def check_pieces(
+    path: Path, name: str, array: Any, place: list[int], axis: int | None = None
+) -> None:
     """Raise OSError if the pieces of a frame in a folder are missing or cut short.
 
     zarr-python gives zeros for pieces that aren't there, and Blosc for the missing end of one that
-    it could not make smaller. Single missing pieces are black places, which Zarr leaves out.
+    it could not make smaller. Missing pieces are black, which Zarr leaves out, unless nothing at
+    all comes after them: then the recording ended there.
     """
     if not path.is_dir():
         return
-    pieces = array.shards or array.chunks
-    counts = [-(-n // p) for n, p in zip(array.shape[-2:], pieces[-2:], strict=True)]
-    leading = [p // n for p, n in zip(place, pieces, strict=False)]
-    keys = (
-        array.metadata.encode_chunk_key((*leading, row, column))
-        for row in range(counts[0])
-        for column in range(counts[1])
-    )
-    files = [file for key in keys if (file := path / name / key).is_file()]
-    if not files:
+    files = files_of(path, name, array, place)
+    if not files and not goes_on(path, name, array, place, axis):
         msg = "nothing of it is in the store"
         raise OSError(msg)
     if array.shards is None and packs_with_blosc(array.metadata):
@@ -281,6 +276,30 @@ def check_pieces(path: Path, name: str, array: Any, place: list[int]) -> None:
             if told > file.stat().st_size:
                 msg = f"its piece {file.name} is cut short"
                 raise OSError(msg)
+
+
+def files_of(path: Path, name: str, array: Any, place: list[int]) -> list[Path]:
+    """Return the files of a folder that hold a frame."""
+    pieces = array.shards or array.chunks
+    counts = [-(-n // p) for n, p in zip(array.shape[-2:], pieces[-2:], strict=True)]
+    leading = [p // n for p, n in zip(place, pieces, strict=False)]
+    keys = (
+        array.metadata.encode_chunk_key((*leading, row, column))
+        for row in range(counts[0])
+        for column in range(counts[1])
+    )
+    return [file for key in keys if (file := path / name / key).is_file()]
+
+
+def goes_on(path: Path, name: str, array: Any, place: list[int], axis: int | None) -> bool:
+    """Say whether a later frame along an axis is in the store."""
+    if axis is None:
+        return False
+    step = (array.shards or array.chunks)[axis]
+    later = range(place[axis] - place[axis] % step + step, array.shape[axis], step)
+    return any(
+        files_of(path, name, array, [*place[:axis], time, *place[axis + 1 :]]) for time in later
+    )
 
 
 def packs_with_blosc(metadata: Any) -> bool:

@@ -56,7 +56,7 @@ class Needs:
 
     def fits_in_memory(self) -> bool:
         """Say whether all stacks can be held in memory now."""
-        return self.in_memory <= SHARE_OF_MEMORY * psutil.virtual_memory().available
+        return bool(self.in_memory <= SHARE_OF_MEMORY * psutil.virtual_memory().available)
 
     def check(self, folder: Path, *, on_disk: bool) -> None:
         """Raise OSError if the memory, or the disk that holds a folder, is too small.

@@ -121,7 +121,9 @@ def is_alive(mark: dict[str, Any]) -> bool:
         return True
     try:
         # The number of a process that has ended may be that of another one by now.
-        return abs(psutil.Process(int(mark["pid"])).create_time() - float(mark["began"])) < CLOCK_S
+        return bool(
+            abs(psutil.Process(int(mark["pid"])).create_time() - float(mark["began"])) < CLOCK_S
+        )
     except psutil.AccessDenied:
         return True
     except (psutil.Error, KeyError, TypeError, ValueError):
