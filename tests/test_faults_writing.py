@@ -182,7 +182,7 @@ COMMANDS = {
     "run escape.json": "passwd",
     "run good.tif --boundary 99,0 --method spatial-2d": "does not exist",
     "run good.tif --out file+in+the+way": "file in the way",
-    "run good.tif --out /proc/nowhere": "could not be written",
+    "run good.tif --out /proc/nowhere": "can't be made",
     "compare objects.npy": "objects.npy holds Python objects",
     "compare holes.npy": "holes.npy",
 }
