@@ -238,6 +238,18 @@ def test_a_folder_can_be_used_again_for_another_recording(
         assert kept.shape[0] == n_frames
 
 
+def test_frames_without_light_are_written_too(
+    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+) -> None:
+    frames = video.holograms.values.copy()
+    frames[8:] = 0  # whole blocks of zeros, which Zarr would leave out
+    dark = Recording.from_frames(frames, optics=video.optics)
+    chosen = recipe.changed(methods=("spatial-2d",), mask=None, background="none")
+    found = p4d.run(chosen.changed(storage="disk"), dark, folder=tmp_path)
+    assert not found.reconstruction["amplitude"].values[8:].any()
+    assert_same(found, p4d.run(chosen, dark))
+
+
 def test_a_part_of_a_stack_on_disk_is_that_part(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:

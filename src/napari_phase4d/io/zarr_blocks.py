@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.io.describing import SIGNATURE, described
-from napari_phase4d.io.zarr_results import ARRAY, NAMES, ome_note
+from napari_phase4d.io.zarr_results import ALL_CHUNKS, ARRAY, new_array, ome_note
 
-__all__ = ["ARRAY", "create_blocks", "finish_blocks"]
+__all__ = ["ALL_CHUNKS", "ARRAY", "create_blocks", "finish_blocks"]
 
 
 def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
@@ -31,20 +31,10 @@ def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
         The folder of its array, for ``zarr.open_array``.
     """
     import zarr
-    from zarr.codecs import BloscCodec, Crc32cCodec
 
-    zarr.create_group(group, zarr_format=3).create_array(
-        ARRAY,
-        shape=shape,
-        # One view of a block a chunk: chunks of single frames take twice as long to write.
-        chunks=(min(frames, shape[0]), 1, *shape[2:]),
-        dtype=np.float32,
-        # The quickest: it keeps up with the reconstruction. Blosc trusts what it reads, so that a
-        # damaged file could end the program; the sum is looked at first.
-        compressors=[BloscCodec(cname="lz4", clevel=1, shuffle="bitshuffle"), Crc32cCodec()],
-        dimension_names=NAMES,
-        config={"write_empty_chunks": True},
-    )
+    # Chunks of single frames take twice as long to write; the packer keeps up with the work.
+    top = zarr.create_group(group, zarr_format=3)
+    new_array(top, shape, np.float32, frames=frames, packer="lz4")
     return group / ARRAY
 
 
@@ -64,5 +54,5 @@ def finish_blocks(group: Path, stack: xr.DataArray, limits: tuple[float, float])
 
     low, high = (np.full(stack.sizes["angle"], limit) for limit in limits)
     zarr.open_group(group, mode="r+").update_attributes(
-        {"ome": ome_note(stack, group, (low, high)), SIGNATURE: described(stack)}
+        {"ome": ome_note(stack, (low, high)), SIGNATURE: described(stack)}
     )

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io import read_results
 from napari_phase4d.io.atomic import put_in_place
-from napari_phase4d.io.zarr_blocks import ARRAY, create_blocks, finish_blocks
+from napari_phase4d.io.zarr_blocks import ALL_CHUNKS, ARRAY, create_blocks, finish_blocks
 from napari_phase4d.io.zarr_results import path_of
 from napari_phase4d.pipeline.streaming.blocks import Block, block_frames, blocks_of
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
@@ -93,7 +93,7 @@ def opened_once(path: Path, *_which: int) -> Any:
     """Return an array, opened once; another one may come to lie at the same path later."""
     import zarr
 
-    return zarr.open_array(path, mode="r+")
+    return zarr.open_array(path, mode="r+").with_config(ALL_CHUNKS)
 
 
 class Shelf:
