@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 import tracemalloc
+import weakref
 
 import numpy as np
 import pytest
 
 import napari_phase4d as p4d
-from napari_phase4d.holography import Lobe, prepared
+from napari_phase4d.holography import Lobe, corrections
 from napari_phase4d.holography.aberrations import surface_of, surface_terms
 from napari_phase4d.holography.background import Surface
+from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.progress import Cancelled
 
 
@@ -57,18 +59,29 @@ def test_fit_is_stopped_between_its_rounds() -> None:
     assert len(calls) == 3
 
 
-def test_frames_are_summed_as_they_come(traced_memory: None) -> None:
-    """Without the median the memory doesn't grow with the frames that are looked at."""
-    few, many = 16, 160
-    frames = np.random.default_rng(2).integers(0, 200, (many, 256, 256)).astype(np.uint8)
+def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Without the median no frame that was looked at is kept, however many there are."""
+    frames = np.random.default_rng(2).integers(0, 200, (32, 64, 64)).astype(np.uint8)
+    rec = p4d.open_recording(frames)
     lobes = [Lobe((0.2, 0.2), 0.2)]
-    one = int(np.prod(prepared(p4d.open_recording(frames), lobes).stack_shape(1))) * 8
-    most = {}
-    for n in (few, many):
-        rec = p4d.open_recording(frames[:n])
-        before = tracemalloc.get_traced_memory()[0]
-        tracemalloc.reset_peak()
-        prepared(rec, lobes)
-        most[n] = tracemalloc.get_traced_memory()[1] - before
-    # Each thread holds some frames while it works, now more of them and now fewer.
-    assert most[many] - most[few] < (many - few) * one / 4
+    demodulate = Demodulator(rec.frame_shape, lobes)
+    alive, most = 0, 0
+
+    def ended() -> None:
+        nonlocal alive
+        alive -= 1
+
+    def counted(frame: np.ndarray) -> np.ndarray:
+        nonlocal alive, most
+        fields = demodulate(frame)
+        weakref.finalize(fields, ended)
+        alive += 1
+        most = max(most, alive)
+        return fields
+
+    # One after the other: how many the threads have in hand depends on how quick they are.
+    monkeypatch.setattr(corrections, "in_threads", lambda work, items, watch: map(work, items))
+    corrections.corrections(rec, counted, None, "tilt", 4, None)
+    assert most <= 3  # the first, to which the others are turned, the last, and the next
+    corrections.corrections(rec, counted, "median", "tilt", 4, None)
+    assert most == 32
