@@ -248,12 +248,12 @@ def judged(error: Exception, path: Path) -> str:
 def known_kinds() -> tuple[type, ...]:
     """Return the kinds of error that may come out: built-in ones, and the program's own."""
     own = {OSError, ValueError, TypeError, FileNotFoundError, PermissionError}
-    todo = list(own)
-    while todo:
-        for kind in todo.pop().__subclasses__():
+    kinds = list(own)
+    while kinds:
+        for kind in kinds.pop().__subclasses__():
             if kind.__module__.startswith("napari_phase4d"):
                 own.add(kind)
-                todo.append(kind)
+                kinds.append(kind)
     return tuple(own)
 
 

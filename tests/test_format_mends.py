@@ -275,3 +275,23 @@ def test_a_black_frame_that_zarr_left_out_is_black(tmp_path: Path) -> None:
     (tmp_path / "v.zarr" / "c" / "5" / "0" / "0").unlink()
     with pytest.raises(OSError, match=r"frame 5 of v\.zarr"):
         rec.raw_frame(5)
+
+
+@pytest.mark.parametrize("shape", [(5, 1, 32, 32), (1, 5, 32, 32), (5, 1, 1, 32, 32)])
+def test_frames_of_axes_without_names_are_all_there(
+    tmp_path: Path, shape: tuple[int, ...]
+) -> None:
+    """Of a NumPy array that tifffile wrote, all axes but the last two have the same name."""
+    stack = np.random.default_rng(4).integers(0, 200, shape).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack")
+    rec = p4d.open_recording(tmp_path / "a.tif")
+    assert (rec.holograms.values == stack.reshape(5, 32, 32)).all()
+
+
+def test_places_on_axes_of_one_name_are_taken_in_their_order(tmp_path: Path) -> None:
+    stack = np.random.default_rng(4).integers(0, 200, (5, 2, 32, 32)).astype(np.uint8)
+    tifffile.imwrite(tmp_path / "a.tif", stack, photometric="minisblack")
+    rec = p4d.open_recording(tmp_path / "a.tif", dataset="Q=4,Q=1")
+    assert (rec.holograms.values == stack[4, 1]).all()
+    rec = p4d.open_recording(tmp_path / "a.tif", dataset="Q=3")
+    assert (rec.holograms.values == stack[3]).all()

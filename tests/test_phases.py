@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import psutil
 import pytest
 import tifffile
 import xarray as xr
@@ -92,6 +93,21 @@ def test_files_that_cant_be_read(tmp_path: Path) -> None:
     other.write_text("1,2")
     with pytest.raises(OSError, match="of a kind that can't be read as phase"):
         open_phase(other)
+
+
+@pytest.mark.parametrize("ending", [".npy", ".tif"])
+def test_phase_larger_than_memory_is_refused_before_it_is_read(
+    tmp_path: Path, ending: str
+) -> None:
+    path = tmp_path / f"long{ending}"
+    shape = (2 + psutil.virtual_memory().total // 2**26, 1, 4096, 4096)
+    if ending == ".npy":
+        np.lib.format.open_memmap(path, "w+", np.float32, shape)
+    else:
+        tifffile.imwrite(path, shape=shape, dtype=np.float32, bigtiff=True)
+    assert path.stat().st_blocks < 2**20, "the test needs a file system with sparse files"
+    with pytest.raises(OSError, match=r"long.* is read whole and takes .* GiB of memory are free"):
+        open_phase(path)
 
 
 def test_a_run_may_begin_with_wrapped_phase(tmp_path: Path) -> None:

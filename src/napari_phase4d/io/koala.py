@@ -26,6 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.mapped import map_frames
+from napari_phase4d.io.memory import check_fits
 from napari_phase4d.io.sequences import by_number, read_files
 from napari_phase4d.io.tiff import read_tiff
 from napari_phase4d.io.video import Video
@@ -197,6 +198,7 @@ def read_koala_phase(path: Path) -> Video:
         msg = f"{path.name} holds no phase of Koala (.bin files)"
         raise OSError(msg)
     head = phase_header(files[0])
+    check_fits(sum(file.stat().st_size for file in files), path.name)
     frames = np.stack([phase_of(file, head) for file in files])
     video = Video(frames, pixel_um=float(head["pixel_m"]) * 1e6, kind="Koala phase")
     return timed(video, path) if path.is_dir() else video

@@ -9,19 +9,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import psutil
 from numpy.typing import NDArray
 
 from napari_phase4d.io.choosing import USUAL_NAMES, Found, listed
 from napari_phase4d.io.mapped import map_frames
+from napari_phase4d.io.memory import memory_lacks
 from napari_phase4d.io.video import Video
 
 __all__ = ["holds_holograms", "read_npy", "read_npz"]
 
 #: Names that only holograms have.
 HOLOGRAM_NAMES = ("holograms", "hologram", "mux", "frames")
-#: Share of the free memory that one array of an .npz file may take, as it is read whole.
-LARGEST_SHARE = 0.5
 
 
 def read_npy(path: Path) -> Video:
@@ -132,11 +130,10 @@ def check_size(path: Path, name: str, found: Found, archive: zipfile.ZipFile) ->
     if dtype.kind != "O" and needed > archive.getinfo(f"{name}.npy").file_size:
         msg = f"{path.name} says that {name!r} is {dtype} {shape}, but holds less; it is damaged"
         raise TooLarge(msg)
-    free = psutil.virtual_memory().available
-    if max(needed, archive.getinfo(f"{name}.npy").file_size) > LARGEST_SHARE * free:
+    if lacks := memory_lacks(max(needed, archive.getinfo(f"{name}.npy").file_size)):
         msg = (
-            f"{name!r} of {path.name} takes {needed / 2**30:.3g} GiB, as an .npz file is read "
-            f"whole, but {free / 2**30:.3g} GiB are free; save it as .npy, which is read in parts"
+            f"{name!r} of {path.name}, which is read whole, takes {lacks}; "
+            "save it as .npy, which is read in parts"
         )
         raise TooLarge(msg)
 

@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.io.grey import colour_sentence
+from napari_phase4d.io.memory import memory_lacks
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RawLayout
 from napari_phase4d.io.reading import JOINED_SUFFIXES, READABLE_SUFFIXES, read_list, read_video
@@ -24,7 +25,7 @@ from napari_phase4d.recording import Recording
 __all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording"]
 
 #: Share of the free memory that a single frame may take.
-LARGEST_SHARE = 0.25
+SHARE_OF_A_FRAME = 0.25
 #: Pixels along a side of a frame.
 LARGEST_SIDE = 2**20
 #: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
@@ -225,14 +226,11 @@ def check_frame_size(frames: Any, name: str) -> None:
         raise ValueError(msg)
     if len(shape) < 2 or isinstance(frames, np.ndarray):
         return
-    import psutil
-
     needed = math.prod(int(n) for n in shape[-2:]) * np.dtype(frames.dtype).itemsize
-    free = psutil.virtual_memory().available
-    if needed > LARGEST_SHARE * free:
+    if lacks := memory_lacks(needed, SHARE_OF_A_FRAME):
         msg = (
-            f"one frame of {name} ({shape[-2]} x {shape[-1]} pixels) takes {needed / 2**30:.3g} "
-            f"GiB, but {free / 2**30:.3g} GiB of memory are free; the file may be damaged"
+            f"one frame of {name} ({shape[-2]} x {shape[-1]} pixels) takes {lacks}; "
+            "the file may be damaged"
         )
         raise ValueError(msg)
 

@@ -11,6 +11,7 @@ import xarray as xr
 
 from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.koala import is_koala_phase, read_koala_phase
+from napari_phase4d.io.memory import check_fits
 from napari_phase4d.io.numpy_files import holds_holograms, read_npy, read_npz
 from napari_phase4d.io.results import AXES, is_result, read_results, result_attrs
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
@@ -79,6 +80,7 @@ def open_phase(
             "of floating-point radians (y, x), (time, y, x) or (time, angle, y, x)"
         )
         raise ValueError(msg)
+    check_fits(values.size * np.dtype(np.float32).itemsize, path.name)
     dims = PLAIN_DIMS[values.ndim]
     stack = xr.DataArray(np.asarray(values, dtype=np.float32), dims=dims, name=path.stem)
     full = stack.expand_dims([d for d in AXES if d not in dims]).transpose(*AXES)

@@ -124,20 +124,22 @@ def chosen_places(
     path: Path, axes: str, shape: tuple[int, ...], dataset: str | None
 ) -> tuple[int | slice, ...]:
     """Return what to take along each axis: a number, or all."""
-    # An axis of length 1 says nothing, but a picture keeps its own.
-    places: dict[str, int | slice] = {
-        a: slice(None) if n > 1 or a in PICTURE else 0 for a, n in zip(axes, shape, strict=True)
-    }
+    # An axis of length 1 says nothing, but a picture keeps its own. By number: axes that a file
+    # doesn't name are all called Q.
+    places: list[int | slice] = [
+        slice(None) if n > 1 or a in PICTURE else 0 for a, n in zip(axes, shape, strict=True)
+    ]
     for part in () if dataset is None else dataset.split(","):
         name, _, number = part.strip().partition("=")
-        name = name.strip().upper()
-        length = shape[axes.index(name)] if name and name in axes else 0
-        if name in PICTURE or not number.strip().isdigit() or int(number) >= length:
+        named = [i for i, a in enumerate(axes) if a == name.strip().upper()]
+        axis = next((i for i in named if isinstance(places[i], slice)), named[0] if named else -1)
+        digits = number.strip().isdigit()
+        if axis < 0 or axes[axis] in PICTURE or not digits or int(number) >= shape[axis]:
             known = axes_in_words(axes, shape)
             msg = f"{path.name} has {known}; {part.strip()!r} is no place there"
             raise ValueError(msg)
-        places[name] = int(number)
-    return tuple(places[a] for a in axes)
+        places[axis] = int(number)
+    return tuple(places)
 
 
 def axes_in_words(axes: str, shape: tuple[int, ...]) -> str:

@@ -24,6 +24,7 @@ from napari_phase4d.io.describing import (
     step_of,
 )
 from napari_phase4d.io.lazy import in_one_line
+from napari_phase4d.io.memory import check_fits
 from napari_phase4d.io.slabs import slabs
 from napari_phase4d.io.tiff_checks import check_described
 from napari_phase4d.progress import CancelledCall, ProgressCall
@@ -122,6 +123,7 @@ def check_size(tif: tifffile.TiffFile, description: dict[str, Any], path: Path) 
     if needed > size:
         msg = f"{path.name} is cut short: its frames need {needed} bytes, the file has {size}"
         raise OSError(msg)
+    check_fits(series.nbytes, path.name)
 
 
 def tiff_description(path: str | Path) -> dict[str, Any] | None:
