@@ -14,6 +14,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.progress import CancelledCall
 from napari_phase4d.sample import is_sample
+from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
     "PROGRAM",
@@ -56,7 +57,8 @@ def provenance_of(
     dict
         ``program`` and ``version``; ``versions`` of what computes; ``recipe``, with the lobes and
         the microscope that were used; ``boundary`` as (time, angle) numbers; ``input``: name,
-        bytes and SHA-256; and ``reference``, the same of the file it was divided by, if any.
+        bytes and SHA-256; and, where there are any, ``packages`` that brought methods, and
+        ``reference``, the same as ``input`` of the file it was divided by.
     """
     recipe = outcome.recipe
     found = {
@@ -67,6 +69,8 @@ def provenance_of(
         "boundary": [list(frame) for frame in recipe.boundary],
         "input": (source or source_of(outcome, cancelled)).as_dict(),
     }
+    if brought := packages_of(recipe):
+        found["packages"] = brought
     if is_reference_file(recipe):
         found["reference"] = (reference or known(str(recipe.reference), cancelled)).as_dict()
     return found
@@ -81,8 +85,15 @@ def with_provenance(stack: xr.DataArray, provenance: dict[str, Any]) -> xr.DataA
 
 def asked_recipe(recipe: Recipe, reference: Fingerprint | None = None) -> dict[str, Any]:
     """Return a recipe but for its recording, with the fingerprint of its reference file."""
-    noted = {} if reference is None else {"reference": reference.as_dict()}
+    noted: dict[str, Any] = {} if reference is None else {"reference": reference.as_dict()}
+    if brought := packages_of(recipe):
+        noted["packages"] = brought
     return settings_of(recipe) | {"recording": ""} | noted
+
+
+def packages_of(recipe: Recipe) -> list[str]:
+    """Return names and versions of the packages that brought methods of a recipe."""
+    return sorted({METHODS[method].package for method in recipe.methods} - {""})
 
 
 def settings_of(recipe: Recipe) -> dict[str, Any]:

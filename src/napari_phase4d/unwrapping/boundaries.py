@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, watched
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.registry import unwrap
+from napari_phase4d.unwrapping.running import unwrap
 from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
 
 __all__ = ["score_boundaries"]

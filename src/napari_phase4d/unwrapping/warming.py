@@ -12,7 +12,8 @@ import numpy as np
 from napari_phase4d.unwrapping.compiling import is_on_disk
 from napari_phase4d.unwrapping.directional.cut import sink_side
 from napari_phase4d.unwrapping.growing.smooth import integrated
-from napari_phase4d.unwrapping.registry import METHODS, unwrap
+from napari_phase4d.unwrapping.registry import BUILT_IN
+from napari_phase4d.unwrapping.running import unwrap
 
 __all__ = ["warm_up", "warm_up_elsewhere"]
 
@@ -22,7 +23,7 @@ COMMAND = "from napari_phase4d.unwrapping.warming import warm_up; warm_up()"
 def warm_up() -> None:
     """Run every method on a little phase, which compiles what it needs and keeps it on disk."""
     noise = np.random.default_rng(0).uniform(-3, 3, (3, 2, 24, 24)).astype(np.float32)
-    for method in METHODS:
+    for method in BUILT_IN:
         unwrap(noise, method)
 
 

@@ -17,11 +17,18 @@ from napari_phase4d.pipeline.streaming.spatial import LiftBlock, UnwrapBlock
 from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, widest
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.unwrapping import METHODS, Problem, SharedSteps, is_known, noted, run_method
+from napari_phase4d.unwrapping import (
+    METHODS,
+    Problem,
+    SharedSteps,
+    all_options,
+    is_known,
+    noted,
+    run_method,
+)
 from napari_phase4d.unwrapping.growing import coherence
 from napari_phase4d.unwrapping.problem import Boundary, all_known, checked_boundaries
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
-from napari_phase4d.unwrapping.registry import all_options
 from napari_phase4d.unwrapping.spatial import border_medians
 
 __all__ = ["ProblemOnDisk"]

@@ -1,0 +1,77 @@
+"""What the program knows of an unwrapping method."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["STACKS_OF_A_FRAME", "Method", "Option"]
+
+#: Memory of each thread while it unwraps single frames, in sizes of a frame as float32.
+STACKS_OF_A_FRAME = 20.0
+
+
+@dataclass(frozen=True)
+class Option:
+    """One setting of a method.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of `unwrap`.
+    default : bool, int, float or str
+        Value if it is not given; its type is the option's type.
+    summary : str
+        One sentence for tooltips and help.
+    choices : tuple of str, optional
+        All values that it can have; empty for any.
+    """
+
+    name: str
+    default: bool | int | float | str
+    summary: str
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to unwrap.
+
+    Parameters
+    ----------
+    label : str
+        Short name on screen.
+    source : str
+        Where the method was published.
+    summary : str
+        What it does, in one sentence.
+    function : callable
+        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``.
+    options : tuple of Option
+        Its settings.
+    working_stacks : float
+        Largest memory at one time beyond its input and the shared first step, in sizes of the
+        wrapped phase as float32, with the variant that needs most. Measured at noise of up to
+        0.7 rad, and rounded up.
+    finds_object : bool
+        Whether it tells the object from the empty field by itself, so that mask "auto" costs it
+        no other unwrapping first.
+    streams : bool
+        Whether it goes through the frames one after the other, so that a recording may be larger
+        than memory.
+    package : str
+        Name and version of the package that brought it; empty for those of this program.
+    """
+
+    label: str
+    source: str
+    summary: str
+    function: Callable[..., NDArray[np.float32]]
+    options: tuple[Option, ...] = ()
+    working_stacks: float = 5.0
+    finds_object: bool = False
+    streams: bool = False
+    package: str = ""

@@ -1,0 +1,193 @@
+"""Unwrapping by any method."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.unwrapping.method import Option
+from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.registry import METHODS
+
+__all__ = ["all_options", "check_method", "label_of", "noted", "run_method", "unwrap"]
+
+#: How choices are called on screen, where not by their own name.
+SPOKEN = {"phasetools": "PhaseTools"}
+
+
+def unwrap(
+    phase: xr.DataArray | Any,
+    method: str = "temporal-angular",
+    boundary: Any = (0, 0),
+    mask: Any = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+    *,
+    amplitude: Any = None,
+    **method_options: Any,
+) -> xr.DataArray:
+    """Unwrap phase over time, angle, y and x.
+
+    Parameters
+    ----------
+    phase : DataArray or array_like
+        Wrapped phase in radians, dims among (time, angle, y, x); plain arrays are (y, x),
+        (time, y, x) or (time, angle, y, x).
+    method : str, optional
+        One of `METHODS`, default "temporal-angular" (T/A).
+    boundary : tuple of int or sequence of such, optional
+        (time, angle) frame numbers of the optically thin frame, or several. Default (0, 0).
+    mask : array_like of bool, "auto" or None, optional
+        Pixels to unwrap; the others are 0 in the result. "auto" finds the object.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)`` after each step; ``cancelled()`` stops the work.
+    amplitude : DataArray or array_like, optional
+        Amplitude of the field, of the phase's shape; the directional methods trust the phase less
+        where it fades.
+    **method_options
+        The method's own settings, see ``METHODS[method].options``.
+
+    Returns
+    -------
+    xarray.DataArray
+        Unwrapped phase in radians, float32, with the dims, coordinates and attributes of
+        ``phase``; inside the mask it differs from it by whole turns.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not fit.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    check_method(method, method_options)
+    problem = Problem(phase, boundary, mask, amplitude)
+    problem.for_one_method = True
+    return run_method(problem, method, progress, cancelled, method_options)
+
+
+def run_method(
+    problem: Problem,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> xr.DataArray:
+    """Run one method on a problem and note how, in the result's attributes."""
+    chosen = all_options(method, options)
+    if not METHODS[method].finds_object:
+        problem.settle_mask(progress, cancelled)
+    if METHODS[method].package:
+        values = of_a_package(problem, method, progress, cancelled, chosen)
+    else:
+        values = METHODS[method].function(problem, progress, cancelled, **chosen)
+    attrs = noted(
+        method,
+        options,
+        problem.boundaries,
+        mask="auto" if problem.finds_mask else "given" if not problem.mask.all() else "none",
+        amplitude=problem.amplitude is not None,
+    )
+    return problem.result(values, method, attrs)
+
+
+def of_a_package(
+    problem: Problem,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> NDArray[np.float32]:
+    """Run a method that a package brought: it may fail in any way, and change what it is given.
+
+    Raises
+    ------
+    ValueError
+        If it fails, or gives back anything but a number for every pixel of the mask.
+    """
+    facts = METHODS[method]
+    try:
+        values = np.asarray(facts.function(problem, progress, cancelled, **options))
+    except Cancelled:
+        raise
+    except Exception as error:
+        why = " ".join(str(error).split()) or type(error).__name__
+        msg = f"{facts.label} of the package {facts.package} failed: {why}"
+        raise ValueError(msg) from error
+    right = values.shape == problem.wrapped.shape and values.dtype.kind in "fiu"
+    if not right or not np.isfinite(values[problem.mask]).all():
+        msg = (
+            f"{facts.label} of the package {facts.package} gave {values.dtype} {values.shape}; it "
+            f"must give a finite number for every pixel of {problem.wrapped.shape}"
+        )
+        raise ValueError(msg)
+    return np.where(problem.mask, values, 0).astype(np.float32)
+
+
+def all_options(method: str, options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the options of a method, those that are not given by their default."""
+    return {o.name: o.default for o in METHODS[method].options} | dict(options)
+
+
+def noted(
+    method: str,
+    options: Mapping[str, Any],
+    boundaries: Sequence[tuple[int, int]],
+    *,
+    mask: str,
+    amplitude: bool,
+) -> dict[str, Any]:
+    """Return what a result notes of how it was made."""
+    found = {
+        "method": method,
+        "options": all_options(method, options),
+        "boundary": [list(b) for b in boundaries],
+        "mask": mask,
+        "amplitude": amplitude,
+    }
+    package = METHODS[method].package
+    return found | ({"package": package} if package else {})
+
+
+def label_of(method: str, options: Mapping[str, Any]) -> str:
+    """Return a method's short name, with what was chosen where that is not the default."""
+    chosen = [
+        SPOKEN.get(str(options[o.name]), str(options[o.name]))
+        for o in METHODS[method].options
+        if o.choices and options.get(o.name, o.default) != o.default
+    ]
+    label = METHODS[method].label
+    return f"{label} ({', '.join(chosen)})" if chosen else label
+
+
+def check_method(method: str, options: Mapping[str, Any]) -> None:
+    """Raise ValueError for unknown methods and TypeError for options that a method lacks."""
+    if not isinstance(method, str) or method not in METHODS:
+        msg = f"method must be one of {', '.join(METHODS)}, but is {method!r}"
+        raise ValueError(msg)
+    known = [o.name for o in METHODS[method].options]
+    unknown = [name for name in options if name not in known]
+    if unknown:
+        msg = f"{method} has no option {unknown[0]!r}; it has {', '.join(known) or 'none'}"
+        raise TypeError(msg)
+    for option in METHODS[method].options:
+        value = options.get(option.name, option.default)
+        if not takes(option, value):
+            kind = type(option.default).__name__
+            msg = f"the option {option.name} of {method} takes a {kind}, but got {value!r}"
+            raise TypeError(msg)
+        if option.choices and value not in option.choices:
+            msg = f"{option.name} must be one of {', '.join(option.choices)}, but is {value!r}"
+            raise ValueError(msg)
+
+
+def takes(option: Option, value: Any) -> bool:
+    """Say whether a value has the type of an option; a whole number will do for a float."""
+    if isinstance(option.default, float):
+        return isinstance(value, float | int) and not isinstance(value, bool)
+    return type(value) is type(option.default)
