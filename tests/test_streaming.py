@@ -126,9 +126,10 @@ def test_memory_does_not_grow_with_the_recording(
         return measured(lambda: p4d.run(chosen, rec, folder=tmp_path / str(n_frames))).peak_mb
 
     peak_of(20)  # what is loaded and compiled once
-    short, long = peak_of(40), peak_of(200)
-    stack = 160 * np.prod(p4d.reconstruct(video, recipe.lobes)["phase"].shape[1:]) * 4 / 2**20
-    assert long - short < 0.1 * stack, f"{short:.1f} and {long:.1f} MB; the rest is {stack:.1f} MB"
+    short, long = peak_of(40), peak_of(360)
+    stack = 320 * np.prod(p4d.reconstruct(video, recipe.lobes)["phase"].shape[1:]) * 4 / 2**20
+    # How many blocks are under way at once varies; the turns of all frames would take half of it.
+    assert long - short < 0.2 * stack, f"{short:.1f} and {long:.1f} MB; the rest is {stack:.1f} MB"
 
 
 def test_cancelling_leaves_whole_stacks_only(
