@@ -6,6 +6,8 @@ import ast
 import subprocess
 import sys
 import tomllib
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -15,8 +17,10 @@ PACKAGE = ROOT / "src" / "napari_phase4d"
 
 #: Room -> rooms that it may import. Lower rooms never know of higher ones.
 ALLOWED = {
+    "axes": set(),
     "optics": set(),
     "progress": set(),
+    "words": set(),
     "recording": {"optics"},
     "io": {"optics", "recording", "progress"},
     "holography": {"optics", "recording", "progress"},
@@ -42,6 +46,26 @@ ALLOWED = {
         "pipeline", "sample", "scripting",
     },
 }  # fmt: skip
+#: Part of the window -> other parts of it that it may import.
+INNER = {
+    "session": set(),
+    "widgets": set(),
+    "preferences": set(),
+    "time_left": set(),
+    "following": set(),
+    "viewing": {"session"},
+    "jobs": {"session"},
+    "samples": {"viewing"},
+    "writer": {"viewing"},
+    "reader": {"session", "viewing"},
+    "one_shot": {"jobs", "preferences", "viewing"},
+    "steps": {"jobs", "preferences", "session", "viewing", "widgets"},
+    "dock": {"following", "jobs", "session", "steps", "time_left", "viewing", "widgets"},
+    "demo": {"dock", "session"},
+    "__init__": set(),
+}
+#: Modules that import nothing of ours, so that every room may use them.
+LEAVES = {"axes", "words"}
 GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}
 
 
@@ -57,7 +81,47 @@ def imports_of(path: Path) -> set[str]:
         elif isinstance(node, ast.ImportFrom):
             assert node.level == 0, f"{path.name} imports relatively"
             names.add(node.module or "")
+            # ``from napari_phase4d import x`` names a room as well.
+            names |= {f"{node.module}.{a.name}" for a in node.names if node.module == PACKAGE.name}
     return names
+
+
+@pytest.mark.parametrize(
+    "path",
+    sorted((PACKAGE / "_napari").rglob("*.py")),
+    ids=lambda p: str(p.relative_to(PACKAGE)),
+)
+def test_the_parts_of_the_window_import_one_way(path: Path) -> None:
+    part = path.relative_to(PACKAGE / "_napari").parts[0].removesuffix(".py")
+    for name in imports_of(path):
+        if name.startswith("napari_phase4d._napari."):
+            other = name.split(".")[2]
+            assert other == part or other in INNER[part], f"{part} imports {other}"
+        if part == "session":
+            assert name.split(".")[0] not in GUI, f"the session imports {name}"
+
+
+def imported_names(path: Path) -> Iterator[tuple[str, str]]:
+    """Yield module and name of all that a file imports from this package."""
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+        if isinstance(node, ast.ImportFrom) and str(node.module).startswith("napari_phase4d"):
+            for alias in node.names:
+                yield str(node.module), alias.name
+
+
+def file_of(module: str) -> Path | None:
+    """Return the file of a module of this package, None if there is none."""
+    path = PACKAGE.parent.joinpath(*module.split("."))
+    return next((p for p in (path / "__init__.py", path.with_suffix(".py")) if p.exists()), None)
+
+
+@cache
+def exported(file: Path) -> set[str]:
+    """Return the names in a module's ``__all__``."""
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "__all__":
+            return set(ast.literal_eval(node.value))
+    return set()
 
 
 def room_of(path: Path) -> str:
@@ -70,9 +134,18 @@ def test_imports_go_one_way(path: Path) -> None:
     for name in imports_of(path):
         if name.startswith("napari_phase4d."):
             other = name.split(".")[1]
-            assert other == room or other in ALLOWED[room], f"{room} imports {other}"
+            assert other in {room, *LEAVES, *ALLOWED[room]}, f"{room} imports {other}"
         if name.split(".")[0] in GUI:
             assert room == "_napari", f"{room} imports {name}"
+
+
+@pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
+def test_only_what_a_module_exports_is_imported(path: Path) -> None:
+    for module, name in imported_names(path):
+        file = file_of(module)
+        assert file is not None, module
+        known = name in exported(file) or file_of(f"{module}.{name}") is not None
+        assert known, f"{module} has no {name!r} in its __all__"
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))

@@ -19,6 +19,7 @@ import napari_phase4d as p4d
 from format_writers import film, gif, noise
 from helpers import measured
 from napari_phase4d.io import RawLayout, holds_phase, open_phase
+from napari_phase4d.io.bio import chosen_place
 from napari_phase4d.recording import READERS
 
 FRAMES = noise(6, (24, 32), np.uint16)
@@ -271,6 +272,29 @@ def test_missing_packages_are_named(
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert sentence in done.stdout
     assert done.stdout.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("dataset", "place"),
+    [("C=1,Z=2", {"C": 1, "Z": 2}), ("z=0, c=1", {"C": 1, "Z": 0}), ("C=1", None), (None, None),
+     ("Z=2", None), ("C=2,Z=0", None), ("T=0,C=0,Z=0", None), ("C", None), ("", None)],
+)  # fmt: skip
+def test_bioio_place(dataset: str | None, place: dict | None) -> None:
+    sizes = {"T": 5, "C": 2, "Z": 3, "Y": 64, "X": 48, "S": 1}
+    path = Path("cells.czi")
+    if place is not None:
+        assert chosen_place(path, sizes, dataset) == place
+        return
+    with pytest.raises(ValueError, match=r"cells\.czi has the axes T=5, C=2, Z=3, Y=64, X=48"):
+        chosen_place(path, sizes, dataset)
+
+
+def test_bioio_place_of_one_slice() -> None:
+    sizes = {"T": 5, "C": 2, "Z": 1, "Y": 64, "X": 48, "S": 1}
+    path = Path("cells.czi")
+    assert chosen_place(path, sizes, "C=1") == {"C": 1, "Z": 0}
+    with pytest.raises(ValueError, match='choose one place, as with dataset="C=0"$'):
+        chosen_place(path, sizes, None)
 
 
 def test_bioio_colour(tmp_path: Path) -> None:

@@ -337,11 +337,11 @@ def absurd_zarr(path: Path) -> Path:
 
 ABSURD = {
     "npz, lying": (lambda f: absurd_npz(f / "a.npz", lying=True), "but holds less"),
-    "npz, packed": (lambda f: absurd_npz(f / "a.npz", lying=False), "holds less|GiB"),
+    "npz, packed": (lambda f: absurd_npz(f / "a.npz", lying=False), "holds less|GB"),
     "png": (lambda f: absurd_png(f / "a.png"), "more than so small a file|can't be read"),
     "npy": (lambda f: absurd_npy(f / "a.npy"), "can't be read as a NumPy file"),
-    "tiff": (lambda f: absurd_tiff(f / "a.tif"), "GiB, but"),
-    "hdf5": (lambda f: absurd_hdf5(f / "a.h5"), "in pieces of 2.98 GiB"),
+    "tiff": (lambda f: absurd_tiff(f / "a.tif"), "GB, but"),
+    "hdf5": (lambda f: absurd_hdf5(f / "a.h5"), "in pieces of 3.0 GB"),
     "zarr": (lambda f: absurd_zarr(f / "a.zarr"), "in pieces of"),
 }
 

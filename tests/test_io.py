@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import subprocess
 import sys
@@ -19,7 +20,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from helpers import measured
-from napari_phase4d.io import read_results, write_phase, write_table
+from napari_phase4d.io import read_results, step_of, write_phase, write_table
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.recording import Recording
 
@@ -285,6 +286,30 @@ def test_other_programs_find_pixel_size_and_axes(tmp_path: Path) -> None:
         assert 'PhysicalSizeX="0.4"' in tif.ome_metadata
         assert 'PhysicalSizeY="0.3"' in tif.ome_metadata
         np.testing.assert_array_equal(tif.asarray(), stack().values)
+
+
+def test_other_programs_find_positive_pixels_where_places_go_down(tmp_path: Path) -> None:
+    """OME knows no other; the places themselves come back as they were."""
+    down = stack().assign_coords(y=9 - np.arange(8) * 0.25, x=np.array([*range(9), 18]) * -0.25)
+    path = write_phase(tmp_path / "phase.ome.tif", down)
+    with tifffile.TiffFile(path) as tif:
+        assert 'PhysicalSizeX="0.5"' in tif.ome_metadata
+        assert 'PhysicalSizeY="0.25"' in tif.ome_metadata
+    folder = write_phase(tmp_path / "phase.ome.zarr", down)
+    note = json.loads((folder / "zarr.json").read_text())["attributes"]["ome"]
+    scale, translation = note["multiscales"][0]["datasets"][0]["coordinateTransformations"]
+    np.testing.assert_allclose(scale["scale"], [0.75, 1, 0.25, 0.5])
+    np.testing.assert_allclose(translation["translation"], [0, 0, 7.25, -4.5])
+    for written in (path, folder):
+        xr.testing.assert_identical(read_results(written).compute(), down)
+
+
+@pytest.mark.parametrize(
+    ("places", "step"),
+    [([9, 8.5, 8], 0.5), ([0, 1, 3], 1.5), ([4], 1.0), ([2, 2, 2], 1.0), ([-7, 21], 28.0)],
+)
+def test_step_of_places(places: list[float], step: float) -> None:
+    assert step_of(np.array(places, dtype=np.float64)) == step
 
 
 def test_other_tiffs_are_no_results(tmp_path: Path) -> None:

@@ -183,7 +183,7 @@ def test_killed_command_goes_on(work: Path) -> None:
     files = sorted((work / "files").glob("*.npy"))
     out = work / "by command"
     line = [
-        sys.executable, "-m", "napari_phase4d.cli", "run", str(work / "recipe.json"),
+        sys.executable, "-m", "napari_phase4d", "run", str(work / "recipe.json"),
         *map(str, files), "--out", str(out), "--resume",
     ]  # fmt: skip
     with subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as process:

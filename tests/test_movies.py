@@ -18,7 +18,7 @@ from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.evaluation.figures import comparison_figure, movie_frames, phase_limits
-from napari_phase4d.io import write_movie
+from napari_phase4d.io import write_figure, write_movie
 
 LIMITS = (0.0, 30.0)
 #: Video's 8 bits of brightness and colour difference cost up to 2 of 255 in turbo's colours
@@ -279,7 +279,7 @@ def test_wrong_wishes_give_one_sentence(tmp_path: Path, monkeypatch) -> None:
 
 def test_figure_in_svg_keeps_the_names_as_words(columns, tmp_path: Path) -> None:
     path = tmp_path / "figure.svg"
-    comparison_figure(columns, [(0, 0), (4, 1)], path)
+    write_figure(path, comparison_figure(columns, [(0, 0), (4, 1)]))
     root = ET.fromstring(path.read_text(encoding="utf-8"))
     words = {"".join(e.itertext()).strip() for e in root.iter() if e.tag.endswith("}text")}
     assert {"2-D", "T/A", "WL1", "phase (rad)", "-7°", "21°"} <= words
@@ -288,7 +288,7 @@ def test_figure_in_svg_keeps_the_names_as_words(columns, tmp_path: Path) -> None
 
 def test_figure_in_png_has_the_colours_of_the_phase(columns, tmp_path: Path) -> None:
     path = tmp_path / "figure.png"
-    comparison_figure(columns, [(0, 0), (4, 1)], path, limits=LIMITS)
+    write_figure(path, comparison_figure(columns, [(0, 0), (4, 1)], limits=LIMITS))
     with Image.open(path) as image:
         picture = np.asarray(image.convert("RGB"))
     for column in range(3):

@@ -13,7 +13,16 @@ import numpy as np
 import pytest
 
 import napari_phase4d as p4d
-from napari_phase4d.unwrapping import BUILT_IN, Method, Option, frame_by_frame, installed
+from napari_phase4d.pipeline import find_place, phase_needs, unwrap_by
+from napari_phase4d.unwrapping import (
+    BUILT_IN,
+    Method,
+    Option,
+    Problem,
+    frame_by_frame,
+    installed,
+    run_method,
+)
 from napari_phase4d.unwrapping.installed import WithInstalled
 
 EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "phase4d-least-squares"
@@ -70,7 +79,7 @@ def test_an_installed_method_on_the_command_line(
     p4d.write_phase(tmp_path / "exact.ome.tif", exact)
     wrapped = exact.copy(data=np.angle(np.exp(1j * exact.values)).astype(np.float32))
     p4d.write_phase(tmp_path / "wrapped.ome.tif", wrapped.assign_attrs(units="rad"))
-    command = ["-m", "napari_phase4d.cli", "compare", tmp_path / "wrapped.ome.tif"]
+    command = ["-m", "napari_phase4d", "compare", tmp_path / "wrapped.ome.tif"]
     said = python(
         environment, *command, "--truth", tmp_path / "exact.ome.tif", "--out", tmp_path / "out"
     )
@@ -79,7 +88,7 @@ def test_an_installed_method_on_the_command_line(
     assert "\nleast-squares,LSQ," in table
     command = [
         "-m",
-        "napari_phase4d.cli",
+        "napari_phase4d",
         "run",
         "sample:euglena",
         "--angle",
@@ -104,6 +113,9 @@ def point(value: str, name: str = "mine") -> EntryPoint:
 
 
 GOOD = Method("Mine", "nowhere", "Nothing.", frame_by_frame(lambda wrapped, mask: wrapped))
+STREAMS = Method(
+    "Streams", "nowhere", "As it is.", frame_by_frame(lambda wrapped, mask: wrapped), streams=True
+)
 CLASHES = Method("Mine", "nowhere", "Nothing.", GOOD.function, (Option("mask", 1, "Clashes."),))
 
 
@@ -154,6 +166,78 @@ def test_a_method_that_fails_is_named(
     wrapped = np.zeros((2, 1, 8, 9), np.float32)
     with pytest.raises(ValueError, match=f"Bad of the package bad 2.1 failed: .*{sentence}"):
         p4d.unwrap(wrapped, "bad", how=how)
+
+
+def put_into(phase: np.ndarray, where: str) -> Method:
+    """Return a method of a package that writes where it may only look."""
+
+    def function(problem: Problem, progress: object, cancelled: object) -> np.ndarray:
+        arrays = {
+            "wrapped": lambda: problem.wrapped,
+            "mask": lambda: problem.mask,
+            "amplitude": lambda: problem.amplitude,
+            "template": lambda: problem.template.values,
+            "spatial": problem.spatial,
+            "shifts": problem.shifts,
+            "background": lambda: problem.background().level,
+        }
+        arrays[where]()[...] = 0
+        return np.zeros(phase.shape, np.float32)
+
+    return Method("Writes", "nowhere", "Writes.", function, package="bad 2.1")
+
+
+@pytest.mark.parametrize(
+    "where", ["wrapped", "mask", "amplitude", "template", "spatial", "shifts", "background"]
+)
+def test_a_method_writes_into_nothing_that_others_look_at(
+    monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    wrapped = p4d.simulation.swimming_euglena((64, 80), 3, peak_rad=9)["wrapped"].values
+    given, amplitude = wrapped.copy(), np.ones_like(wrapped)
+    monkeypatch.setitem(p4d.METHODS._own, "writes", put_into(wrapped, where))
+    problem = Problem(given, mask="auto", amplitude=amplitude)
+    before = run_method(problem, "temporal", None, None, {})
+    with pytest.raises(ValueError, match="Writes of the package bad 2.1 failed: .*read-only"):
+        run_method(problem, "writes", None, None, {})
+    np.testing.assert_array_equal(given, wrapped)
+    after = run_method(problem, "temporal", None, None, {})
+    np.testing.assert_array_equal(after, before)
+
+
+def test_a_method_that_finds_the_object_by_itself_does_not_depend_on_the_others(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Whether the object was found before, for another method, does not change its result."""
+    wrapped = p4d.simulation.swimming_euglena((64, 80), 3, peak_rad=9)["wrapped"].values
+    whole = Method(
+        "Whole", "nowhere", "As it is.", lambda problem, *_: problem.wrapped + 1,
+        finds_object=True, package="whole 1.0",
+    )  # fmt: skip
+    monkeypatch.setitem(p4d.METHODS._own, "whole", whole)
+    alone = p4d.unwrap(wrapped, "whole", mask="auto")
+    after = p4d.compare(wrapped, ["temporal", "whole"], mask="auto").results["whole"]
+    np.testing.assert_array_equal(alone, after)
+    np.testing.assert_array_equal(alone, wrapped + 1)
+
+
+def test_a_method_that_says_it_streams_is_run_on_all_frames_at_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """How a method goes through blocks on disk is written for each, and only in this program."""
+    points = [point("test_own_methods:STREAMS", "streams")]
+    monkeypatch.setattr(installed, "entry_points", lambda group: points)
+    methods = WithInstalled(BUILT_IN)
+    assert not methods["streams"].streams
+    monkeypatch.setitem(p4d.METHODS._own, "streams", methods["streams"])
+    wrapped = p4d.simulation.swimming_euglena((48, 64), 3, peak_rad=3)["wrapped"]
+    recipe = p4d.Recipe(methods=("streams",), mask=None)
+    in_memory = unwrap_by(recipe, wrapped)
+    needs = phase_needs(recipe.methods, wrapped.shape)
+    place = find_place(recipe.changed(storage="disk"), needs)
+    on_disk = unwrap_by(recipe, wrapped, place=place)
+    place.close()
+    np.testing.assert_array_equal(on_disk.results["streams"], in_memory.results["streams"])
 
 
 def test_levels_go_from_frame_to_frame_as_those_of_the_program() -> None:

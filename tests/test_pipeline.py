@@ -15,7 +15,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.evaluation import comparison_figure, mean_squared_error, wrong_cycle_share
-from napari_phase4d.io import read_results
+from napari_phase4d.io import read_results, write_figure
 from napari_phase4d.pipeline import PAPER_METHODS, write_outcome
 
 TURN = 2 * np.pi
@@ -66,7 +66,8 @@ def test_compare_gives_what_unwrap_gives(small_video) -> None:
 def test_figure_has_a_picture_for_every_method_and_frame(tmp_path: Path, reconstruction) -> None:
     phase = reconstruction["phase"]
     path = tmp_path / "figure.png"
-    figure = comparison_figure({"a": phase, "b": phase}, [(0, 0), (3, 1), (5, 0)], path)
+    figure = comparison_figure({"a": phase, "b": phase}, [(0, 0), (3, 1), (5, 0)])
+    write_figure(path, figure)
     assert len([a for a in figure.axes if a.images]) == 6
     assert path.stat().st_size > 10_000
 
@@ -139,7 +140,7 @@ def test_run_needs_a_recording() -> None:
 
 
 def command(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "napari_phase4d.cli", *map(str, arguments)]
+    line = [sys.executable, "-m", "napari_phase4d", *map(str, arguments)]
     return subprocess.run(line, capture_output=True, text=True, cwd=cwd, check=False)
 
 

@@ -88,9 +88,14 @@ def refining(planes: list, calls: list = []) -> bool:  # noqa: B006 - it counts
 
 
 def test_many_large_views_are_bounded(small_video, monkeypatch: pytest.MonkeyPatch) -> None:
-    from napari_phase4d.holography import find_focus, prepared, reconstruction
+    from napari_phase4d.holography import (
+        PhaseSettings,
+        find_focus,
+        frame_reconstructor,
+        reconstruction,
+    )
 
-    work = prepared(small_video, p4d.find_lobes(small_video, 2))
+    work = frame_reconstructor(small_video, p4d.find_lobes(small_video, 2), PhaseSettings())
     seen = []
     real = reconstruction.autofocus
 

@@ -13,6 +13,7 @@ import napari_phase4d as p4d
 from napari_phase4d.evaluation import mean_squared_error
 from napari_phase4d.reproduction import PAPER_MSE, Reproduction, reproduce, write_reproduction
 from napari_phase4d.simulation import budding_yeast
+from small_disks import small_disk
 
 
 @pytest.fixture(scope="module")
@@ -52,6 +53,17 @@ def test_boundary_frame_is_free_of_error(found: Reproduction) -> None:
     exact = found.yeast["actual"].values[0, 0]
     for title in ("2-D", "Angular", "Temporal", "T/A", "A/T"):
         assert np.abs(found.yeast[title].values[0, 0] - exact).max() < 1e-4
+
+
+def test_full_disk_leaves_the_older_figure(found: Reproduction, tmp_path: Path) -> None:
+    with small_disk(tmp_path / "disk") as disk:
+        figure = disk / "figure_2.png"
+        figure.write_bytes(b"an older figure")
+        (disk / "full").write_bytes(bytes(2**20 - 2**16))
+        with pytest.raises(OSError, match="No space left on device"):
+            write_reproduction(found, disk, movies=False)
+        assert figure.read_bytes() == b"an older figure"
+        assert (disk / "table.csv").exists()
 
 
 @pytest.mark.slow

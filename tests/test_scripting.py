@@ -252,7 +252,7 @@ def test_script_of_phase_with_gaps(tmp_path: Path) -> None:
 def test_sample_runs_from_the_command_line(tmp_path: Path) -> None:
     recipe = Recipe(recording="sample:yeast", methods=("angular",))
     recipe.to_file(tmp_path / "yeast.json")
-    line = [sys.executable, "-m", "napari_phase4d.cli", "run", "yeast.json", "--out", "results"]
+    line = [sys.executable, "-m", "napari_phase4d", "run", "yeast.json", "--out", "results"]
     done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert_the_same(p4d.run(recipe), tmp_path / "results")

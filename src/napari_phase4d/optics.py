@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Optics"]
+__all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
 
 #: Refraction increment of cell material in mL/g, the usual value for protein
 #: (Barer, Nature 169, 366, 1952).
@@ -86,6 +86,12 @@ class Optics:
         ----------
         phase : array_like
             Unwrapped phase in radians, any shape.
+
+        Examples
+        --------
+        >>> path_um = Optics().optical_path_um([6.283185])  # one cycle
+        >>> round(float(path_um[0]), 4)
+        0.6328
         """
         return np.asarray(phase) * (self.wavelength_um / (2 * np.pi))
 
@@ -103,6 +109,12 @@ class Optics:
         ------
         ValueError
             If the object has the index of the medium, so that phase says nothing of its height.
+
+        Examples
+        --------
+        >>> height_um = Optics().height_um([6.283185], object_index=1.38)
+        >>> round(float(height_um[0]), 2)
+        13.46
         """
         contrast = object_index - self.medium_index
         if contrast == 0:
@@ -129,6 +141,13 @@ class Optics:
             Area of one pixel in square micrometres.
         refraction_increment_ml_per_g : float, optional
             Default 0.18 mL/g (Barer 1952), which is 0.18 um^3/pg.
+
+        Examples
+        --------
+        A hundred pixels of 0.01 um^2, of 1 rad each:
+
+        >>> round(Optics().dry_mass_pg([1.0] * 100, pixel_area_um2=0.01), 2)
+        0.56
         """
         volume_um3 = float(np.nansum(self.optical_path_um(phase))) * pixel_area_um2
         return volume_um3 / refraction_increment_ml_per_g

@@ -14,12 +14,16 @@ from typing import Generic, TypeVar
 
 __all__ = [
     "LOOK_UP_S",
+    "THREADS",
     "Cancelled",
     "CancelledCall",
     "ProgressCall",
     "Watch",
+    "finished",
     "in_threads",
+    "nothing",
     "on_all_cores",
+    "reworded",
     "watched",
 ]
 
@@ -44,6 +48,21 @@ R = TypeVar("R")
 
 def nothing() -> None:
     """Let work go on: what is called between its parts where nobody wants to stop it."""
+
+
+def reworded(progress: ProgressCall | None, words: Callable[[str], str]) -> ProgressCall | None:
+    """Return what tells progress with other words; None where nobody is told.
+
+    Parameters
+    ----------
+    progress : callable or None
+        ``progress(done, total, message)``.
+    words : callable
+        ``words(message)`` returns what is to be said instead.
+    """
+    if progress is None:
+        return None
+    return lambda done, total, message: progress(done, total, words(message))
 
 
 class Cancelled(Exception):  # noqa: N818 - it reports a wish, not an error

@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import PLAIN_AXES, coordinate
 from napari_phase4d.optics import Optics
 
 __all__ = ["Recording", "one_frame", "reader_of", "remember_reader"]
@@ -73,6 +74,17 @@ class Recording:
         What the reader assumed, in sentences for the user ("no frame rate in the file ...").
     kind : str, optional
         What was read, in words ("BigTIFF", "H.264 in MP4"); empty for arrays.
+
+    See Also
+    --------
+    open_recording : Makes one from a file or an array.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> rec = Recording.from_frames(np.zeros((12, 64, 64)), frame_rate_hz=6)
+    >>> rec.n_frames, rec.frame_shape, rec.frame_rate_hz
+    (12, (64, 64), 6.0)
     """
 
     holograms: xr.DataArray
@@ -242,11 +254,11 @@ class Recording:
                 raise ValueError(msg)
             times_s = np.arange(n_frames) / rate
         coords = {
-            "time": ("time", np.asarray(times_s, dtype=np.float64), {"units": "s"}),
-            "y": ("y", np.arange(height) * optics.pixel_um, {"units": "um"}),
-            "x": ("x", np.arange(width) * optics.pixel_um, {"units": "um"}),
+            "time": coordinate("time", np.asarray(times_s, dtype=np.float64)),
+            "y": coordinate("y", np.arange(height) * optics.pixel_um),
+            "x": coordinate("x", np.arange(width) * optics.pixel_um),
         }
-        holograms = xr.DataArray(video, dims=("time", "y", "x"), coords=coords, attrs=attrs or {})
+        holograms = xr.DataArray(video, dims=PLAIN_AXES[3], coords=coords, attrs=attrs or {})
         return cls(holograms, optics, name, source, notes, kind)
 
 

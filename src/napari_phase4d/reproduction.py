@@ -23,7 +23,7 @@ from napari_phase4d.evaluation import (
     movie_frames,
     phase_limits,
 )
-from napari_phase4d.io import write_movie, write_table
+from napari_phase4d.io import write_figure, write_movie, write_table
 from napari_phase4d.pipeline import PAPER_METHODS, Recipe, run
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.sample import euglena_sample
@@ -164,8 +164,8 @@ def write_reproduction(
     written = [write_table(folder / "table.csv", found.table)]
     watch.step()
     for name, columns, frames in figures:
-        comparison_figure(columns, frames, folder / f"{name}.png")
-        written.append(folder / f"{name}.png")
+        figure = comparison_figure(columns, frames)
+        written.append(write_figure(folder / f"{name}.png", figure))
         watch.step()
     for name, title, stack, limits in chosen:
         pictures = movie_frames(angles_of(stack), limits, title=title)

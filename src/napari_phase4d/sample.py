@@ -15,8 +15,11 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.simulation import budding_yeast, multiplexed_video, swimming_euglena
 
 __all__ = [
+    "EUGLENA",
+    "EUGLENA_SOURCE",
     "SAMPLES",
     "SAMPLE_PREFIX",
+    "YEAST_SOURCE",
     "Sample",
     "euglena_sample",
     "is_sample",
@@ -26,7 +29,9 @@ __all__ = [
 
 #: What the names of samples begin with, and all of them.
 SAMPLE_PREFIX = "sample:"
-SAMPLES = ("sample:euglena", "sample:yeast")
+EUGLENA_SOURCE = f"{SAMPLE_PREFIX}euglena"
+YEAST_SOURCE = f"{SAMPLE_PREFIX}yeast"
+SAMPLES = (EUGLENA_SOURCE, YEAST_SOURCE)
 
 #: What a layer of the sample notes, so that it is known again.
 EUGLENA = "euglena"
@@ -85,13 +90,13 @@ def euglena_sample() -> Sample:
     recording = multiplexed_video(
         exact["phase"], optics, drift_rad=DRIFT_RAD, name="euglena hologram video"
     )
-    return Sample(replace(recording, source=SAMPLES[0]))
+    return Sample(replace(recording, source=EUGLENA_SOURCE))
 
 
 def yeast_sample() -> xr.Dataset:
     """Simulate the other sample: a budding yeast's ``phase``, exact, and ``wrapped``."""
     data = budding_yeast()
-    data["wrapped"].attrs["source"] = SAMPLES[1]
+    data["wrapped"].attrs["source"] = YEAST_SOURCE
     return data
 
 
@@ -118,11 +123,11 @@ def open_sample(
     ValueError
         If there is no such sample.
     """
-    if source == SAMPLES[0]:
+    if source == EUGLENA_SOURCE:
         recording = euglena_sample().recording
         as_simulated = optics is None and frame_rate_hz is None
         return recording if as_simulated else recording.calibrated(optics, frame_rate_hz)
-    if source == SAMPLES[1]:
+    if source == YEAST_SOURCE:
         return yeast_sample()["wrapped"]
     msg = f"there is no sample {source!r}; the samples are {' and '.join(SAMPLES)}"
     raise ValueError(msg)

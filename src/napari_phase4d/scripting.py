@@ -6,7 +6,6 @@ import math
 import textwrap
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
-from importlib import metadata
 from types import MappingProxyType
 
 import numpy as np
@@ -15,6 +14,7 @@ from napari_phase4d.holography import Lobe
 from napari_phase4d.io import RawLayout
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe, found_anywhere
+from napari_phase4d.pipeline.provenance import program_version
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["as_python"]
@@ -133,7 +133,7 @@ def as_python(recipe: Recipe, *, folder: str = "phase4d_results") -> str:
             "save the recording first, open that file, and make the script then"
         )
         raise ValueError(msg)
-    head = HEAD.format(version=metadata.version("napari-phase4d"))
+    head = HEAD.format(version=program_version())
     tail = TAIL.format(folder=literal(folder))
     end = END_WITH_TRUST if recipe.confidence else END
     return head + source_of(settings(recipe)) + tail + end
@@ -171,17 +171,18 @@ def settings(recipe: Recipe) -> Group:
     """Return the call that makes a recipe, without the settings that have their usual value."""
     usual = Recipe()
     entries = [
-        Entry(setting(name, getattr(recipe, name)), f"{name}=", WORDS[name])
+        Entry(setting(recipe, name), f"{name}=", WORDS[name])
         for name in Recipe.model_fields
         if name in ALWAYS or getattr(recipe, name) != getattr(usual, name)
     ]
     return Group("p4d.Recipe(", entries, ")")
 
 
-def setting(name: str, value: object) -> object:
+def setting(recipe: Recipe, name: str) -> object:
     """Return the value of a setting, with comments where there is something to say."""
-    if name == "recording" or (name == "reference" and value != "median"):
-        return found_anywhere(value) if isinstance(value, str) else value
+    value = getattr(recipe, name)
+    if name == "recording" or (name == "reference" and recipe.reference_file is not None):
+        return found_anywhere(str(value))
     if name == "methods" and isinstance(value, tuple) and value:
         return Group("(", [Entry(m, words=method_words(m)) for m in value], ")")
     if name == "options" and isinstance(value, dict):

@@ -8,10 +8,13 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import pytest
+from canvas_driving import LOBES
 from npe2 import PluginManager
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication, QWidget
+
+from napari_phase4d._napari.widgets.spectrum_canvas import SpectrumCanvas
 
 
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
@@ -27,6 +30,14 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 def only_this_plugin() -> None:
     """Leave out the plugin that bioio brings along: it can't be told twice of a viewer."""
     PluginManager.instance().disable("ome-types")
+
+
+@pytest.fixture(scope="session", autouse=True)
+def no_widget_is_left_over() -> Iterator[None]:
+    """Let a test fail whose window leaves widgets behind."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("NAPARI_STRICT_QT", "raise")
+        yield
 
 
 @pytest.fixture
@@ -78,3 +89,17 @@ def ready(dock, small_video):
     dock.session.find_lobes()
     dock.session.reconstruct()
     return dock
+
+
+@pytest.fixture
+def canvas(qtbot: Any) -> SpectrumCanvas:
+    canvas = SpectrumCanvas()
+    qtbot.addWidget(canvas)
+    canvas.resize(280, 240)
+    canvas.set_lobes(LOBES)
+    with qtbot.waitExposed(canvas):
+        canvas.show()
+    canvas.activateWindow()
+    canvas.setFocus()
+    qtbot.waitUntil(canvas.hasFocus)
+    return canvas

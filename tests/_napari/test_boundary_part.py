@@ -68,10 +68,10 @@ def test_frames_are_chosen_by_key(viewer, ready) -> None:
 
 def test_ticking_a_method_shows_its_path(viewer, ready, click) -> None:
     part = ready.unwrap.boundary
-    assert part.path.value.startswith("T/A")
+    assert part.path.native.currentText() == "T/A: time, then angle"
     for _ in range(2):  # off and on again
         click("method_angular-temporal")
-    assert part.path.value.startswith("A/T")
+    assert part.path.native.currentText() == "A/T: angle, then time"
     drawn = part.map.grab().toImage()
-    part.path.value = next(c for c in part.path.choices if c.startswith("T/A"))
+    part.path.native.setCurrentText("Temporal: time alone")
     assert part.map.grab().toImage() != drawn

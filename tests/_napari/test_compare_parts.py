@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import threading
 from pathlib import Path
 from typing import Any
 
+import dask
+import dask.array as da
 import numpy as np
 import pandas as pd
 import pytest
@@ -98,6 +101,27 @@ def test_truth_from_a_layer(viewer, compared, qtbot) -> None:
     compared.compare.truth.value = "none"
     qtbot.waitUntil(lambda: not compared.jobs.running, timeout=10_000)
     assert "mse_rad2" not in compared.session.outcome.comparison.table
+
+
+def test_truth_from_a_lazy_layer_is_read_outside_the_window(viewer, compared, qtbot) -> None:
+    threads: list[str] = []
+
+    def read(block: np.ndarray) -> np.ndarray:
+        threads.append(threading.current_thread().name)
+        return block
+
+    values = compared.session.results["directional-l1"].values + 0.5
+    lazy = da.from_array(values, chunks=(1, 1, -1, -1)).map_blocks(read, meta=values[:0])
+    exact = viewer.add_image(lazy, name="mine", visible=False, contrast_limits=(0, 9))
+    threads.clear()
+    with dask.config.set(scheduler="synchronous"):  # blocks are read where they are asked for
+        compared.compare.truth.value = exact
+        qtbot.waitUntil(lambda: not compared.jobs.running, timeout=10_000)
+    assert len(threads) == 12
+    assert threading.main_thread().name not in threads
+    table = compared.session.outcome.comparison.table
+    assert table["mse_rad2"]["directional-l1"] == pytest.approx(0.25, rel=1e-4)
+    np.testing.assert_array_equal(compared.session.truth, values)
 
 
 def test_table_is_sorted_copied_and_saved(compared, click, tmp_path: Path) -> None:

@@ -15,7 +15,8 @@ from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
 from helpers import measured, wrap
-from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
+from napari_phase4d._napari.viewing.layers import METADATA_KEY
+from napari_phase4d.axes import AXES
 from napari_phase4d.io import read_results
 
 pytestmark = pytest.mark.gui

@@ -20,7 +20,7 @@ pytestmark = pytest.mark.gui
 
 def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) -> None:
     plan = plan_reconstruction(ready.session)
-    result = plan.work()
+    result = plan.work(None, None)
     other = small_video.calibrated(p4d.Optics(magnification=20))
     ready.session.set_recording(other)
     count = len(viewer.layers)
@@ -93,7 +93,7 @@ def test_finished_results_stay_when_the_rest_is_cancelled(viewer, ready, qtbot) 
                 while not cancelled():
                     time.sleep(0.01)
 
-        return real(progress=stop_after_two, cancelled=cancelled)
+        return real(stop_after_two, cancelled)
 
     ready.jobs.start(replace(plan, work=work))
     assert waiting.wait(20)
@@ -122,3 +122,5 @@ def test_taking_the_dock_away_stops_the_work(viewer, dock, qtbot) -> None:
     viewer.window.remove_dock_widget(dock)
     qtbot.waitUntil(lambda: bool(ended), timeout=5000)
     assert ended == ["cancelled"]
+    with qtbot.waitSignal(dock.destroyed):
+        dock.deleteLater()  # napari lets go of what it did not make

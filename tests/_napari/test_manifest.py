@@ -14,7 +14,7 @@ from npe2 import PluginManifest
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.reader import get_reader
-from napari_phase4d._napari.viewing.layers import AXES
+from napari_phase4d.axes import AXES
 from napari_phase4d.io import write_phase
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -78,7 +78,7 @@ def test_an_earlier_run_stays_as_it_was(viewer, on_disk) -> None:
 
 
 def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("napari_phase4d._napari.session.plans.results.SCORED_TIMES", 10)
+    monkeypatch.setattr("napari_phase4d.unwrapping.boundaries.SCORED_TIMES", 10)
     time, angle = on_disk.session.suggest_boundary()
     scores = on_disk.session.scores
     assert scores.shape == (30, 2)
@@ -92,7 +92,7 @@ def test_what_needs_all_frames_says_so(on_disk, monkeypatch: pytest.MonkeyPatch)
         available = 1000
 
     on_disk.session.unwrap(["spatial-2d", "temporal-angular"])
-    monkeypatch.setattr("napari_phase4d.evaluation.holding.psutil.virtual_memory", lambda: Little)
+    monkeypatch.setattr("napari_phase4d.evaluation.loading.psutil.virtual_memory", lambda: Little)
     with pytest.raises(ValueError, match="how far to trust a result is judged on all frames"):
         on_disk.session.weigh()
     with pytest.raises(OSError, match="looks at all frames at once and needs about"):

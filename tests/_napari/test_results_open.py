@@ -11,8 +11,9 @@ import pytest
 import xarray as xr
 
 from napari_phase4d._napari.viewing import on_demand
-from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
+from napari_phase4d._napari.viewing.layers import METADATA_KEY
 from napari_phase4d._napari.writer import write_stack
+from napari_phase4d.axes import AXES
 from napari_phase4d.io import read_results, write_phase
 
 pytestmark = pytest.mark.gui

@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 import napari_phase4d as p4d
 from helpers import wrap
 from napari_phase4d._napari.session import Session, StepState, plan_unwrapping, step_states
 from napari_phase4d._napari.time_left import TimeLeft, in_words
+from napari_phase4d.evaluation import measure, most_trusted, noise_figures
 from napari_phase4d.holography import Lobe
 from napari_phase4d.io import write_phase
 from napari_phase4d.sample import yeast_sample
@@ -170,6 +173,41 @@ def test_all_that_is_known_follows_the_microscope(session: Session) -> None:
     assert session.outcome.recipe.optics.magnification == 30
 
 
+def test_measuring_through_the_session(session: Session) -> None:
+    with pytest.raises(ValueError, match="no results yet"):
+        session.measure()
+    session.find_lobes()
+    session.reconstruct()
+    pd.testing.assert_frame_equal(session.measure_noise(), noise_figures(session.reconstruction))
+    session.unwrap(METHODS)
+    optics, best = session.recipe.optics, most_trusted(session.results)
+    inside = session.outcome.comparison.object_mask().values.astype(bool)
+    expected = measure(session.results[best], {"object": inside}, optics)
+    found = session.measure()
+    pd.testing.assert_frame_equal(found[list(expected.columns)], expected)
+    box = np.zeros(inside.shape[-2:], bool)
+    box[3:9, 4:12] = True
+    result = session.results["spatial-2d"]
+    expected = measure(result, {"box": box}, optics, object_index=1.4)
+    found = session.measure("spatial-2d", {"box": box}, object_index=1.4)
+    pd.testing.assert_frame_equal(found[list(expected.columns)], expected)
+    assert set(found["object index"]) == {1.4}
+    assert session.measured is found
+    session.recalibrate(session.recording.calibrated(p4d.Optics(magnification=30)))
+    assert session.measured is None  # its areas would be of the old scale
+
+
+def test_measuring_phase_that_does_not_say_its_microscope() -> None:
+    session = Session()
+    session.set_phase(yeast_sample()["wrapped"])
+    session.unwrap(["spatial-2d"])
+    own = p4d.Optics(wavelength_um=0.4, magnification=20)
+    noted = session.results["spatial-2d"].attrs["wavelength_um"]
+    measured = session.measure(optics=own)
+    with_noted = session.measure(optics=replace(own, wavelength_um=noted))
+    pd.testing.assert_frame_equal(measured, with_noted)  # what the phase says comes first
+
+
 def test_cancelled_unwrapping_returns_what_is_finished(session: Session) -> None:
     session.find_lobes()
     session.reconstruct()
@@ -180,9 +218,7 @@ def test_cancelled_unwrapping_returns_what_is_finished(session: Session) -> None
         said.append(message)
 
     plan = plan_unwrapping(session)
-    outcome = plan.work(
-        progress=report, cancelled=lambda: bool(said) and said[-1].startswith("A/T")
-    )
+    outcome = plan.work(report, lambda: bool(said) and said[-1].startswith("A/T"))
     assert list(outcome.comparison.results) == METHODS
     assert outcome.recipe.methods == tuple(METHODS)
     assert said[0].startswith("2-D (1 of 3): ")

@@ -17,14 +17,14 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.session import StepState
 from napari_phase4d.io import read_results
 
 pytestmark = [pytest.mark.gui, pytest.mark.story]
 
 
 def states(dock: Any) -> list[str]:
-    return [section.state.value for section in dock.sections]
+    """What stands at the headings, without the sign before it."""
+    return [section.badge.text().lstrip("●✓↻ ") for section in dock.sections]
 
 
 def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: Path) -> None:
@@ -63,7 +63,7 @@ def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: P
     for method in ("angular", "angular-temporal"):
         click(f"method_{method}")
     click("run")
-    assert [section.state for section in dock.sections] == [StepState.DONE] * 5
+    assert states(dock) == ["done"] * 5
     shown = [layer.name for layer in viewer.layers if layer.visible]
     assert shown == ["exact", "2-D", "Temporal", "T/A", "WL1"]
     assert viewer.canvas.grid.enabled

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from napari_phase4d._napari.dock import Phase4DDock
-from napari_phase4d._napari.session import EUGLENA_SOURCE
+from napari_phase4d.io import PROGRAM
+from napari_phase4d.sample import EUGLENA_SOURCE
 
 __all__ = ["open_demo", "picture_of_the_window"]
 
@@ -60,9 +61,9 @@ def viewer_with_dock(*, show: bool) -> tuple[Any, Phase4DDock]:
     """Return a new viewer with the dock at its right side."""
     import napari
 
-    viewer = napari.Viewer(title="napari-phase4d", show=show)
+    viewer = napari.Viewer(title=PROGRAM, show=show)
     viewer.window.resize(1280, 720)
-    _, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    _, dock = viewer.window.add_plugin_dock_widget(PROGRAM, "Phase 4D")
     return viewer, dock
 
 

@@ -22,7 +22,7 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.following import Following
 from napari_phase4d._napari.jobs import Jobs
-from napari_phase4d._napari.session import Session, step_states
+from napari_phase4d._napari.session import Session, StepState, step_states
 from napari_phase4d._napari.steps import (
     CompareStep,
     LobesStep,
@@ -42,6 +42,17 @@ WIDTH = 380
 WRONG_STYLE = "color: #e8594a; font-weight: bold;"
 #: What is done unasked begins so long after the last thing that the user did.
 QUIET_AFTER_MS = 150
+#: Colour and words of each state; readable on napari's dark and light themes.
+LOOKS = {
+    StepState.TO_DO: ("#8a8f98", "to do", "An earlier step comes first."),
+    StepState.READY: ("#3d8fe0", "● ready", "This is what to do next."),
+    StepState.DONE: ("#3aa76d", "✓ done", "Nothing is left to do here; it can be done again."),
+    StepState.STALE: (
+        "#d98324",
+        "↻ changed",
+        "What is shown was made with other settings; press the button again.",
+    ),
+}
 FIRST_WORDS = "Open a recording, or try the sample."
 
 
@@ -220,7 +231,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def _show_states(self) -> None:
         """Say at each heading how far its step is."""
         for section, state in zip(self.sections, step_states(self.session), strict=True):
-            section.set_state(state)
+            section.set_state(*LOOKS[state])
 
     def _started(self, title: str) -> None:
         self._next_words = ""

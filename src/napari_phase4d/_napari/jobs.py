@@ -122,7 +122,7 @@ class Jobs(QObject):  # type: ignore[misc]
         def guarded() -> None:
             # What comes of it is kept here: the worker's own signal for errors fails on PySide6.
             try:
-                ended.result = plan.work(progress=report, cancelled=stop.is_set)
+                ended.result = plan.work(report, stop.is_set)
             except Exception as error:
                 ended.error = error
 

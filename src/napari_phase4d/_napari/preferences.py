@@ -6,6 +6,7 @@ from typing import Any
 
 from napari.settings import get_plugin_settings
 
+from napari_phase4d.io import PROGRAM
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.recording import Recording
 
@@ -16,8 +17,6 @@ __all__ = [
     "remember_optics",
     "with_own_optics",
 ]
-
-PLUGIN = "napari-phase4d"
 
 
 def own_optics() -> Optics | None:
@@ -66,6 +65,6 @@ def in_micrometres(nanometres: float) -> float:
 def preferred(group: str) -> Any:
     """Return one group of this plugin's preferences, None where napari has none."""
     try:
-        return getattr(get_plugin_settings(PLUGIN), group)
+        return getattr(get_plugin_settings(PROGRAM), group)
     except (AttributeError, KeyError):
         return None

@@ -15,6 +15,8 @@ from napari_phase4d._napari.viewing.layers import (
 )
 from napari_phase4d.io import (
     JOINED_SUFFIXES,
+    OME_TIFF,
+    OME_ZARR,
     READABLE_SUFFIXES,
     needs_layout,
     open_recording,
@@ -79,7 +81,7 @@ def read(path: str | list[str]) -> list[LayerTuple]:
 
 def name_of(file: Path) -> str:
     """Return what to call a result: the name of its file without the endings."""
-    return file.name.removesuffix(".ome.tif").removesuffix(".ome.zarr")
+    return file.name.removesuffix(OME_TIFF).removesuffix(OME_ZARR)
 
 
 def is_recipe(file: Path) -> bool:

@@ -10,15 +10,13 @@ import pint
 import xarray as xr
 from napari.layers import Image
 
-from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY, UNITS
+from napari_phase4d._napari.viewing.layers import LAYER_UNITS, METADATA_KEY
 from napari_phase4d._napari.viewing.on_demand import lazy_of
 from napari_phase4d._napari.viewing.sources import stack_of_layer
+from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.io import write_phase
 
 __all__ = ["write_stack"]
-
-#: Axes of layers that this plugin did not make.
-PLAIN_AXES = {2: ("y", "x"), 3: ("time", "y", "x"), 4: AXES}
 
 
 def write_stack(path: str, data: Any, keywords: dict[str, Any]) -> list[str]:
@@ -74,7 +72,7 @@ def plain_stack(values: Any, keywords: dict[str, Any]) -> xr.DataArray:
     origin = keywords.get("translate", np.zeros(values.ndim))
     units = keywords.get("units") or ("pixel",) * values.ndim
     places = {
-        axis: in_unit(unit, UNITS[AXES.index(axis)]) * (start + step * np.arange(n))
+        axis: in_unit(unit, LAYER_UNITS[AXES.index(axis)]) * (start + step * np.arange(n))
         for axis, n, step, start, unit in zip(
             axes, values.shape, scale, origin, units, strict=True
         )

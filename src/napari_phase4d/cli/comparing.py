@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -31,10 +32,12 @@ from napari_phase4d.evaluation import (
     order_shares,
     order_verdict,
     residues,
+    steps_sentence,
 )
 from napari_phase4d.io import open_phase
 from napari_phase4d.pipeline import (
     Outcome,
+    Recipe,
     fingerprinting,
     found_anywhere,
     run,
@@ -76,11 +79,10 @@ def compare_command(
     all_methods = None if any(is_recipe(p) for p in inputs) else list(METHODS)
     recipe = with_settings(
         recipe,
-        views,
-        angle,
-        boundary,
-        method or all_methods,
-        None,
+        views=views,
+        angle=angle,
+        boundary=boundary,
+        method=method or all_methods,
         confidence=confidence,
         dataset=dataset,
         raw=raw,
@@ -90,48 +92,45 @@ def compare_command(
     if not files and not recipe.recording:
         msg = "give at least one file to compare the methods on"
         raise ValueError(msg)
-
-    def show(outcome: Outcome) -> None:
-        print_notes(outcome)
-        print_table(outcome.comparison.table)
-        try:
-            print_itoh(outcome, exact)
-        except OSError as error:  # results larger than memory
-            console.print(f"[yellow]{escape(sentence_of(error))}[/yellow]")
-
-    def finish(outcome: Outcome, folder: Path) -> None:
-        show(outcome)
-        write_picture(outcome, exact, folder / "comparison.png")
-
     with stoppable():
         if len(files) > 1:
-            batch(recipe, files, out, truth=exact, finished=finish)
+            batch(recipe, files, out, truth=exact, finished=partial(finish, exact))
             return
         recording = found_anywhere(files[0] if files else recipe.recording)
-        recipe = recipe.changed(recording=recording)
-        with (
-            made(out),
-            fingerprinting(recording) as hashing,
-            stacks_beside(out, None) as place,
-            bar() as progress,
-        ):
-            outcome = run(recipe, truth=exact, progress=progress, folder=place)
-            written = write_outcome(outcome, out, progress, source=hashing.result())
-        show(outcome)
-        write_picture(outcome, exact, out / "comparison.png")
+        compare_one(recipe.changed(recording=recording), exact, out)
+
+
+def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
+    """Compare the methods on one file, and write what comes out."""
+    with (
+        made(out),
+        fingerprinting(recipe.recording) as hashing,
+        stacks_beside(out, None) as place,
+        bar() as progress,
+    ):
+        outcome = run(recipe, truth=exact, progress=progress, folder=place)
+        written = write_outcome(outcome, out, progress, source=hashing.result())
+    finish(exact, outcome, out)
     console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
+
+
+def finish(exact: xr.DataArray | None, outcome: Outcome, folder: Path) -> None:
+    """Print the table and what is known of the steps, and write the picture."""
+    print_notes(outcome)
+    print_table(outcome.comparison.table)
+    try:
+        print_itoh(outcome, exact)
+    except OSError as error:  # results larger than memory
+        console.print(f"[yellow]{escape(sentence_of(error))}[/yellow]")
+    write_picture(outcome, exact, folder / "comparison.png")
 
 
 def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     """Say where steps are too large, and which order suits the object."""
     results = outcome.comparison.results
     known, origin = best_known(results, exact)
-    shares = ", ".join(
-        f"{str(name).removeprefix('along_')} {100 * margin.attrs['share_beyond']:.2f} %"
-        for name, margin in itoh_margin(known).data_vars.items()
-    )
     found = residues(outcome.reconstruction["phase"])
-    console.print(f"Steps beyond half a cycle, by {origin}: {shares}")
+    console.print(steps_sentence(itoh_margin(known), origin))
     console.print(f"Residues in the wrapped phase: {int(abs(found).sum())}")
     ways = order_shares(known, outcome.recipe.boundary[0])
     words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, raw_layout
-from napari_phase4d.cli.printing import counted, print_lobes
+from napari_phase4d.cli.printing import print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
 from napari_phase4d.holography import Lobe, find_lobes, reconstruct
 from napari_phase4d.pipeline import (
@@ -26,18 +26,15 @@ from napari_phase4d.pipeline import (
     needs_of,
     open_by,
     phase_needs,
-    size_in_words,
-    time_in_words,
 )
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS, score_boundaries
+from napari_phase4d.unwrapping import METHODS, SCORED_TIMES, score_boundaries, scores_sentence
+from napari_phase4d.words import counted, size_in_words, time_in_words
 
 __all__ = ["info"]
 
 #: Frames from the beginning of which the noise is measured.
 NOISE_FRAMES = 8
-#: Times from the beginning of wrapped phase that are looked into.
-SCORED_TIMES = 100
 
 
 def info(
@@ -136,10 +133,7 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
     console.print(f"  {int(abs(residues(some)).sum())} residues{which}")
     scores = score_boundaries(some)
     time, view = scores.attrs["best"]
-    console.print(
-        f"  safest boundary frame{which}: {time},{view}; {scores.attrs['basis']} agree on "
-        f"{100 * scores.attrs['agreement']:.2f} % of the object"
-    )
+    console.print(f"  safest boundary frame{which}: {time},{view}. {scores_sentence(scores)}")
 
 
 def first_frames(recording: Recording, lobes: list[Lobe]) -> xr.Dataset:

@@ -13,14 +13,14 @@ from rich.markup import escape
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, Refocus, distance_of, raw_layout
-from napari_phase4d.cli.printing import bar, counted, print_lobes
-from napari_phase4d.evaluation import noise_figures, noise_sentence
-from napari_phase4d.evaluation.look_figure import Circle, look_figure
+from napari_phase4d.cli.printing import bar, print_lobes
+from napari_phase4d.evaluation import Circle, look_figure, noise_figures, noise_sentence
 from napari_phase4d.holography import Lobe, find_lobes, fringe_contrast, power_spectrum
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Recipe, open_by, reconstruct_by, result_folders
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import score_boundaries, unwrap
+from napari_phase4d.unwrapping import score_boundaries, scores_sentence, unwrap
+from napari_phase4d.words import counted
 
 __all__ = ["look"]
 
@@ -133,4 +133,7 @@ def safest_sentence(phase: xr.DataArray) -> str:
         return "One frame of one view: unwrapping begins from it."
     scores = score_boundaries(phase)
     time, view = scores.attrs["best"]
-    return f"Safest frame to begin unwrapping from: {time},{view} (time,view counted from 0)."
+    return (
+        f"Safest frame to begin unwrapping from: {time},{view} (time,view counted from 0). "
+        f"{scores_sentence(scores)}"
+    )

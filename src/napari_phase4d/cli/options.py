@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypedDict, Unpack
 
 import typer
 
@@ -69,32 +69,36 @@ def is_recipe(path: Path) -> bool:
     return path.suffix.lower() == ".json"
 
 
-def with_settings(
-    recipe: Recipe,
-    views: int | None,
-    angles: Sequence[float] | None,
-    boundary: str | None,
-    methods: Sequence[str] | None,
-    frame_rate: float | None,
-    *,
-    confidence: bool = False,
-    dataset: str | None = None,
-    raw: str | None = None,
-    storage: str | None = None,
-    refocus: str | None = None,
-) -> Recipe:
-    """Return a recipe with what was typed in."""
+class Typed(TypedDict, total=False):
+    """What can be typed in of a recipe; None, or nothing, where it was not."""
+
+    views: int | None
+    angle: Sequence[float] | None
+    boundary: str | None
+    method: Sequence[str] | None
+    frame_rate: float | None
+    confidence: bool
+    dataset: str | None
+    raw: str | None
+    storage: str | None
+    refocus: str | None
+
+
+def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
+    """Return a recipe with what was typed in, each option under its own name."""
+    views, angles = typed.get("views"), typed.get("angle")
+    methods, boundary = typed.get("method"), typed.get("boundary")
     changes: dict[str, object] = {
         "n_views": len(angles) if angles and views is None else views,
         "angles_deg": tuple(angles) if angles else None,
         "methods": tuple(methods) if methods else None,
-        "frame_rate_hz": frame_rate,
+        "frame_rate_hz": typed.get("frame_rate"),
         "boundary": (frame_numbers(boundary),) if boundary else None,
-        "confidence": confidence or None,
-        "dataset": dataset,
-        "raw": raw_layout(raw),
-        "storage": storage,
-        "refocus_um": distance_of(refocus),
+        "confidence": typed.get("confidence") or None,
+        "dataset": typed.get("dataset"),
+        "raw": raw_layout(typed.get("raw")),
+        "storage": typed.get("storage"),
+        "refocus_um": distance_of(typed.get("refocus")),
     }
     return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
 

@@ -21,17 +21,11 @@ from napari_phase4d.progress import ProgressCall
 
 __all__ = [
     "bar",
-    "counted",
     "print_lobes",
     "print_notes",
     "print_table",
     "write_picture",
 ]
-
-
-def counted(number: object, what: str) -> str:
-    """Return "1 frame", "2 frames" and so on."""
-    return f"{number} {what}" if str(number) == "1" else f"{number} {what}s"
 
 
 @contextmanager

@@ -83,35 +83,35 @@ def run_command(
     recipe, files = recipe_and_files(inputs)
     recipe = with_settings(
         recipe,
-        views,
-        angle,
-        boundary,
-        method,
-        frame_rate,
+        views=views,
+        angle=angle,
+        boundary=boundary,
+        method=method,
+        frame_rate=frame_rate,
         confidence=confidence,
         dataset=dataset,
         raw=raw,
         storage=storage,
         refocus=refocus,
     )
-    numbers = {
-        "wavelength_um": wavelength,
-        "camera_pixel_um": camera_pixel,
-        "magnification": magnification,
-    }
-    typed = {name: number for name, number in numbers.items() if number is not None}
+    adapt = partial(
+        typed_in,
+        wavelength_um=wavelength,
+        camera_pixel_um=camera_pixel,
+        magnification=magnification,
+    )
     with stoppable():
         if len(files) > 1 or (files and resume):
-            adapt = partial(typed_in, typed)
             wishes = {"resume": resume, "form": form, "scheduler": scheduler}
             batch(recipe, files, out, prepared=adapt, **wishes)
         else:
             named = {"recording": found_anywhere(files[0])} if files else {}
-            process(typed_in(typed, recipe.changed(**named)), out, form, scheduler)
+            process(adapt(recipe.changed(**named)), out, form, scheduler)
 
 
-def typed_in(typed: dict[str, float], recipe: Recipe) -> Recipe:
+def typed_in(recipe: Recipe, **numbers: float | None) -> Recipe:
     """Return a recipe with the optics that were typed in; the rest is as the file says."""
+    typed = {name: number for name, number in numbers.items() if number is not None}
     if not typed or not recipe.recording:
         return recipe
     known = recipe.optics or optics_of(open_by(recipe))

@@ -1,38 +1,27 @@
-"""Methods side by side."""
+"""Results of several methods on one problem."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
-from functools import partial
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import pandas as pd
 import xarray as xr
 
 from napari_phase4d.evaluation.confidence import REFERENCE, confidence_of, slip_warning
-from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
-from napari_phase4d.evaluation.resources import Measured, measured
-from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import (
-    METHODS,
-    Problem,
-    SharedSteps,
-    border_medians,
-    check_method,
-    label_of,
-    run_method,
+from napari_phase4d.evaluation.table import (
+    OF_TRUTH,
+    as_truth,
+    errors,
+    in_order,
+    suspicious_percent,
 )
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import Problem, border_medians, run_method
 
-__all__ = ["Comparison", "Runs", "compare", "compare_on"]
-
-#: Columns of the table that need truth.
-OF_TRUTH = ("mse_rad2", "wrong_cycles_percent")
-#: Columns of the table, in the order in which they are shown.
-COLUMNS = ("method", "seconds", "peak_mb", "suspicious_percent", *OF_TRUTH)
-#: A pixel is suspicious if it is less likely right than this.
-SUSPICIOUS = 0.5
+__all__ = ["Comparison"]
 
 
 @dataclass(frozen=True)
@@ -87,7 +76,7 @@ class Comparison:
                 REFERENCE, lambda: run_method(problem, REFERENCE, progress, cancelled, {})
             )
         finally:
-            problem.forget("field")  # as large as many results, and of no more use
+            problem.forget_field()
         return found
 
     def confidence(
@@ -172,7 +161,6 @@ class Comparison:
 
     def object_mask(self) -> xr.DataArray:
         """Return what of the usable field is not empty, in the form of the phase."""
-        # Not ``problem.mask``: it depends on which methods have run.
         problem = self.needed_problem()
         usable = problem.usable
         inside = usable & ~problem.background().mask
@@ -184,204 +172,3 @@ class Comparison:
         level = border_medians(problem.background().level, problem.first)
         full = np.broadcast_to(level[..., None, None], problem.wrapped.shape)
         return problem.result(full, "level", {"units": "rad"})
-
-
-def compare(
-    phase: xr.DataArray | Any,
-    methods: Sequence[str] | None = None,
-    boundary: Any = (0, 0),
-    truth: xr.DataArray | Any = None,
-    *,
-    mask: Any = None,
-    amplitude: Any = None,
-    options: Mapping[str, Mapping[str, Any]] | None = None,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
-    finished: Callable[[str, Comparison], None] | None = None,
-) -> Comparison:
-    """Unwrap with several methods and put the figures next to each other.
-
-    Parameters
-    ----------
-    phase : DataArray or array_like
-        Wrapped phase in radians, see `unwrap`.
-    methods : sequence of str, optional
-        Ids among `METHODS`. Default: all.
-    boundary, mask, amplitude, cancelled
-        See `unwrap`.
-    truth : DataArray or array_like, optional
-        Exact phase of the same shape.
-    options : mapping, optional
-        Method id to the options of that method.
-    progress : callable, optional
-        ``progress(done, total, message)`` after each step of a method; the message begins with
-        the method and how many there are, such as "T/A (4 of 6): ".
-    finished : callable, optional
-        ``finished(method, comparison)`` after each method, with all results so far, so that they
-        are not lost if the rest is cancelled or fails. They may be looked at straight away;
-        the methods of that comparison that compute have to wait until `compare` has ended.
-
-    Returns
-    -------
-    Comparison
-        The two-dimensional unwrapping and the registration are computed once; their time is
-        counted in every method that uses them, their memory in the first.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If an argument does not fit.
-    Cancelled
-        If ``cancelled()`` returned True.
-    """
-    chosen = list(METHODS) if methods is None else list(methods)
-    options = options or {}
-    for method in (*chosen, *options):
-        check_method(method, options.get(method, {}))
-    problem = Problem(phase, boundary, mask, amplitude)
-    try:
-        return compare_on(InMemory(problem), chosen, truth, options, progress, cancelled, finished)
-    finally:
-        problem.forget("field")  # as large as many results, and of no more use
-
-
-class Runs(Protocol):
-    """Unwraps one phase by any method.
-
-    Attributes
-    ----------
-    steps : SharedSteps
-        What several methods start from.
-    problem : Problem or None
-        The phase, where all of it is in memory.
-    phase : DataArray
-        Wrapped phase, wherever it lies.
-    """
-
-    steps: SharedSteps
-    problem: Problem | None
-    phase: xr.DataArray
-
-    def run(
-        self,
-        method: str,
-        progress: ProgressCall | None,
-        cancelled: CancelledCall | None,
-        options: Mapping[str, Any],
-    ) -> xr.DataArray:
-        """Return unwrapped phase."""
-
-
-class InMemory:
-    """Unwraps phase that is in memory.
-
-    Parameters
-    ----------
-    problem : Problem
-        The phase.
-    """
-
-    def __init__(self, problem: Problem) -> None:
-        self.steps: SharedSteps = problem
-        self.problem: Problem | None = problem
-        self.phase = problem.template
-        self.run = partial(run_method, problem)
-
-
-def compare_on(
-    runs: Runs,
-    methods: Sequence[str],
-    truth: xr.DataArray | Any,
-    options: Mapping[str, Mapping[str, Any]],
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
-    finished: Callable[[str, Comparison], None] | None = None,
-) -> Comparison:
-    """Run several methods one after the other, wherever their phase lies; see `compare`."""
-    exact = as_truth(truth, runs.phase)
-    so_far = Comparison({}, table_of({}), runs.problem, runs.phase)
-    rows: dict[str, dict[str, Any]] = {}
-    for place, method in enumerate(methods, 1):
-        own_options = options.get(method, {})
-        label = label_of(method, own_options)
-        report = named(progress, f"{label} ({place} of {len(methods)})")
-        cost = cost_of(runs, method, report, cancelled, own_options)
-        rows[method] = row_of(label, cost, exact)
-        so_far = replace(
-            so_far, results={**so_far.results, method: cost.result}, table=table_of(rows)
-        )
-        if finished is not None:
-            finished(method, so_far)
-    return so_far
-
-
-def named(progress: ProgressCall | None, name: str) -> ProgressCall | None:
-    """Let every message begin with a name."""
-    if progress is None:
-        return None
-    return lambda done, total, message: progress(done, total, f"{name}: {message}")
-
-
-def cost_of(
-    runs: Runs,
-    method: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
-    options: Mapping[str, Any],
-) -> Measured[xr.DataArray]:
-    """Run one method, and count the time of the shared steps that others have done for it."""
-    shared = dict(runs.steps.seconds)
-    runs.steps.used.clear()
-    cost = measured(partial(runs.run, method, progress, cancelled, options))
-    shared_seconds = sum(shared.get(step, 0.0) for step in runs.steps.used)
-    return replace(cost, seconds=cost.seconds + shared_seconds)
-
-
-def row_of(label: str, cost: Measured[xr.DataArray], truth: xr.DataArray | None) -> dict[str, Any]:
-    """Return what the table says of one result."""
-    own = {"method": label, "seconds": cost.seconds, "peak_mb": cost.peak_mb}
-    return own | errors(cost.result, truth)
-
-
-def table_of(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
-    """Return a table of one row a method."""
-    return pd.DataFrame(list(rows.values()), index=pd.Index(list(rows), name="id"))
-
-
-def in_order(table: pd.DataFrame) -> pd.DataFrame:
-    """Put the columns of a table into the order in which they are shown."""
-    return table[[name for name in COLUMNS if name in table.columns]]
-
-
-def as_truth(truth: xr.DataArray | Any, phase: xr.DataArray) -> xr.DataArray | None:
-    """Return truth in the form of the phase, or None."""
-    if truth is None:
-        return None
-    values = (
-        truth.transpose(*phase.dims).values
-        if isinstance(truth, xr.DataArray)
-        else np.asarray(truth)
-    )
-    if values.shape != phase.shape:
-        msg = f"truth is {values.shape}, but the phase is {phase.shape}"
-        raise ValueError(msg)
-    return phase.copy(data=values)
-
-
-def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]:
-    """Return the columns that need truth."""
-    if truth is None:
-        return {}
-    return {
-        "mse_rad2": mean_squared_error(result, truth),
-        "wrong_cycles_percent": 100 * wrong_cycle_share(result, truth),
-    }
-
-
-def suspicious_percent(confidence: xr.DataArray, inside: xr.DataArray) -> float:
-    """Return the share in percent of the pixels inside that are more likely wrong than right."""
-    trust = confidence.transpose(*inside.dims).values
-    count = np.count_nonzero(inside.values)
-    if count == 0:
-        return float("nan")
-    return 100 * np.count_nonzero((trust < SUSPICIOUS) & inside.values) / count

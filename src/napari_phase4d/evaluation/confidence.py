@@ -6,6 +6,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.unwrapping import ends_along
+
 __all__ = ["REFERENCE", "confidence_of", "firmness", "slip_warning", "turns_off", "unsteadiness"]
 
 TURN = 2 * np.pi
@@ -178,8 +180,7 @@ def firmness(unwrapped: xr.DataArray, empty: xr.DataArray) -> xr.DataArray:
     for axis, dim in enumerate(unwrapped.dims):
         if phase.shape[axis] < 2:
             continue
-        head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(phase.ndim))
-        tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(phase.ndim))
+        head, tail = ends_along(axis, phase.ndim)
         small = np.abs(phase[tail] - phase[head]) < np.pi
         tie = ~background[head] & ~background[tail]
         if dim in ("y", "x"):

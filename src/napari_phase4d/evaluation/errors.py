@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.evaluation.holding import parts_over_time
+from napari_phase4d.evaluation.loading import parts_over_time
 
 __all__ = ["mean_squared_error", "wrong_cycle_map", "wrong_cycle_share"]
 
@@ -22,6 +22,12 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
     ----------
     unwrapped, truth : xarray.DataArray
         Phase in radians on the same grid. Pixels where the truth is NaN don't count.
+
+    Examples
+    --------
+    >>> exact = xr.DataArray(np.zeros((1, 1, 2, 2)), dims=("time", "angle", "y", "x"))
+    >>> mean_squared_error(exact + 0.5, exact)
+    0.25
     """
     total, count = 0.0, 0
     for part, values in parts_over_time(unwrapped):
@@ -53,6 +59,14 @@ def wrong_cycle_share(
         Phase in radians on the same grid.
     where : xarray.DataArray of bool, optional
         Pixels to count; default all.
+
+    Examples
+    --------
+    >>> exact = xr.DataArray(np.zeros((1, 1, 2, 2)), dims=("time", "angle", "y", "x"))
+    >>> one_off = exact.copy()
+    >>> one_off[0, 0, 0, 0] = 2 * np.pi
+    >>> wrong_cycle_share(one_off, exact)
+    0.25
     """
     wrong = count = 0
     for part, values in parts_over_time(unwrapped):

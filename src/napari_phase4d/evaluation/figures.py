@@ -6,7 +6,6 @@ import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-from napari_phase4d.evaluation.holding import frame_of, held
+from napari_phase4d.evaluation.loading import frame_of, in_memory
 
 __all__ = ["comparison_figure", "movie_frames", "phase_limits"]
 
@@ -31,14 +30,11 @@ SMALLEST, LARGEST, ALL = 1.4, 2.4, (10.0, 8.0)
 #: Inches of a movie: between pictures, below them, of a line of words, of the angles at the left
 #: and of the colour bar at the right.
 GAP, FOOT, LINE, ANGLES, BAR = 0.06, 0.12, 0.19, 0.55, 0.95
-#: Words in SVG and PDF stay words, so that they can be found and changed.
-WORDS = {"svg.fonttype": "none", "pdf.fonttype": 42}
 
 
 def comparison_figure(
     columns: Mapping[str, xr.DataArray],
     frames: Sequence[tuple[int, int]],
-    path: str | Path | None = None,
     *,
     limits: tuple[float, float] | None = None,
 ) -> Figure:
@@ -50,17 +46,14 @@ def comparison_figure(
         Title to unwrapped phase (time, angle, y, x) in radians, on one grid.
     frames : sequence of (int, int)
         (time, angle) numbers of the frames to show.
-    path : str or Path, optional
-        Where to save it; the ending, such as ``.png``, ``.svg`` or ``.pdf``, chooses the format.
     limits : tuple of float, optional
         Phase in radians at the ends of the colour scale; default: all that is shown.
 
     Returns
     -------
     matplotlib.figure.Figure
-        All pictures on one colour scale.
+        All pictures on one colour scale; `napari_phase4d.io.write_figure` saves it.
     """
-    from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     first = next(iter(columns.values()))
@@ -83,9 +76,6 @@ def comparison_figure(
                 label = f"{float(first['angle'][a]):g}°\n{time_label(first, t)}"
                 axis.set_ylabel(label, fontsize=8)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
-    if path is not None:
-        with rc_context(WORDS):
-            figure.savefig(path, dpi=150)
     return figure
 
 
@@ -226,7 +216,7 @@ def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
     if not columns:
         msg = "there are no stacks to show; give at least one"
         raise ValueError(msg)
-    stacks = [held(stack.transpose("time", "angle", "y", "x")) for stack in columns.values()]
+    stacks = [in_memory(stack.transpose("time", "angle", "y", "x")) for stack in columns.values()]
     first = next(iter(columns))
     for name, stack in zip(columns, stacks, strict=True):
         if stack.shape[:2] != stacks[0].shape[:2]:

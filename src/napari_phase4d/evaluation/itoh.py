@@ -6,8 +6,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.evaluation.holding import held
-from napari_phase4d.unwrapping import both_ends
+from napari_phase4d.evaluation.loading import in_memory
+from napari_phase4d.unwrapping import both_ends, loop_sums
 
 __all__ = ["itoh_margin", "order_shares", "residues"]
 
@@ -34,8 +34,14 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         on: the larger of the steps to the two neighbours, as a share of pi. Its
         ``attrs["share_beyond"]`` is the share of steps beyond pi (of those with both ends in
         ``where``).
+
+    Examples
+    --------
+    >>> ramp = xr.DataArray(np.array([[0.0, 1.0, 5.0]]), dims=("y", "x"))
+    >>> itoh_margin(ramp)["along_x"].attrs["share_beyond"]
+    0.5
     """
-    phase = held(phase)
+    phase = in_memory(phase)
     inside = np.ones(phase.shape, bool) if where is None else where.transpose(*phase.dims).values
     maps = {}
     for dim in phase.dims:
@@ -76,7 +82,7 @@ def order_shares(
     dict
         Method id "temporal-angular" and "angular-temporal" to a share from 0 to 1.
     """
-    stack = held(phase.transpose("time", "angle", "y", "x")).values
+    stack = in_memory(phase.transpose("time", "angle", "y", "x")).values
     inside = (
         np.ones(stack.shape, dtype=bool)
         if where is None
@@ -119,13 +125,21 @@ def residues(wrapped: xr.DataArray) -> xr.DataArray:
     -------
     xarray.DataArray
         int8: +1, -1 or 0, with one row and one column less than ``wrapped``.
+
+    Examples
+    --------
+    Phase that turns once round a point can't be unwrapped without a cut:
+
+    >>> y, x = np.mgrid[-1.5:2, -1.5:2]
+    >>> found = residues(xr.DataArray(np.arctan2(y, x), dims=("y", "x")))
+    >>> int(abs(found).sum())
+    1
     """
-    values = held(wrapped).values.astype(np.float64)
+    values = in_memory(wrapped).values.astype(np.float64)
 
     def turns(axis: int) -> np.ndarray:
         return np.round(np.diff(values, axis=axis) / TURN)
 
-    down, right = turns(-2), turns(-1)
-    loop = right[..., :-1, :] + down[..., :, 1:] - right[..., 1:, :] - down[..., :, :-1]
+    loop = loop_sums(turns(-2), turns(-1))
     found = wrapped.isel({wrapped.dims[-2]: slice(None, -1), wrapped.dims[-1]: slice(None, -1)})
     return found.copy(data=-loop.astype(np.int8))

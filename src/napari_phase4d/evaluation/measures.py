@@ -11,11 +11,11 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.evaluation.holding import parts_over_time
+from napari_phase4d.axes import AXES
+from napari_phase4d.evaluation.loading import parts_over_time
 from napari_phase4d.evaluation.regions import Mask
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.unwrapping import DIMS
 
 __all__ = ["measure"]
 
@@ -74,6 +74,21 @@ def measure(
         If a mask does not fit the phase, coordinates are missing, or a number can't be.
     Cancelled
         If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    polygon_mask, region_masks : Make masks.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> exact = p4d.simulation.swimming_euglena((48, 64), 2)["phase"]
+    >>> everything = np.ones((48, 64), dtype=bool)
+    >>> table = measure(exact, {"field": everything}, p4d.Optics())
+    >>> table[["region", "time (s)", "angle (deg)"]].values[1].tolist()
+    ['field', 0.0, 21.0]
+    >>> bool((table["dry mass (pg)"] > 0).all())
+    True
     """
     stack = in_full(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
@@ -150,7 +165,7 @@ def in_full(unwrapped: xr.DataArray | Any) -> xr.DataArray:
     if not isinstance(unwrapped, xr.DataArray):
         msg = f"the phase must be a DataArray with coordinates, but is {type(unwrapped).__name__}"
         raise TypeError(msg)
-    unknown = set(unwrapped.dims) - set(DIMS)
+    unknown = set(unwrapped.dims) - set(AXES)
     if unknown or not {"y", "x"} <= set(unwrapped.dims):
         found = tuple(unwrapped.dims)
         msg = f"the phase has dims {found}; they must be among time, angle, y, x, with y and x"
@@ -162,7 +177,7 @@ def in_full(unwrapped: xr.DataArray | Any) -> xr.DataArray:
             "give it seconds, degrees and micrometres with assign_coords"
         )
         raise ValueError(msg)
-    return unwrapped.expand_dims([d for d in DIMS if d not in unwrapped.dims]).transpose(*DIMS)
+    return unwrapped.expand_dims([d for d in AXES if d not in unwrapped.dims]).transpose(*AXES)
 
 
 def pixel_area_um2(stack: xr.DataArray) -> float:

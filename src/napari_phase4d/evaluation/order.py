@@ -10,7 +10,7 @@ from napari_phase4d.evaluation.confidence import REFERENCE, turns_off
 from napari_phase4d.evaluation.itoh import order_shares
 from napari_phase4d.unwrapping import METHODS
 
-__all__ = ["best_known", "most_trusted", "order_verdict"]
+__all__ = ["best_known", "most_trusted", "order_verdict", "steps_sentence"]
 
 BOTH = ("temporal-angular", "angular-temporal")
 #: Results in the order in which a look at the steps relies on them.
@@ -30,6 +30,23 @@ def best_known(
         return truth, "the exact phase"
     method = most_trusted(results)
     return results[method], f"the result of {METHODS[method].label}"
+
+
+def steps_sentence(margin: xr.Dataset, basis: str) -> str:
+    """Say along which dimensions how many steps are too large to be unwrapped.
+
+    Parameters
+    ----------
+    margin : Dataset
+        What `itoh_margin` gives.
+    basis : str
+        What it was told from, in words, as `best_known` says it.
+    """
+    shares = ", ".join(
+        f"{str(name).removeprefix('along_')} {100 * along.attrs['share_beyond']:.3g} %"
+        for name, along in margin.data_vars.items()
+    )
+    return f"Steps beyond half a cycle, by {basis}: {shares}."
 
 
 def order_verdict(

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from skimage.draw import polygon2mask
 
-__all__ = ["polygon_mask", "region_masks"]
+__all__ = ["Mask", "polygon_mask", "region_masks"]
 
 Mask = NDArray[np.bool_]
 
@@ -33,6 +33,11 @@ def region_masks(labels: ArrayLike) -> dict[str, Mask]:
         If the labels are no whole numbers.
     ValueError
         If they have other dims, or if all are 0.
+
+    Examples
+    --------
+    >>> list(region_masks([[0, 2, 2], [0, 0, 7]]))
+    ['label 2', 'label 7']
     """
     image: NDArray[Any] = np.asarray(labels)
     if image.dtype.kind not in "iub":
@@ -71,6 +76,14 @@ def polygon_mask(vertices_yx: ArrayLike, shape: tuple[int, int]) -> Mask:
     ------
     ValueError
         If the corners make no polygon, or if it holds no pixel of the frame.
+
+    Examples
+    --------
+    >>> polygon_mask([(0, 0), (0, 2), (2, 2), (2, 0)], (4, 5)).astype(int)
+    array([[1, 1, 1, 0, 0],
+           [1, 1, 1, 0, 0],
+           [1, 1, 1, 0, 0],
+           [0, 0, 0, 0, 0]])
     """
     corners = np.asarray(vertices_yx, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:

@@ -10,8 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.evaluation.holding import held
-from napari_phase4d.unwrapping import DIMS, METHODS, label_of
+from napari_phase4d.axes import AXES
+from napari_phase4d.evaluation.loading import in_memory
+from napari_phase4d.unwrapping import METHODS, label_of
 
 __all__ = ["Traces", "difference", "traces"]
 
@@ -68,6 +69,13 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
     ValueError
         If there are no results, if they differ in shape, or if the frame or the place lies
         outside of them.
+
+    Examples
+    --------
+    >>> phase = xr.DataArray(np.arange(24.0).reshape(3, 2, 2, 2), dims=("time", "angle", "y", "x"))
+    >>> found = traces({"exact": phase}, frame=(0, 1), where=(1, 1))
+    >>> found.over_time["exact"].tolist()
+    [7.0, 15.0, 23.0]
     """
     if not results:
         msg = "there are no results yet; run a method first"
@@ -94,11 +102,11 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
 
 def on_all_axes(stack: xr.DataArray) -> NDArray[Any]:
     """Return the values as (time, angle, y, x); a view."""
-    stack = held(stack)
-    if stack.dims == DIMS:  # which takes microseconds, and is the rule
+    stack = in_memory(stack)
+    if stack.dims == AXES:  # which takes microseconds, and is the rule
         return stack.values
-    full = stack.expand_dims([d for d in DIMS if d not in stack.dims])
-    return full.transpose(*DIMS).values
+    full = stack.expand_dims([d for d in AXES if d not in stack.dims])
+    return full.transpose(*AXES).values
 
 
 def places_along(stack: xr.DataArray, dim: str, count: int) -> NDArray[np.float64]:
@@ -157,6 +165,12 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     ------
     ValueError
         If the two have not the same dims and shape.
+
+    Examples
+    --------
+    >>> one = xr.DataArray(np.ones((2, 2), np.float32), dims=("y", "x"))
+    >>> float(difference(one + 3, one).max())
+    3.0
     """
     if dict(result.sizes) != dict(reference.sizes):
         msg = (
@@ -164,7 +178,7 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
             "take two results of one phase"
         )
         raise ValueError(msg)
-    result, reference = held(result), held(reference.transpose(*result.dims))
+    result, reference = in_memory(result), in_memory(reference.transpose(*result.dims))
     values = (result.values - reference.values).astype(np.float32, copy=False)
     for stack in (result, reference):
         if stack.attrs.get("mask", "none") != "none":

@@ -11,12 +11,17 @@ from napari_phase4d.holography.focusing import (
     autofocus,
     depth_of_focus_um,
 )
-from napari_phase4d.holography.frame_work import FrameWork
-from napari_phase4d.holography.lobes import Lobe, pair_distance
+from napari_phase4d.holography.frames import FrameReconstructor
+from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance
 from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
 from napari_phase4d.holography.preview import Preview
 from napari_phase4d.holography.quality import fringe_contrast, fringe_visibility
-from napari_phase4d.holography.reconstruction import find_focus, prepared, reconstruct
+from napari_phase4d.holography.reconstruction import (
+    PhaseSettings,
+    find_focus,
+    frame_reconstructor,
+    reconstruct,
+)
 from napari_phase4d.holography.refocusing import Propagator, propagate, refocused
 from napari_phase4d.holography.sharpness import FOCUS_METRICS
 from napari_phase4d.holography.spectrum import power_spectrum
@@ -27,12 +32,14 @@ __all__ = [
     "FOCUS_METRICS",
     "FOCUS_OBJECTS",
     "MAX_ORDER",
+    "MAX_VIEWS",
     "MIN_ORDER",
     "WINDOWS",
     "Demodulator",
     "Focus",
-    "FrameWork",
+    "FrameReconstructor",
     "Lobe",
+    "PhaseSettings",
     "Preview",
     "Propagator",
     "StrayTerm",
@@ -40,12 +47,12 @@ __all__ = [
     "depth_of_focus_um",
     "find_focus",
     "find_lobes",
+    "frame_reconstructor",
     "fringe_contrast",
     "fringe_visibility",
     "lobe_warnings",
     "pair_distance",
     "power_spectrum",
-    "prepared",
     "propagate",
     "recalibrated",
     "reconstruct",

@@ -16,6 +16,7 @@ from napari_phase4d.holography.aberrations import surface_of, terms_at
 from napari_phase4d.progress import nothing
 
 __all__ = [
+    "ENOUGH_BACKGROUND",
     "Surface",
     "aligned_to",
     "background_offset",

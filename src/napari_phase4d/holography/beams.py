@@ -29,7 +29,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.lobes import Lobe, pair_distance, wrapped_distance
+from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrapped_distance
 
 __all__ = ["choose_views", "count_views"]
 
@@ -51,8 +51,6 @@ WANDER_FLOOR_RAD = 0.05
 
 #: Views are weaker than the strongest by less than this (10 dB), where they are to be counted.
 SIMILAR = 0.1
-#: Views that are looked for, where they are to be counted.
-MAX_COUNT = 6
 
 
 class HasCarrier(Protocol):
@@ -132,12 +130,12 @@ def count_views(peaks: Sequence[P], shape: tuple[int, int]) -> int:
     strong = [p for p in peaks[:MAX_CANDIDATES] if p.power >= SIMILAR * peaks[0].power]
     triples = beat_triples([p.carrier for p in strong], max(3 / min(shape), 0.006))
     everything = set(range(len(strong)))
-    for n_views in range(1, min(len(strong), MAX_COUNT) + 1):
+    for n_views in range(1, min(len(strong), MAX_VIEWS) + 1):
         for chosen in itertools.combinations(range(len(strong)), n_views):
             beats = {c for a, b, c in triples if a in chosen and b in chosen}
             if everything <= beats | set(chosen):
                 return n_views
-    return min(len(strong), MAX_COUNT)
+    return min(len(strong), MAX_VIEWS)
 
 
 def beat_triples(

@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.holography.aberrations import ABERRATION_NAMES
 from napari_phase4d.holography.focusing import Focus
 from napari_phase4d.holography.lobes import Lobe
@@ -55,9 +56,9 @@ def times_and_places(
     """Return the coordinates of time, y and x of a reconstruction."""
     step_y, step_x = (rec.optics.pixel_um * ratio for ratio in pixel_ratio)
     return {
-        "time": ("time", rec.times_s, {"units": "s"}),
-        "y": ("y", np.arange(shape[0]) * step_y, {"units": "um"}),
-        "x": ("x", np.arange(shape[1]) * step_x, {"units": "um"}),
+        "time": coordinate("time", rec.times_s),
+        "y": coordinate("y", np.arange(shape[0]) * step_y),
+        "x": coordinate("x", np.arange(shape[1]) * step_x),
     }
 
 
@@ -94,14 +95,13 @@ def as_dataset(
 ) -> xr.Dataset:
     """Give the arrays their names, axes and units."""
     coords = {
-        "angle": ("angle", np.asarray(angles), {"units": "deg"}),
+        "angle": coordinate("angle", np.asarray(angles)),
         **times_and_places(rec, pixel_ratio, phase.shape[2:]),
     }
-    dims = ("time", "angle", "y", "x")
     return xr.Dataset(
         {
-            "phase": xr.DataArray(phase, dims=dims, attrs={"units": "rad", **attrs}),
-            "amplitude": xr.DataArray(amplitude, dims=dims, attrs={"units": "a.u.", **attrs}),
+            "phase": xr.DataArray(phase, dims=AXES, attrs={"units": "rad", **attrs}),
+            "amplitude": xr.DataArray(amplitude, dims=AXES, attrs={"units": "a.u.", **attrs}),
         },
         coords=coords,
         attrs=attrs,

@@ -23,7 +23,13 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.holography.beams import choose_views, count_views
-from napari_phase4d.holography.lobes import Lobe, canonical, pair_distance, wrapped_distance
+from napari_phase4d.holography.lobes import (
+    MAX_VIEWS,
+    Lobe,
+    canonical,
+    pair_distance,
+    wrapped_distance,
+)
 from napari_phase4d.holography.sign import object_is_dark
 from napari_phase4d.holography.spectrum import mean_half_spectrum
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
@@ -47,8 +53,6 @@ ZERO = (0.0, 0.0)
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
-#: Views that a search may be asked for.
-MAX_VIEWS = 6
 
 
 @dataclass(frozen=True)
@@ -100,6 +104,21 @@ def find_lobes(
     ------
     ValueError
         If ``n_views`` is out of range or fewer carriers can be seen.
+
+    See Also
+    --------
+    power_spectrum : What they are found in.
+    reconstruct : What they are for.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> exact = p4d.simulation.swimming_euglena(n_times=2)
+    >>> rec = p4d.simulation.multiplexed_video(exact["phase"])
+    >>> for lobe in p4d.find_lobes(rec, n_views=2, angles_deg=(-7, 21)):
+    ...     print(lobe.angle_deg, [round(k, 2) for k in lobe.carrier])
+    -7.0 [0.19, 0.21]
+    21.0 [-0.21, 0.19]
     """
     known = isinstance(n_views, (int, np.integer))
     if n_views is not None and not (known and 1 <= n_views <= MAX_VIEWS):

@@ -9,7 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Lobe", "pair_distance"]
+__all__ = ["MAX_VIEWS", "Lobe", "canonical", "pair_distance", "wrapped_distance"]
+
+#: Views that a hologram is taken to hold at most.
+MAX_VIEWS = 6
 
 #: (ky, kx) in cycles per pixel.
 Frequency = Sequence[float] | NDArray[np.float64]
@@ -34,6 +37,16 @@ class Lobe:
     ------
     ValueError
         If the carrier or the radius lies outside the spectrum.
+
+    See Also
+    --------
+    find_lobes : Finds them in a recording.
+    reconstruct : Takes them.
+
+    Examples
+    --------
+    >>> Lobe(carrier=(0.19, 0.21), radius=0.09, angle_deg=-7)
+    Lobe(carrier=(0.19, 0.21), radius=0.09, angle_deg=-7, flip=False)
     """
 
     carrier: tuple[float, float]
@@ -56,11 +69,6 @@ class Lobe:
             msg = f"the viewing angle must be a number of degrees, but is {self.angle_deg!r}"
             raise ValueError(msg)
         object.__setattr__(self, "carrier", (ky, kx))
-
-    @property
-    def distance(self) -> float:
-        """Distance of the carrier from zero frequency, in cycles per pixel."""
-        return math.hypot(*self.carrier)
 
 
 def wrapped_distance(a: Frequency, b: Frequency) -> float:

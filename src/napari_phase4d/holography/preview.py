@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.demodulation import Demodulator, half_spectrum
-from napari_phase4d.holography.frame_work import refocusing
+from napari_phase4d.holography.frames import propagator_for
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.optics import Optics
 
@@ -86,7 +86,7 @@ class Preview:
         demodulate = Demodulator(self.shape, lobes, window)
         fields = demodulate.from_half_spectrum(self._spectrum)
         if refocus_um and optics is not None:
-            fields = refocusing(demodulate, optics, refocus_um)(fields)
+            fields = propagator_for(demodulate, optics, refocus_um)(fields)
         return [steady_phase(field) for field in fields]
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Literal
 
@@ -20,13 +20,13 @@ from napari_phase4d.holography.corrections import (
 from napari_phase4d.holography.datasets import aberration_note, focus_note, lobe_note
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.focusing import Focus, autofocus
-from napari_phase4d.holography.frame_work import FrameWork, refocusing
+from napari_phase4d.holography.frames import FrameReconstructor, propagator_for
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.quality import fringe_visibility
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["Refocus", "find_focus", "prepared", "reconstruct"]
+__all__ = ["PhaseSettings", "Refocus", "find_focus", "frame_reconstructor", "reconstruct"]
 
 #: Frames that the focus is looked for in at most, and about how many pixels of all views.
 FOCUS_FRAMES, FOCUS_PIXELS = 4, 500_000
@@ -35,6 +35,18 @@ MOST_FOCUS_PIXELS = 4_000_000
 
 #: Micrometres, "auto" to find the focus, None to stay in the camera's plane.
 Refocus = float | Literal["auto"] | None
+
+
+@dataclass(frozen=True)
+class PhaseSettings:
+    """How phase is reconstructed: the settings of `reconstruct`, which says what they mean."""
+
+    reference: Reference = None
+    window: str = "smooth-disk"
+    background: str = "tilt"
+    background_order: int = 4
+    refocus_um: Refocus = None
+    drift: bool = True
 
 
 def reconstruct(
@@ -93,18 +105,24 @@ def reconstruct(
         If an option has no such value or the reference does not fit the frames.
     Cancelled
         If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    find_lobes : Finds the views.
+    unwrap : What comes next.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> exact = p4d.simulation.swimming_euglena(n_times=2)
+    >>> rec = p4d.simulation.multiplexed_video(exact["phase"])
+    >>> lobes = p4d.find_lobes(rec, n_views=2, angles_deg=(-7, 21))
+    >>> data = p4d.reconstruct(rec, lobes)
+    >>> data.phase.dims, data.phase.shape
+    (('time', 'angle', 'y', 'x'), (2, 2, 120, 120))
     """
-    work = prepared(
-        rec,
-        lobes,
-        reference,
-        window=window,
-        background=background,
-        background_order=background_order,
-        refocus_um=refocus_um,
-        drift=drift,
-        cancelled=cancelled,
-    )
+    settings = PhaseSettings(reference, window, background, background_order, refocus_um, drift)
+    work = frame_reconstructor(rec, lobes, settings, cancelled)
     phase = np.empty(work.stack_shape(rec.n_frames), dtype=np.float32)
     amplitude = np.empty_like(phase)
 
@@ -116,60 +134,56 @@ def reconstruct(
     return work.as_dataset(rec, phase, amplitude, lowest_share)
 
 
-def prepared(
+def frame_reconstructor(
     rec: Recording,
     lobes: Sequence[Lobe],
-    reference: Reference = None,
-    *,
-    window: str = "smooth-disk",
-    background: str = "tilt",
-    background_order: int = 4,
-    refocus_um: Refocus = None,
-    drift: bool = True,
+    settings: PhaseSettings,
     cancelled: CancelledCall | None = None,
-) -> FrameWork:
+) -> FrameReconstructor:
     """Measure what all frames have in common; see `reconstruct` for the arguments."""
-    background_surface(background, background_order)  # to refuse first what is quick to see
+    background, order = settings.background, settings.background_order
+    background_surface(background, order)  # to refuse first what is quick to see
     if not isinstance(rec, Recording) or not all(isinstance(lobe, Lobe) for lobe in lobes):
         msg = "reconstruct() takes a Recording from open_recording() and a list of Lobe"
         raise TypeError(msg)
     lobes, angles = in_order_of_angle(lobes)
-    demodulate = Demodulator(rec.frame_shape, lobes, window)
-    factor, found = corrections(
-        rec, demodulate, reference, background, background_order, cancelled
-    )
+    demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
+    factor, found = corrections(rec, demodulate, settings.reference, background, order, cancelled)
     attrs = {
         "wavelength_um": rec.optics.wavelength_um,
         "medium_index": rec.optics.medium_index,
         "recording": rec.name,
         "lobes": [lobe_note(lobe) for lobe in lobes],
         "fringe_visibility": fringe_visibility(rec, demodulate),
-        "window": window,
+        "window": settings.window,
         "background": background,
-        "drift_removed": drift,
-        "reference": reference_note(reference),
+        "drift_removed": settings.drift,
+        "reference": reference_note(settings.reference),
         "pixel_ratio": list(demodulate.pixel_ratio),
     }
     if BACKGROUND_ORDERS[background] is None:
-        attrs["background_order"] = background_order
+        attrs["background_order"] = order
     if background == "zernike":
         attrs["aberrations_rad"] = [aberration_note(view) for view in found]
-    work = FrameWork(demodulate, factor, drift, angles, attrs)
-    if refocus_um is None:
+    work = FrameReconstructor(demodulate, factor, settings.drift, angles, attrs)
+    if settings.refocus_um is None:
         return work
-    return with_refocus(work, rec, refocus_um, cancelled)
+    return with_refocus(work, rec, settings.refocus_um, cancelled)
 
 
 def with_refocus(
-    work: FrameWork, rec: Recording, refocus_um: float | str, cancelled: CancelledCall | None
-) -> FrameWork:
+    work: FrameReconstructor,
+    rec: Recording,
+    refocus_um: float | str,
+    cancelled: CancelledCall | None,
+) -> FrameReconstructor:
     """Return the same work with refocusing, by a known distance or to the focus."""
     note: dict[str, Any] = {}
     if isinstance(refocus_um, str) and refocus_um == "auto":
         focus = find_focus(work, rec, cancelled=cancelled)
         refocus_um, note = focus.distance_um, focus_note(focus)
     distance_um = checked_distance(refocus_um)
-    carry = refocusing(work.demodulate, rec.optics, distance_um)
+    carry = propagator_for(work.demodulate, rec.optics, distance_um)
     note["refocus_um"] = distance_um
     return replace(work, refocus=carry, attrs=work.attrs | note)
 
@@ -183,7 +197,7 @@ def checked_distance(refocus_um: object) -> float:
 
 
 def find_focus(
-    work: FrameWork,
+    work: FrameReconstructor,
     rec: Recording,
     *,
     metric: str = "dubois",
@@ -195,8 +209,8 @@ def find_focus(
 
     Parameters
     ----------
-    work : FrameWork
-        From `prepared`, without refocusing.
+    work : FrameReconstructor
+        From `frame_reconstructor`, without refocusing.
     rec : Recording
         The hologram video; up to four frames of it are looked at, fewer where they are large,
         and then also fewer of many views.

@@ -21,7 +21,15 @@ from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 
-__all__ = ["EDGES", "Propagator", "propagate", "refocused"]
+__all__ = [
+    "EDGES",
+    "PixelSize",
+    "Propagator",
+    "check_light",
+    "pixel_sides",
+    "propagate",
+    "refocused",
+]
 
 #: How a field goes on beyond its edges.
 EDGES = ("mirrored", "periodic")
@@ -146,14 +154,8 @@ def propagate(
         Complex field; the last two axes lie in the plane.
     distance_um : float
         How far, in micrometres in the medium; positive in the direction of the light.
-    wavelength_um : float
-        Vacuum wavelength in micrometres, above 0.
-    pixel_um : float or pair of float
-        Pixel in the sample in micrometres, (y, x) if its sides differ, above 0.
-    medium_index : float
-        Refractive index round the object, at least 1.
-    edges : str, optional
-        How the field goes on beyond its edges: "mirrored" (default) or "periodic".
+    wavelength_um, pixel_um, medium_index, edges
+        As in `Propagator`.
 
     Returns
     -------

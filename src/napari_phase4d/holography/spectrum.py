@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 
-__all__ = ["power_spectrum"]
+__all__ = ["mean_half_spectrum", "power_spectrum"]
 
 
 def power_spectrum(
@@ -46,6 +46,18 @@ def power_spectrum(
     ------
     Cancelled
         If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    find_lobes : Where the views lie in it.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> exact = p4d.simulation.swimming_euglena(n_times=2)
+    >>> rec = p4d.simulation.multiplexed_video(exact["phase"])
+    >>> dict(p4d.power_spectrum(rec).sizes)
+    {'ky': 512, 'kx': 512}
     """
     indices = rec.sample_indices(max_frames or rec.n_frames)
     frames = watched(rec, indices, Watch(len(indices), "spectrum", progress, cancelled))

@@ -1,5 +1,6 @@
 """Readers and writers, one module per file family."""
 
+from napari_phase4d.io.describing import OME_TIFF, OME_ZARR, PROGRAM, step_of
 from napari_phase4d.io.figures import write_figure
 from napari_phase4d.io.movies import write_movie
 from napari_phase4d.io.opening import (
@@ -15,6 +16,9 @@ from napari_phase4d.io.results import read_results, write_phase, write_table
 
 __all__ = [
     "JOINED_SUFFIXES",
+    "OME_TIFF",
+    "OME_ZARR",
+    "PROGRAM",
     "RAW_SUFFIXES",
     "READABLE_SUFFIXES",
     "RawLayout",
@@ -24,6 +28,7 @@ __all__ = [
     "open_phase",
     "open_recording",
     "read_results",
+    "step_of",
     "write_figure",
     "write_movie",
     "write_phase",

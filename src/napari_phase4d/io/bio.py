@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.io.axes_chosen import axes_in_words, choice, chosen_places
 from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.grey import colour_sentence
 from napari_phase4d.io.lazy import FrameReader, in_one_line, lazy_frames
@@ -19,8 +20,8 @@ __all__ = ["BIO_SUFFIXES", "read_bio"]
 
 #: The best known; others are tried too.
 BIO_SUFFIXES = (".czi", ".dv", ".gif", ".lif", ".nd2", ".oib", ".oif", ".sld", ".stk")
-#: Axes of which a place can be chosen.
-CHOSEN = "CZ"
+#: Axes of which a place is chosen, and those that are read whole.
+CHOSEN, NOT_CHOSEN = "CZ", "TYXS"
 
 
 def read_bio(path: Path, dataset: str | None = None) -> Video:
@@ -70,6 +71,8 @@ class BioReader(FrameReader):
         Of the recording.
     """
 
+    arguments = ("path", "place", "shape", "dtype")
+
     def __init__(
         self,
         path: Path,
@@ -92,12 +95,6 @@ class BioReader(FrameReader):
             frame = np.asarray(self._frames[index])
         return frame[..., 0] if frame.ndim == 3 else frame
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path, "place": self.place, "shape": self.shape, "dtype": self.dtype}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
-
 
 def opened(path: Path) -> Any:
     """Return the image that bioio opens, or say what is missing."""
@@ -108,7 +105,8 @@ def opened(path: Path) -> Any:
     except ImportError as error:
         msg = (
             f"{path.name} is of a kind ({ending}) that can't be read; for formats of microscopes "
-            'pip install "napari-phase4d[bio]" and the reader, see docs/formats.md'
+            'pip install "napari-phase4d[bio]" and the reader of the format, such as bioio-czi, '
+            "bioio-nd2 or bioio-lif"
         )
         raise OSError(msg) from error
     try:
@@ -132,30 +130,17 @@ def chosen_place(path: Path, sizes: dict[str, int], dataset: str | None) -> dict
     ValueError
         If several are there and none, or one that isn't there, is chosen.
     """
-    place = dict.fromkeys(CHOSEN, 0)
-    told = set()
-    for part in () if dataset is None else dataset.split(","):
-        name, _, number = part.strip().partition("=")
-        axis = name.strip().upper()
-        if axis not in place or not number.strip().isdigit() or int(number) >= sizes[axis]:
-            msg = f"{path.name} has {axes_in_words(sizes)}; {part.strip()!r} is no place there"
-            raise ValueError(msg)
-        place[axis] = int(number)
-        told.add(axis)
-    open_axes = [a for a in CHOSEN if sizes[a] > 1 and a not in told]
-    if open_axes:
-        choice = ",".join(f"{a}=0" for a in open_axes)
+    axes, shape = "".join(sizes), tuple(sizes.values())
+    places = dict(zip(axes, chosen_places(path, axes, shape, dataset, NOT_CHOSEN), strict=True))
+    place = {axis: number for axis in CHOSEN if isinstance(number := places[axis], int)}
+    if len(place) < len(CHOSEN):
+        several = (axis for axis in CHOSEN if axis not in place)
         msg = (
-            f"{path.name} has {axes_in_words(sizes)}; a hologram video has time, y, x, so choose "
-            f'one place, as with dataset="{choice}"'
+            f"{path.name} has {axes_in_words(axes, shape)}; a hologram video has time, y, x, so "
+            f"choose one place, as with {choice(several)}"
         )
         raise ValueError(msg)
     return place
-
-
-def axes_in_words(sizes: dict[str, int]) -> str:
-    """Return the axes that are longer than 1."""
-    return "the axes " + ", ".join(f"{a}={n}" for a, n in sizes.items() if n > 1)
 
 
 def facts_of(image: Any) -> Facts:

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["USUAL_NAMES", "Found", "chosen_name", "other_arrays"]
+__all__ = ["USUAL_NAMES", "Found", "chosen_name", "listed", "other_arrays"]
 
 #: Names looked for first in a file with several arrays; the last ones say the least.
 USUAL_NAMES = ("holograms", "hologram", "mux", "frames", "images", "image", "data")

@@ -10,9 +10,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import AXES
+
 __all__ = [
-    "AXES",
-    "SIGNATURE",
+    "OME_TIFF",
+    "OME_ZARR",
+    "PROGRAM",
     "checked",
     "described",
     "is_even",
@@ -23,9 +26,10 @@ __all__ = [
     "step_of",
 ]
 
-AXES = ("time", "angle", "y", "x")
 #: Marks the description of a file that this program wrote.
-SIGNATURE = "napari-phase4d"
+PROGRAM = "napari-phase4d"
+#: What the names of stacks end with, by custom.
+OME_TIFF, OME_ZARR = ".ome.tif", ".ome.zarr"
 #: Stands for a number that JSON has no sign for.
 NOT_FINITE = "not finite"
 #: The largest number of float64; JSON knows larger whole ones.
@@ -35,7 +39,7 @@ LARGEST = sys.float_info.max
 def described(stack: xr.DataArray) -> dict[str, Any]:
     """Return the name, coordinates, units and attributes of a stack, as JSON can hold them."""
     return {
-        "program": SIGNATURE,
+        "program": PROGRAM,
         "name": name_of(stack),
         "coords": {d: [float(v) for v in stack[d].values] for d in AXES},
         "units": {d: str(stack[d].attrs["units"]) for d in AXES if "units" in stack[d].attrs},
@@ -50,7 +54,7 @@ def name_of(stack: xr.DataArray) -> str:
 
 def checked(found: Any) -> dict[str, Any] | None:
     """Return a description if this program could have written it, else None."""
-    if not isinstance(found, dict) or found.get("program") != SIGNATURE:
+    if not isinstance(found, dict) or found.get("program") != PROGRAM:
         return None
     coords, attrs, units = (found.get(name, {}) for name in ("coords", "attrs", "units"))
     if not all(isinstance(part, dict) for part in (coords, attrs, units)):
@@ -97,11 +101,12 @@ def stack_of(description: dict[str, Any], values: Any) -> xr.DataArray:
 
 
 def step_of(coordinates: NDArray[Any]) -> float:
-    """Return the mean spacing of coordinates (1 where there is only one)."""
+    """Return the mean spacing of coordinates in either direction, 1 where there is none."""
     if len(coordinates) < 2:
         return 1.0
-    step = float(coordinates[1] - coordinates[0])
-    return step if is_even(coordinates) else float(np.mean(np.diff(coordinates)))
+    steps = np.abs(np.diff(np.asarray(coordinates, dtype=np.float64)))
+    step = float(steps[0] if is_even(coordinates) else np.mean(steps))
+    return step if step > 0 else 1.0
 
 
 def is_even(coordinates: NDArray[Any]) -> bool:

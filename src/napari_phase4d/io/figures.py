@@ -32,7 +32,8 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
         raise ValueError(msg)
     import matplotlib as mpl
 
-    words = {"svg.fonttype": "none"}  # words of an SVG stay words, which can be edited
+    # Words of an SVG or a PDF stay words, which can be found and edited.
+    words = {"svg.fonttype": "none", "pdf.fonttype": 42}
     with mpl.rc_context(words), written_whole(path) as temporary:
         figure.savefig(temporary, dpi=DOTS_PER_INCH)
     return path

@@ -20,6 +20,7 @@ from napari_phase4d.io.film_pixels import (
     palette_of,
     through_palette,
 )
+from napari_phase4d.io.grey import colour_sentence
 from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
 from napari_phase4d.io.video import Video
 
@@ -101,6 +102,8 @@ class FilmReader(FrameReader):
         Of the recording.
     """
 
+    arguments = ("path", "index", "shape", "dtype")
+
     def __init__(
         self,
         path: Path,
@@ -122,11 +125,7 @@ class FilmReader(FrameReader):
         with self._lock:  # the conversion of one picture by two threads at once never ends
             grey = self._grey(self._picture(index))
         if grey is None:
-            msg = (
-                f"frame {index} of {self.path.name} is in colour; a hologram has one grey value "
-                "a pixel, so pick one channel first"
-            )
-            raise WrongFrameError(msg)
+            raise WrongFrameError(colour_sentence(f"frame {index} of {self.path.name}"))
         return grey
 
     def _grey(self, picture: Any) -> NDArray[Any] | None:
@@ -251,12 +250,6 @@ class FilmReader(FrameReader):
         self.close()
         return self._opened()
 
-    def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path, "index": self.index, "shape": self.shape, "dtype": self.dtype}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
-
 
 def opened_reader(path: Path, index: FilmIndex) -> tuple[FilmReader, bool]:
     """Return a reader whose first frame was decoded, and whether that one has colour."""
@@ -264,11 +257,7 @@ def opened_reader(path: Path, index: FilmIndex) -> tuple[FilmReader, bool]:
     try:
         first, tinted = reader.read(0), reader.is_tinted()
     except WrongFrameError as error:
-        msg = (
-            f"{path.name} is in colour; a hologram has one grey value a pixel, "
-            "so pick one channel first"
-        )
-        raise ValueError(msg) from error
+        raise ValueError(colour_sentence(path.name)) from error
     except Exception as error:
         msg = (
             f"{path.name} can't be read as a film; its first frame can't be decoded "

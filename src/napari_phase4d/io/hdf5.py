@@ -100,6 +100,8 @@ class Hdf5Reader(FrameReader):
         Of the recording.
     """
 
+    arguments = ("path", "names", "shape", "dtype")
+
     def __init__(
         self,
         path: Path,
@@ -141,12 +143,6 @@ class Hdf5Reader(FrameReader):
             self._file = h5py.File(self.path, "r", rdcc_nbytes=min(max(2**20, needed), 2**28))
             self._complete = is_complete(self._file[self.names[0]])
         return self._file
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {"path": self.path, "names": self.names, "shape": self.shape, "dtype": self.dtype}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
 
 
 def frames_of(

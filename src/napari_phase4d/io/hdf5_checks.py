@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from napari_phase4d.io.lazy import Unsound
+from napari_phase4d.io.limits import LARGEST_PIECE
+from napari_phase4d.words import size_in_words
 
 __all__ = ["check_sound", "check_written", "is_complete", "leads_inside"]
 
-#: What a piece of a file (an HDF5 chunk) may hold unpacked; a camera's holds a few frames.
-LARGEST_PIECE = 2**30
 #: Soft links that are followed one after the other.
 MOST_LINKS = 16
 
@@ -49,7 +49,7 @@ def check_sound(path: Path, data: Any) -> None:
     piece = math.prod(data.chunks) * data.dtype.itemsize if data.chunks else 0
     if piece > LARGEST_PIECE:
         msg = (
-            f"{path.name} packs {data.name!r} in pieces of {piece / 2**30:.3g} GiB, "
+            f"{path.name} packs {data.name!r} in pieces of {size_in_words(piece)}, "
             "more than can be unpacked for a frame; save it in pieces of a frame"
         )
         raise Unsound(msg)

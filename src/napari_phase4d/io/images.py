@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.grey import grey
+from napari_phase4d.io.lazy import Unsound
 from napari_phase4d.io.tiff import TIFF_SUFFIXES
-from napari_phase4d.io.tiff_checks import CutShort, check_described
+from napari_phase4d.io.tiff_checks import check_described
 from napari_phase4d.io.video import Video
 
-__all__ = ["IMAGE_SUFFIXES", "load_image", "read_image"]
+__all__ = ["IMAGE_SUFFIXES", "PICTURE_SUFFIXES", "load_image", "read_image"]
 
 PICTURE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm", ".jp2")
 IMAGE_SUFFIXES = (*PICTURE_SUFFIXES, *TIFF_SUFFIXES)
@@ -53,7 +54,7 @@ def load_image(path: Path) -> NDArray[Any]:
             warnings.simplefilter("ignore")  # Pillow's warning of large images
             check_size(path, iio.improps(path).shape)
             return grey(np.asarray(iio.imread(path)))
-    except (TooLarge, CutShort):
+    except Unsound:
         raise
     except Exception as error:
         # Decoders raise SyntaxError, struct.error and more for damaged files.
@@ -61,15 +62,11 @@ def load_image(path: Path) -> NDArray[Any]:
         raise OSError(msg) from error
 
 
-class TooLarge(OSError):  # noqa: N818 - it is an OSError to everybody else
-    """An image says that it has more pixels than a camera."""
-
-
 def check_size(path: Path, shape: tuple[int, ...]) -> None:
-    """Raise TooLarge if an image has absurdly many pixels."""
+    """Raise Unsound if an image has absurdly many pixels."""
     values = np.prod([float(n) for n in shape])
     most = max(NEVER_ABSURD, MOST_PER_BYTE * path.stat().st_size)
     if values > min(MOST_VALUES, most):
         size = " x ".join(str(n) for n in shape)
         msg = f"{path.name} says that it has {size} pixels, more than so small a file can hold"
-        raise TooLarge(msg)
+        raise Unsound(msg)

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.io.limits import LARGEST_KOALA_SIDE
 from napari_phase4d.io.mapped import map_frames
 from napari_phase4d.io.memory import check_fits
 from napari_phase4d.io.sequences import by_number, read_files
@@ -48,7 +49,6 @@ PHASE_HEADER = np.dtype(
 RADIANS, METRES = 1, 2
 #: Milliseconds since the start, last in a line of timestamps.txt.
 TIME_LINE = re.compile(r"\d+\s+\S+\s+\S+\s+(\d+(?:\.\d+)?)")
-LARGEST_SIDE = 2**16
 #: What Koala calls its raw file.
 RAW_NAME = "holo.raw"
 
@@ -153,8 +153,8 @@ def raw_header(path: Path) -> tuple[int, int, int, int] | None:
     if len(start) < RAW_HEADER_BYTES:
         return None
     width, height, bits, count = (int(n) for n in np.frombuffer(start, RAW_HEADER))
-    sound = 0 < width <= LARGEST_SIDE and 0 < height <= LARGEST_SIDE and bits in (8, 16)
-    return (width, height, bits, count) if sound and count > 0 else None
+    sides = all(0 < side <= LARGEST_KOALA_SIDE for side in (width, height))
+    return (width, height, bits, count) if sides and bits in (8, 16) and count > 0 else None
 
 
 def phase_files(path: Path) -> list[Path]:
@@ -213,8 +213,8 @@ def phase_header(path: Path) -> NDArray[Any]:
         sound = (
             int(head["version"]) == 1 and int(head["big_endian"]) == 0
             and int(head["header_bytes"]) == PHASE_HEADER.itemsize
-            and 0 < int(head["width"]) <= LARGEST_SIDE
-            and 0 < int(head["height"]) <= LARGEST_SIDE
+            and 0 < int(head["width"]) <= LARGEST_KOALA_SIDE
+            and 0 < int(head["height"]) <= LARGEST_KOALA_SIDE
             and math.isfinite(head["pixel_m"]) and float(head["pixel_m"]) > 0
         )  # fmt: skip
         if sound and (int(head["unit"]) != METRES or float(head["metres_per_rad"]) > 0):

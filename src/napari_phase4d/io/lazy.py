@@ -5,11 +5,12 @@ from __future__ import annotations
 import uuid
 from abc import ABC, abstractmethod
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.io.limits import MOST_LISTED_FRAMES
 from napari_phase4d.io.mapped import check_unchanged, stamp_of
 from napari_phase4d.recording import remember_reader
 
@@ -17,8 +18,6 @@ __all__ = ["FrameReader", "Unsound", "WrongFrameError", "in_one_line", "lazy_fra
 
 #: Longest part of another program's message that is passed on.
 LONGEST = 160
-#: Frames of which a list fits into memory, at some 100 bytes each.
-MOST_FRAMES = 20_000_000
 
 
 class WrongFrameError(ValueError):
@@ -32,6 +31,8 @@ class Unsound(OSError):  # noqa: N818 - it is an OSError to everybody else
 class FrameReader(ABC):
     """Reads single frames of one file or folder; several threads may ask at once.
 
+    Another process gets a reader as the arguments it was made with, and opens the file itself.
+
     Parameters
     ----------
     path : Path
@@ -41,6 +42,9 @@ class FrameReader(ABC):
     dtype : dtype
         Of every frame.
     """
+
+    #: What ``__init__`` takes; each is an attribute of the same name.
+    arguments: ClassVar[tuple[str, ...]] = ("path", "shape", "dtype")
 
     def __init__(self, path: Path, shape: tuple[int, int, int], dtype: np.dtype[Any]) -> None:
         self.path = path
@@ -64,7 +68,7 @@ class FrameReader(ABC):
         ------
         OSError
             If it can't be read, or the file is another one than when it was opened; one sentence
-            names the frame and the file.
+            names the file, and the frame unless it is the whole file that is wrong.
         ValueError
             If the frame is readable but of another size or kind than the first one.
         """
@@ -89,6 +93,9 @@ class FrameReader(ABC):
             raise WrongFrameError(msg)
         return frame
 
+    def __reduce__(self) -> tuple[type[FrameReader], tuple[Any, ...]]:
+        return type(self), tuple(getattr(self, name) for name in self.arguments)
+
     def __getitem__(self, key: int | slice | tuple[int | slice, ...]) -> NDArray[Any]:
         first, *rest = key if isinstance(key, tuple) else (key,)
         if not isinstance(first, slice):  # dask joins what it is asked for into one key
@@ -112,7 +119,7 @@ def lazy_frames(reader: FrameReader) -> Any:
     OSError
         If there are absurdly many.
     """
-    if reader.shape[0] > MOST_FRAMES:
+    if reader.shape[0] > MOST_LISTED_FRAMES:
         msg = (
             f"{reader.path.name} says that it has {reader.shape[0]} frames, more than can be "
             "listed; it may be damaged"

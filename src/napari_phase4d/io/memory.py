@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from napari_phase4d.words import size_in_words
+
 __all__ = ["check_fits", "memory_lacks"]
 
 #: Share of the free memory that what is read whole may take; work on it takes as much again.
@@ -15,7 +17,7 @@ def memory_lacks(needed: float, share: float = SHARE_OF_A_FILE) -> str:
     free = psutil.virtual_memory().available
     if needed <= share * free:
         return ""
-    return f"{needed / 2**30:.3g} GiB, but {free / 2**30:.3g} GiB of memory are free"
+    return f"{size_in_words(needed)}, but {size_in_words(free)} of memory are free"
 
 
 def check_fits(needed: float, name: str) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.choosing import USUAL_NAMES, Found, listed
+from napari_phase4d.io.lazy import Unsound
 from napari_phase4d.io.mapped import map_frames
 from napari_phase4d.io.memory import memory_lacks
 from napari_phase4d.io.video import Video
@@ -79,17 +80,11 @@ def read_npz(
                 raise ValueError(msg)
             check_size(path, name, arrays[name], archive)
         values = loaded(path, name)
-    except TooLarge:
-        raise
-    except (ValueError, MemoryError):
+    except (Unsound, ValueError, MemoryError):
         raise
     except Exception as error:
         raise OSError(unreadable(path, error)) from error
     return Video(values, kind="NPZ", dataset=name if len(arrays) > 1 else "")
-
-
-class TooLarge(OSError):  # noqa: N818 - it is an OSError to everybody else
-    """An array would fill the memory, or can't be what it says."""
 
 
 def loaded(path: Path, name: str) -> NDArray[Any]:
@@ -124,18 +119,18 @@ def declared_arrays(archive: zipfile.ZipFile) -> dict[str, Found]:
 
 
 def check_size(path: Path, name: str, found: Found, archive: zipfile.ZipFile) -> None:
-    """Raise TooLarge if an array takes more memory than is free, or more than is in the file."""
+    """Raise Unsound if an array takes more memory than is free, or more than is in the file."""
     shape, dtype = found
     needed = math.prod(int(n) for n in shape) * dtype.itemsize
     if dtype.kind != "O" and needed > archive.getinfo(f"{name}.npy").file_size:
         msg = f"{path.name} says that {name!r} is {dtype} {shape}, but holds less; it is damaged"
-        raise TooLarge(msg)
+        raise Unsound(msg)
     if lacks := memory_lacks(max(needed, archive.getinfo(f"{name}.npy").file_size)):
         msg = (
             f"{name!r} of {path.name}, which is read whole, takes {lacks}; "
             "save it as .npy, which is read in parts"
         )
-        raise TooLarge(msg)
+        raise Unsound(msg)
 
 
 def holds_holograms(path: Path) -> bool:

@@ -12,7 +12,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import PLAIN_AXES, UNITS
+from napari_phase4d.io.axes_chosen import axes_in_words, axes_to_choose, choice
 from napari_phase4d.io.grey import colour_sentence
+from napari_phase4d.io.limits import LARGEST_SIDE
 from napari_phase4d.io.memory import memory_lacks
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RawLayout
@@ -26,8 +29,6 @@ __all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording
 
 #: Share of the free memory that a single frame may take.
 SHARE_OF_A_FRAME = 0.25
-#: Pixels along a side of a frame.
-LARGEST_SIDE = 2**20
 #: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
 LEAST_FACT, LARGEST_FACT = 1e-9, 1e9
 
@@ -45,10 +46,10 @@ def open_recording(
     Parameters
     ----------
     path_or_array : str, Path, list of them, array, DataArray, napari layer or Recording
-        A TIFF, film, HDF5, Zarr, NPY, NPZ, raw or image file, see ``docs/formats.md``; a folder
-        of images or stacks, or a name with ``*``, or a list of files, joined over time; a
-        recording of Koala; an array (time, y, x) or (y, x) of NumPy, dask or xarray; or a napari
-        image layer.
+        A TIFF, film, HDF5, Zarr, NPY, NPZ, raw or image file, see "What can be opened"
+        among the how-tos; a folder of images or stacks, or a name with ``*``, or a list of files,
+        joined over time; a recording of Koala; an array (time, y, x) or (y, x) of NumPy, dask or
+        xarray; or a napari image layer.
     optics : Optics, optional
         The microscope. Default: that of the paper, its magnification set so that the pixel is as
         wide as the file says (where it says so).
@@ -71,6 +72,28 @@ def open_recording(
         If a file is missing, damaged, or of a kind that can't be read.
     TypeError, ValueError
         If the data are no hologram video.
+
+    See Also
+    --------
+    find_lobes : What comes next.
+    run : Opens and does all that a recipe says.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import napari_phase4d as p4d
+    >>> frames = np.zeros((12, 512, 512), np.uint8)
+    >>> rec = p4d.open_recording(frames, p4d.Optics(magnification=52), frame_rate_hz=6)
+    >>> rec.n_frames, rec.frame_shape, rec.optics.pixel_um
+    (12, (512, 512), 0.1)
+
+    The same of a file; what had to be assumed is noted:
+
+    >>> np.save("video.npy", frames)
+    >>> for note in p4d.open_recording("video.npy").notes:
+    ...     print(note)
+    The frame rate is not in the data; 1 frame a second is assumed.
+    The microscope is not in the data; that of the paper is assumed.
     """
     if isinstance(path_or_array, Recording):
         return path_or_array.calibrated(optics, frame_rate_hz)
@@ -205,12 +228,10 @@ def check_axes(video: Video, name: str) -> None:
     shape = getattr(video.frames, "shape", ())
     if len(video.axes) != len(shape) or len(shape) <= 3:
         return
-    axes = ", ".join(f"{a}={n}" for a, n in zip(video.axes, shape, strict=True))
-    others = [a for a in video.axes if a not in "TYX"]
-    choice = ",".join(f"{a}=0" for a in (others if "T" in video.axes else others[1:]))
+    left = axes_to_choose(video.axes, has_time="T" in video.axes)
     msg = (
-        f"{name} has {len(shape)} dimensions, the axes {axes}; a hologram video has three: time, "
-        f'y, x, so choose one place, as with dataset="{choice}"'
+        f"{name} has {len(shape)} dimensions, {axes_in_words(video.axes, shape)}; a hologram "
+        f"video has three: time, y, x, so choose one place, as with {choice(left)}"
     )
     raise ValueError(msg)
 
@@ -239,15 +260,16 @@ def open_data_array(
     data: xr.DataArray, optics: Optics | None, frame_rate_hz: float | None
 ) -> Recording:
     """Take frames from an xarray array; its own times are kept."""
-    if data.ndim in (2, 3) and not set(data.dims) <= {"time", "y", "x"}:
+    axes = PLAIN_AXES[3]
+    if data.ndim in (2, 3) and not set(data.dims) <= set(axes):
         msg = f"the array has dims {tuple(data.dims)}; a hologram video has time, y and x"
         raise ValueError(msg)
     if data.ndim in (2, 3):
-        data = data.transpose(*(d for d in ("time", "y", "x") if d in data.dims))
+        data = data.transpose(*(d for d in axes if d in data.dims))
     times = None
     if frame_rate_hz is None and "time" in data.dims and "time" in data.coords:
         times = seconds(data["time"].values)
-    if optics is None and "x" in data.coords and data["x"].attrs.get("units") == "um":
+    if optics is None and "x" in data.coords and data["x"].attrs.get("units") == UNITS["x"]:
         optics = optics_along(data["x"].values)
     return Recording.from_frames(
         data.data,

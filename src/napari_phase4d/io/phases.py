@@ -9,20 +9,18 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from napari_phase4d.axes import AXES, PLAIN_AXES, coordinate
 from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.koala import is_koala_phase, read_koala_phase
 from napari_phase4d.io.memory import check_fits
 from napari_phase4d.io.numpy_files import holds_holograms, read_npy, read_npz
-from napari_phase4d.io.results import AXES, is_result, read_results, result_attrs
+from napari_phase4d.io.results import is_result, read_results, result_attrs
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 
 __all__ = ["holds_phase", "open_phase"]
 
-UNITS = {"time": "s", "angle": "deg", "y": "um", "x": "um"}
-#: Axes of stacks with two, three and four dimensions.
-PLAIN_DIMS = {2: ("y", "x"), 3: ("time", "y", "x"), 4: AXES}
 #: Names looked for first in an .npz file with several arrays.
 PHASE_NAMES = ("wrapped", "phase", "unwrapped")
 #: Wrapped phase lies in [-pi, pi], give or take its rounding.
@@ -42,12 +40,14 @@ def open_phase(
     Parameters
     ----------
     path : str or Path
-        An OME-TIFF that this program wrote, with its times, angles and pixels; a .npy, .npz or
-        TIFF file with (y, x), (time, y, x) or (time, angle, y, x); or phase of Koala, a .bin file
-        or a folder of them.
+        An OME-TIFF or OME-Zarr that this program wrote, with its times, angles and pixels; a
+        .npy, .npz or TIFF file with (y, x), (time, y, x) or (time, angle, y, x); an HDF5, Zarr or
+        OME-Zarr of any program with (y, x) or (time, y, x); or phase of Koala, a .bin file or a
+        folder of them.
     dataset : str, optional
-        Which array of an .npz file; default ``wrapped``, ``phase`` or ``unwrapped``, else the
-        first with two to four dimensions.
+        Which array of an .npz, HDF5 or Zarr file, or which place on further axes of a TIFF or
+        OME-Zarr, as "C=0". Default, for .npz: ``wrapped``, ``phase`` or ``unwrapped``, else the
+        first with two to four dimensions; for HDF5 and Zarr: as for holograms.
     pixel_um, frame_rate_hz, angles_deg : float, float, sequence of float, optional
         Pixel in the sample, frames per second and viewing angles of a file that does not say
         them; default 1 um, 1 a second, and numbers from 0. ``attrs["notes"]`` says what had to be
@@ -74,14 +74,14 @@ def open_phase(
         return found.assign_attrs(source=str(path), object=found.attrs.get("object", path.stem))
     video = plain_phase(path, dataset)
     values = video.frames
-    if values.ndim not in PLAIN_DIMS or values.dtype.kind != "f" or 0 in values.shape:
+    if values.ndim not in PLAIN_AXES or values.dtype.kind != "f" or 0 in values.shape:
         msg = (
             f"{path.name} holds {values.dtype} numbers of shape {values.shape}; phase is a stack "
             "of floating-point radians (y, x), (time, y, x) or (time, angle, y, x)"
         )
         raise ValueError(msg)
     check_fits(values.size * np.dtype(np.float32).itemsize, path.name)
-    dims = PLAIN_DIMS[values.ndim]
+    dims = PLAIN_AXES[values.ndim]
     stack = xr.DataArray(np.asarray(values, dtype=np.float32), dims=dims, name=path.stem)
     full = stack.expand_dims([d for d in AXES if d not in dims]).transpose(*AXES)
     if angles_deg is not None and len(angles_deg) != full.sizes["angle"]:
@@ -97,7 +97,7 @@ def open_phase(
         places["time"] = times_s
     if angles_deg is not None:
         places["angle"] = np.asarray(angles_deg, dtype=np.float64)
-    coords = {d: (d, places[d], {"units": UNITS[d]}) for d in AXES}
+    coords = {d: coordinate(d, places[d]) for d in AXES}
     rate = frame_rate_hz if times_s is None else times_s
     given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
     missing = [name for name, value in given.items() if value is None]
@@ -133,7 +133,7 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
 
 def looks_wrapped(values: Any) -> bool:
     """Say whether numbers lie and spread as wrapped phase does."""
-    if values.dtype.kind != "f" or values.ndim not in PLAIN_DIMS or 0 in values.shape:
+    if values.dtype.kind != "f" or values.ndim not in PLAIN_AXES or 0 in values.shape:
         return False
     if values.ndim == 4:
         return True

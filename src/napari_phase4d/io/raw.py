@@ -7,15 +7,15 @@ from pathlib import Path
 
 import numpy as np
 
+from napari_phase4d.io.limits import LARGEST_SIDE
 from napari_phase4d.io.mapped import map_frames
 from napari_phase4d.io.video import Video
 
-__all__ = ["RAW_SUFFIXES", "RawLayout", "read_raw"]
+__all__ = ["KINDS", "RAW_SUFFIXES", "RawLayout", "read_raw"]
 
 RAW_SUFFIXES = (".raw", ".bin", ".dat")
 #: Numbers that a camera may write.
 KINDS = ("uint8", "int8", "uint16", "int16", "uint32", "int32", "float32", "float64")
-LARGEST_SIDE = 2**20
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,14 @@ class RawLayout:
         If a size is no whole number.
     ValueError
         If a value is out of its range.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import napari_phase4d as p4d
+    >>> np.arange(3 * 48 * 64, dtype=np.uint16).tofile("camera.raw")
+    >>> p4d.open_recording("camera.raw", raw=RawLayout(height=48, width=64)).n_frames
+    3
     """
 
     height: int

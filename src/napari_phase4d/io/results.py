@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from napari_phase4d.axes import AXES
 from napari_phase4d.io.atomic import written_whole
-from napari_phase4d.io.describing import AXES, SIGNATURE, restored, step_of
+from napari_phase4d.io.describing import restored
 from napari_phase4d.io.tiff_results import (
     read_tiff_result,
     tiff_description,
@@ -25,12 +26,9 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "AXES",
-    "SIGNATURE",
     "is_result",
     "read_results",
     "result_attrs",
-    "step_of",
     "write_phase",
     "write_table",
 ]
@@ -74,6 +72,18 @@ def write_phase(
         If the stack has other dims, or no pixels.
     Cancelled
         If ``cancelled()`` returned True; an older file of that name is then left as it was.
+
+    See Also
+    --------
+    read_results : Reads it back.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> yeast = p4d.simulation.budding_yeast(n_times=3)
+    >>> path = p4d.write_phase("yeast.ome.tif", yeast["wrapped"])
+    >>> p4d.read_results(path).equals(yeast["wrapped"])
+    True
     """
     path = Path(path)
     if not isinstance(stack, xr.DataArray) or set(stack.dims) != set(AXES):
@@ -98,6 +108,10 @@ def read_results(path: str | Path) -> xr.DataArray:
     ------
     OSError
         If the file is missing, damaged, or was not written by this program.
+
+    See Also
+    --------
+    write_phase : Writes it, with an example.
     """
     path = Path(path)
     return read_zarr_result(path) if path.is_dir() else read_tiff_result(path)

@@ -20,7 +20,7 @@ from napari_phase4d.io.lazy import FrameReader, WrongFrameError, lazy_frames
 from napari_phase4d.io.video import Video
 from napari_phase4d.recording import one_frame
 
-__all__ = ["PATTERN_SIGNS", "files_of", "files_of_folder", "read_files"]
+__all__ = ["PATTERN_SIGNS", "by_number", "files_of", "files_of_folder", "read_files"]
 
 PATTERN_SIGNS = ("*", "?")
 #: Files that are kept open at a time.
@@ -101,7 +101,7 @@ def read_files(
         image = load_image(files[0])
         if image.ndim == 3:
             return Video(image, colour=True)
-        images = ImageFiles(name, files, image.shape, image.dtype)
+        images = ImageFiles(name, files, (len(files), *image.shape), image.dtype)
         return Video(
             lazy_frames(images), kind=f"{len(files)} {files[0].suffix[1:].upper()} images"
         )
@@ -109,10 +109,10 @@ def read_files(
     shape, dtype = frame_kind(first)
     alone = first.frames.ndim == 2 or len(first.frames) == 1
     if whole and alone and files[0].suffix.lower() in IMAGE_SUFFIXES:
-        video = Video(lazy_frames(ImageFiles(name, files, shape, dtype)))
-        return replaced(video, first, f"{len(files)} {first.kind} images")
+        images = ImageFiles(name, files, (len(files), *shape), dtype)
+        return replaced(Video(lazy_frames(images)), first, f"{len(files)} {first.kind} images")
     lengths = [length_of(path, read_one, shape, dtype) for path in files]
-    reader = JoinedFiles(name, files, lengths, shape, dtype, read_one)
+    reader = JoinedFiles(name, files, lengths, (sum(lengths), *shape), dtype, read_one)
     return replaced(Video(lazy_frames(reader)), first, f"{len(files)} {first.kind} files")
 
 
@@ -155,16 +155,20 @@ class ImageFiles(FrameReader):
         What to call them all.
     files : sequence of Path
         One a frame.
-    shape : tuple of int
-        (y, x) of every frame.
-    dtype : dtype
-        Of every frame.
+    shape, dtype
+        Of the recording.
     """
 
+    arguments = ("path", "files", "shape", "dtype")
+
     def __init__(
-        self, path: Path, files: Sequence[Path], shape: tuple[int, int], dtype: np.dtype[Any]
+        self,
+        path: Path,
+        files: Sequence[Path],
+        shape: tuple[int, int, int],
+        dtype: np.dtype[Any],
     ) -> None:
-        super().__init__(path, (len(files), *shape), dtype)
+        super().__init__(path, shape, dtype)
         self.files = files
 
     def read(self, index: int) -> NDArray[Any]:
@@ -200,22 +204,25 @@ class JoinedFiles(FrameReader):
     lengths : sequence of int
         Frames in each.
     shape, dtype
-        Height and width of a frame, and its pixels.
+        Of the recording.
     read_one : callable
         Opens a stack.
     """
+
+    arguments = ("path", "files", "lengths", "shape", "dtype", "read_one")
 
     def __init__(
         self,
         path: Path,
         files: Sequence[Path],
         lengths: Sequence[int],
-        shape: tuple[int, int],
+        shape: tuple[int, int, int],
         dtype: np.dtype[Any],
         read_one: ReadOne,
     ) -> None:
-        super().__init__(path, (sum(lengths), *shape), dtype)
+        super().__init__(path, shape, dtype)
         self.files = files
+        self.lengths = lengths
         self.read_one = read_one
         self.ends = np.cumsum(lengths).tolist()
         self._open: OrderedDict[int, Any] = OrderedDict()
@@ -237,12 +244,6 @@ class JoinedFiles(FrameReader):
                     self._open.popitem(last=False)
             self._open.move_to_end(place)
             return self._open[place]
-
-    def __getstate__(self) -> dict[str, Any]:
-        return {k: v for k, v in self.__dict__.items() if k not in ("_open", "_lock")}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__dict__.update(state, _open=OrderedDict(), _lock=threading.Lock())
 
 
 def by_number(path: Path) -> tuple[list[int], str]:

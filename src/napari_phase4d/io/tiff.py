@@ -10,24 +10,24 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
+from napari_phase4d.io.axes_chosen import axes_in_words, chosen_places
 from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.grey import colour_sentence, grey
-from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
-from napari_phase4d.io.mapped import map_frames
-from napari_phase4d.io.tiff_checks import (
-    CutShort,
-    check_complete,
-    check_described,
-    check_number,
+from napari_phase4d.io.lazy import (
+    FrameReader,
+    Unsound,
+    WrongFrameError,
+    in_one_line,
+    lazy_frames,
 )
+from napari_phase4d.io.mapped import map_frames
+from napari_phase4d.io.tiff_checks import check_complete, check_described, check_number
 from napari_phase4d.io.tiff_facts import imagej_facts, ome_facts, ome_times
 from napari_phase4d.io.video import Video
 
 __all__ = ["TIFF_SUFFIXES", "read_tiff"]
 
 TIFF_SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
-#: Axes of a picture; every other one may be time.
-PICTURE = "YXS"
 
 
 def read_tiff(path: Path, dataset: str | None = None) -> Video:
@@ -69,7 +69,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             kind = kind_of(tif)
             dtype = np.dtype(tif.series[0].dtype)
             order = tif.byteorder
-    except CutShort:
+    except Unsound:
         raise
     except Exception as error:
         # A damaged directory leads to any error: RuntimeError, ZeroDivisionError, UnicodeError ...
@@ -120,34 +120,6 @@ def single_frames(tif: tifffile.TiffFile) -> list[Any]:
     return [series.pages[0] for series in tif.series]
 
 
-def chosen_places(
-    path: Path, axes: str, shape: tuple[int, ...], dataset: str | None
-) -> tuple[int | slice, ...]:
-    """Return what to take along each axis: a number, or all."""
-    # An axis of length 1 says nothing, but a picture keeps its own. By number: axes that a file
-    # doesn't name are all called Q.
-    places: list[int | slice] = [
-        slice(None) if n > 1 or a in PICTURE else 0 for a, n in zip(axes, shape, strict=True)
-    ]
-    for part in () if dataset is None else dataset.split(","):
-        name, _, number = part.strip().partition("=")
-        named = [i for i, a in enumerate(axes) if a == name.strip().upper()]
-        axis = next((i for i in named if isinstance(places[i], slice)), named[0] if named else -1)
-        digits = number.strip().isdigit()
-        if axis < 0 or axes[axis] in PICTURE or not digits or int(number) >= shape[axis]:
-            known = axes_in_words(axes, shape)
-            msg = f"{path.name} has {known}; {part.strip()!r} is no place there"
-            raise ValueError(msg)
-        places[axis] = int(number)
-    return tuple(places)
-
-
-def axes_in_words(axes: str, shape: tuple[int, ...]) -> str:
-    """Return axes with their lengths."""
-    named = ", ".join(f"{a}={n}" for a, n in zip(axes, shape, strict=True))
-    return f"the axes {named}"
-
-
 def paged_frames(
     path: Path,
     shape: tuple[int, ...],
@@ -187,6 +159,8 @@ class TiffPages(FrameReader):
     ValueError
         If the first page is in colour.
     """
+
+    arguments = ("path", "picture", "dtype", "numbers")
 
     def __init__(
         self,
@@ -241,13 +215,6 @@ class TiffPages(FrameReader):
             self._file = tifffile.TiffFile(self.path)
             self._series = single_frames(self._file) or self._file.series[0]
         return self._series
-
-    def __getstate__(self) -> dict[str, Any]:
-        names = ("path", "picture", "dtype", "numbers")
-        return {name: getattr(self, name) for name in names}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
 
     def __del__(self) -> None:
         if getattr(self, "_file", None) is not None:

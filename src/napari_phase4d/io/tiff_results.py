@@ -15,7 +15,7 @@ import xarray as xr
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.describing import (
-    SIGNATURE,
+    PROGRAM,
     checked,
     described,
     is_even,
@@ -34,7 +34,7 @@ __all__ = ["read_tiff_result", "tiff_description", "write_tiff_result"]
 #: Pixels up to this size leave room for the directory in a file whose places are 32 bits wide.
 CLASSIC_BYTES = 2**32 - 2**27
 #: Ids of files are made from what is noted in them, so that the same run gives the same bytes.
-NAMESPACE = uuid.uuid5(uuid.NAMESPACE_OID, SIGNATURE)
+NAMESPACE = uuid.uuid5(uuid.NAMESPACE_OID, PROGRAM)
 
 
 def write_tiff_result(
@@ -137,7 +137,7 @@ def tiff_description(path: str | Path) -> dict[str, Any] | None:
 
 def description_of(tif: tifffile.TiffFile) -> dict[str, Any] | None:
     """Return what `write_tiff_result` noted in an open file."""
-    if not tif.is_ome or SIGNATURE not in (tif.ome_metadata or ""):
+    if not tif.is_ome or PROGRAM not in (tif.ome_metadata or ""):
         return None
     try:
         image = tifffile.xml2dict(tif.ome_metadata)["OME"]["Image"]

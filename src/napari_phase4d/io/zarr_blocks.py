@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 
-from napari_phase4d.io.describing import SIGNATURE, described
+from napari_phase4d.io.describing import PROGRAM, described
 from napari_phase4d.io.zarr_results import ALL_CHUNKS, ARRAY, new_array, ome_note
 
 __all__ = ["ALL_CHUNKS", "ARRAY", "create_blocks", "finish_blocks"]
@@ -54,5 +54,5 @@ def finish_blocks(group: Path, stack: xr.DataArray, limits: tuple[float, float])
 
     low, high = (np.full(stack.sizes["angle"], limit) for limit in limits)
     zarr.open_group(group, mode="r+").update_attributes(
-        {"ome": ome_note(stack, (low, high)), SIGNATURE: described(stack)}
+        {"ome": ome_note(stack, (low, high)), PROGRAM: described(stack)}
     )

@@ -10,18 +10,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.io.axes_chosen import axes_to_choose, choice, chosen_places
 from napari_phase4d.io.choosing import Found, chosen_name, other_arrays
-from napari_phase4d.io.lazy import FrameReader, in_one_line, lazy_frames
+from napari_phase4d.io.lazy import FrameReader, Unsound, in_one_line, lazy_frames
 from napari_phase4d.io.ngff import axes_of, ome_facts, ome_image
-from napari_phase4d.io.tiff import chosen_places
 from napari_phase4d.io.video import Facts, Video
+from napari_phase4d.io.zarr_checks import check_pieces, check_sound
 
 __all__ = ["is_zarr", "read_zarr"]
 
 #: Files of which one lies at the top of every Zarr folder.
 MARKS = ("zarr.json", ".zarray", ".zgroup", ".zmetadata")
-#: What a piece of a store (a Zarr chunk) may hold unpacked.
-LARGEST_PIECE = 2**30
 #: Pieces that hold several frames are kept unpacked up to this size.
 LARGEST_KEPT = 2**28
 
@@ -74,17 +73,13 @@ def read_zarr(path: Path, dataset: str | None = None) -> Video:
         name = chosen_name(path, arrays, dataset)
         notes = other_arrays(name, arrays, dataset)
         return video_of(path, root[name], name, facts_of_group(root, name), "Zarr", notes=notes)
-    except (WrongStore, ValueError) as error:
-        if isinstance(error, WrongStore) or str(error).startswith(path.name):
+    except (Unsound, ValueError) as error:
+        if isinstance(error, Unsound) or str(error).startswith(path.name):
             raise
         raise OSError(unreadable(path, error)) from error
     except Exception as error:
         # zarr-python raises errors of its own, of codecs, and of JSON for a damaged store.
         raise OSError(unreadable(path, error)) from error
-
-
-class WrongStore(OSError):  # noqa: N818 - it is an OSError to everybody else
-    """The store may not be followed, or can't hold what it says."""
 
 
 class ZarrReader(FrameReader):
@@ -103,6 +98,8 @@ class ZarrReader(FrameReader):
     leading : tuple of int, optional
         The place on each axis before y and x; default 0.
     """
+
+    arguments = ("path", "name", "axis", "shape", "dtype", "leading")
 
     def __init__(
         self,
@@ -158,13 +155,6 @@ class ZarrReader(FrameReader):
             self._array = root[self.name] if self.name else root
         return self._array
 
-    def __getstate__(self) -> dict[str, Any]:
-        names = ("path", "name", "axis", "shape", "dtype", "leading")
-        return {name: getattr(self, name) for name in names}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        self.__init__(**state)  # type: ignore[misc]
-
 
 def opened(path: Path) -> Any:
     """Return the group or array at the top of a store."""
@@ -196,10 +186,9 @@ def video_of(
             f"{path.name} holds {dtype} values {shape}{of_axes}; a hologram video has three axes "
             "of numbers: time, y, x"
         )
-        others = [axes[i].upper() for i in long if i < len(axes) and axes[i] != "t"]
-        if len(long) > 1 and others:
-            choice = ",".join(f"{a}=0" for a in (others if "t" in axes else others[1:]))
-            msg += f', so choose one place, as with dataset="{choice}"'
+        left = [axes[i].upper() for i in long if i < len(axes)]
+        if len(long) > 1 and (others := axes_to_choose(left, has_time="t" in axes)):
+            msg += f", so choose one place, as with {choice(others)}"
         raise ValueError(msg)
     time = axes.find("t")
     axis = long[0] if long else (time if 0 <= time < len(shape) - 2 else None)
@@ -230,82 +219,6 @@ def chosen_leading(
     places = chosen_places(path, axes, shape, dataset)[:n_leading]
     chosen = tuple(p if isinstance(p, int) else 0 for p in places)
     return chosen, [i for i, p in enumerate(places) if not isinstance(p, int)]
-
-
-def check_sound(path: Path, array: Any) -> None:
-    """Raise WrongStore if reading an array could run code or take absurd amounts of memory."""
-    metadata = array.metadata
-    parts: list[Any] = []
-    for field in ("codecs", "filters", "compressor"):
-        found = getattr(metadata, field, None) or ()
-        parts += list(found) if isinstance(found, (list, tuple)) else [found]
-    if any("pickle" in f"{type(part).__name__} {part}".lower() for part in parts):
-        msg = (
-            f"{path.name} holds Python objects, which are never loaded because they could run "
-            "code; save it as plain numbers"
-        )
-        raise WrongStore(msg)
-    piece = math.prod(int(n) for n in array.chunks) * np.dtype(array.dtype).itemsize
-    if piece > LARGEST_PIECE:
-        msg = (
-            f"{path.name} packs its frames in pieces of {piece / 2**30:.3g} GiB, more than can be "
-            "unpacked for a frame; save it in pieces of a frame"
-        )
-        raise WrongStore(msg)
-
-
-def check_pieces(
-    path: Path, name: str, array: Any, place: list[int], axis: int | None = None
-) -> None:
-    """Raise OSError if the pieces of a frame in a folder are missing or cut short.
-
-    zarr-python gives zeros for pieces that aren't there, and Blosc for the missing end of one that
-    it could not make smaller. Missing pieces are black, which Zarr leaves out, unless nothing at
-    all comes after them: then the recording ended there.
-    """
-    if not path.is_dir():
-        return
-    files = files_of(path, name, array, place)
-    if not files and not goes_on(path, name, array, place, axis):
-        msg = "nothing of it is in the store"
-        raise OSError(msg)
-    if array.shards is None and packs_with_blosc(array.metadata):
-        for file in files:
-            with file.open("rb") as opened_file:
-                told = int.from_bytes(opened_file.read(16)[12:], "little")  # c-blosc's header
-            if told > file.stat().st_size:
-                msg = f"its piece {file.name} is cut short"
-                raise OSError(msg)
-
-
-def files_of(path: Path, name: str, array: Any, place: list[int]) -> list[Path]:
-    """Return the files of a folder that hold a frame."""
-    pieces = array.shards or array.chunks
-    counts = [-(-n // p) for n, p in zip(array.shape[-2:], pieces[-2:], strict=True)]
-    leading = [p // n for p, n in zip(place, pieces, strict=False)]
-    keys = (
-        array.metadata.encode_chunk_key((*leading, row, column))
-        for row in range(counts[0])
-        for column in range(counts[1])
-    )
-    return [file for key in keys if (file := path / name / key).is_file()]
-
-
-def goes_on(path: Path, name: str, array: Any, place: list[int], axis: int | None) -> bool:
-    """Say whether a later frame along an axis is in the store."""
-    if axis is None:
-        return False
-    step = (array.shards or array.chunks)[axis]
-    later = range(place[axis] - place[axis] % step + step, array.shape[axis], step)
-    return any(
-        files_of(path, name, array, [*place[:axis], time, *place[axis + 1 :]]) for time in later
-    )
-
-
-def packs_with_blosc(metadata: Any) -> bool:
-    """Say whether Blosc packs the pieces of an array last."""
-    codecs = getattr(metadata, "codecs", None) or (getattr(metadata, "compressor", None),)
-    return "blosc" in type(codecs[-1]).__name__.lower()
 
 
 def facts_of_group(root: Any, name: str) -> Facts:

@@ -17,10 +17,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import AXES
 from napari_phase4d.io.atomic import folder_written_whole, written_whole
 from napari_phase4d.io.describing import (
-    AXES,
-    SIGNATURE,
+    PROGRAM,
     checked,
     described,
     name_of,
@@ -33,7 +33,11 @@ from napari_phase4d.progress import CancelledCall, ProgressCall, on_all_cores
 from napari_phase4d.recording import reader_of, remember_reader
 
 __all__ = [
+    "ALL_CHUNKS",
+    "ARRAY",
+    "new_array",
     "note_zarr_result",
+    "ome_note",
     "path_of",
     "read_zarr_result",
     "write_zarr_result",
@@ -69,7 +73,7 @@ def write_zarr_result(
             for times, values in parts:
                 write_frames(array, times.start, values)
                 low, high = widened((low, high), values)
-        group.update_attributes({"ome": ome_note(stack, (low, high)), SIGNATURE: described(stack)})
+        group.update_attributes({"ome": ome_note(stack, (low, high)), PROGRAM: described(stack)})
 
 
 def new_array(
@@ -104,7 +108,7 @@ def note_zarr_result(path: Path, stack: xr.DataArray) -> None:
     file = path / NOTE
     try:
         note = json.loads(file.read_text(encoding="utf-8"))
-        note["attributes"][SIGNATURE] = described(stack)
+        note["attributes"][PROGRAM] = described(stack)
     except (ValueError, KeyError, TypeError) as error:
         msg = f"{path.name} is damaged: it does not say any more what it is"
         raise OSError(msg) from error
@@ -150,7 +154,7 @@ def ome_note(stack: xr.DataArray, limits: Limits) -> dict[str, Any]:
     ]
     # Channels are counted, in this format; their angles are their names.
     scale = [1.0 if name == "c" else step_of(p) for name, p in zip(NAMES, places, strict=True)]
-    start = [0.0 if name == "c" else float(p[0]) for name, p in zip(NAMES, places, strict=True)]
+    start = [0.0 if name == "c" else float(p.min()) for name, p in zip(NAMES, places, strict=True)]
     transformations = [
         {"type": "scale", "scale": scale},
         {"type": "translation", "translation": start},
@@ -281,7 +285,7 @@ def zarr_description(path: str | Path) -> dict[str, Any] | None:
     """Return what `write_zarr_result` noted in a folder, or None if it did not write it."""
     try:
         note = json.loads((Path(path) / NOTE).read_text(encoding="utf-8"))
-        return checked(note["attributes"][SIGNATURE])
+        return checked(note["attributes"][PROGRAM])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
 

@@ -3,18 +3,18 @@
 A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
 """
 
-from napari_phase4d.pipeline.batch import (
-    EXPECTED,
-    make_folder,
-    result_folders,
-    run_batch,
-    sentence_of,
-)
+from napari_phase4d.pipeline.batch import result_folders, run_batch
+from napari_phase4d.pipeline.faults import EXPECTED, sentence_of
 from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint, fingerprinting
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.opening import found_anywhere, open_by
-from napari_phase4d.pipeline.places import Place, find_place, stacks_beside
-from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, Recipe
+from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
+from napari_phase4d.pipeline.recipe import (
+    DEFAULT_METHODS,
+    PAPER_METHODS,
+    PHASE_SETTINGS,
+    Recipe,
+)
 from napari_phase4d.pipeline.running import (
     Outcome,
     focus_by,
@@ -23,13 +23,14 @@ from napari_phase4d.pipeline.running import (
     unwrap_by,
 )
 from napari_phase4d.pipeline.trial import estimated_seconds
-from napari_phase4d.pipeline.words import size_in_words, time_in_words
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
+from napari_phase4d.words import size_in_words, time_in_words
 
 __all__ = [
     "DEFAULT_METHODS",
     "EXPECTED",
     "PAPER_METHODS",
+    "PHASE_SETTINGS",
     "Fingerprint",
     "Needs",
     "Outcome",

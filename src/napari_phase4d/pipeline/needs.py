@@ -14,9 +14,9 @@ import psutil
 from napari_phase4d.holography import Demodulator, Lobe
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming.blocks import block_frames
-from napari_phase4d.pipeline.words import size_in_words
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, STACKS_OF_A_FRAME
+from napari_phase4d.words import size_in_words
 
 __all__ = ["Needs", "needed_bytes", "needs_of", "phase_needs", "working_bytes"]
 

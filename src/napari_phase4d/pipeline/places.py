@@ -28,7 +28,7 @@ from napari_phase4d.pipeline.streaming import (
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
-__all__ = ["Place", "find_place", "place_for", "stacks_beside"]
+__all__ = ["Place", "find_place", "make_folder", "place_for", "stacks_beside"]
 
 
 @dataclass(frozen=True)
@@ -159,6 +159,21 @@ def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
         yield hidden
     finally:
         shutil.rmtree(hidden, ignore_errors=True)
+
+
+def make_folder(out: Path) -> None:
+    """Make the folder for results.
+
+    Raises
+    ------
+    OSError
+        If it can't be made, in one sentence.
+    """
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        msg = f"the folder {out} can't be made ({error.strerror}); choose another one"
+        raise OSError(msg) from error
 
 
 def temporary_folder() -> Path:

@@ -9,6 +9,7 @@ from typing import Any
 
 import xarray as xr
 
+from napari_phase4d.io import PROGRAM
 from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
@@ -17,15 +18,12 @@ from napari_phase4d.sample import is_sample
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
-    "PROGRAM",
     "asked_recipe",
-    "is_reference_file",
     "program_version",
     "provenance_of",
     "with_provenance",
 ]
 
-PROGRAM = "napari-phase4d"
 #: Packages whose numbers go into the results.
 PACKAGES = ("numpy", "scipy", "scikit-image", "numba")
 
@@ -71,8 +69,8 @@ def provenance_of(
     }
     if brought := packages_of(recipe):
         found["packages"] = brought
-    if is_reference_file(recipe):
-        found["reference"] = (reference or known(str(recipe.reference), cancelled)).as_dict()
+    if recipe.reference_file is not None:
+        found["reference"] = (reference or known(recipe.reference_file, cancelled)).as_dict()
     return found
 
 
@@ -100,14 +98,9 @@ def settings_of(recipe: Recipe) -> dict[str, Any]:
     """Return a recipe as JSON can hold it, with the names of files but not their places."""
     settings: dict[str, Any] = recipe.model_dump(mode="json")
     settings["recording"] = nameless(recipe.recording)
-    if is_reference_file(recipe):
-        settings["reference"] = nameless(str(recipe.reference))
+    if recipe.reference_file is not None:
+        settings["reference"] = nameless(recipe.reference_file)
     return settings
-
-
-def is_reference_file(recipe: Recipe) -> bool:
-    """Say whether a recipe divides by a hologram in a file."""
-    return isinstance(recipe.reference, str) and recipe.reference != "median"
 
 
 def nameless(source: str) -> str:

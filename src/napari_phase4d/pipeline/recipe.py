@@ -21,12 +21,14 @@ from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.unwrapping import check_method
 
-__all__ = ["DEFAULT_METHODS", "PAPER_METHODS", "Recipe"]
+__all__ = ["DEFAULT_METHODS", "PAPER_METHODS", "PHASE_SETTINGS", "Recipe"]
 
 #: The paper's own methods.
 PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
 #: Methods that are run if none are chosen.
 DEFAULT_METHODS = (*PAPER_METHODS, "directional-l1")
+#: Settings that wrapped phase depends on, beside the lobes and the reference.
+PHASE_SETTINGS = ("window", "background", "background_order", "refocus_um", "drift")
 
 #: No recipe is larger than this, in bytes.
 LARGEST_FILE = 2**20
@@ -90,6 +92,16 @@ class Recipe(BaseModel):
     ------
     ValueError
         If a setting has no such value.
+
+    See Also
+    --------
+    run : Follows a recipe.
+
+    Examples
+    --------
+    >>> recipe = Recipe(recording="sample:euglena", angles_deg=(-7, 21), methods=("temporal",))
+    >>> recipe.changed(reference="median").reference
+    'median'
     """
 
     model_config = ConfigDict(
@@ -155,6 +167,12 @@ class Recipe(BaseModel):
             check_method(method, {})
         return value
 
+    @property
+    def reference_file(self) -> str | None:
+        """The file with a hologram that the fields are divided by, None if there is none."""
+        named = isinstance(self.reference, str) and self.reference != "median"
+        return str(self.reference) if named else None
+
     def changed(self, **settings: Any) -> Recipe:
         """Return a copy with other settings.
 
@@ -166,7 +184,7 @@ class Recipe(BaseModel):
         try:
             return Recipe.model_validate(self.model_dump() | settings)
         except ValidationError as error:
-            raise ValueError(sentence_of(error)) from error
+            raise ValueError(first_fault(error)) from error
 
     def to_file(self, path: str | Path) -> Path:
         """Write the recipe as JSON.
@@ -196,7 +214,7 @@ class Recipe(BaseModel):
         try:
             return cls.model_validate(settings_in(path))
         except ValidationError as error:
-            msg = f"{path.name} is no valid recipe: {sentence_of(error)}"
+            msg = f"{path.name} is no valid recipe: {first_fault(error)}"
             raise ValueError(msg) from error
 
 
@@ -221,7 +239,7 @@ def settings_in(path: Path) -> Any:
         raise ValueError(msg) from error
 
 
-def sentence_of(error: ValidationError) -> str:
+def first_fault(error: ValidationError) -> str:
     """Return the first thing that is wrong, in one sentence."""
     first = error.errors()[0]
     where = ".".join(str(part) for part in first["loc"]) or "the file"

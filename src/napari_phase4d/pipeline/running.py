@@ -13,16 +13,17 @@ from napari_phase4d.evaluation import Comparison, compare
 from napari_phase4d.holography import (
     Focus,
     Lobe,
+    PhaseSettings,
     find_focus,
     find_lobes,
-    prepared,
+    frame_reconstructor,
     reconstruct,
 )
 from napari_phase4d.io import open_recording
 from napari_phase4d.pipeline.needs import needs_of, phase_needs
 from napari_phase4d.pipeline.opening import open_by
 from napari_phase4d.pipeline.places import Place, place_for
-from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
@@ -96,6 +97,19 @@ def run(
         If the recording can't be read, a setting does not fit it, or memory or disk are too small.
     Cancelled
         If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    Recipe : All settings.
+    napari_phase4d.pipeline.write_outcome : Writes what comes out into a folder.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> recipe = p4d.Recipe(recording="sample:yeast", methods=("spatial-2d",))
+    >>> outcome = p4d.run(recipe)
+    >>> outcome.comparison.results["spatial-2d"].sizes["time"]
+    19
     """
     if recording is None and not recipe.recording:
         msg = "the recipe names no recording; give run() one, or a recipe with a file"
@@ -186,7 +200,8 @@ def reconstruct_by(
         return reconstruct(
             recording, lobes, reference, **settings, progress=progress, cancelled=cancelled
         )
-    work = prepared(recording, lobes, reference, **settings, cancelled=cancelled)
+    chosen = PhaseSettings(reference, **settings)
+    work = frame_reconstructor(recording, lobes, chosen, cancelled)
     source = FrameSource(recipe, recording)
     return reconstruct_to_disk(source, work, place.shelf, place.workers, progress, cancelled)
 
@@ -201,19 +216,18 @@ def focus_by(
     """Find the focus of a recording with a recipe's settings, see `find_focus`."""
     settings = phase_settings(recipe) | {"refocus_um": None}
     reference = opened_reference(recipe, recording)
-    work = prepared(recording, lobes, reference, **settings, cancelled=cancelled)
+    chosen = PhaseSettings(reference, **settings)
+    work = frame_reconstructor(recording, lobes, chosen, cancelled)
     return find_focus(work, recording, progress=progress, cancelled=cancelled)
 
 
 def opened_reference(recipe: Recipe, recording: Recording) -> Any:
     """Return a recipe's reference as `reconstruct` takes it; a file is opened."""
-    reference = recipe.reference
-    if isinstance(reference, str) and reference != "median":
-        return open_recording(reference, recording.optics, raw=recipe.raw)
-    return reference
+    if recipe.reference_file is None:
+        return recipe.reference
+    return open_recording(recipe.reference_file, recording.optics, raw=recipe.raw)
 
 
 def phase_settings(recipe: Recipe) -> dict[str, Any]:
     """Return what a recipe sets of `reconstruct`, beside lobes and reference."""
-    names = ("window", "background", "background_order", "refocus_um", "drift")
-    return {name: getattr(recipe, name) for name in names}
+    return {name: getattr(recipe, name) for name in PHASE_SETTINGS}

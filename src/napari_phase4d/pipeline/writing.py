@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any, Literal, get_args
 
 import xarray as xr
 
-from napari_phase4d.io import write_phase, write_table
+from napari_phase4d.io import OME_TIFF, OME_ZARR, write_phase, write_table
 from napari_phase4d.io.zarr_results import note_zarr_result, path_of
 from napari_phase4d.pipeline.fingerprint import Fingerprint
 from napari_phase4d.pipeline.provenance import provenance_of, with_provenance
 from napari_phase4d.pipeline.running import Outcome
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
 
 __all__ = ["Form", "checked_form", "write_outcome"]
 
 #: What stacks are written as.
 Form = Literal["tiff", "zarr"]
-ENDINGS: dict[Form, str] = {"tiff": ".ome.tif", "zarr": ".ome.zarr"}
+ENDINGS: dict[Form, str] = {"tiff": OME_TIFF, "zarr": OME_ZARR}
 
 
 def write_outcome(
@@ -79,7 +80,8 @@ def write_outcome(
         for place, (path, (name, stack)) in enumerate(zip(paths, stacks.items(), strict=True), 1):
             if name == "wrapped" and is_input(path, outcome):
                 continue
-            report = named(progress, f"{name} ({place} of {len(stacks)})")
+            which = f"{name} ({place} of {len(stacks)})"
+            report = reworded(progress, partial("{1} {0}".format, which))
             put(path, with_provenance(stack, provenance), report, cancelled)
         return paths
 
@@ -130,13 +132,6 @@ def checked_form(form: str | None) -> Form | None:
 def usual_form(stacks: dict[str, xr.DataArray]) -> Form:
     """Return the form of stacks for which none is asked for: Zarr if they are lazy."""
     return "zarr" if any(stack.chunks is not None for stack in stacks.values()) else "tiff"
-
-
-def named(progress: ProgressCall | None, name: str) -> ProgressCall | None:
-    """Let every message end with what is worked on."""
-    if progress is None:
-        return None
-    return lambda done, total, message: progress(done, total, f"{message} {name}")
 
 
 def exact_phase(truth: Any, phase: xr.DataArray) -> xr.DataArray:

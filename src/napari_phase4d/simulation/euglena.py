@@ -62,6 +62,17 @@ def swimming_euglena(
     xarray.Dataset
         ``phase`` (exact) and ``wrapped``, dims (time, angle, y, x), radians; ``attrs["boundary"]``
         is the optically thin (time, angle) index pair.
+
+    See Also
+    --------
+    multiplexed_video : Holograms of it.
+    budding_yeast : The other object of the paper.
+
+    Examples
+    --------
+    >>> exact = swimming_euglena(n_times=2)
+    >>> dict(exact.sizes), exact.attrs["boundary"]
+    ({'time': 2, 'angle': 2, 'y': 512, 'x': 512}, (0, 0))
     """
     optics = optics or Optics()
     scale = peak_rad / unit_peak_rad(optics.wavelength_um)

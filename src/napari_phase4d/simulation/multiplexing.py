@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
@@ -87,6 +88,19 @@ def multiplexed_video(
     ------
     ValueError
         If a number is out of range or the carriers do not match the angles.
+
+    See Also
+    --------
+    swimming_euglena : An object to record.
+    find_lobes : Finds the carriers again.
+
+    Examples
+    --------
+    >>> from napari_phase4d import simulation
+    >>> exact = simulation.swimming_euglena(n_times=2)
+    >>> rec = simulation.multiplexed_video(exact["phase"], bits=12, seed=1)
+    >>> rec.holograms.shape, str(rec.holograms.dtype)
+    ((2, 512, 512), 'uint16')
     """
     optics = optics or Optics()
     n_times, n_angles, height, width = phase.shape
@@ -96,20 +110,12 @@ def multiplexed_video(
     envelope = uneven_beam((height, width), unevenness)
     pupil = pupil_mask((height, width), pupil_radius)
     tilts = [tilted_wave((height, width), k) for k in carriers]
-    drift = (
-        np.concatenate([[0.0], np.cumsum(rng.normal(0, drift_rad, n_times - 1))])
-        if drift_rad
-        else np.zeros(n_times)
-    )
-    reference = (
-        reference_amplitude
-        * envelope
-        * np.exp(-1j * curvature_rad * radius_squared((height, width)))
-    )
+    drift = drifting(drift_rad, n_times, rng)
+    bent = np.exp(-1j * curvature_rad * radius_squared((height, width)))
+    reference = reference_amplitude * envelope * bent
     # The brightest possible pixel: all beams in phase.
     brightest = (reference_amplitude + sum(amplitudes)) ** 2
-    electrons_per_unit = EXPOSURE * full_well_electrons / brightest
-    top = 2**bits - 1
+    camera = Camera(bits, full_well_electrons, read_noise_electrons, brightest)
     video = np.empty((n_times, height, width), dtype=np.uint8 if bits <= 8 else np.uint16)
     for t in range(n_times):
         total = reference * np.exp(-1j * drift[t])
@@ -117,9 +123,7 @@ def multiplexed_video(
             field = np.exp(1j * phase.values[t, a].astype(np.float64))
             seen = scipy.fft.ifft2(scipy.fft.fft2(field) * pupil)
             total = total + amplitudes[a] * envelope * seen * tilts[a]
-        electrons = rng.poisson(np.abs(total) ** 2 * electrons_per_unit)
-        electrons = electrons + rng.normal(0, read_noise_electrons, electrons.shape)
-        video[t] = np.clip(np.round(electrons / full_well_electrons * top), 0, top)
+        video[t] = camera.exposed(np.abs(total) ** 2, rng)
     return Recording.from_frames(
         video,
         optics=optics,
@@ -132,6 +136,44 @@ def multiplexed_video(
             "drift_rad": [float(v) for v in drift],
         },
     )
+
+
+@dataclass(frozen=True)
+class Camera:
+    """What counts electrons.
+
+    Parameters
+    ----------
+    bits : int
+        Depth.
+    full_well_electrons, read_noise_electrons : float
+        Electrons at the top of its range, and standard deviation of its read noise.
+    brightest : float
+        The intensity that it is set for.
+    """
+
+    bits: int
+    full_well_electrons: float
+    read_noise_electrons: float
+    brightest: float
+
+    def exposed(
+        self, intensity: NDArray[np.float64], rng: np.random.Generator
+    ) -> NDArray[np.float64]:
+        """Return the grey values of a frame, with shot noise, read noise and quantisation."""
+        electrons_per_unit = EXPOSURE * self.full_well_electrons / self.brightest
+        counted = rng.poisson(intensity * electrons_per_unit)
+        electrons = counted + rng.normal(0, self.read_noise_electrons, counted.shape)
+        top = 2**self.bits - 1
+        grey: NDArray[np.float64] = np.round(electrons / self.full_well_electrons * top)
+        return np.clip(grey, 0, top)
+
+
+def drifting(drift_rad: float, n_times: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Return the phase between the arms at every time: a random walk from 0."""
+    if not drift_rad:
+        return np.zeros(n_times)
+    return np.concatenate([[0.0], np.cumsum(rng.normal(0, drift_rad, n_times - 1))])
 
 
 def check_beams(

@@ -7,6 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 import xarray as xr
 
+from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.ellipsoids import Ellipsoid, projected_phase
 
@@ -65,13 +66,13 @@ def phase_stack(
             centred = y - shape[0] / 2 * step_y, x - shape[1] / 2 * step_x
             phase[t, a] = projected_phase(bodies, angle, *centred, optics.wavelength_um)
     coords = {
-        "time": ("time", np.asarray(times_s, dtype=np.float64), {"units": "s"}),
-        "angle": ("angle", np.asarray(angles_deg, dtype=np.float64), {"units": "deg"}),
-        "y": ("y", y, {"units": "um"}),
-        "x": ("x", x, {"units": "um"}),
+        "time": coordinate("time", np.asarray(times_s, dtype=np.float64)),
+        "angle": coordinate("angle", np.asarray(angles_deg, dtype=np.float64)),
+        "y": coordinate("y", y),
+        "x": coordinate("x", x),
     }
     common = {"units": "rad", "wavelength_um": optics.wavelength_um, **attrs}
-    exact = xr.DataArray(phase, dims=("time", "angle", "y", "x"), coords=coords, attrs=common)
+    exact = xr.DataArray(phase, dims=AXES, coords=coords, attrs=common)
     exact.attrs["exact"] = True
     wrapped = wrap(exact)
     wrapped.attrs = dict(common)

@@ -1,10 +1,17 @@
 """Unwrapping methods behind one function."""
 
-from napari_phase4d.unwrapping.boundaries import score_boundaries
+from napari_phase4d.unwrapping.boundaries import (
+    SCORED_TIMES,
+    score_boundaries,
+    scores_of_some,
+    scores_sentence,
+)
+from napari_phase4d.unwrapping.ends import both_ends, ends_along
+from napari_phase4d.unwrapping.flow import loop_sums
+from napari_phase4d.unwrapping.four_d import ORDERS
 from napari_phase4d.unwrapping.framewise import frame_by_frame
-from napari_phase4d.unwrapping.masks import both_ends
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
-from napari_phase4d.unwrapping.problem import DIMS, Problem, is_known
+from napari_phase4d.unwrapping.problem import Problem, is_known
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS
 from napari_phase4d.unwrapping.running import (
     all_options,
@@ -20,8 +27,9 @@ from napari_phase4d.unwrapping.warming import warm_up_elsewhere
 
 __all__ = [
     "BUILT_IN",
-    "DIMS",
     "METHODS",
+    "ORDERS",
+    "SCORED_TIMES",
     "STACKS_OF_A_FRAME",
     "Method",
     "Option",
@@ -31,12 +39,16 @@ __all__ = [
     "border_medians",
     "both_ends",
     "check_method",
+    "ends_along",
     "frame_by_frame",
     "is_known",
     "label_of",
+    "loop_sums",
     "noted",
     "run_method",
     "score_boundaries",
+    "scores_of_some",
+    "scores_sentence",
     "unwrap",
     "warm_up_elsewhere",
 ]

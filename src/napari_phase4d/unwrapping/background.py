@@ -12,7 +12,7 @@ from scipy import ndimage
 from napari_phase4d.progress import on_all_cores
 from napari_phase4d.unwrapping.spatial import BORDER, border_of
 
-__all__ = ["Background", "find_background", "noise_of"]
+__all__ = ["Background", "find_background", "noise_of", "turned"]
 
 TURN = 2 * np.pi
 #: Up to this noise in radians, frames count as free of noise.

@@ -13,11 +13,13 @@ from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.running import unwrap
 from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
 
-__all__ = ["score_boundaries"]
+__all__ = ["SCORED_TIMES", "score_boundaries", "scores_of_some", "scores_sentence"]
 
 TURN = np.float32(2 * np.pi)
 #: How far the mean step of a frame, in turns, counts between frames that are alike otherwise.
 TIE_BREAK = 1e-3
+#: Times that are scored of a recording larger than memory, and bytes of phase at most.
+SCORED_TIMES, SCORED_BYTES = 100, 256 * 2**20
 
 Frame = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -63,6 +65,19 @@ def score_boundaries(
         If an argument does not fit.
     Cancelled
         If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    unwrap : Takes the best frame as its boundary.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> sample = p4d.simulation.swimming_euglena((48, 64), 4, peak_rad=9)
+    >>> scores = p4d.score_boundaries(sample["wrapped"])
+    >>> scores.dims
+    ('time', 'angle')
+    >>> unwrapped = p4d.unwrap(sample["wrapped"], boundary=tuple(scores.attrs["best"]))
     """
     problem = Problem(phase, mask="auto" if mask is None else mask)
     shape = problem.wrapped.shape
@@ -100,6 +115,40 @@ def score_boundaries(
         "agreement": float(agreement[best]),
     }
     return xr.DataArray(scores, dims=("time", "angle"), coords=coords, attrs=attrs, name="score")
+
+
+def scores_of_some(
+    phase: xr.DataArray,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.DataArray:
+    """Score some frames of a recording larger than memory, evenly over time.
+
+    Parameters
+    ----------
+    phase : DataArray
+        Wrapped phase, dims (time, angle, y, x), in memory or lazy.
+    progress, cancelled : callable, optional
+        See `unwrap`.
+
+    Returns
+    -------
+    xarray.DataArray
+        As `score_boundaries` returns it, NaN for frames that were not looked at.
+    """
+    times = max(2, min(SCORED_TIMES, SCORED_BYTES // max(phase[0].nbytes, 1)))
+    every = max(1, -(-phase.sizes["time"] // times))
+    some = phase.isel(time=slice(None, None, every)).compute()
+    found = score_boundaries(some, progress=progress, cancelled=cancelled)
+    scores = found.reindex(time=phase["time"])
+    time, angle = found.attrs["best"]
+    return scores.assign_attrs(best=[time * every, angle])
+
+
+def scores_sentence(scores: xr.DataArray) -> str:
+    """Say how far the best frame of `score_boundaries` is to be relied on."""
+    share = 100 * scores.attrs["agreement"]
+    return f"There, {scores.attrs['basis']} agree on {share:.4g} % of the object."
 
 
 def first_boundary(known: Problem | None) -> tuple[int, int]:

@@ -20,21 +20,22 @@ __all__ = ["closing_turns", "loop_sums"]
 Whole = NDArray[np.int64]
 
 
-def loop_sums(down: Whole, right: Whole) -> Whole:
+def loop_sums(down: NDArray[Any], right: NDArray[Any]) -> NDArray[Any]:
     """Return the sum of steps round every cell of a batch of grids.
 
     Parameters
     ----------
-    down : ndarray of int, shape (..., ny - 1, nx)
+    down : ndarray, shape (..., ny - 1, nx)
         Step from each pixel to the one below.
-    right : ndarray of int, shape (..., ny, nx - 1)
+    right : ndarray, shape (..., ny, nx - 1)
         Step from each pixel to the one at its right.
 
     Returns
     -------
-    ndarray of int, shape (..., ny - 1, nx - 1)
+    ndarray, shape (..., ny - 1, nx - 1)
     """
-    return right[..., :-1, :] + down[..., 1:] - right[..., 1:, :] - down[..., :-1]
+    sums: NDArray[Any] = right[..., :-1, :] + down[..., 1:] - right[..., 1:, :] - down[..., :-1]
+    return sums
 
 
 def closing_turns(

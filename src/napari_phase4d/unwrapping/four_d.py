@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import partial
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +16,27 @@ from napari_phase4d.unwrapping.problem import Boundary, Problem
 from napari_phase4d.unwrapping.registration import moved
 from napari_phase4d.unwrapping.spatial import unwrap_frames
 
-__all__ = ["angular", "angular_temporal", "spatial_2d", "temporal", "temporal_angular"]
+__all__ = [
+    "ORDERS",
+    "angular",
+    "angular_temporal",
+    "spatial_2d",
+    "starts_on",
+    "temporal",
+    "temporal_angular",
+]
 
 Stack = NDArray[np.float32]
+
+#: Dimensions that each of these methods goes along, one after the other (Fig. 1).
+ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "temporal-angular": ("time", "angle"),
+        "angular-temporal": ("angle", "time"),
+        "temporal": ("time",),
+        "angular": ("angle",),
+    }
+)
 
 
 def spatial_2d(
@@ -146,10 +165,10 @@ def starts_on(dim: str, other: int, boundaries: list[Boundary]) -> list[int]:
 
 
 #: Along the angle at each time ([11] in the paper).
-angular = partial(chained, order=("angle",))
+angular = partial(chained, order=ORDERS["angular"])
 #: Along time for each angle.
-temporal = partial(chained, order=("time",))
+temporal = partial(chained, order=ORDERS["temporal"])
 #: T/A: along time for each angle, then along the angle at each time (Fig. 1a).
-temporal_angular = partial(chained, order=("time", "angle"))
+temporal_angular = partial(chained, order=ORDERS["temporal-angular"])
 #: A/T: along the angle at each time, then along time for each angle (Fig. 1b).
-angular_temporal = partial(chained, order=("angle", "time"))
+angular_temporal = partial(chained, order=ORDERS["angular-temporal"])

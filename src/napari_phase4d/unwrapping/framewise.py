@@ -40,6 +40,17 @@ def frame_by_frame(unwrap_frame: OnFrame) -> OnStack:
     -------
     callable
         ``function(problem, progress, cancelled, **options)``.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from napari_phase4d.unwrapping import Method, frame_by_frame
+    >>> method = Method(
+    ...     label="Itoh",
+    ...     source="Itoh 1982, Appl. Opt. 21, 2470",
+    ...     summary="Along each row.",
+    ...     function=frame_by_frame(lambda wrapped, mask: np.unwrap(wrapped, axis=1)),
+    ... )
     """
 
     def on_stack(

@@ -71,6 +71,8 @@ def installed_methods(own: Mapping[str, Method]) -> dict[str, Method]:
 def loaded(point: EntryPoint, taken: set[str]) -> Method:
     """Return the method of an entry point.
 
+    Only the program's own methods stream: how each goes through the blocks is written for it.
+
     Raises
     ------
     ValueError, TypeError
@@ -90,7 +92,7 @@ def loaded(point: EntryPoint, taken: set[str]) -> Method:
         if option.name in TAKEN or not option.name.isidentifier():
             msg = f"an option can't be called {option.name!r}"
             raise ValueError(msg)
-    return replace(method, package=package_of(point))
+    return replace(method, package=package_of(point), streams=False)
 
 
 def package_of(point: EntryPoint) -> str:

@@ -9,6 +9,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.unwrapping.ends import ends_along
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.spatial import border_of
 
@@ -108,8 +109,7 @@ def second_difference(values: NDArray[np.float32]) -> NDArray[np.float32]:
     total = np.zeros_like(values)
     for axis in range(values.ndim):
         step = np.diff(values, axis=axis)
-        head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(values.ndim))
-        tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(values.ndim))
+        head, tail = ends_along(axis, values.ndim)
         total[head] += step
         total[tail] -= step
     return total

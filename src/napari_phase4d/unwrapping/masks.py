@@ -9,7 +9,7 @@ from scipy import ndimage
 from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.unwrapping.spatial import border_of
 
-__all__ = ["both_ends", "object_mask", "object_masks"]
+__all__ = ["object_mask", "object_masks"]
 
 #: A pixel belongs to the object where its phase exceeds this share of the largest ...
 SHARE_OF_PEAK = 0.1
@@ -101,10 +101,3 @@ def widened(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
         wider[:, :-1] |= mask[:, 1:]
         mask = wider
     return mask
-
-
-def both_ends(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
-    """Mark the steps along an axis whose two ends both lie mask."""
-    n = mask.shape[axis]
-    both: NDArray[np.bool_] = mask.take(range(n - 1), axis) & mask.take(range(1, n), axis)
-    return both

@@ -61,7 +61,7 @@ class Method:
         no other unwrapping first.
     streams : bool
         Whether it goes through the frames one after the other, so that a recording may be larger
-        than memory.
+        than memory. Only methods of this program do: it counts as False for those of packages.
     package : str
         Name and version of the package that brought it; empty for those of this program.
     """

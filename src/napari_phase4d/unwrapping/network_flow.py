@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.unwrapping.ends import both_ends
 from napari_phase4d.unwrapping.flow import closing_turns, loop_sums
-from napari_phase4d.unwrapping.masks import both_ends
 from napari_phase4d.unwrapping.problem import Boundary, Problem
 from napari_phase4d.unwrapping.spatial import border_medians, border_of
 

@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
 from napari_phase4d.unwrapping.background import Background, find_background
 from napari_phase4d.unwrapping.masks import object_masks
@@ -17,11 +18,7 @@ from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
 from napari_phase4d.unwrapping.spatial import unwrap_frames
 
-__all__ = ["DIMS", "Boundary", "Problem", "is_known"]
-
-DIMS = ("time", "angle", "y", "x")
-#: Documented order of plain arrays by their number of dimensions.
-PLAIN_DIMS = {2: ("y", "x"), 3: ("time", "y", "x"), 4: DIMS}
+__all__ = ["Boundary", "Problem", "all_known", "checked_boundaries", "is_known"]
 
 #: Beyond so many radians, single precision no longer tells the parts of a turn.
 LARGEST = 1e5
@@ -49,6 +46,8 @@ class Problem(SharedSteps):
     amplitude : DataArray, array_like or None, optional
         Amplitude of the field, of the phase's shape; where it fades, the phase is less trusted by
         methods that can tell.
+    for_one_method : bool, optional
+        Whether one method alone is run, which may then give away what others would share.
 
     Raises
     ------
@@ -62,35 +61,48 @@ class Problem(SharedSteps):
         boundary: Boundary | Sequence[Boundary] = (0, 0),
         mask: Any = None,
         amplitude: Any = None,
+        *,
+        for_one_method: bool = False,
     ) -> None:
         super().__init__()
         self.template = as_phase(phase)
         values = in_full(self.template)
         self.boundaries = checked_boundaries(boundary, values.shape[:2])
         self.finds_mask = isinstance(mask, str)
-        self.mask = self._given_mask(mask, values.shape)
+        #: Pixels that may be looked at, whether the object is still to be found or not.
+        self.usable = self._given_mask(mask, values.shape)
+        self._object: NDArray[np.bool_] | None = None
         # The caller's own array, where it fits: nobody writes into it.
         with np.errstate(over="ignore"):  # it is infinite then, and left out
             self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
         if not all_known(self.wrapped):
             self._leave_out(~is_known(self.wrapped))
-        #: Pixels that may be looked at; ``mask`` becomes smaller once the object is found.
-        self.usable = self.mask
         self.amplitude = self._given_amplitude(amplitude, values.shape)
-        #: Whether one method alone is run, which may then give away what others would share.
-        self.for_one_method = False
+        self.for_one_method = for_one_method
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
-        count = int((bad & self.mask).sum())
+        count = int((bad & self.usable).sum())
         if count and not self.finds_mask:
             msg = (
                 f"the phase holds {count} NaN or infinite pixels (or beyond {LARGEST:g} rad); "
                 f"leave them out with mask=numpy.abs(phase) < {LARGEST:g}"
             )
             raise ValueError(msg)
-        self.mask = self.mask & ~bad
+        self.usable = self.usable & ~bad
         self.wrapped = np.where(bad, np.float32(0), self.wrapped)
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Pixels to unwrap; the object, where it is to be found, is looked for when first asked.
+
+        `settle_mask` looks for it with progress.
+        """
+        if not self.finds_mask:
+            return self.usable
+        self.spatial()
+        assert self._object is not None  # it was found on the way
+        return self._object
 
     @property
     def first(self) -> Boundary:
@@ -113,11 +125,11 @@ class Problem(SharedSteps):
     ) -> NDArray[np.float32]:
         """Unwrap all frames, and find the object where that was asked for."""
         watch = Watch(self.n_frames, "2-D unwrapping", progress, cancelled)
-        found = unwrap_frames(self.wrapped, self.mask, self.first, watch)
+        found = unwrap_frames(self.wrapped, self.usable, self.first, watch)
         if self.finds_mask:
             watch = Watch(self.n_frames, "finding the object", progress, cancelled)
-            self.mask = self.mask & object_masks(found, watch)
-            found[~self.mask] = 0
+            self._object = self.usable & object_masks(found, watch)
+            found[~self._object] = 0
         return found
 
     def settle_mask(
@@ -141,8 +153,9 @@ class Problem(SharedSteps):
         cancelled: CancelledCall | None,
     ) -> NDArray[np.intp]:
         """Return the shifts that bring the object of every frame to one place."""
-        masks = self.mask
-        if not self.finds_mask:
+        if self.finds_mask:
+            masks = self.mask
+        else:
             watch = Watch(self.n_frames, "finding the object", progress, cancelled)
             masks = object_masks(unwrapped, watch)
         watch = Watch(self.n_frames, "registration", progress, cancelled)
@@ -161,8 +174,8 @@ class Problem(SharedSteps):
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""
-        full = xr.DataArray(values, dims=DIMS)
-        missing = [d for d in DIMS if d not in self.template.dims]
+        full = xr.DataArray(values, dims=AXES)
+        missing = [d for d in AXES if d not in self.template.dims]
         squeezed = full.isel(dict.fromkeys(missing, 0)).transpose(*self.template.dims)
         result = squeezed.assign_coords(self.template.coords)
         result.attrs = {**self.template.attrs, "units": "rad", **attrs}
@@ -200,8 +213,8 @@ class Problem(SharedSteps):
             if mask.ndim == self.template.ndim:
                 mask = xr.DataArray(mask, dims=self.template.dims)
         if isinstance(mask, xr.DataArray):
-            if set(mask.dims) - set(DIMS):
-                msg = f"the mask has dims {tuple(mask.dims)}; they must be among {', '.join(DIMS)}"
+            if set(mask.dims) - set(AXES):
+                msg = f"the mask has dims {tuple(mask.dims)}; they must be among {', '.join(AXES)}"
                 raise ValueError(msg)
             mask = in_full(mask)
         try:
@@ -250,8 +263,8 @@ def relative_amplitude(values: NDArray[Any]) -> NDArray[np.float32]:
 
 def in_full(stack: xr.DataArray) -> NDArray[Any]:
     """Return the values with all four axes (time, angle, y, x)."""
-    full = stack.expand_dims([d for d in DIMS if d not in stack.dims])
-    values: NDArray[Any] = full.transpose(*DIMS).values
+    full = stack.expand_dims([d for d in AXES if d not in stack.dims])
+    values: NDArray[Any] = full.transpose(*AXES).values
     return values
 
 
@@ -259,14 +272,14 @@ def as_phase(phase: xr.DataArray | Any) -> xr.DataArray:
     """Return phase as a DataArray with known dims, or say what is wrong with it."""
     if not isinstance(phase, xr.DataArray):
         values = np.asarray(phase)
-        if values.ndim not in PLAIN_DIMS:
+        if values.ndim not in PLAIN_AXES:
             msg = (
                 f"phase has {values.ndim} dimensions {values.shape}; it must have two (y, x), "
                 "three (time, y, x) or four (time, angle, y, x)"
             )
             raise ValueError(msg)
-        phase = xr.DataArray(values, dims=PLAIN_DIMS[values.ndim])
-    unknown = set(phase.dims) - set(DIMS)
+        phase = xr.DataArray(values, dims=PLAIN_AXES[values.ndim])
+    unknown = set(phase.dims) - set(AXES)
     if unknown or not {"y", "x"} <= set(phase.dims):
         found = tuple(phase.dims)
         msg = f"phase has dims {found}; they must be among time, angle, y, x, with y and x"

@@ -14,7 +14,7 @@ from napari_phase4d.unwrapping.network_flow import network_flow
 
 __all__ = ["BUILT_IN", "METHODS"]
 
-OWN = "This project, see docs/own_method.md"
+OWN = "This project"
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(

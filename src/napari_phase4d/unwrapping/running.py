@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.unwrapping.lending import LentProblem
 from napari_phase4d.unwrapping.method import Option
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS
@@ -64,10 +65,24 @@ def unwrap(
         If an argument does not fit.
     Cancelled
         If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    compare : Several methods side by side.
+    score_boundaries : Which frame is thin enough to start from.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> sample = p4d.simulation.swimming_euglena((48, 64), 4, peak_rad=9)
+    >>> unwrapped = p4d.unwrap(sample["wrapped"], "temporal-angular", boundary=(0, 0))
+    >>> unwrapped.dims
+    ('time', 'angle', 'y', 'x')
+    >>> unwrapped.attrs["method"], unwrapped.attrs["boundary"]
+    ('temporal-angular', [[0, 0]])
     """
     check_method(method, method_options)
-    problem = Problem(phase, boundary, mask, amplitude)
-    problem.for_one_method = True
+    problem = Problem(phase, boundary, mask, amplitude, for_one_method=True)
     return run_method(problem, method, progress, cancelled, method_options)
 
 
@@ -90,7 +105,7 @@ def run_method(
         method,
         options,
         problem.boundaries,
-        mask="auto" if problem.finds_mask else "given" if not problem.mask.all() else "none",
+        mask="auto" if problem.finds_mask else "given" if not problem.usable.all() else "none",
         amplitude=problem.amplitude is not None,
     )
     return problem.result(values, method, attrs)
@@ -103,7 +118,7 @@ def of_a_package(
     cancelled: CancelledCall | None,
     options: Mapping[str, Any],
 ) -> NDArray[np.float32]:
-    """Run a method that a package brought: it may fail in any way, and change what it is given.
+    """Run a method that a package brought: it may fail in any way, and writes into nothing.
 
     Raises
     ------
@@ -112,21 +127,24 @@ def of_a_package(
     """
     facts = METHODS[method]
     try:
-        values = np.asarray(facts.function(problem, progress, cancelled, **options))
+        lent = LentProblem(problem)
+        values = np.asarray(facts.function(lent, progress, cancelled, **options))
     except Cancelled:
         raise
     except Exception as error:
         why = " ".join(str(error).split()) or type(error).__name__
         msg = f"{facts.label} of the package {facts.package} failed: {why}"
         raise ValueError(msg) from error
+    # A mask that it had no need of must not depend on what other methods have found.
+    inside = problem.usable if facts.finds_object else problem.mask
     right = values.shape == problem.wrapped.shape and values.dtype.kind in "fiu"
-    if not right or not np.isfinite(values[problem.mask]).all():
+    if not right or not np.isfinite(values[inside]).all():
         msg = (
             f"{facts.label} of the package {facts.package} gave {values.dtype} {values.shape}; it "
             f"must give a finite number for every pixel of {problem.wrapped.shape}"
         )
         raise ValueError(msg)
-    return np.where(problem.mask, values, 0).astype(np.float32)
+    return np.where(inside, values, 0).astype(np.float32)
 
 
 def all_options(method: str, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -6,7 +6,10 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-__all__ = ["SharedSteps"]
+__all__ = ["FIELD", "SharedSteps"]
+
+#: Name of what the directional methods start from.
+FIELD = "field"
 
 T = TypeVar("T")
 
@@ -40,3 +43,7 @@ class SharedSteps:
     def forget(self, name: str) -> None:
         """Let go of what was computed by this name."""
         self._known.pop(name, None)
+
+    def forget_field(self) -> None:
+        """Let go of what the directional methods share: it is as large as many results."""
+        self.forget(FIELD)

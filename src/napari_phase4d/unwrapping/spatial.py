@@ -16,7 +16,15 @@ from napari_phase4d.unwrapping.growing import (
     smooth_turns,
 )
 
-__all__ = ["border_medians", "unwrap_frames"]
+__all__ = [
+    "BORDER",
+    "add_turns",
+    "border_medians",
+    "border_of",
+    "border_values",
+    "unwrap_frame",
+    "unwrap_frames",
+]
 
 #: Width of the frame's border that is taken for background, in pixels.
 BORDER = 2

@@ -1,26 +1,30 @@
 """The controller between the dock and the pipeline, without Qt."""
 
-from napari_phase4d._napari.session.opening import EUGLENA_SOURCE, YEAST_SOURCE, Opened
+from napari_phase4d._napari.session.opening import Opened
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.plans import (
     plan_confidence,
     plan_focus,
     plan_lobes,
     plan_margin,
+    plan_measuring,
     plan_opening,
     plan_reconstruction,
     plan_scores,
     plan_truth,
     plan_unwrapping,
 )
+from napari_phase4d._napari.session.plans.measuring import Masks
 from napari_phase4d._napari.session.session import Session
 from napari_phase4d._napari.session.state import Changed
 from napari_phase4d._napari.session.states import StepState, step_states
+from napari_phase4d.sample import EUGLENA_SOURCE, YEAST_SOURCE
 
 __all__ = [
     "EUGLENA_SOURCE",
     "YEAST_SOURCE",
     "Changed",
+    "Masks",
     "Opened",
     "Plan",
     "Session",
@@ -29,6 +33,7 @@ __all__ = [
     "plan_focus",
     "plan_lobes",
     "plan_margin",
+    "plan_measuring",
     "plan_opening",
     "plan_reconstruction",
     "plan_scores",

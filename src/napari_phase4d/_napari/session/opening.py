@@ -13,7 +13,8 @@ from napari_phase4d.io import RawLayout, open_input, open_recording
 from napari_phase4d.pipeline import Recipe, open_by
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import (
-    SAMPLES,
+    EUGLENA_SOURCE,
+    YEAST_SOURCE,
     Sample,
     euglena_sample,
     is_sample,
@@ -21,12 +22,10 @@ from napari_phase4d.sample import (
     yeast_sample,
 )
 
-__all__ = ["EUGLENA_SOURCE", "YEAST_SOURCE", "Opened", "TruthCall", "open_anything", "open_recipe"]
+__all__ = ["Opened", "TruthCall", "open_anything", "open_recipe"]
 
 #: Gives the exact phase on the grid of a reconstruction; ValueError where it is not known.
 TruthCall = Callable[[xr.DataArray], xr.DataArray]
-
-EUGLENA_SOURCE, YEAST_SOURCE = SAMPLES
 
 
 @dataclass(frozen=True)

@@ -6,6 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from napari_phase4d.progress import CancelledCall, ProgressCall
+
 __all__ = ["Plan"]
 
 
@@ -18,7 +20,8 @@ class Plan:
     title : str
         What the user sees.
     work : callable
-        ``work(progress=None, cancelled=None)``; touches nothing but its own snapshot.
+        ``work(progress, cancelled)``, where each may be None; touches nothing but its own
+        snapshot.
     receive : callable
         Takes the result into the session; to be called in the window's thread. It refuses a
         result for what has changed since.
@@ -31,7 +34,7 @@ class Plan:
     """
 
     title: str
-    work: Callable[..., Any]
+    work: Callable[[ProgressCall | None, CancelledCall | None], Any]
     receive: Callable[[Any], None]
     cancellable: bool = True
     gives_way: bool = False
@@ -39,4 +42,4 @@ class Plan:
 
     def run(self) -> None:
         """Do the work here and now."""
-        self.receive(self.work())
+        self.receive(self.work(None, None))

@@ -16,12 +16,14 @@ from napari_phase4d._napari.session.plans import (
     plan_focus,
     plan_lobes,
     plan_margin,
+    plan_measuring,
     plan_noise,
     plan_reconstruction,
     plan_scores,
     plan_spectrum,
     plan_unwrapping,
 )
+from napari_phase4d._napari.session.plans.measuring import Masks
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.evaluation import REFERENCE
 from napari_phase4d.holography import Focus, Lobe
@@ -115,6 +117,18 @@ class Session(State):
         plan_margin(self).run()
         assert self.margin is not None
         return self.margin
+
+    def measure(
+        self, method: str | None = None, regions: Masks | None = None, **options: Any
+    ) -> pd.DataFrame:
+        """Measure regions of a result over time (step 5); default: the object, most reliable.
+
+        The options are those of `measure`: ``object_index``, ``refraction_increment_ml_per_g``;
+        and ``optics``, for phase that does not say its microscope.
+        """
+        plan_measuring(self, method, regions, **options).run()
+        assert self.measured is not None
+        return self.measured
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write all stacks, the table and the recipe into a folder (step 5)."""

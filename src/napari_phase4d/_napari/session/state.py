@@ -7,34 +7,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
-from typing import Any, TypeVar
+from typing import Any
 
 import pandas as pd
 import xarray as xr
 from psygnal import Signal
 
+from napari_phase4d._napari.session.frames import checked_frames, moved_frames
+from napari_phase4d._napari.session.lobe_history import LobeHistory
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
-from napari_phase4d.evaluation import Comparison, with_wavelength
-from napari_phase4d.holography import Focus, Lobe, pair_distance, recalibrated
+from napari_phase4d._napari.session.recalibrating import recalibrate
+from napari_phase4d.evaluation import Comparison
+from napari_phase4d.holography import Focus, Lobe
 from napari_phase4d.io import RawLayout
-from napari_phase4d.pipeline import Outcome, Place, Recipe, find_place, phase_needs
+from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["PHASE_FIELDS", "Changed", "State"]
 
 #: Settings that wrapped phase depends on.
-PHASE_FIELDS = (
-    "lobes",
-    "reference",
-    "window",
-    "background",
-    "background_order",
-    "refocus_um",
-    "drift",
-)
-#: How many changes of the lobes can be undone.
-UNDO_DEPTH = 50
+PHASE_FIELDS = ("lobes", "reference", *PHASE_SETTINGS)
 
 
 class Changed(ValueError):  # noqa: N818 - it reports what happened, not a fault
@@ -45,9 +38,6 @@ class Changed(ValueError):  # noqa: N818 - it reports what happened, not a fault
             "the recording, the microscope or a result has changed meanwhile; "
             "press the button again"
         )
-
-
-Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
 
 
 class State:
@@ -66,6 +56,7 @@ class State:
     truth_changed = Signal()
     noise_changed = Signal()
     estimate_changed = Signal()
+    measured_changed = Signal()
 
     def __init__(self) -> None:
         self.recipe = Recipe()
@@ -89,6 +80,8 @@ class State:
         self.focus: Focus | None = None
         #: How noisy the phase is, see `noise_figures`.
         self.noise: pd.DataFrame | None = None
+        #: What was measured last, see `measure`.
+        self.measured: pd.DataFrame | None = None
         #: How safe each frame is as boundary condition, see `score_boundaries`.
         self.scores: xr.DataArray | None = None
         self.truth_for: TruthCall | None = None
@@ -96,7 +89,7 @@ class State:
         self.place: Place | None = None
         #: The recipe that the present reconstruction was made with.
         self.phase_recipe = self.recipe
-        self._lobes_before: list[tuple[Lobe, ...]] = []
+        self._history = LobeHistory()
 
     @property
     def name(self) -> str:
@@ -274,7 +267,7 @@ class State:
         self.reconstruction = None
         self.leave_place()
         self.truth = self.known_truth = None
-        self._lobes_before = []
+        self._history.forget()
         self.forget_results()
         self.truth_for = truth
         self.recording_changed.emit()
@@ -288,44 +281,17 @@ class State:
 
     def forget_results(self) -> None:
         """Forget what was made of the phase."""
-        self.outcome = self.margin = self.scores = self.noise = self.estimate = None
+        self.scores = self.noise = self.estimate = None
+        self.take_outcome(None)
+
+    def take_outcome(self, outcome: Outcome | None) -> None:
+        """Take results, and forget what was made of others."""
+        self.outcome, self.margin, self.measured = outcome, None, None
         self.confidence, self.warnings = {}, {}
 
     def recalibrate(self, recording: Recording) -> None:
         """Take the same frames with other optics or times; all else gets the new scale."""
-        changes = {"optics": recording.optics, "frame_rate_hz": recording.frame_rate_hz}
-        self.recording = recording
-        self.phase_recipe = recalibrated_recipe(self.phase_recipe, changes)
-
-        def scaled(stack: Stack) -> Stack:
-            return recalibrated(stack, recording)
-
-        if self.reconstruction is not None:
-            self.reconstruction = scaled(self.reconstruction)
-        if self.reconstruction is not None:
-            grid = {d: self.reconstruction[d] for d in ("time", "y", "x")}
-            was_known = self.truth is self.known_truth
-            for name in ("truth", "known_truth"):
-                exact = getattr(self, name)
-                setattr(self, name, None if exact is None else exact.assign_coords(grid))
-            self.truth = self.known_truth if was_known else self.truth
-            self.confidence = {m: c.assign_coords(grid) for m, c in self.confidence.items()}
-            self.margin = None if self.margin is None else self.margin.assign_coords(grid)
-        if self.noise is not None:
-            self.noise = with_wavelength(self.noise, recording.optics.wavelength_um)
-        if self.scores is not None:
-            self.scores = self.scores.assign_coords(time=recording.times_s)
-        if self.outcome is not None:
-            comparison = self.outcome.comparison
-            results = {m: scaled(r) for m, r in comparison.results.items()}
-            self.outcome = Outcome(
-                recording,
-                recalibrated_recipe(self.outcome.recipe, changes),
-                scaled(self.outcome.reconstruction),
-                replace(comparison, results=results),
-                self.truth,
-            )
-        self.update(**changes)
+        recalibrate(self, recording)
         self.calibration_changed.emit()
 
     def set_truth(self, truth: xr.DataArray | None) -> None:
@@ -363,9 +329,7 @@ class State:
 
     def remember_lobes(self) -> None:
         """Let `undo_lobes` come back to the lobes as they are now."""
-        before = self._lobes_before
-        if not before or before[-1] != self.recipe.lobes:
-            self._lobes_before = [*before[-UNDO_DEPTH:], self.recipe.lobes]
+        self._history.remember(self.recipe.lobes)
 
     def undo_lobes(self) -> None:
         """Take back the last change of the lobes.
@@ -375,32 +339,25 @@ class State:
         ValueError
             If there is nothing to take back.
         """
-        while self._lobes_before:
-            lobes = self._lobes_before.pop()
-            if lobes != self.recipe.lobes:
-                self.set_lobes(lobes, undoable=False)
-                return
-        msg = "there is nothing to undo"
-        raise ValueError(msg)
+        self.set_lobes(self._history.back_from(self.recipe.lobes), undoable=False)
 
     def set_reconstruction(self, data: xr.Dataset, recipe: Recipe) -> None:
         """Take wrapped phase and amplitude with the recipe that made them."""
-        frames = self.recipe.boundary
-        if self.reconstruction is not None:
-            old = self.reconstruction
-            moved = [(t, same_view(old, a, data)) for t, a in frames]
-            frames = tuple((t, a) for t, a in moved if a is not None)
-        shape = data["phase"].shape[:2]
-        kept = [frame for frame in frames if is_frame(frame, shape)]
+        kept = moved_frames(self.recipe.boundary, self.reconstruction, data)
         self.reconstruction = data
         self.forget_results()  # what was made of an earlier phase; its layers stay
         self.phase_recipe = recipe
-        self.update(boundary=tuple(kept) or ((0, 0),))
+        self.update(boundary=kept or ((0, 0),))
         self.reconstruction_changed.emit()
 
     def check_is(self, recording: Recording) -> None:
         """Refuse a result that belongs to an earlier recording or calibration."""
         if self.recording is not recording:
+            raise Changed
+
+    def check_phase(self, data: xr.Dataset | None) -> None:
+        """Refuse a result that belongs to an earlier reconstruction or calibration."""
+        if self.reconstruction is not data:
             raise Changed
 
     def needed_recording(self) -> Recording:
@@ -412,6 +369,13 @@ class State:
             msg = "there is no recording yet; open one in step 1"
             raise ValueError(msg)
         return self.recording
+
+    def needed_lobes(self) -> list[Lobe]:
+        """Return the views, or raise ValueError if there are none."""
+        if not self.recipe.lobes:
+            msg = "there are no lobes yet; press Find lobes in step 2"
+            raise ValueError(msg)
+        return self.lobes
 
     def needed_reconstruction(self) -> xr.Dataset:
         """Return the reconstruction, or raise ValueError if there is none."""
@@ -426,47 +390,3 @@ class State:
             msg = "there are no results yet; press Run in step 4"
             raise ValueError(msg)
         return self.outcome
-
-
-def recalibrated_recipe(recipe: Recipe, changes: dict[str, Any]) -> Recipe:
-    """Return the recipe of what was made before, with another microscope or frame rate.
-
-    Refocused phase belongs to the microscope that it was refocused with.
-    """
-    if recipe.refocus_um is None:
-        return recipe.changed(**changes)
-    return recipe.changed(frame_rate_hz=changes["frame_rate_hz"])
-
-
-def is_frame(frame: tuple[int, int], shape: tuple[int, ...]) -> bool:
-    """Say whether there is a frame (time, angle); negative numbers count from the end."""
-    return all(-n <= i < n for i, n in zip(frame, shape, strict=True))
-
-
-def checked_frames(
-    frames: Sequence[tuple[int, int]], shape: tuple[int, ...]
-) -> tuple[tuple[int, int], ...]:
-    """Return frames (time, angle) counted from 0.
-
-    Raises
-    ------
-    ValueError
-        If one of them is not there.
-    """
-    missing = [frame for frame in frames if not is_frame(frame, shape)]
-    if missing:
-        msg = f"there is no thin frame {missing[0]}; there are {shape[0]} times, {shape[1]} views"
-        raise ValueError(msg)
-    return tuple((t % shape[0], a % shape[1]) for t, a in frames)
-
-
-def same_view(old: xr.Dataset, view: int, new: xr.Dataset) -> int | None:
-    """Return the number in a new reconstruction of a view of an old one, None if it has gone."""
-    lobes = old.attrs["lobes"]
-    if not -len(lobes) <= view < len(lobes):
-        return None
-    distances = [
-        pair_distance(lobe["carrier"], lobes[view]["carrier"]) for lobe in new.attrs["lobes"]
-    ]
-    nearest = min(distances)
-    return distances.index(nearest) if nearest < lobes[view]["radius"] else None

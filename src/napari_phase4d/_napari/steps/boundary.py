@@ -12,19 +12,12 @@ from qtpy.QtCore import Qt
 from napari_phase4d._napari.session import plan_scores
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.boundary_map import BoundaryMap
-from napari_phase4d._napari.widgets.paths import Path
 from napari_phase4d._napari.widgets.thumbnail import Thumbnail
+from napari_phase4d.unwrapping import METHODS, ORDERS, scores_sentence
 
 __all__ = ["BoundaryPart"]
 
-#: What is said of the path of each method that has one.
-PATHS: dict[str, Path] = {
-    "T/A: time, then angle": "temporal-angular",
-    "A/T: angle, then time": "angular-temporal",
-    "Temporal: time alone": "temporal",
-    "Angular: angle alone": "angular",
-}
-MANY_METHODS_PATH = next(iter(PATHS))
+MANY_METHODS_PATH = "temporal-angular"
 
 
 class BoundaryPart(Step):
@@ -61,7 +54,7 @@ class BoundaryPart(Step):
         self.path = self.watched(
             ComboBox(
                 name="path",
-                choices=list(PATHS),
+                choices=[(path_in_words(method), method) for method in ORDERS],
                 value=MANY_METHODS_PATH,
                 tooltip="Whose way through the frames is drawn: first pass blue, second red.",
             )
@@ -113,11 +106,8 @@ class BoundaryPart(Step):
         if scores is None:
             return ""
         time, angle = scores.attrs["best"]
-        agree = 100 * scores.attrs["agreement"]
-        return (
-            f"Thin frame: time {time}, angle {float(scores['angle'][angle]):g}°. There, "
-            f"{scores.attrs['basis']} agree on {agree:.3g} % of the object."
-        )
+        where = f"time {time}, angle {float(scores['angle'][angle]):g}°"
+        return f"Thin frame: {where}. {scores_sentence(scores)}"
 
     def _clicked(self, time: int, angle: int, *, more: bool) -> None:
         """Start from the frame that was clicked on, or from that one too; show it."""
@@ -154,13 +144,12 @@ class BoundaryPart(Step):
             self._describe_boundary()
 
     def _show_path(self) -> None:
-        self.map.set_path(PATHS[self.path.value])
+        self.map.set_path(self.path.value)
 
     def show_path_of(self, method: str) -> None:
         """Draw the path of a method, where it has one."""
-        words = next((words for words, m in PATHS.items() if m == method), None)
-        if words is not None:
-            self.path.value = words
+        if method in ORDERS:
+            self.path.value = method
 
     def _describe_boundary(self) -> None:
         boundary = self.session.recipe.boundary
@@ -182,6 +171,13 @@ class BoundaryPart(Step):
             words_on_score(self.session.scores, time, angle),
         ]
         self.thumbnail.show_frame(np.asarray(phase.data[time, angle]), "<br>".join(lines))
+
+
+def path_in_words(method: str) -> str:
+    """Say along what a method goes, and in which order."""
+    order = ORDERS[method]
+    said = ", then ".join(order) if len(order) > 1 else f"{order[0]} alone"
+    return f"{METHODS[method].label}: {said}"
 
 
 def words_on_score(scores: Any, time: int, angle: int) -> str:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import xarray as xr
 from magicgui.widgets import ComboBox
 from napari.layers import Image
@@ -16,9 +15,10 @@ from napari_phase4d._napari.steps.share import SharePart
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.steps.trace import TracePart
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
+from napari_phase4d._napari.viewing.on_demand import lazy_of
 from napari_phase4d._napari.viewing.sources import stack_of_layer
 from napari_phase4d._napari.widgets.low_tabs import LowTabs
-from napari_phase4d.evaluation import EXACT, best_known, order_verdict
+from napari_phase4d.evaluation import EXACT, best_known, order_verdict, steps_sentence
 
 __all__ = ["CompareStep"]
 
@@ -189,8 +189,8 @@ class CompareStep(Step):
         else:
             phase = self.session.needed_reconstruction()["phase"]
             truth = stack_like(chosen, phase)
-        if self.session.outcome is None:
-            self.session.set_truth(truth)
+        if self.session.outcome is None and (truth is None or truth.chunks is None):
+            self.session.set_truth(truth)  # there is nothing to read and nothing to count
         else:
             self.jobs.start(plan_truth(self.session, truth))
 
@@ -213,12 +213,8 @@ class CompareStep(Step):
         results = self.session.results
         boundary = self.session.recipe.boundary if outcome is None else outcome.recipe.boundary
         _, basis = best_known(results, truth)
-        shares = ", ".join(
-            f"{str(name).removeprefix('along_')} {100 * stack.attrs['share_beyond']:.2g} %"
-            for name, stack in self.session.margin.data_vars.items()
-        )
         verdict = order_verdict(results, boundary[0], truth)
-        return f"Steps beyond half a cycle, by {basis}: {shares}. {verdict}"
+        return f"{steps_sentence(self.session.margin, basis)} {verdict}"
 
     def words_on_confidence(self) -> str:
         """Say which results are least to be trusted, and where whole objects may have slipped."""
@@ -237,11 +233,11 @@ class CompareStep(Step):
 def may_be_truth(layer: Any) -> bool:
     """Say whether a layer is unwrapped phase, as far as is noted in it."""
     note = layer.metadata.get(METADATA_KEY)
-    return note is None or note.get("kind") in ("exact", "unwrapped", "image")
+    return note is None or note.get("kind") in ("exact", "unwrapped")
 
 
 def stack_like(layer: Any, phase: xr.DataArray) -> xr.DataArray:
-    """Return what a layer shows on the grid of the phase.
+    """Return what a layer shows on the grid of the phase; lazy layers stay lazy.
 
     Raises
     ------
@@ -253,4 +249,4 @@ def stack_like(layer: Any, phase: xr.DataArray) -> xr.DataArray:
         raise ValueError(msg)
     if METADATA_KEY in layer.metadata:
         return stack_of_layer(layer)
-    return phase.copy(data=np.asarray(layer.data))
+    return phase.copy(data=lazy_of(layer.data))

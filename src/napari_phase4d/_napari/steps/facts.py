@@ -9,6 +9,7 @@ import xarray as xr
 from napari_phase4d.evaluation import noise_sentence
 from napari_phase4d.holography import Focus
 from napari_phase4d.recording import Recording
+from napari_phase4d.words import counted, size_in_words
 
 __all__ = [
     "facts_of_phase",
@@ -31,7 +32,7 @@ def facts_of_recording(recording: Recording, contrast: float) -> str:
     lines = [
         f"<b>{recording.name}</b>",
         f"{counted(recording.n_frames, 'frame')} of {width} × {height} pixels, {dtype}, "
-        f"{recording.nbytes / 2**20:.1f} MB",
+        f"{size_in_words(recording.nbytes)}",
         f"pixel in the sample {recording.optics.pixel_um:.4g} µm, fringe contrast {contrast:.2f}",
     ]
     if contrast < WEAK_FRINGES:
@@ -86,8 +87,3 @@ def focus_in_words(focus: Focus) -> str:
     if focus.at_the_end:
         words += " It lies at the end of the search: there may be none within it."
     return words
-
-
-def counted(number: int, word: str) -> str:
-    """Return "1 view", "2 views" and so on."""
-    return f"{number} {word}" if number == 1 else f"{number} {word}s"

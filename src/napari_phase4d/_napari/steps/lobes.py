@@ -15,7 +15,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.lobe_table import LobeTable, changed_lobe
 from napari_phase4d._napari.widgets.spectrum_canvas import SpectrumCanvas
 from napari_phase4d._napari.widgets.view_strip import ViewStrip
-from napari_phase4d.holography import Lobe, Preview, lobe_warnings
+from napari_phase4d.holography import MAX_VIEWS, Lobe, Preview, lobe_warnings
 from napari_phase4d.recording import Recording
 
 __all__ = ["LobesStep"]
@@ -72,7 +72,13 @@ class LobesStep(Step):
 
     def _build_buttons(self) -> None:
         self.n_views = self.watched(
-            SpinBox(name="n_views", value=2, min=1, max=6, tooltip="Multiplexed views, 1 to 6.")
+            SpinBox(
+                name="n_views",
+                value=2,
+                min=1,
+                max=MAX_VIEWS,
+                tooltip=f"Multiplexed views, 1 to {MAX_VIEWS}.",
+            )
         )
         self.when_changed(self.n_views, lambda: self.session.update(n_views=self.n_views.value))
         self.find = self.button("Find", "find_lobes", "Look for so many views.", self.find_lobes)
@@ -128,7 +134,7 @@ class LobesStep(Step):
         """Add a view at a frequency."""
         self.session.needed_recording()
         lobes = self.session.lobes
-        if len(lobes) >= self.n_views.max:
+        if len(lobes) >= MAX_VIEWS:
             msg = f"{len(lobes)} views are the most that can be worked on; remove one first"
             raise ValueError(msg)
         radius = lobes[0].radius if lobes else NEW_RADIUS

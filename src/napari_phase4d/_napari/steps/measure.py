@@ -2,27 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
-import xarray as xr
 from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Shapes
 from qtpy.QtWidgets import QFileDialog, QGridLayout
 
 from napari_phase4d._napari.preferences import own_optics, own_refraction_increment
-from napari_phase4d._napari.session import Changed, Plan
+from napari_phase4d._napari.session import Masks, plan_measuring
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
 from napari_phase4d._napari.widgets.curves import CurvePlot
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.evaluation import Comparison, measure, most_trusted
+from napari_phase4d.evaluation import most_trusted
 from napari_phase4d.io import write_table
-from napari_phase4d.optics import Optics
-from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["MeasurePart"]
@@ -51,7 +47,6 @@ class MeasurePart(Step):
 
     def build(self) -> None:
         """Make the widgets."""
-        self.measured = pd.DataFrame()
         self._build_choices()
         self.go = self.button(
             "Measure", "measure", "Table and plot of every region over time.", self.measure
@@ -75,11 +70,18 @@ class MeasurePart(Step):
         )
         self.column.addLayout(self.row(self.copy, self.save))
         self.when_changed(self.quantity, self._draw)
+        self.session.measured_changed.connect(self._show_measured)
         self.session.outcome_changed.connect(self._show_results)
         self.session.recording_changed.connect(self._show_results)
         self.session.reconstruction_changed.connect(self._show_results)
         self.session.calibration_changed.connect(self._show_results)
         self._show_results()
+
+    @property
+    def measured(self) -> pd.DataFrame:
+        """What was measured last; empty before."""
+        measured = self.session.measured
+        return pd.DataFrame() if measured is None else measured
 
     def _build_choices(self) -> None:
         self.result = self.watched(
@@ -157,45 +159,26 @@ class MeasurePart(Step):
 
     def measure(self) -> None:
         """Measure the chosen regions, in a thread."""
-        outcome = self.session.needed_outcome()
-        comparison = outcome.comparison
-        result = comparison.results[self.result.value]
-        layer = self.regions.value
+        self.session.needed_outcome()
+        plan = plan_measuring(
+            self.session,
+            self.result.value,
+            self._chosen_regions(),
+            optics=own_optics(),
+            object_index=None if self.index.value <= 1 else self.index.value,
+            refraction_increment_ml_per_g=self.increment.value,
+        )
+        self.jobs.start(plan)
+
+    def _chosen_regions(self) -> Masks | Callable[[], Masks] | None:
+        """Return the regions of the chosen layer, None for the whole object."""
+        layer, result = self.regions.value, self.session.results[self.result.value]
+        if layer == OBJECT:
+            return None
         # Shapes are read here, in the window's thread; labels may take a while.
-        drawn = regions_of_layer(layer, result) if isinstance(layer, Shapes) else None
-        optics = self._optics_of(result)
-        chosen: dict[str, Any] = {
-            "object_index": None if self.index.value <= 1 else self.index.value,
-            "refraction_increment_ml_per_g": self.increment.value,
-        }
-
-        def work(
-            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-        ) -> pd.DataFrame:
-            if drawn is not None:
-                masks = drawn
-            elif layer == OBJECT:
-                masks = {"object": object_in(comparison, result)}
-            else:
-                masks = regions_of_layer(layer, result)
-            return measure(result, masks, optics, **chosen, progress=progress, cancelled=cancelled)
-
-        def receive(measured: pd.DataFrame) -> None:
-            now = self.session.outcome
-            if now is None or now.comparison.results is not comparison.results:
-                raise Changed
-            self._receive(measured, chosen)
-
-        self.jobs.start(Plan("Measuring", work, receive))
-
-    def _optics_of(self, result: xr.DataArray) -> Optics:
-        """Return the microscope; of phase that does not say it, the user's own."""
-        optics = self.session.recipe.optics
-        if optics is not None:
-            return optics
-        own = own_optics() or Optics()
-        noted = result.attrs.get("wavelength_um", own.wavelength_um)
-        return replace(own, wavelength_um=float(noted))
+        if isinstance(layer, Shapes):
+            return regions_of_layer(layer, result)
+        return lambda: regions_of_layer(layer, result)
 
     def save_to(self, path: str | Path) -> None:
         """Write the table as CSV, units in the headings; the plot as PNG or SVG."""
@@ -206,14 +189,11 @@ class MeasurePart(Step):
         write_table(path, self._needed_measurement().set_index("region"))
         self.said.emit(f"The measurement is in {Path(path).name}.")
 
-    def _receive(self, measured: pd.DataFrame, chosen: Mapping[str, Any]) -> None:
-        noted = {"refraction increment (mL/g)": chosen["refraction_increment_ml_per_g"]}
-        if chosen["object_index"] is not None:
-            noted["object index"] = chosen["object_index"]
-        self.measured = measured = measured.assign(**noted)
-        self.table.show_frame(measured)
+    def _show_measured(self) -> None:
+        """Show what was measured."""
+        self.table.show_frame(self.measured)
         with self.own_change():
-            self.quantity.choices = [name for name in PLOTTED if name in measured.columns]
+            self.quantity.choices = [name for name in PLOTTED if name in self.measured.columns]
         self._draw()
 
     def _draw(self) -> None:
@@ -240,7 +220,6 @@ class MeasurePart(Step):
             self.result.choices = [(METHODS[m].label, m) for m in results]
             if results:
                 self.result.value = most_trusted(results)
-        self.measured = pd.DataFrame()
         self.table.clear_rows()
         self.plot.message("Choose what to measure, then press Measure.")
 
@@ -260,19 +239,3 @@ class MeasurePart(Step):
         path, _ = QFileDialog.getSaveFileName(self, "Measurement", "measured.csv", KINDS)
         if path:
             self.save_to(path)
-
-
-def object_in(comparison: Comparison, result: xr.DataArray) -> Any:
-    """Return the mask of the object: of results on disk, what they were unwrapped in.
-
-    Raises
-    ------
-    ValueError
-        If results on disk were unwrapped in the whole field.
-    """
-    if comparison.problem is not None:
-        return comparison.object_mask().values.astype(bool)
-    if result.attrs.get("mask") == "auto":
-        return result.data != 0
-    msg = "the object was not looked for in this recording; draw a region to measure"
-    raise ValueError(msg)

@@ -13,6 +13,7 @@ from napari_phase4d._napari.steps.facts import facts_of_reconstruction, focus_in
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, WINDOWS
 from napari_phase4d.pipeline import needed_bytes
+from napari_phase4d.words import size_in_words
 
 __all__ = ["PhaseStep"]
 
@@ -42,42 +43,10 @@ class PhaseStep(Step):
         """Make the widgets."""
         self._reference_file = ""
         self.column.addLayout(self.form)
-        self.reference = self.field(
-            "Reference",
-            ComboBox(
-                name="reference",
-                choices=[*REFERENCES, FILE],
-                value="none",
-                tooltip="What to divide by, so that fixed errors of the optics drop out.",
-            ),
-        )
-        self.choose_file = self.button(
-            "Choose the file…",
-            "choose_reference",
-            "A hologram of the same microscope without the object.",
-            self._ask_file,
-        )
-        self.form.addRow("", self.choose_file)
+        self._build_reference()
         self._build_background()
         self._build_refocus()
-        self.drift = self.field(
-            "Drift",
-            CheckBox(
-                name="drift",
-                value=self.session.recipe.drift,
-                text="set empty field to 0 in every frame",
-                tooltip="Takes off what the interferometer's arms drift against each other.",
-            ),
-        )
-        self.window = self.field(
-            "Window",
-            ComboBox(
-                name="window",
-                choices=list(WINDOWS),
-                value=self.session.recipe.window,
-                tooltip="How a lobe is cut out of the spectrum.",
-            ),
-        )
+        self._build_drift_and_window()
         for widget in (
             self.reference,
             self.background,
@@ -103,6 +72,46 @@ class PhaseStep(Step):
         self.session.reconstruction_changed.connect(self._show)
         self.session.calibration_changed.connect(self._show_made)
         self.session.noise_changed.connect(self._show_made)
+
+    def _build_reference(self) -> None:
+        """Make what fields are divided by, and the button that asks for a file."""
+        self.reference = self.field(
+            "Reference",
+            ComboBox(
+                name="reference",
+                choices=[*REFERENCES, FILE],
+                value="none",
+                tooltip="What to divide by, so that fixed errors of the optics drop out.",
+            ),
+        )
+        self.choose_file = self.button(
+            "Choose the file…",
+            "choose_reference",
+            "A hologram of the same microscope without the object.",
+            self._ask_file,
+        )
+        self.form.addRow("", self.choose_file)
+
+    def _build_drift_and_window(self) -> None:
+        """Make the tick for drift, and how a lobe is cut out."""
+        self.drift = self.field(
+            "Drift",
+            CheckBox(
+                name="drift",
+                value=self.session.recipe.drift,
+                text="set empty field to 0 in every frame",
+                tooltip="Takes off what the interferometer's arms drift against each other.",
+            ),
+        )
+        self.window = self.field(
+            "Window",
+            ComboBox(
+                name="window",
+                choices=list(WINDOWS),
+                value=self.session.recipe.window,
+                tooltip="How a lobe is cut out of the spectrum.",
+            ),
+        )
 
     def _build_background(self) -> None:
         """Make what is removed from the background: how, and up to which degree."""
@@ -252,9 +261,9 @@ class PhaseStep(Step):
         """Say how much memory the next steps will take."""
         recording, lobes = self.session.recording, self.session.lobes
         if recording is not None and lobes and self.isVisible():
-            need = needed_bytes(recording, lobes, self.session.recipe.methods) / 2**20
+            need = size_in_words(needed_bytes(recording, lobes, self.session.recipe.methods))
             self.facts.setText(
-                f"Reconstructing, and unwrapping by the ticked methods, takes about {need:.0f} MB."
+                f"Reconstructing, and unwrapping by the ticked methods, takes about {need}."
             )
 
     def _show_made(self) -> None:

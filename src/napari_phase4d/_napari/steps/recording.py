@@ -16,12 +16,7 @@ from napari_phase4d._napari.preferences import (
     remember_optics,
     with_own_optics,
 )
-from napari_phase4d._napari.session import (
-    EUGLENA_SOURCE,
-    YEAST_SOURCE,
-    Opened,
-    plan_opening,
-)
+from napari_phase4d._napari.session import Opened, plan_opening
 from napari_phase4d._napari.steps.facts import facts_of_phase, facts_of_recording
 from napari_phase4d._napari.steps.raw_dialog import RawDialog
 from napari_phase4d._napari.steps.step import Step
@@ -38,7 +33,7 @@ from napari_phase4d.holography import fringe_contrast
 from napari_phase4d.io import READABLE_SUFFIXES, RawLayout, needs_layout
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
-from napari_phase4d.sample import EUGLENA, Sample
+from napari_phase4d.sample import EUGLENA, EUGLENA_SOURCE, YEAST_SOURCE, Sample
 
 __all__ = ["RecordingStep"]
 

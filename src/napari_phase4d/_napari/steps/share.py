@@ -18,13 +18,13 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d.evaluation import (
     EXACT,
     comparison_figure,
-    held,
+    in_memory,
     movie_frames,
     named_results,
     phase_limits,
     telling_frames,
 )
-from napari_phase4d.io import write_figure, write_movie
+from napari_phase4d.io import OME_TIFF, write_figure, write_movie
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
@@ -105,7 +105,7 @@ class SharePart(Step):
 
         def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Path:
             shown = [stacks[EXACT]] if EXACT in stacks else list(stacks.values())
-            some = [held(s[:: max(1, len(s) // 16), :, ::2, ::2]).values for s in shown]
+            some = [in_memory(s[:: max(1, len(s) // 16), :, ::2, ::2]).values for s in shown]
             limits = phase_limits(some)
             frames = movie_frames(stacks, limits, title=self.session.name)
             return write_movie(
@@ -141,16 +141,16 @@ class SharePart(Step):
         comparison = self.session.needed_outcome().comparison
         return named_results(comparison, self.session.truth)
 
-    def _start(self, path: Path, write: Callable[..., Any], words: str) -> None:
-        def work(
-            progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-        ) -> Any:
-            return write(progress, cancelled)
-
+    def _start(
+        self,
+        path: Path,
+        write: Callable[[ProgressCall | None, CancelledCall | None], Any],
+        words: str,
+    ) -> None:
         def say() -> None:
             self.said.emit(f"{words} in {path}.")
 
-        self.jobs.start(Plan(f"Saving to {path}", work, lambda _: None), then=say)
+        self.jobs.start(Plan(f"Saving to {path}", write, lambda _: None), then=say)
 
     def _ask_folder(self) -> None:
         self.session.needed_outcome()
@@ -173,7 +173,7 @@ def movie_name() -> str:
 
 def folder_without_results(folder: Path) -> Path:
     """Return a folder, or a new one in it where results of another run would be replaced."""
-    if not any(folder.glob("*.ome.tif")) and not (folder / "recipe.json").exists():
+    if not any(folder.glob(f"*{OME_TIFF}")) and not (folder / "recipe.json").exists():
         return folder
     names = (folder / f"results_{number}" for number in itertools.count(1))
     return next(name for name in names if not name.exists())

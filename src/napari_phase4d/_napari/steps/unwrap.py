@@ -11,8 +11,9 @@ from napari_phase4d._napari.session import plan_unwrapping
 from napari_phase4d._napari.steps.boundary import BoundaryPart
 from napari_phase4d._napari.steps.methods import MethodRow
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.pipeline import phase_needs, size_in_words, time_in_words
+from napari_phase4d.pipeline import phase_needs
 from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.words import size_in_words, time_in_words
 
 __all__ = ["UnwrapStep"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from napari_phase4d._napari.viewing.layers import step_of
+from napari_phase4d.io import step_of
 
 __all__ = ["current_frame", "go_to_frame", "pixel_under_cursor"]
 

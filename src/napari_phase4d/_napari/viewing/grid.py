@@ -10,7 +10,7 @@ import numpy as np
 
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
 
-__all__ = ["LINKED", "ViewState", "arrange", "common_contrast", "link"]
+__all__ = ["LINKED", "ViewState", "arrange", "common_contrast", "hide_labels", "link"]
 
 #: What results side by side share.
 LINKED = ("contrast_limits", "colormap", "gamma")

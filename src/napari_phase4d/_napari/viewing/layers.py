@@ -14,13 +14,14 @@ from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d._napari.viewing.on_demand import OnDemand, is_lazy, shown
+from napari_phase4d.axes import AXES
+from napari_phase4d.io import PROGRAM, step_of
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 
 __all__ = [
-    "AXES",
+    "LAYER_UNITS",
     "METADATA_KEY",
-    "UNITS",
     "LayerTuple",
     "hologram_layer",
     "layer_tuple",
@@ -28,12 +29,11 @@ __all__ = [
     "region_layer",
     "spread_over_angles",
     "stack_layer",
-    "step_of",
     "with_recipe",
 ]
 
-AXES = ("time", "angle", "y", "x")
-UNITS = ("s", "degree", "um", "um")
+#: Units of the axes by the names that napari knows.
+LAYER_UNITS = ("s", "degree", "um", "um")
 #: Dark to light up to 1, half a cycle; red to yellow beyond.
 MARGIN_COLORMAP = Colormap(
     [(0.05, 0.05, 0.1), (0.85, 0.85, 0.9), (0.85, 0.15, 0.1), (1.0, 0.9, 0.2)],
@@ -59,7 +59,7 @@ FIXED: dict[str, tuple[tuple[float, float], str | Colormap]] = {
     "difference": ((-2 * np.pi, 2 * np.pi), DIFFERENCE_COLORMAP),
 }
 #: Where a layer's metadata hold what this plugin knows of it.
-METADATA_KEY = "napari-phase4d"
+METADATA_KEY = PROGRAM
 
 LayerTuple = tuple[Any, dict[str, Any], str]
 
@@ -82,8 +82,7 @@ def layer_tuple(
     name : str
         Name in the layer list.
     kind : str
-        What it is, for the plugin to know it again: "holograms", "wrapped", "amplitude",
-        "unwrapped", "exact", "margin".
+        What it is, for the plugin to know it again: "holograms", or a kind of `stack_layer`.
     limits : tuple of float
         Contrast limits.
     colormap : str or Colormap
@@ -96,7 +95,7 @@ def layer_tuple(
         "name": name,
         "scale": [step_of(c) for c in coordinates],
         "translate": [float(c[0]) for c in coordinates],
-        "units": UNITS,
+        "units": LAYER_UNITS,
         "axis_labels": AXES,
         "contrast_limits": limits,
         "colormap": colormap,
@@ -144,7 +143,8 @@ def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = Tr
     name : str
         Name in the layer list.
     kind : str
-        "wrapped", "amplitude", "unwrapped", "exact", "margin" or "confidence".
+        "wrapped", "amplitude", "unwrapped", "exact", "margin", "confidence", "difference",
+        "optical path" or "dry mass".
     visible : bool, optional
         Whether it is shown at once.
     """
@@ -167,14 +167,6 @@ def contrast(values: NDArray[Any], quantiles: tuple[float, float]) -> tuple[floa
     """Return contrast limits that leave out a few extreme pixels."""
     low, high = (float(v) for v in np.quantile(values, quantiles))
     return (low, high) if high > low else (low, low + 1.0)
-
-
-def step_of(coordinates: NDArray[np.float64]) -> float:
-    """Return the mean spacing of coordinates, 1 where there is only one or no spacing."""
-    if len(coordinates) < 2:
-        return 1.0
-    step = float(coordinates[-1] - coordinates[0]) / (len(coordinates) - 1)
-    return step if step > 0 else 1.0
 
 
 def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
@@ -251,7 +243,7 @@ def region_layer(like: xr.DataArray, name: str) -> dict[str, Any]:
         "ndim": 2,
         "scale": [step_of(c) for c in coordinates],
         "translate": [float(c[0]) for c in coordinates],
-        "units": UNITS[2:],
+        "units": LAYER_UNITS[2:],
         "axis_labels": AXES[2:],
         "face_color": "transparent",
         "edge_color": "white",

@@ -9,8 +9,8 @@ import xarray as xr
 from napari.layers import Labels, Shapes
 from numpy.typing import NDArray
 
-from napari_phase4d._napari.viewing.layers import step_of
 from napari_phase4d.evaluation import polygon_mask, region_masks
+from napari_phase4d.io import step_of
 
 __all__ = ["is_region_layer", "newest_region", "regions_of_layer"]
 
@@ -42,29 +42,32 @@ def regions_of_layer(layer: Any, phase: xr.DataArray) -> dict[str, Mask]:
     """
     if isinstance(layer, Labels):
         return dict(region_masks(np.asarray(layer.data)))
-    found = {}
-    size = (phase.sizes["y"], phase.sizes["x"])
-    for number, (corners, kind) in enumerate(zip(layer.data, layer.shape_type, strict=True), 1):
-        if kind in ("line", "path"):
-            continue
-        world = np.array([layer.data_to_world(corner) for corner in corners])[:, -2:]
-        outline = ellipse_outline(world) if kind == "ellipse" else world
-        found[f"region {number}"] = polygon_mask(in_pixels(outline, phase), size)
-    if not found:
+    areas = areas_of(layer)
+    if not areas:
         msg = f"“{layer.name}” holds no area; draw a polygon, rectangle or ellipse in it"
         raise ValueError(msg)
-    return found
+    return {f"region {index + 1}": mask_of(layer, index, phase) for index in areas}
 
 
 def newest_region(viewer: Any, phase: xr.DataArray) -> Mask | None:
     """Return the region that was drawn last in the topmost Shapes layer, None if there is none."""
     for layer in reversed(viewer.layers):
         if isinstance(layer, Shapes) and len(layer.data):
-            try:
-                return list(regions_of_layer(layer, phase).values())[-1]
-            except ValueError:
-                return None
+            areas = areas_of(layer)
+            return mask_of(layer, areas[-1], phase) if areas else None
     return None
+
+
+def areas_of(layer: Shapes) -> list[int]:
+    """Return the numbers of the shapes that have an area, in the order they were drawn."""
+    return [n for n, kind in enumerate(layer.shape_type) if kind not in ("line", "path")]
+
+
+def mask_of(layer: Shapes, index: int, phase: xr.DataArray) -> Mask:
+    """Return the pixels of the phase that one shape of a layer covers."""
+    corners = np.array([layer.data_to_world(corner) for corner in layer.data[index]])[:, -2:]
+    outline = ellipse_outline(corners) if layer.shape_type[index] == "ellipse" else corners
+    return polygon_mask(in_pixels(outline, phase), (phase.sizes["y"], phase.sizes["x"]))
 
 
 def in_pixels(world: NDArray[np.float64], phase: xr.DataArray) -> NDArray[np.float64]:

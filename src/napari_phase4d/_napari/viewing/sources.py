@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from napari_phase4d._napari.viewing.layers import AXES, METADATA_KEY
+from napari_phase4d._napari.viewing.layers import METADATA_KEY
 from napari_phase4d._napari.viewing.on_demand import frames_of, lazy_of
+from napari_phase4d.axes import AXES, UNITS
 from napari_phase4d.io import open_recording
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
@@ -45,10 +46,9 @@ def stack_of_layer(layer: Any) -> xr.DataArray:
     steps = zip(layer.data.shape, layer.scale, layer.translate, strict=True)
     evenly = [offset + scale * np.arange(n) for n, scale, offset in steps]
     known = (np.asarray(note.pop("times_s")), np.asarray(note.pop("angles_deg")), *evenly[2:])
-    units = ("s", "deg", "um", "um")
     coords = {
-        axis: (axis, values, {"units": unit})
-        for axis, values, unit in zip(AXES, known, units, strict=True)
+        axis: (axis, values, {"units": UNITS[axis]})
+        for axis, values in zip(AXES, known, strict=True)
     }
     return xr.DataArray(lazy_of(layer.data), dims=AXES, coords=coords, attrs=note)
 

@@ -20,7 +20,8 @@ from qtpy.QtGui import (
 from qtpy.QtWidgets import QSizePolicy, QToolTip, QWidget
 
 from napari_phase4d._napari.widgets.map_picture import GAP, MapPicture, angle_label
-from napari_phase4d._napari.widgets.paths import PATHS, Frame, Grid, Path
+from napari_phase4d._napari.widgets.paths import Frame, Grid
+from napari_phase4d.unwrapping import ORDERS
 
 __all__ = ["BoundaryMap"]
 
@@ -135,10 +136,10 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
         self._picture.boundaries = [self._picture.known(frame) for frame in frames]
         self.update()
 
-    def set_path(self, path: Path | None) -> None:
-        """Draw the way of a method: one of `paths.PATHS`, or None for no way."""
-        if path is not None and path not in PATHS:
-            msg = f"path is {path!r}; it must be one of {', '.join(PATHS)}"
+    def set_path(self, path: str | None) -> None:
+        """Draw the way of a method: one of `ORDERS`, or None for no way."""
+        if path is not None and path not in ORDERS:
+            msg = f"path is {path!r}; it must be one of {', '.join(ORDERS)}"
             raise ValueError(msg)
         self._picture.path = path
         self.update()

@@ -106,21 +106,19 @@ class CurveFigure:
         self._colours = ("black", "white")
         self._drawn: list[Drawn] = []
         self._made_for: tuple[Any, ...] = ()
-        self._rows_columns = (1, 1)
         self._ground: Any = None
         self._legend: Any = None
 
-    def show(self, panels: Sequence[Panel], above: bool, colours: Mapping[str, str]) -> None:
-        """Show panels; quick if only the values or the vertical lines have changed."""
+    def show(self, panels: Sequence[Panel]) -> None:
+        """Show panels side by side; quick if only values or vertical lines have changed."""
         data = [values_of(panel) for panel in panels]
         parts = tuple(
             (tuple(panel.curves), panel.x_label, panel.y_label, x.tobytes())
             for panel, (x, _) in zip(panels, data, strict=True)
         )
-        wanted = (parts, above, tuple(sorted(colours.items())))
-        if wanted != self._made_for:
-            self._build(panels, above, colours)
-            self._made_for = wanted
+        if parts != self._made_for:
+            self._build(panels)
+            self._made_for = parts
         # A list, so that every panel is made to fit.
         moved = [
             renew(drawn, curves, panel.at)
@@ -159,13 +157,12 @@ class CurveFigure:
             self._draw_curves()
             self.canvas.update()
 
-    def _build(self, panels: Sequence[Panel], above: bool, colours: Mapping[str, str]) -> None:
+    def _build(self, panels: Sequence[Panel]) -> None:
         """Make panels whose curves have no values yet."""
         self.figure.clear()
-        self._rows_columns = (len(panels), 1) if above else (1, len(panels))
-        grid = self.figure.subplots(*self._rows_columns, squeeze=False)
+        grid = self.figure.subplots(1, len(panels), squeeze=False)
         names = list(dict.fromkeys(name for panel in panels for name in panel.curves))
-        styles = curve_styles(names, colours)
+        styles = curve_styles(names)
         self._drawn = []
         for panel, axes in zip(panels, grid.flat, strict=True):
             x = values_of(panel)[0]
@@ -190,7 +187,7 @@ class CurveFigure:
         for drawn in self._drawn:
             every = drawn.lines | every
         place_legend(self.figure, list(every.values()))
-        arrange_panels(self.figure, *self._rows_columns)
+        arrange_panels(self.figure)
         for drawn in self._drawn:
             set_positions(drawn.axes, drawn.x)
         self.paint(*self._colours)

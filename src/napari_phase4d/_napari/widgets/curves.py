@@ -32,7 +32,6 @@ class CurvePlot(QWidget):  # type: ignore[misc]
 
     def __init__(self, parent: QWidget | None = None) -> None:
         self._live: CurveFigure | None = None
-        self._colours: tuple[str, str] | None = None
         super().__init__(parent)
         self.setObjectName("curve_plot")
         self._words = QLabel(NOTHING)
@@ -56,24 +55,14 @@ class CurvePlot(QWidget):  # type: ignore[misc]
         self._words.setText(text)
         self._stack.setCurrentWidget(self._words)
 
-    def show_traces(
-        self,
-        panels: Sequence[Panel],
-        *,
-        above: bool = False,
-        colours: Mapping[str, str] | None = None,
-    ) -> None:
+    def show_traces(self, panels: Sequence[Panel]) -> None:
         """Show panels of curves; quick if only their values have changed since the last time.
 
         Parameters
         ----------
         panels : sequence of Panel
-            Such as one over time and one over the angle; a name has the same colour in each.
-            Without any curve, a sentence is shown.
-        above : bool, optional
-            One above the other instead of side by side.
-        colours : mapping of str to str, optional
-            Colours by name; the others get colours that colour-blind people tell apart.
+            Such as one over time and one over the angle, side by side; a name has the same colour
+            in each. Without any curve, a sentence is shown.
 
         Raises
         ------
@@ -90,16 +79,10 @@ class CurvePlot(QWidget):  # type: ignore[misc]
             self._stack.addWidget(self._live.canvas)
             self._paint()
         self._stack.setCurrentWidget(self._live.canvas)
-        self._live.show(panels, above, colours or {})
+        self._live.show(panels)
 
     def show_curves(
-        self,
-        x: ArrayLike,
-        curves: Mapping[str, ArrayLike],
-        x_label: str,
-        y_label: str,
-        *,
-        colours: Mapping[str, str] | None = None,
+        self, x: ArrayLike, curves: Mapping[str, ArrayLike], x_label: str, y_label: str
     ) -> None:
         """Show one panel, such as the dry mass of every region over time.
 
@@ -107,15 +90,8 @@ class CurvePlot(QWidget):  # type: ignore[misc]
         ----------
         x, curves, x_label, y_label
             See `Panel`.
-        colours
-            See `show_traces`.
         """
-        self.show_traces([Panel(x, curves, x_label, y_label)], colours=colours)
-
-    def set_colours(self, foreground: str, background: str) -> None:
-        """Take these colours ("#rrggbb") for words and ground instead of the palette's."""
-        self._colours = (foreground, background)
-        self._paint()
+        self.show_traces([Panel(x, curves, x_label, y_label)])
 
     def save(self, path: str | Path) -> None:
         """Write the curves to a file, black on white.
@@ -169,6 +145,4 @@ class CurvePlot(QWidget):  # type: ignore[misc]
             return
         palette = self.palette()
         ink, ground = (QPalette.ColorRole.WindowText, QPalette.ColorRole.Window)
-        self._live.paint(
-            *(self._colours or (palette.color(ink).name(), palette.color(ground).name()))
-        )
+        self._live.paint(palette.color(ink).name(), palette.color(ground).name())

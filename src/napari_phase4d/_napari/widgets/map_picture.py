@@ -22,7 +22,6 @@ from napari_phase4d._napari.widgets.paths import (
     Arrow,
     Frame,
     Grid,
-    Path,
     best_per_pixel,
     path_arrows,
     time_ticks,
@@ -63,7 +62,7 @@ class MapPicture:
     current: Frame | None = None
     pointed: Frame | None = None
     boundaries: list[Frame] = field(default_factory=list)
-    path: Path | None = None
+    path: str | None = None
     #: Scores as a picture and the width in pixels that it was made for.
     coloured: tuple[int, QImage] | None = None
 

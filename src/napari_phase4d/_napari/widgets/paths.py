@@ -3,17 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.unwrapping import ORDERS
+
 __all__ = [
-    "PATHS",
     "Arrow",
     "Frame",
     "Grid",
-    "Path",
     "best_per_pixel",
     "path_arrows",
     "spread",
@@ -23,14 +22,6 @@ __all__ = [
 
 #: (time index, angle index).
 Frame = tuple[int, int]
-Path = Literal["temporal-angular", "angular-temporal", "temporal", "angular"]
-#: Dimension of each pass.
-PATHS: dict[str, tuple[str, ...]] = {
-    "temporal-angular": ("time", "angle"),
-    "angular-temporal": ("angle", "time"),
-    "temporal": ("time",),
-    "angular": ("angle",),
-}
 #: Steps between labelled times are one of these times a power of ten.
 NICE_STEPS = (1, 2, 5)
 #: Recordings shorter than so many seconds are labelled in units of so many seconds.
@@ -71,7 +62,7 @@ def path_arrows(
     Parameters
     ----------
     path : str or None
-        One of `PATHS`; None is no way at all.
+        One of `ORDERS`; None is no way at all.
     n_times, n_angles : int
         How many frames there are, at least 1 each.
     boundary : (int, int)
@@ -93,16 +84,16 @@ def path_arrows(
     """
     if path is None:
         return []
-    if path not in PATHS:
-        msg = f"path is {path!r}; it must be one of {', '.join(PATHS)}"
+    if path not in ORDERS:
+        msg = f"path is {path!r}; it must be one of {', '.join(ORDERS)}"
         raise ValueError(msg)
     t, a = boundary
     if not (0 <= t < n_times and 0 <= a < n_angles):
         msg = f"boundary is {boundary}, but there are {n_times} times and {n_angles} angles"
         raise ValueError(msg)
     arrows: list[Arrow] = []
-    for number, dim in enumerate(PATHS[path], start=1):
-        only_one_line = number < len(PATHS[path])
+    for number, dim in enumerate(ORDERS[path], start=1):
+        only_one_line = number < len(ORDERS[path])
         if dim == "time":
             lines = [a] if only_one_line else spread(n_angles, most_angles, a)
             ends = [((t, row), (end, row)) for row in lines for end in (n_times - 1, 0)]

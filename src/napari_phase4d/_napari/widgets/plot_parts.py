@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -40,7 +40,7 @@ MARGIN = 0.12
 WELL_FILLED = 0.45
 #: Space for ticks and words round the panels, and between two of them, in 1/96 inch.
 LEFT, RIGHT, BOTTOM, TOP = 54, 12, 38, 8
-BESIDE, BELOW = 40, 44
+BESIDE = 40
 #: Room that a tick takes with its number, in 1/96 inch.
 WIDTH_OF_TICK, HEIGHT_OF_TICK = 40, 32
 #: So few positions (viewing angles) each get their number.
@@ -53,23 +53,12 @@ LEAST_PANEL = 20
 MOST_LEGEND = 0.4
 
 
-def curve_styles(
-    names: Sequence[str], colours: Mapping[str, str] | None = None
-) -> dict[str, dict[str, Any]]:
-    """Return colour, dashes and width of each curve, by the order of the names.
-
-    Parameters
-    ----------
-    names : sequence of str
-        All curves.
-    colours : mapping of str to str, optional
-        Colours of some names, instead of those that come next.
-    """
-    given = colours or {}
+def curve_styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return colour, dashes and width of each curve, by the order of the names."""
     n_colours = len(CURVE_COLOURS)
     return {
         name: {
-            "color": given.get(name, CURVE_COLOURS[i % n_colours]),
+            "color": CURVE_COLOURS[i % n_colours],
             "linestyle": DASHES[i // n_colours % len(DASHES)],
             "linewidth": THINNEST + THICKER * (len(names) - 1 - i),
         }
@@ -144,16 +133,17 @@ def place_legend(figure: Figure, lines: Sequence[Line2D]) -> Legend | None:
     return None
 
 
-def arrange_panels(figure: Figure, rows: int, columns: int) -> None:
-    """Spread the panels over the room that the legend leaves."""
+def arrange_panels(figure: Figure) -> None:
+    """Spread the panels, side by side, over the room that the legend leaves."""
     unit = figure.dpi / 96
     total_width, total_height = figure.bbox.width / unit, figure.bbox.height / unit
     top = TOP + sum(legend.get_window_extent().height / unit for legend in figure.legends)
     words_between = any(axes.get_ylabel() for axes in figure.axes[1:])
     beside = LEFT if words_between else BESIDE
+    columns = len(figure.axes)
     width = (total_width - LEFT - RIGHT - (columns - 1) * beside) / columns
-    height = (total_height - top - BOTTOM - (rows - 1) * BELOW) / rows
-    width, height = max(width, LEAST_PANEL), max(height, LEAST_PANEL)
+    width = max(width, LEAST_PANEL)
+    height = max(total_height - top - BOTTOM, LEAST_PANEL)
     left, bottom = LEFT / total_width, BOTTOM / total_height
     figure.subplots_adjust(
         left=left,
@@ -161,7 +151,6 @@ def arrange_panels(figure: Figure, rows: int, columns: int) -> None:
         right=max(1 - RIGHT / total_width, left + 0.05),
         top=max(1 - top / total_height, bottom + 0.05),
         wspace=beside / width,
-        hspace=BELOW / height,
     )
     for axes in figure.axes:
         # Fixed places are quicker to draw, and no long number pushes words out of the picture.

@@ -5,22 +5,9 @@ from __future__ import annotations
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVBoxLayout, QWidget
 
-from napari_phase4d._napari.session import StepState
-
 __all__ = ["Section"]
 
 HEADING_HEIGHT = 25
-#: Colour and words of each state; readable on napari's dark and light themes.
-LOOKS = {
-    StepState.TO_DO: ("#8a8f98", "to do", "An earlier step comes first."),
-    StepState.READY: ("#3d8fe0", "● ready", "This is what to do next."),
-    StepState.DONE: ("#3aa76d", "✓ done", "Nothing is left to do here; it can be done again."),
-    StepState.STALE: (
-        "#d98324",
-        "↻ changed",
-        "What is shown was made with other settings; press the button again.",
-    ),
-}
 
 
 class Section(QWidget):  # type: ignore[misc]
@@ -37,7 +24,6 @@ class Section(QWidget):  # type: ignore[misc]
     def __init__(self, title: str, content: QWidget) -> None:
         super().__init__()
         self.content = content
-        self.state = StepState.TO_DO
         self.heading = QToolButton()
         self.heading.setObjectName(f"heading_{title.split()[1].lower()}")
         self.heading.setText(title)
@@ -63,7 +49,6 @@ class Section(QWidget):  # type: ignore[misc]
         column.addLayout(row)
         column.addWidget(content)
         self.set_open(False)
-        self.set_state(StepState.TO_DO)
 
     @property
     def is_open(self) -> bool:
@@ -77,10 +62,8 @@ class Section(QWidget):  # type: ignore[misc]
         self.heading.setArrowType(arrow)
         self.content.setVisible(is_open)
 
-    def set_state(self, state: StepState) -> None:
-        """Say how far the step is."""
-        self.state = state
-        colour, words, tooltip = LOOKS[state]
+    def set_state(self, colour: str, words: str, tooltip: str) -> None:
+        """Say at the heading how far the step is."""
         self.badge.setText(words)
         self.badge.setToolTip(tooltip)
         self.badge.setStyleSheet(f"color: {colour};")

@@ -48,8 +48,8 @@ class SpectrumCanvas(PlaneView):
     -------
     lobes_edited(list)
         The lobes while one is being moved or resized.
-    edit_started(), edit_finished()
-        Before and after each drag and each key that moves or resizes, for one step of undo.
+    edit_started()
+        Before each drag and each key that moves or resizes, for one step of undo.
     selected(int)
         The chosen view, counted from 0, or -1 for none.
     removal_wanted(int)
@@ -62,7 +62,6 @@ class SpectrumCanvas(PlaneView):
 
     lobes_edited = Signal(list)
     edit_started = Signal()
-    edit_finished = Signal()
     selected = Signal(int)
     removal_wanted = Signal(int)
     place_wanted = Signal(float, float)
@@ -164,7 +163,7 @@ class SpectrumCanvas(PlaneView):
             if way < QApplication.startDragDistance():
                 self.select(-1)
         self._held = self._pressed = self._panned_to = None
-        self._finish_edit()
+        self._editing = False
 
     def mouseDoubleClickEvent(self, event: QMouseEvent) -> None:  # noqa: N802
         """Ask for one more view, or show the whole plane (middle button)."""
@@ -230,7 +229,7 @@ class SpectrumCanvas(PlaneView):
         """Change the chosen view as one step of undo."""
         self._start_edit()
         self._change(self._chosen, lobe)
-        self._finish_edit()
+        self._editing = False
 
     def _change(self, index: int, lobe: Lobe) -> None:
         self._lobes[index] = lobe
@@ -241,11 +240,6 @@ class SpectrumCanvas(PlaneView):
         if not self._editing:
             self._editing = True
             self.edit_started.emit()
-
-    def _finish_edit(self) -> None:
-        if self._editing:
-            self._editing = False
-            self.edit_finished.emit()
 
     def _under(self, position: QPointF) -> Hold | None:
         """Return what a drag from a point of the viewport would hold."""

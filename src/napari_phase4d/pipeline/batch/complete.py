@@ -11,9 +11,10 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from napari_phase4d.io import PROGRAM
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.pipeline.fingerprint import Fingerprint, Hashing, fingerprint
-from napari_phase4d.pipeline.provenance import PROGRAM, asked_recipe, program_version
+from napari_phase4d.pipeline.provenance import asked_recipe, program_version
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.progress import CancelledCall
 

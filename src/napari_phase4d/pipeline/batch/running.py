@@ -20,11 +20,11 @@ from napari_phase4d.pipeline.batch.lock import alone
 from napari_phase4d.pipeline.batch.summary import (
     COMPLETE,
     DONE,
-    EXPECTED,
     FAILED,
+    LOG,
     Summary,
-    sentence_of,
 )
+from napari_phase4d.pipeline.faults import is_expected, sentence_of
 from napari_phase4d.pipeline.fingerprint import (
     Fingerprint,
     Hashing,
@@ -32,17 +32,17 @@ from napari_phase4d.pipeline.fingerprint import (
     fingerprinting,
 )
 from napari_phase4d.pipeline.opening import found_anywhere
-from napari_phase4d.pipeline.places import stacks_beside
-from napari_phase4d.pipeline.provenance import is_reference_file
+from napari_phase4d.pipeline.places import make_folder, stacks_beside
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.words import counted
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["make_folder", "run_batch"]
+__all__ = ["run_batch"]
 
 #: Faults after which no other file would fare better.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
@@ -160,9 +160,9 @@ class Wish:
 
     def reference_of(self, recipe: Recipe) -> Fingerprint | None:
         """Return the fingerprint of the file that a recipe divides by, computed once."""
-        if not is_reference_file(recipe):
+        if recipe.reference_file is None:
             return None
-        return self.remembered(str(recipe.reference), self.cancelled)
+        return self.remembered(recipe.reference_file, self.cancelled)
 
 
 def one_file(
@@ -183,9 +183,9 @@ def one_file(
     except Cancelled:
         raise
     except Exception as error:  # whatever a library raises on a bad file at night
-        expected = isinstance(error, EXPECTED)
-        sentence = sentence_of(error)
-        more = "" if expected else traceback.format_exc()
+        sentence, more = sentence_of(error), ""
+        if not is_expected(error):
+            sentence, more = f"{sentence}; {LOG} has the details", traceback.format_exc()
         summary.tell(f"failed: {sentence}", number, more)
         summary.note(number, FAILED, {"error": sentence, "seconds": seconds_since(began)})
         if isinstance(error, OSError) and error.errno in NO_ROOM:
@@ -194,9 +194,7 @@ def one_file(
         return
     words = f"complete already in {folder}"
     if status == DONE:
-        count = facts["results"]
-        results = f"{count} result" if count == 1 else f"{count} results"
-        words = f"{results} in {facts['seconds']:.0f} s -> {folder}"
+        words = f"{counted(facts['results'], 'result')} in {facts['seconds']:.0f} s -> {folder}"
     summary.tell(words, number)
     summary.note(number, status, facts)
 
@@ -256,21 +254,6 @@ def written(
         if wish.finished is not None:
             wish.finished(outcome, folder)
     return outcome
-
-
-def make_folder(out: Path) -> None:
-    """Make the folder for results.
-
-    Raises
-    ------
-    OSError
-        If it can't be made, in one sentence.
-    """
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        msg = f"the folder {out} can't be made ({error.strerror}); choose another one"
-        raise OSError(msg) from error
 
 
 def seconds_since(began: float) -> float:

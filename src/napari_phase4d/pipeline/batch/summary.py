@@ -8,15 +8,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from napari_phase4d.io import write_table
-from napari_phase4d.progress import ProgressCall
+from napari_phase4d.progress import ProgressCall, reworded
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["COMPLETE", "DONE", "EXPECTED", "FAILED", "WAITING", "Summary", "sentence_of"]
-
-#: Faults whose sentence is for the user.
-EXPECTED = (ImportError, MemoryError, OSError, TypeError, ValueError)
+__all__ = ["COMPLETE", "DONE", "FAILED", "LOG", "WAITING", "Summary"]
 
 WAITING, DONE, COMPLETE, FAILED = "waiting", "done", "complete already", "failed"
 COLUMNS = (
@@ -105,26 +102,11 @@ class Summary:
 
     def reporting(self, number: int, progress: ProgressCall | None) -> ProgressCall | None:
         """Let the progress on a file say which one it is."""
-        if progress is None:
-            return None
         head = self.head(number)
-        return lambda done, total, message: progress(done, total, f"{head}: {message}")
+        return reworded(progress, lambda message: f"{head}: {message}")
 
     def in_words(self) -> str:
         """Say what came of all files, in one line."""
         counts = [(self.count(status), status) for status in (DONE, COMPLETE, FAILED)]
         said = ", ".join(f"{count} {status}" for count, status in counts if count)
         return f"{len(self.files)} files: {said or 'nothing to do'}"
-
-
-def sentence_of(error: BaseException) -> str:
-    """Return an error in one line, without its number."""
-    if isinstance(error, OSError) and error.strerror:
-        where = "" if error.filename is None else f" ({error.filename})"
-        return f"{error.strerror}{where}"
-    if isinstance(error, MemoryError):
-        return "it needs more memory than there is"
-    words = " ".join(str(error).split())
-    if isinstance(error, EXPECTED) and words:
-        return words
-    return f"an unexpected fault, {type(error).__name__}: {words}; batch.log has the details"

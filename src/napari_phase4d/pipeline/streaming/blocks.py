@@ -6,12 +6,12 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-__all__ = ["Block", "block_frames", "blocks_of"]
+__all__ = ["Block", "block_at", "block_frames", "blocks_of"]
 
 #: Frames in a block at most: one file on disk holds so many.
-MOST_FRAMES = 8
+BLOCK_FRAMES = 8
 #: Pixels, of all views, in a block at most, unless one frame has more.
-MOST_PIXELS = 4 * 2**20
+BLOCK_PIXELS = 4 * 2**20
 
 
 @dataclass(frozen=True)
@@ -33,8 +33,8 @@ class Block:
 
 def block_frames(shape: Sequence[int]) -> int:
     """Return how many frames a block of a stack (time, angle, y, x) has."""
-    fitting = MOST_PIXELS // max(math.prod(shape[1:]), 1)
-    return max(1, min(MOST_FRAMES, fitting, shape[0]))
+    fitting = BLOCK_PIXELS // max(math.prod(shape[1:]), 1)
+    return max(1, min(BLOCK_FRAMES, fitting, shape[0]))
 
 
 def blocks_of(shape: Sequence[int]) -> list[Block]:

@@ -123,8 +123,7 @@ class AlongTime:
     def __call__(self, angle: int) -> None:
         """Do one angle."""
         starts = starts_on("time", angle, self.chain.boundaries)
-        line = LineOnDisk(self.chain, self.initial, self.result, angle)
-        follow_line(line, starts, split=self.chain.split, check=self.check)
+        follow_line(LineOnDisk(self, angle), starts, split=self.chain.split, check=self.check)
 
 
 class LineOnDisk:
@@ -132,17 +131,15 @@ class LineOnDisk:
 
     Parameters
     ----------
-    chain : Chain
-        What all passes need.
-    initial, result : Scratch
-        Turns of the initial method, and where those of the result go.
+    along : AlongTime
+        The pass.
     angle : int
         Number of the angle.
     """
 
-    def __init__(self, chain: Chain, initial: Scratch, result: Scratch, angle: int) -> None:
-        self._chain = chain
-        self._initial, self._result = initial, result
+    def __init__(self, along: AlongTime, angle: int) -> None:
+        self._chain = along.chain
+        self._initial, self._result = along.initial, along.result
         self._angle = angle
         self._block: Block | None = None
         self._maps: tuple[Phase, Phase, Mask]

@@ -19,6 +19,7 @@ from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.unwrapping import (
     METHODS,
+    ORDERS,
     Problem,
     SharedSteps,
     all_options,
@@ -36,13 +37,6 @@ __all__ = ["ProblemOnDisk"]
 R = TypeVar("R")
 
 TURN = 2 * np.pi
-#: Dimensions that each method goes along, one after the other.
-ORDERS = {
-    "angular": ("angle",),
-    "temporal": ("time",),
-    "temporal-angular": ("time", "angle"),
-    "angular-temporal": ("angle", "time"),
-}
 
 
 @dataclass(frozen=True)
@@ -169,7 +163,7 @@ class ProblemOnDisk:
                 mask = is_known(self.phase.values)
             self._whole = Problem(self.phase, self._boundaries, mask, self._amplitude)
         found = run_method(self._whole, method, progress, cancelled, options)
-        self._whole.forget("field")  # as large as many results, and of no more use
+        self._whole.forget_field()
         return self._shelf.take(method, found, progress, cancelled)
 
     def _put(self, method: str, attrs: Mapping[str, Any], limits: Limits) -> xr.DataArray:

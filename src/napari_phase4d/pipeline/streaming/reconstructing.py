@@ -9,7 +9,7 @@ import dask.array as da
 import numpy as np
 import xarray as xr
 
-from napari_phase4d.holography import FrameWork
+from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.pipeline.streaming.blocks import Block, blocks_of
 from napari_phase4d.pipeline.streaming.source import FrameSource
 from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, limits_of, widest
@@ -21,7 +21,7 @@ __all__ = ["reconstruct_to_disk"]
 
 def reconstruct_to_disk(
     source: FrameSource,
-    work: FrameWork,
+    work: FrameReconstructor,
     shelf: Shelf,
     workers: Workers,
     progress: ProgressCall | None = None,
@@ -33,7 +33,7 @@ def reconstruct_to_disk(
     ----------
     source : FrameSource
         The frames.
-    work : FrameWork
+    work : FrameReconstructor
         What turns one into phase and amplitude.
     shelf : Shelf
         Where "wrapped" and "amplitude" go.
@@ -70,14 +70,14 @@ class ReconstructBlock:
     ----------
     source : FrameSource
         The frames.
-    work : FrameWork
+    work : FrameReconstructor
         What turns one into phase and amplitude.
     phase, amplitude : Stored
         Where they go.
     """
 
     source: FrameSource
-    work: FrameWork
+    work: FrameReconstructor
     phase: Stored
     amplitude: Stored
 

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.io import read_results
+from napari_phase4d.io import OME_ZARR, read_results
 from napari_phase4d.io.atomic import put_in_place
 from napari_phase4d.io.zarr_blocks import ALL_CHUNKS, ARRAY, create_blocks, finish_blocks
 from napari_phase4d.io.zarr_results import path_of
@@ -25,8 +25,6 @@ from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threa
 
 __all__ = ["Limits", "Shelf", "Stored", "limits_of", "stored_at", "widest"]
 
-#: What the names of results end with.
-ENDING = ".ome.zarr"
 #: Arrays that each process keeps open.
 OPEN_ARRAYS = 32
 ALL = slice(None)
@@ -117,7 +115,7 @@ class Shelf:
 
     def new(self, name: str, shape: tuple[int, ...]) -> Stored:
         """Return an empty stack that will have this name."""
-        group = self.scratch / f"{name}{ENDING}"
+        group = self.scratch / f"{name}{OME_ZARR}"
         shutil.rmtree(group, ignore_errors=True)
         return Stored(create_blocks(group, shape, block_frames(shape)), shape)
 
@@ -137,7 +135,7 @@ class Shelf:
         limits : Limits
             Smallest and largest number, for programs that show it.
         """
-        group = self.scratch / f"{name}{ENDING}"
+        group = self.scratch / f"{name}{OME_ZARR}"
         finish_blocks(group, stack, limits)
         final = self.folder / group.name
         put_in_place(group, final, self.scratch / f"{name}-old")

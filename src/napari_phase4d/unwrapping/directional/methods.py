@@ -11,6 +11,7 @@ from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import grown, regions_of, weight_of
 from napari_phase4d.unwrapping.directional.steps import fading
 from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.sharing import FIELD
 
 __all__ = ["directional_growing", "directional_l1"]
 
@@ -37,7 +38,7 @@ def directional_growing(
     """Join pixels over time, angle, y and x, first where steps change least along themselves.
 
     A step is trusted by how little it differs from the steps before and behind it in its own
-    direction, so that a slope counts as smooth however steep it is; see ``docs/own_method.md``.
+    direction, so that a slope counts as smooth however steep it is.
     Region growing (Abdul-Rahman et al. 2007) trusts pixels by second differences in all
     directions instead.
     """
@@ -54,7 +55,7 @@ def prepared(
 ) -> Field:
     """Return what both methods start from, computed once for a problem."""
     watch = Watch(3, "weighing the steps", progress, cancelled)
-    return problem.once("field", lambda: prepare(problem, watch))
+    return problem.once(FIELD, lambda: prepare(problem, watch))
 
 
 def directional_l1(
@@ -67,8 +68,7 @@ def directional_l1(
     """Find the turns that disagree least with all steps, each weighted by its smoothness.
 
     With J the turns of a step that Itoh's condition would give and D its roughness in radians,
-    the sum of (0.5 + D)^-6 |k_q - k_p - J| over all steps is made smallest; see
-    ``docs/own_method.md``.
+    the sum of (0.5 + D)^-6 |k_q - k_p - J| over all steps is made smallest.
 
     Parameters
     ----------

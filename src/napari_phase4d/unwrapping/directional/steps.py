@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import on_all_cores
+from napari_phase4d.unwrapping.ends import ends_along
 
 __all__ = ["Steps", "all_steps", "fading"]
 
@@ -86,8 +87,7 @@ def all_steps(
     parts: dict[int, tuple[Any, ...]] = {}
 
     def work(axis: int) -> None:
-        head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(4))
-        tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(4))
+        head, tail = ends_along(axis, 4)
         difference = phase[tail] - phase[head]
         turns = np.round(difference / TURN).astype(np.int32)
         step = difference - TURN * turns.astype(np.float32)

@@ -15,7 +15,7 @@ from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.growing.groups import join, number
 from napari_phase4d.unwrapping.growing.rows import Floats, Whole
 
-__all__ = ["join_cheapest"]
+__all__ = ["join_cheapest", "pass_on"]
 
 
 @compiled

@@ -10,7 +10,7 @@ import numpy as np
 from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.growing.rows import Whole
 
-__all__ = ["flatten", "join", "number", "root_of"]
+__all__ = ["join", "number", "root_of"]
 
 
 @compiled
@@ -50,16 +50,6 @@ def join(parent: Whole, turns: Whole, i: int, j: int, step: np.int32) -> bool:
         parent[first] = second
         turns[first] = -between
     return True
-
-
-@compiled
-def flatten(parent: Whole, turns: Whole) -> None:
-    """Point every pixel straight at its root; turns become those relative to it."""
-    for i in range(len(parent)):
-        up = parent[i]
-        if up != i:
-            turns[i] += turns[up]
-            parent[i] = parent[up]
 
 
 @compiled

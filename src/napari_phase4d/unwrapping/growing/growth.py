@@ -63,7 +63,7 @@ def grow_grid(
     check()
     turns, parts = grow_through_residues(wrapped, mask, costs_of, work, check)
     if own:
-        work.keep_only()
+        work.clear()
     return turns, parts
 
 

@@ -19,7 +19,7 @@ from napari_phase4d.unwrapping.growing.rows import (
     row_before,
 )
 
-__all__ = ["Marks", "mark_cheap", "mark_cheapest_of_each"]
+__all__ = ["ALONG_X", "Marks", "mark_cheap", "mark_cheapest_of_each"]
 
 Marks = NDArray[np.uint8]
 ALONG_X = np.uint8(8)

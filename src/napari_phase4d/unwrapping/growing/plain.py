@@ -7,10 +7,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from napari_phase4d.unwrapping.ends import ends_along
 from napari_phase4d.unwrapping.growing.reliability import BORDER
 from napari_phase4d.unwrapping.growing.rows import Floats, Phase, Shape, Whole
 
-__all__ = ["grown_grid", "integrated", "joined_list", "unreliability"]
+__all__ = ["grown_grid", "integrated", "joined_list", "jumps", "unreliability"]
 
 HALF, TURN = np.pi, 2 * np.pi
 Mask = NDArray[np.bool_]
@@ -108,8 +109,7 @@ def steps_in_order(point: Floats, steps: Floats, shape: Shape) -> tuple[Whole, W
     index = np.arange(np.prod(shape), dtype=np.int32).reshape(shape)
     first, second, cost, place = [], [], [], []
     for axis in range(4):
-        head = tuple(slice(None, -1) if i == axis else slice(None) for i in range(4))
-        tail = tuple(slice(1, None) if i == axis else slice(None) for i in range(4))
+        head, tail = ends_along(axis, 4)
         if steps.size and axis < 2:
             continue
         of_step = (

@@ -30,9 +30,9 @@ class Workspace:
             held = self._held[name] = np.empty(size, dtype=dtype)
         return held[:size].reshape(shape)
 
-    def keep_only(self, *names: str) -> None:
-        """Let go of all arrays but some."""
-        self._held = {name: array for name, array in self._held.items() if name in names}
+    def clear(self) -> None:
+        """Let go of all arrays."""
+        self._held.clear()
 
 
 class PerThread(threading.local):

@@ -6,6 +6,7 @@ from napari_phase4d._napari.session.plans.judging import (
     plan_truth,
 )
 from napari_phase4d._napari.session.plans.lobes import plan_lobes, plan_opening, plan_spectrum
+from napari_phase4d._napari.session.plans.measuring import plan_measuring
 from napari_phase4d._napari.session.plans.phase import (
     plan_focus,
     plan_noise,
@@ -23,6 +24,7 @@ __all__ = [
     "plan_focus",
     "plan_lobes",
     "plan_margin",
+    "plan_measuring",
     "plan_noise",
     "plan_opening",
     "plan_reconstruction",

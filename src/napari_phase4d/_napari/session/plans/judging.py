@@ -11,6 +11,7 @@ from napari_phase4d._napari.session.state import Changed, State
 from napari_phase4d.evaluation import (
     Comparison,
     best_known,
+    in_memory,
     itoh_margin,
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
@@ -19,24 +20,23 @@ __all__ = ["plan_confidence", "plan_margin", "plan_truth"]
 
 
 def plan_truth(state: State, truth: xr.DataArray | None) -> Plan:
-    """Plan to count errors against exact phase, None to count none.
-
-    Raises
-    ------
-    ValueError
-        If there are no results yet that could be wrong.
-    """
-    comparison = state.needed_outcome().comparison
+    """Plan to read exact phase and count errors against it, None to count none."""
+    outcome, data, on_disk = state.outcome, state.reconstruction, state.place is not None
+    before = None if outcome is None else outcome.comparison
 
     def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Comparison:
-        return comparison.against(truth)
+        progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> tuple[xr.DataArray | None, Comparison | None]:
+        # What fits into memory is read here, once, and not at every look at it in the window.
+        exact = truth if truth is None or on_disk else in_memory(truth)
+        return exact, None if before is None else before.against(exact)
 
-    def receive(judged: Comparison) -> None:
-        if state.outcome is None or state.outcome.comparison is not comparison:
+    def receive(found: tuple[xr.DataArray | None, Comparison | None]) -> None:
+        now = None if state.outcome is None else state.outcome.comparison
+        if now is not before:
             raise Changed
-        state.take_truth(truth, judged)
+        state.check_phase(data)
+        state.take_truth(*found)
 
     return Plan("Counting errors", work, receive, cancellable=False)
 
@@ -54,14 +54,13 @@ def plan_margin(state: State) -> Plan:
         state.needed_outcome()
     known, _ = best_known(state.results, state.truth)
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> xr.Dataset:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.Dataset:
         return itoh_margin(known)
 
     def receive(margin: xr.Dataset) -> None:
-        if state.outcome is not outcome or state.reconstruction is not data:
+        if state.outcome is not outcome:
             raise Changed
+        state.check_phase(data)
         state.margin = margin
         state.margin_changed.emit()
 
@@ -86,7 +85,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
     outcome = state.needed_outcome()
 
     def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        progress: ProgressCall | None, cancelled: CancelledCall | None
     ) -> tuple[dict[str, xr.DataArray], dict[str, str], Comparison]:
         comparison = outcome.comparison
         watch = Watch(len(comparison.results) + 1, "weighing", progress, cancelled)

@@ -30,9 +30,7 @@ def plan_opening(
 ) -> Plan:
     """Plan to open a file, folder, recipe or sample, see `open_anything`."""
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Opened:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Opened:
         return open_anything(source, content, raw)
 
     return Plan(title or "Opening", work, state.take, cancellable=False)
@@ -46,7 +44,7 @@ def plan_lobes(state: State) -> Plan:
         angles = None
 
     def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        progress: ProgressCall | None, cancelled: CancelledCall | None
     ) -> tuple[xr.DataArray, list[Lobe] | ValueError]:
         spectrum = power_spectrum(
             recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
@@ -96,9 +94,7 @@ def plan_spectrum(state: State) -> Plan:
     """Plan to compute the spectrum alone, until something else is asked for."""
     recording = state.needed_recording()
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> xr.DataArray:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.DataArray:
         return power_spectrum(
             recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
         )

@@ -7,7 +7,7 @@ import xarray as xr
 
 from napari_phase4d._napari.session.opening import TruthCall
 from napari_phase4d._napari.session.plan import Plan
-from napari_phase4d._napari.session.state import Changed, State
+from napari_phase4d._napari.session.state import State
 from napari_phase4d.evaluation import (
     noise_figures,
 )
@@ -34,17 +34,13 @@ def plan_reconstruction(state: State) -> Plan:
     """
     recording, recipe = state.needed_recording(), state.recipe
     truth_for = state.truth_for
-    if not recipe.lobes:
-        msg = "there are no lobes yet; press Find lobes in step 2"
-        raise ValueError(msg)
-
-    lobes = list(recipe.lobes)
+    lobes = state.needed_lobes()
     # Methods that need all frames at once can still be left out.
     modest = recipe.changed(methods=[m for m in recipe.methods if METHODS[m].streams])
     place = find_place(recipe, needs_of(modest, recording, lobes))
 
     def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+        progress: ProgressCall | None, cancelled: CancelledCall | None
     ) -> tuple[xr.Dataset, xr.DataArray | None]:
         data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
         return data, known_truth(truth_for, data["phase"])
@@ -72,14 +68,10 @@ def plan_focus(state: State) -> Plan:
         If there is no recording or no lobe yet.
     """
     recording, recipe = state.needed_recording(), state.recipe
-    if not recipe.lobes:
-        msg = "there are no lobes yet; press Find lobes in step 2"
-        raise ValueError(msg)
+    lobes = state.needed_lobes()
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Focus:
-        return focus_by(recipe, recording, list(recipe.lobes), progress, cancelled)
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Focus:
+        return focus_by(recipe, recording, lobes, progress, cancelled)
 
     def receive(focus: Focus) -> None:
         state.check_is(recording)
@@ -99,14 +91,11 @@ def plan_noise(state: State) -> Plan:
     """
     data = state.needed_reconstruction()
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> pd.DataFrame:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> pd.DataFrame:
         return noise_figures(data, progress, cancelled)
 
     def receive(noise: pd.DataFrame) -> None:
-        if state.reconstruction is not data:
-            raise Changed
+        state.check_phase(data)
         state.noise = noise
         state.noise_changed.emit()
 

@@ -11,12 +11,11 @@ from pathlib import Path
 import xarray as xr
 
 from napari_phase4d._napari.session.plan import Plan
-from napari_phase4d._napari.session.state import Changed, State
+from napari_phase4d._napari.session.state import State
 from napari_phase4d._napari.session.states import phase_is_stale
 from napari_phase4d.evaluation import (
     REFERENCE,
     Comparison,
-    held,
 )
 from napari_phase4d.pipeline import (
     Outcome,
@@ -25,16 +24,12 @@ from napari_phase4d.pipeline import (
     unwrap_by,
 )
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import score_boundaries
+from napari_phase4d.unwrapping import score_boundaries, scores_of_some
 
 __all__ = ["plan_estimate", "plan_scores", "plan_unwrapping"]
 
 #: Numbers the runs whose results lie on disk.
 RUNS = itertools.count(1)
-#: Times that are scored of a recording larger than memory.
-SCORED_TIMES = 100
-#: Bytes of phase that are held at most to score them.
-SCORED_BYTES = 256 * 2**20
 
 
 def plan_unwrapping(state: State) -> Plan:
@@ -64,9 +59,7 @@ def plan_unwrapping(state: State) -> Plan:
     folder = Path(tempfile.gettempdir()) if place is None else place.shelf.folder
     phase_needs(recipe.methods, data["phase"].shape).check(folder, on_disk=place is not None)
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Outcome:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Outcome:
         so_far: list[Comparison] = []
         # Each run has a folder of its own: what an earlier one showed stays as it is.
         with nullcontext() if place is None else place.nested(f"run_{number}") as own:
@@ -89,13 +82,11 @@ def plan_unwrapping(state: State) -> Plan:
         return Outcome(recording, done, data, comparison, truth)
 
     def receive(outcome: Outcome) -> None:
-        if state.reconstruction is not data:
-            raise Changed
+        state.check_phase(data)
         if state.truth is not truth:  # chosen while this was computed
             comparison = outcome.comparison.against(state.truth)
             outcome = replace(outcome, comparison=comparison, truth=state.truth)
-        state.outcome, state.margin = outcome, None
-        state.confidence, state.warnings = {}, {}
+        state.take_outcome(outcome)
         state.outcome_changed.emit()
 
     return Plan("Unwrapping", work, receive, keeps_parts=True)
@@ -119,33 +110,17 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
     data = state.needed_reconstruction()
     reference, place = state.results.get(REFERENCE), state.place
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> xr.DataArray:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.DataArray:
         if place is not None:
-            return scores_of_some(data["phase"], progress, cancelled)
+            return scores_of_some(data["phase"], progress=progress, cancelled=cancelled)
         return score_boundaries(data["phase"], reference, progress=progress, cancelled=cancelled)
 
     def receive(scores: xr.DataArray) -> None:
-        if state.reconstruction is not data:
-            raise Changed
+        state.check_phase(data)
         state.scores = scores
         state.scores_changed.emit()
 
     return Plan("Scoring the frames", work, receive, gives_way=unasked)
-
-
-def scores_of_some(
-    phase: xr.DataArray, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> xr.DataArray:
-    """Score some frames of a recording larger than memory; the others stay unknown."""
-    times = max(2, min(SCORED_TIMES, SCORED_BYTES // max(phase[0].nbytes, 1)))
-    every = max(1, -(-phase.sizes["time"] // times))
-    some = held(phase.isel(time=slice(None, None, every)))
-    found = score_boundaries(some, progress=progress, cancelled=cancelled)
-    scores = found.reindex(time=phase["time"])
-    time, angle = found.attrs["best"]
-    return scores.assign_attrs(best=[time * every, angle])
 
 
 def plan_estimate(state: State) -> Plan:
@@ -158,14 +133,11 @@ def plan_estimate(state: State) -> Plan:
     """
     data, recipe = state.needed_reconstruction(), state.recipe
 
-    def work(
-        progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> float:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> float:
         return estimated_seconds(recipe, data["phase"], cancelled=cancelled)
 
     def receive(seconds: float) -> None:
-        if state.reconstruction is not data:
-            raise Changed
+        state.check_phase(data)
         state.estimate = (recipe.methods, seconds)
         state.estimate_changed.emit()
 

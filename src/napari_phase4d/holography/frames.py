@@ -20,11 +20,11 @@ from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 
-__all__ = ["FrameWork", "refocusing"]
+__all__ = ["FrameReconstructor", "propagator_for"]
 
 
 @dataclass(frozen=True)
-class FrameWork:
+class FrameReconstructor:
     """All that turns one camera frame into phase and amplitude, measured once a recording.
 
     It can be pickled, and several threads may use it.
@@ -109,7 +109,7 @@ def remove_offset(field: NDArray[np.complex64], phase: NDArray[np.float32]) -> f
     return share
 
 
-def refocusing(demodulate: Demodulator, optics: Optics, distance_um: float) -> Propagator:
+def propagator_for(demodulate: Demodulator, optics: Optics, distance_um: float) -> Propagator:
     """Return what carries demodulated fields over a distance."""
     height, width = (optics.pixel_um * ratio for ratio in demodulate.pixel_ratio)
     return Propagator(

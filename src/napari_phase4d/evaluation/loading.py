@@ -10,7 +10,9 @@ import psutil
 import xarray as xr
 from numpy.typing import NDArray
 
-__all__ = ["frame_of", "held", "parts_over_time"]
+from napari_phase4d.words import size_in_words
+
+__all__ = ["frame_of", "in_memory", "parts_over_time"]
 
 #: Copies that work on a whole stack makes of it, about.
 COPIES = 4
@@ -18,7 +20,7 @@ COPIES = 4
 PART_BYTES = 64 * 2**20
 
 
-def held(stack: xr.DataArray) -> xr.DataArray:
+def in_memory(stack: xr.DataArray) -> xr.DataArray:
     """Return a stack whose numbers are in memory.
 
     Raises
@@ -31,8 +33,8 @@ def held(stack: xr.DataArray) -> xr.DataArray:
     needed, free = COPIES * stack.nbytes, psutil.virtual_memory().available
     if needed > free:
         msg = (
-            f"this looks at all frames at once and needs about {needed / 2**30:.1f} GB of memory, "
-            f"but {free / 2**30:.1f} GB are free; take some frames only, such as "
+            f"this looks at all frames at once and needs about {size_in_words(needed)} of memory, "
+            f"but {size_in_words(free)} are free; take some frames only, such as "
             "stack.isel(time=slice(200))"
         )
         raise OSError(msg)

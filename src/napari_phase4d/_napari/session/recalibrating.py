@@ -1,0 +1,77 @@
+"""Giving all that the session knows the scale of another microscope or frame rate."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import xarray as xr
+
+from napari_phase4d.evaluation import with_wavelength
+from napari_phase4d.holography import recalibrated
+from napari_phase4d.pipeline import Outcome, Recipe
+from napari_phase4d.recording import Recording
+
+if TYPE_CHECKING:
+    from napari_phase4d._napari.session.state import State
+
+__all__ = ["recalibrate", "recalibrated_recipe"]
+
+Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
+
+
+def recalibrate(state: State, recording: Recording) -> None:
+    """Let a state have the same frames with other optics or times; all else gets the new scale."""
+    changes = {"optics": recording.optics, "frame_rate_hz": recording.frame_rate_hz}
+    state.recording = recording
+    state.phase_recipe = recalibrated_recipe(state.phase_recipe, changes)
+    if state.reconstruction is not None:
+        state.reconstruction = recalibrated(state.reconstruction, recording)
+        put_on_grid(state, {d: state.reconstruction[d] for d in ("time", "y", "x")})
+    if state.noise is not None:
+        state.noise = with_wavelength(state.noise, recording.optics.wavelength_um)
+    if state.scores is not None:
+        state.scores = state.scores.assign_coords(time=recording.times_s)
+    if state.outcome is not None:
+        state.outcome = rescaled(state.outcome, recording, changes, state.truth)
+    state.measured = None  # its areas are of the old scale
+    state.update(**changes)
+
+
+def put_on_grid(state: State, grid: dict[str, xr.DataArray]) -> None:
+    """Give what lies on the grid of the phase new coordinates."""
+    was_known = state.truth is state.known_truth
+    for name in ("truth", "known_truth"):
+        exact = getattr(state, name)
+        setattr(state, name, None if exact is None else exact.assign_coords(grid))
+    state.truth = state.known_truth if was_known else state.truth
+    state.confidence = {m: c.assign_coords(grid) for m, c in state.confidence.items()}
+    state.margin = None if state.margin is None else state.margin.assign_coords(grid)
+
+
+def rescaled(
+    outcome: Outcome, recording: Recording, changes: dict[str, Any], truth: xr.DataArray | None
+) -> Outcome:
+    """Return results with the scale of a recording, and exact phase that has it already."""
+
+    def scaled(stack: Stack) -> Stack:
+        return recalibrated(stack, recording)
+
+    results = {m: scaled(r) for m, r in outcome.comparison.results.items()}
+    return Outcome(
+        recording,
+        recalibrated_recipe(outcome.recipe, changes),
+        scaled(outcome.reconstruction),
+        replace(outcome.comparison, results=results),
+        truth,
+    )
+
+
+def recalibrated_recipe(recipe: Recipe, changes: dict[str, Any]) -> Recipe:
+    """Return the recipe of what was made before, with another microscope or frame rate.
+
+    Refocused phase belongs to the microscope that it was refocused with.
+    """
+    if recipe.refocus_um is None:
+        return recipe.changed(**changes)
+    return recipe.changed(frame_rate_hz=changes["frame_rate_hz"])

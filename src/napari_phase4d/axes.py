@@ -1,0 +1,24 @@
+"""The axes of a stack: their names, their units, and which of them plain arrays have."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+from typing import TypeVar
+
+__all__ = ["AXES", "PLAIN_AXES", "UNITS", "coordinate"]
+
+V = TypeVar("V")
+
+AXES = ("time", "angle", "y", "x")
+#: Unit of the coordinates of each axis.
+UNITS: Mapping[str, str] = MappingProxyType({"time": "s", "angle": "deg", "y": "um", "x": "um"})
+#: Axes of plain arrays by their number of dimensions.
+PLAIN_AXES: Mapping[int, tuple[str, ...]] = MappingProxyType(
+    {2: ("y", "x"), 3: ("time", "y", "x"), 4: AXES}
+)
+
+
+def coordinate(axis: str, places: V) -> tuple[str, V, dict[str, str]]:
+    """Return the places along an axis, with their unit, as xarray takes them."""
+    return axis, places, {"units": UNITS[axis]}
