@@ -1,0 +1,122 @@
+"""The window at every step, and what its buttons show."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from napari_phase4d._napari.demo import let_it_draw, viewer_with_dock, wait_until
+from napari_phase4d._napari.session import EUGLENA_SOURCE, YEAST_SOURCE
+from picture_making.saving import save_image, window_image
+
+#: Enough for a window.
+COLOURS = 255
+
+
+class Stills:
+    """A window, and the pictures of it that are wanted.
+
+    Parameters
+    ----------
+    wanted : set of str
+        Names of the pictures to save; the others are passed over.
+    """
+
+    def __init__(self, wanted: set[str]) -> None:
+        self.wanted = wanted
+        self.viewer, self.dock = viewer_with_dock(show=True)
+
+    def picture(self, name: str) -> None:
+        """Save the window as it is now, if that is wanted."""
+        if name in self.wanted:
+            let_it_draw()
+            save_image(window_image(self.viewer), name, COLOURS)
+
+    def press(self, action: Callable[[], None]) -> None:
+        """Do what a button does, and wait for it."""
+        action()
+        wait_until(lambda: not self.dock.jobs.running)
+        if self.dock.status.property("wrong"):
+            msg = f"the window says: {self.dock.status.text()}"
+            raise RuntimeError(msg)
+
+
+def stills_of_the_euglena(wanted: set[str]) -> None:
+    """Go through all steps with the sample recording."""
+    stills = Stills(wanted)
+    dock, picture, press = stills.dock, stills.picture, stills.press
+    try:
+        picture("0_empty")
+        press(lambda: dock.recording.open_path(EUGLENA_SOURCE))
+        dock.show_step(0)
+        picture("1_recording")
+        press(dock.lobes.find_lobes)
+        dock.show_step(1)
+        picture("2_lobes")
+        dock.show_step(2)
+        picture("3_phase")
+        press(dock.phase.reconstruct)
+        wait_until(lambda: dock.session.scores is not None)
+        picture("4_unwrap")
+        press(dock.unwrap.run)
+        wait_until(lambda: bool(dock.session.confidence))
+        dock.presenter.go_to(39, 0)
+        picture("5_table")
+        stills_of_the_tabs(stills)
+    finally:
+        stills.viewer.close()
+
+
+def stills_of_the_tabs(stills: Stills) -> None:
+    """Show the mass of the whole cell, traces, a measured region, and what can be saved."""
+    dock: Any = stills.dock
+    dock.compare.tabs.setCurrentIndex(2)
+    stills.press(dock.compare.measuring.measure)
+    stills.picture("tutorial_6_dry_mass")
+    tell_masses(dock.compare.measuring)
+    phase = dock.session.reconstruction["phase"]
+    low, high = ([float(phase[axis][n]) for axis in ("y", "x")] for n in (35, 55))
+    dock.compare.tabs.setCurrentIndex(1)
+    regions = dock.presenter.add_regions()
+    corners = [low, [low[0], high[1]], high, [high[0], low[1]]]
+    regions.add_rectangles([regions.world_to_data(corner) for corner in corners])
+    regions.mode = "pan_zoom"
+    stills.picture("5_trace")
+    dock.compare.tabs.setCurrentIndex(2)
+    stills.press(dock.compare.measuring.measure)
+    stills.picture("5_measure")
+    dock.compare.tabs.setCurrentIndex(3)
+    stills.picture("5_save")
+
+
+def tell_masses(measuring: Any) -> None:
+    """Print the figures that the tutorial gives, for whoever renews it."""
+    table = measuring.measured
+    for angle, rows in table.groupby("angle (deg)"):
+        mass = rows["dry mass (pg)"]
+        print(f"  dry mass at {angle:g}°: {mass.min():.1f} to {mass.max():.1f} pg")
+
+
+def stills_of_the_yeast(wanted: set[str]) -> None:
+    """Show what step 5 has for methods that differ, with the sample phase."""
+    stills = Stills(wanted)
+    dock, picture, press = stills.dock, stills.picture, stills.press
+    try:
+        press(lambda: dock.recording.open_path(YEAST_SOURCE))
+        for method in ("laplacian", "region-growing", "dilate-erode"):
+            dock.unwrap.methods[method].tick.setChecked(True)
+        press(dock.unwrap.run)
+        wait_until(lambda: bool(dock.session.confidence))
+        dock.presenter.go_to(11, 5)
+        picture("6_yeast")
+        press(dock.compare.show_margin)
+        picture("7_steps")
+        press(dock.compare.show_confidence)
+        picture("8_trust")
+        dock.compare.difference.value = "less exact"
+        picture("9_difference")
+        stills.viewer.theme = "light"
+        dock.presenter.side_by_side()
+        picture("light")
+    finally:
+        stills.viewer.close()
