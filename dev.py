@@ -1,4 +1,3 @@
-#!/usr/bin/env python3
 """Set up napari-phase4d on this machine and run it: ``python3 dev.py demo``.
 
 Needs nothing but Python 3.11 or newer. The first run installs the missing system libraries
@@ -63,7 +62,7 @@ def demo(rest: list[str]) -> int:
     setup([])
     # Without a display there is nobody to look at a window: run to the end and write pictures.
     mode = [] if has_display() else ["--headless"]
-    return run_graphical(["-m", "napari_phase4d.cli", "demo", *mode, *rest])
+    return run_graphical(["-m", "napari_phase4d", "demo", *mode, *rest])
 
 
 def test(rest: list[str]) -> int:
@@ -97,8 +96,7 @@ def check(rest: list[str]) -> int:
 def bench(rest: list[str]) -> int:
     """Measure speed as ratios to other programs in the same run; --track saves and compares."""
     setup([])
-    pip = [str(python_in_venv()), "-m", "pip", "install", "-qq", "--group", "bench"]
-    subprocess.run(pip, check=True, cwd=ROOT)
+    install_group("bench")
     if rest == ["--track"]:
         saved = ["--benchmark-autosave", "--benchmark-compare", "--benchmark-columns=median,iqr"]
         where = ["--rootdir=benchmarks", "--import-mode=prepend", "-p", "no:cacheprovider"]
@@ -115,9 +113,40 @@ def accuracy(rest: list[str]) -> int:
 
 
 def docs(rest: list[str]) -> int:
+    """Build the site of the documents; any warning is an error."""
+    setup([])
+    build = ["-m", "sphinx", "-W", "--keep-going", "-b", "html", "docs", "docs/_build/html"]
+    return run_graphical([*build, *rest])
+
+
+def pictures(rest: list[str]) -> int:
     """Make the pictures of the documents from the real program."""
     setup([])
     return run_graphical(["docs/make_pictures.py", *rest])
+
+
+def mutations(rest: list[str]) -> int:
+    """Break important lines one by one and show that a test notices each."""
+    setup([])
+    return run_graphical(["benchmarks/mutations.py", *rest])
+
+
+def matrix(rest: list[str]) -> int:
+    """Test the wheel in fresh environments: Pythons, Qt bindings, newest and lowest versions."""
+    setup([])
+    install_group("release")
+    return run([str(python_in_venv()), "tools/matrix.py", *rest])
+
+
+def review(rest: list[str]) -> int:
+    """Run the checks of .pre-commit-config.yaml and of scientific-python's sp-repo-review."""
+    setup([])
+    install_group("release")
+    commands = (
+        ["-m", "pre_commit", "run", "--all-files", *rest],
+        ["-m", "repo_review", "."],
+    )
+    return max(run([str(python_in_venv()), *command]) for command in commands)
 
 
 def napari(rest: list[str]) -> int:
@@ -149,14 +178,22 @@ def setup(rest: list[str]) -> int:
     return 0
 
 
+def install_group(name: str) -> None:
+    """Install what one command needs and the others don't."""
+    pip = [str(python_in_venv()), "-m", "pip", "install", "-qq", "--group", name]
+    subprocess.run(pip, check=True, cwd=ROOT)
+
+
 def install_system_libraries() -> None:
     """Install the system packages that are missing, or stop and print the line that does."""
     missing = missing_packages()
     if not missing:
         return
     line = ["apt-get", "install", "--yes", "--no-install-recommends", *missing]
-    may_install = shutil.which("apt-get") and hasattr(os, "geteuid") and os.geteuid() == 0
-    if not may_install:
+    is_root = hasattr(os, "geteuid") and os.geteuid() == 0
+    # Nobody sits at a machine that only tests, and its sudo asks for no password.
+    sudo = ["sudo"] if os.environ.get("CI") and shutil.which("sudo") and not is_root else []
+    if not (shutil.which("apt-get") and (is_root or sudo)):
         command = shlex.join(["sudo", *line])
         names = ", ".join(missing)
         sys.exit(f"Missing system libraries: {names}.\nOn Debian or Ubuntu run:\n  {command}")
@@ -165,8 +202,8 @@ def install_system_libraries() -> None:
         "stdout": subprocess.DEVNULL,
         "env": {**os.environ, "DEBIAN_FRONTEND": "noninteractive"},
     }
-    subprocess.run(["apt-get", "update"], check=True, **quiet)
-    subprocess.run(line, check=True, **quiet)
+    subprocess.run([*sudo, "apt-get", "update"], check=True, **quiet)
+    subprocess.run([*sudo, *line], check=True, **quiet)
 
 
 def missing_packages() -> list[str]:
@@ -220,7 +257,10 @@ def python_in_venv() -> Path:
     return VENV / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
-COMMANDS = {f.__name__: f for f in (setup, demo, test, check, bench, accuracy, docs, napari)}
+ALL = (
+    setup, demo, napari, test, check, docs, pictures, bench, accuracy, mutations, matrix, review,
+)  # fmt: skip
+COMMANDS = {function.__name__: function for function in ALL}
 
 if __name__ == "__main__":
     sys.exit(main())

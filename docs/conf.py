@@ -60,6 +60,7 @@ sphinx_gallery_conf = {
     "doc_module": ("napari_phase4d",),
     "image_scrapers": ("matplotlib",),
     "matplotlib_animations": False,
+    "capture_repr": (),
     "min_reported_time": 1e9,
     "write_computation_times": False,
     "download_all_examples": False,

@@ -9,7 +9,7 @@ from typing import Any
 from matplotlib import font_manager
 from PIL import Image, ImageDraw, ImageFont
 
-from picture_making.saving import palette_of, tell, window_image, with_palette
+from picture_making.saving import Palette, palette_of, tell, window_image, with_palette
 
 #: Pixels of the film across, of the strip with the caption, and its type size.
 WIDTH, STRIP, TYPE = 840, 30, 16
@@ -117,7 +117,7 @@ def draw_pointer(draw: ImageDraw.ImageDraw, x: int, y: int, *, pressed: bool) ->
     draw.polygon([(x + a, y + b) for a, b in POINTER], fill="white", outline="black")
 
 
-def palette_of_film(frames: list[Image.Image]) -> Image.Image:
+def palette_of_film(frames: list[Image.Image]) -> Palette:
     """Return the colours that suit some frames of the whole film."""
     chosen = frames[:: max(1, len(frames) // 24)]
     width, height = chosen[0].size

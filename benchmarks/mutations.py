@@ -1,0 +1,208 @@
+"""Break important lines one by one and show that a test notices each.
+
+    python3 dev.py mutations            all of them
+    python3 dev.py mutations flip mask  those whose name holds one of these words
+
+The tree is copied to a temporary folder and changed there. A line that is not found exactly once
+is an error: it was rewritten, and its mutation must be too.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = "src/napari_phase4d"
+LEFT_OUT = (".git", ".venv", ".*_cache", "_build", "pictures", "demo_output", "*.egg-info")
+#: A mutation may make a test go on for ever.
+LONGEST_S = 900
+SURVIVED = "SURVIVED"
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """One change of one line, and the tests that are to notice it."""
+
+    name: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+    def applied(self, source: str) -> str:
+        """Return the text of the file with the change."""
+        found = source.count(self.old)
+        if found != 1:
+            msg = f"{self.name}: {self.old!r} is {found} times in {self.file}, not once"
+            raise ValueError(msg)
+        changed = source.replace(self.old, self.new)
+        compile(changed, self.file, "exec")
+        return changed
+
+    def line_in(self, source: str) -> int:
+        """Return the number of the line."""
+        return source[: source.index(self.old)].count("\n") + 1
+
+
+MUTATIONS = (
+    Mutation("sign of a mirrored half's phase", "holography/demodulation.py",
+             "[:, mirrored] *= -1", "[:, mirrored] *= 1", ("test_holography",)),
+    Mutation("sign of the carrier's rest", "holography/demodulation.py",
+             "(k - centre / n) * (n / m)", "(centre / n - k) * (n / m)", ("test_holography",)),
+    Mutation("flip of a view", "holography/demodulation.py",
+             "if cut.flip:", "if not cut.flip:", ("test_holography",)),
+    Mutation("window off by one frequency", "holography/demodulation.py",
+             "(centre + np.arange(m) - m // 2) / n - k",
+             "(centre + np.arange(m) + 1 - m // 2) / n - k",
+             ("test_windows", "test_holography")),
+    Mutation("window's edge", "holography/windows.py",
+             "0.5 * erfc((rho - 1)", "0.5 * erfc((rho - 0.9)", ("test_windows",)),
+    Mutation("shift of the spectrum's axis", "holography/spectrum.py",
+             "scipy.fft.fftshift(scipy.fft.fftfreq(width))", "scipy.fft.fftfreq(width)",
+             ("test_holography", "test_finding")),
+    Mutation("sign of the background that is fitted", "holography/background.py",
+             "wrapped(phase - np.tensordot(found, self.terms, 1))",
+             "wrapped(phase + np.tensordot(found, self.terms, 1))", ("test_holography",)),
+    Mutation("wrapping of a step", "unwrapping/growing/reliability.py",
+             "if step < -np.pi:", "if step < -TURN:", ("test_growing",)),
+    Mutation("mask: both ends of a second difference", "unwrapping/growing/reliability.py",
+             "if seen_before[x] and seen_after[x]:", "if seen_before[x] or seen_after[x]:",
+             ("test_growing",)),
+    Mutation("tie-break of equal steps", "unwrapping/growing/boruvka.py",
+             "(c < cheapest[end])", "(c <= cheapest[end])", ("test_growing",)),
+    Mutation("turns between groups", "unwrapping/growing/boruvka.py",
+             "steps[e] + turns[a] - turns[b]", "steps[e] - turns[a] + turns[b]",
+             ("test_growing",)),
+    Mutation("registration undone", "unwrapping/four_d.py",
+             "moved(result, -shifts)", "moved(result, shifts)", ("test_unwrapping",)),
+    Mutation("boundary frame of another line", "unwrapping/four_d.py",
+             "if b[across] == other})", "if b[across] != other})", ("test_unwrapping",)),
+    Mutation("boundary counted from the end", "unwrapping/problem.py",
+             "found.append((t % shape[0], a % shape[1]))",
+             "found.append((abs(t), a % shape[1]))", ("test_unwrapping",)),
+    Mutation("larger of two candidates (step 4)", "unwrapping/combined.py",
+             "np.maximum(out, initial, out=out)", "np.minimum(out, initial, out=out)",
+             ("test_unwrapping",)),
+    Mutation("cancel check along a line", "unwrapping/four_d.py",
+             "check=watch.check,", "check=lambda: None,", ("test_cancelling",)),
+    Mutation("cancel check after a step", "progress.py",
+             "self._progress(self._done, self.total, self.message)\n        self.check()",
+             "self._progress(self._done, self.total, self.message)",
+             ("test_progress", "test_unwrapping")),
+    Mutation("border of the Laplacian", "unwrapping/laplacian.py",
+             "total[tail] -= step", "total[tail] += step", ("test_competitors",)),
+    Mutation("safest frame", "unwrapping/boundaries.py",
+             "int(np.argmax(scores))", "int(np.argmin(scores))", ("test_unwrapping",)),
+    Mutation("wavelength in the optical path", "optics.py",
+             "self.wavelength_um / (2 * np.pi)", "self.wavelength_um / np.pi", ("test_optics",)),
+    Mutation("medium's index in the height", "optics.py",
+             "object_index - self.medium_index", "object_index + self.medium_index",
+             ("test_optics",)),
+    Mutation("area of a pixel in dry mass", "evaluation/measures.py",
+             "optics.dry_mass_pg(total, pixel_um2,", "optics.dry_mass_pg(total, 1.0,",
+             ("test_measures",)),
+    Mutation("nanometres to micrometres", "io/units.py",
+             '("nm", "nanometer", "nanometre"), 1e-3', '("nm", "nanometer", "nanometre"), 1e3',
+             ("test_io",)),
+    Mutation("Itoh's limit of half a turn", "evaluation/itoh.py",
+             "float((steps > 1)[counted].mean())", "float((steps > 2)[counted].mean())",
+             ("test_itoh",)),
+    Mutation("last frame of a streamed block", "pipeline/streaming/blocks.py",
+             "Block(start, min(start + frames, shape[0]))",
+             "Block(start, min(start + frames, shape[0] - 1))", ("test_streaming",)),
+    Mutation("a folder that is not ours is left alone", "pipeline/batch/folders.py",
+             "if folder.is_symlink() or (noted(folder) is None and not empty):",
+             "if folder.is_symlink():", ("test_batch",)),
+    Mutation("resume by the input's content", "pipeline/batch/complete.py",
+             'if note["input"] != source.result(cancelled).as_dict():',
+             'if note["input"].keys() != source.result(cancelled).as_dict().keys():',
+             ("test_batch",)),
+    Mutation("resume by the results' content", "pipeline/batch/complete.py",
+             "cancelled, look_inside=True)", "cancelled, look_inside=False)", ("test_batch",)),
+)  # fmt: skip
+
+
+def main(words: Sequence[str]) -> int:
+    """Apply each mutation, print the table, and return 1 if any survives."""
+    chosen = [m for m in MUTATIONS if not words or any(word in m.name for word in words)]
+    with tempfile.TemporaryDirectory(prefix="phase4d-mutations-") as folder:
+        tree = Path(folder) / "tree"
+        shutil.copytree(ROOT, tree, symlinks=True, ignore=shutil.ignore_patterns(*LEFT_OUT))
+        check_that_the_copy_is_tested(tree)
+        for mutation in chosen:
+            mutation.applied((tree / PACKAGE / mutation.file).read_text(encoding="utf-8"))
+        sound = tested(tree, sorted({test for m in chosen for test in m.tests}))
+        if sound is not None:
+            print(f"Without any mutation: {sound}")
+            return 2
+        print("| what | where | killed by | seconds |\n| --- | --- | --- | --- |", flush=True)
+        survivors = sum(not killed(mutation, tree) for mutation in chosen)
+    print(f"\n{len(chosen)} mutations, {survivors} survived")
+    return 1 if survivors else 0
+
+
+def killed(mutation: Mutation, tree: Path) -> bool:
+    """Apply a mutation, run its tests, print its row, and say whether a test failed."""
+    path = tree / PACKAGE / mutation.file
+    source = path.read_text(encoding="utf-8")
+    path.write_text(mutation.applied(source), encoding="utf-8")
+    begin = monotonic()
+    try:
+        by = tested(tree, mutation.tests)
+    finally:
+        # Not with its old time: what was compiled from the mutation must look outdated.
+        path.write_text(source, encoding="utf-8")
+    where = f"{mutation.file}:{mutation.line_in(source)}"
+    cells = (mutation.name, where, by or SURVIVED, f"{monotonic() - begin:.0f}")
+    print(f"| {' | '.join(cells)} |", flush=True)
+    return by is not None
+
+
+def tested(tree: Path, tests: Sequence[str]) -> str | None:
+    """Run test files in the copy; return the first test that fails, None if none does."""
+    files = [f"tests/{name}.py" for name in tests]
+    line = [sys.executable, "-m", "pytest", "-x", "-q", "--tb=no", "-rfE",
+            "-p", "no:cacheprovider", "-m", "not gui", *files]  # fmt: skip
+    try:
+        done = subprocess.run(
+            line, cwd=tree, env=environment(tree), capture_output=True, text=True,
+            timeout=LONGEST_S, check=False,
+        )  # fmt: skip
+    except subprocess.TimeoutExpired:
+        return f"no end after {LONGEST_S} s"
+    if done.returncode == 0:
+        return None
+    found = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", done.stdout, re.MULTILINE)
+    if done.returncode != 1 or found is None:
+        raise RuntimeError(done.stdout[-2000:] + done.stderr[-2000:])
+    return found[1]
+
+
+def environment(tree: Path) -> dict[str, str]:
+    """Return variables with which the copy is imported, not what is installed."""
+    return {**os.environ, "PYTHONPATH": str(tree / "src"), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def check_that_the_copy_is_tested(tree: Path) -> None:
+    """Raise if another package than the copy would be imported."""
+    line = [sys.executable, "-c", "import napari_phase4d; print(napari_phase4d.__file__)"]
+    done = subprocess.run(
+        line, cwd=tree, env=environment(tree), capture_output=True, text=True, check=True
+    )
+    place = Path(done.stdout.strip()).resolve()
+    if not place.is_relative_to(tree.resolve()):
+        msg = f"the tests would import {place}, which is not the copy in {tree}"
+        raise RuntimeError(msg)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
