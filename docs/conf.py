@@ -73,6 +73,8 @@ html_theme = "pydata_sphinx_theme"
 html_title = project
 html_static_path = ["_static"]
 html_css_files = ["site.css"]
+# One page by itself has nothing to navigate in.
+html_sidebars = {"tutorial/index": []}
 html_math_renderer = "mathml"
 html_show_sourcelink = False
 html_copy_source = False

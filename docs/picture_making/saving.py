@@ -31,7 +31,8 @@ def save_image(image: Image.Image, name: str, colours: int | None = None) -> Non
     if colours is None:
         image.save(path, optimize=True)
     if colours is not None or path.stat().st_size > LARGE:
-        few = with_palette(image, palette_of(image, colours or 255))
+        palette = palette_of(image, colours or 255)
+        few = with_palette(image, palette)
         few.save(path, optimize=True)
     tell(path)
 

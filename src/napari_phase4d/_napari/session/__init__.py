@@ -18,11 +18,8 @@ from napari_phase4d._napari.session.plans.measuring import Masks
 from napari_phase4d._napari.session.session import Session
 from napari_phase4d._napari.session.state import Changed
 from napari_phase4d._napari.session.states import StepState, step_states
-from napari_phase4d.sample import EUGLENA_SOURCE, YEAST_SOURCE
 
 __all__ = [
-    "EUGLENA_SOURCE",
-    "YEAST_SOURCE",
     "Changed",
     "Masks",
     "Opened",

@@ -23,7 +23,7 @@ from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["MeasurePart"]
 
-OBJECT = "the whole object"
+OBJECT = "the object"
 #: Columns that are plotted over time, the most asked for first.
 PLOTTED = (
     "dry mass (pg)",
@@ -57,7 +57,7 @@ class MeasurePart(Step):
         self.column.addLayout(self.row(self.go, self.quantity.native))
         self.plot = CurvePlot()
         self.plot.setObjectName("measure_plot")
-        self.plot.setMinimumHeight(100)
+        self.plot.setMinimumHeight(130)
         self.column.addWidget(self.plot, 3)
         self.table = ResultTable("measure_table")
         self.table.setMinimumHeight(52)
