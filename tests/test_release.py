@@ -134,6 +134,7 @@ def test_manifest_is_valid_and_everything_in_it_can_be_imported() -> None:
     assert "valid" in told(sys.executable, "-m", "npe2", "validate", "--imports", "napari-phase4d")
 
 
+@pytest.mark.slow
 def test_samples_open_through_the_plugin_engine() -> None:
     found = [line.split() for line in told(sys.executable, "-c", SAMPLES).splitlines()]
     assert [(key, dimensions, finite) for key, _, dimensions, finite in found] == [
@@ -143,6 +144,7 @@ def test_samples_open_through_the_plugin_engine() -> None:
     ]
 
 
+@pytest.mark.slow
 def test_command_line_tells_and_runs(tmp_path: Path) -> None:
     command = script("napari-phase4d")
     assert "reproduce" in told(command, "--help")
@@ -152,6 +154,7 @@ def test_command_line_tells_and_runs(tmp_path: Path) -> None:
     assert list((tmp_path / "out").glob("*.ome.tif"))
 
 
+@pytest.mark.slow
 def test_a_users_mypy_sees_the_types(tmp_path: Path) -> None:
     right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"
     right.write_text(USER_RIGHT, encoding="utf-8")

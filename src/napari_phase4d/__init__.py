@@ -73,14 +73,16 @@ _HOME = {
 }
 
 
-def __getattr__(name: str) -> Any:
-    """Load a public name from its home when it is first asked for."""
-    if name == "simulation":
-        return importlib.import_module("napari_phase4d.simulation")
-    if name in _HOME:
-        return getattr(importlib.import_module(f"napari_phase4d.{_HOME[name]}"), name)
-    msg = f"module 'napari_phase4d' has no attribute {name!r}"
-    raise AttributeError(msg)
+if not TYPE_CHECKING:  # else type checkers would take every name for one of these
+
+    def __getattr__(name: str) -> Any:
+        """Load a public name from its home when it is first asked for."""
+        if name == "simulation":
+            return importlib.import_module("napari_phase4d.simulation")
+        if name in _HOME:
+            return getattr(importlib.import_module(f"napari_phase4d.{_HOME[name]}"), name)
+        msg = f"module 'napari_phase4d' has no attribute {name!r}"
+        raise AttributeError(msg)
 
 
 def __dir__() -> list[str]:
