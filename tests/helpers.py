@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+import sys
+from contextlib import chdir, redirect_stderr, redirect_stdout
+from dataclasses import dataclass
+from io import StringIO
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
+
+from napari_phase4d.cli import main
 
 MEASURED = Path(__file__).resolve().parents[2] / "shared" / "data"
 
@@ -20,3 +27,24 @@ def measured(name: str) -> Path:
 
 def wrap(phase: np.ndarray) -> np.ndarray:
     return np.angle(np.exp(1j * np.asarray(phase)))
+
+
+@dataclass(frozen=True)
+class Ended:
+    """What a shell gets of a command."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+def command(*arguments: object, cwd: Path) -> Ended:
+    """Give a command in a folder, in this process: starting Python takes seconds each time."""
+    out, err, code = StringIO(), StringIO(), 0
+    line = ["napari-phase4d", *map(str, arguments)]
+    with chdir(cwd), redirect_stdout(out), redirect_stderr(err), patch.object(sys, "argv", line):
+        try:
+            main()
+        except SystemExit as end:
+            code = int(end.code or 0)
+    return Ended(code, out.getvalue(), err.getvalue())

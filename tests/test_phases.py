@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +13,7 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
+from helpers import command
 from napari_phase4d.evaluation import order_shares
 from napari_phase4d.io import (
     holds_phase,
@@ -117,11 +116,6 @@ def test_a_run_may_begin_with_wrapped_phase(tmp_path: Path) -> None:
     expected = p4d.unwrap(YEAST["wrapped"], "temporal-angular", mask="auto")
     np.testing.assert_array_equal(outcome.comparison.results["temporal-angular"], expected)
     assert "mse_rad2" in outcome.comparison.table
-
-
-def command(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "napari_phase4d", *map(str, arguments)]
-    return subprocess.run(line, capture_output=True, text=True, cwd=cwd, check=False)
 
 
 @pytest.mark.slow

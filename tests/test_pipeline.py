@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +12,7 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
+from helpers import command
 from napari_phase4d.evaluation import comparison_figure, mean_squared_error, wrong_cycle_share
 from napari_phase4d.io import read_results, write_figure
 from napari_phase4d.pipeline import PAPER_METHODS, write_outcome
@@ -137,11 +136,6 @@ def test_run_can_be_cancelled_half_way(small_video) -> None:
 def test_run_needs_a_recording() -> None:
     with pytest.raises(ValueError, match="the recipe names no recording"):
         p4d.run(p4d.Recipe())
-
-
-def command(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    line = [sys.executable, "-m", "napari_phase4d", *map(str, arguments)]
-    return subprocess.run(line, capture_output=True, text=True, cwd=cwd, check=False)
 
 
 @pytest.fixture(scope="module")

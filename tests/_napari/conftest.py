@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 from collections.abc import Callable, Iterator
@@ -24,6 +25,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
         for item in items:
             if item.get_closest_marker("gui"):
                 item.add_marker(pytest.mark.skip(reason=reason))
+
+
+def pytest_collection_finish() -> None:
+    """Let garbage collection pass over what was imported: napari collects after every window."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -80,6 +87,16 @@ def click(dock: Any, qtbot: Any) -> Callable[[str], None]:
         qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
 
     return click
+
+
+@pytest.fixture
+def tick_only(dock: Any) -> Callable[..., None]:
+    """Tick some methods: six results, side by side, take seconds to show."""
+
+    def tick_only(*methods: str) -> None:
+        dock.session.update(methods=methods)
+
+    return tick_only
 
 
 @pytest.fixture

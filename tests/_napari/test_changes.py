@@ -18,8 +18,9 @@ from napari_phase4d._napari.session import (
 pytestmark = pytest.mark.gui
 
 
-def test_a_refused_close_leaves_the_dock_working(viewer, ready, click, qtbot) -> None:
+def test_a_refused_close_leaves_the_dock_working(viewer, ready, click, qtbot, tick_only) -> None:
     """napari asks before it closes; who answers Cancel goes on."""
+    tick_only("spatial-2d")
     window = ready.window()
     ready.eventFilter(window, QEvent(QEvent.Type.Close))  # as napari's window gets it
     qtbot.wait(50)

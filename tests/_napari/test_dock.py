@@ -11,7 +11,7 @@ import pytest
 import tifffile
 from qtpy.QtCore import QPoint, QPointF, Qt
 from qtpy.QtGui import QWheelEvent
-from qtpy.QtWidgets import QApplication
+from qtpy.QtWidgets import QApplication, QWidget
 
 import napari_phase4d as p4d
 from helpers import measured, wrap
@@ -143,21 +143,23 @@ def test_nothing_ticked_is_said(ready, click) -> None:
     assert "no method is ticked" in ready.status.text()
 
 
-def test_second_run_makes_new_layers(viewer, ready, click) -> None:
+def test_second_run_makes_new_layers(viewer, ready, click, tick_only) -> None:
+    tick_only("spatial-2d", "temporal-angular")
     click("run")
     first = {layer.name: layer.data.copy() for layer in viewer.layers}
     count = len(viewer.layers)
     ready.session.update(boundary=((3, 0),))
     click("run")
-    assert len(viewer.layers) == count + 6
+    assert len(viewer.layers) == count + 2
     for name, data in first.items():
         np.testing.assert_array_equal(viewer.layers[name].data, data)
-    assert sum(layer.visible for layer in viewer.layers) == 6
+    assert sum(layer.visible for layer in viewer.layers) == 2
     newest = viewer.layers[-1].metadata[METADATA_KEY]
     assert newest["boundary"] == [[3, 0]]
 
 
-def test_users_layers_stay_as_they_are(viewer, dock, click, small_video) -> None:
+def test_users_layers_stay_as_they_are(viewer, dock, click, small_video, tick_only) -> None:
+    tick_only("spatial-2d", "temporal-angular")
     frames = small_video.holograms.values.copy()
     mine = viewer.add_image(frames, name="mine")
     other = viewer.add_image(np.zeros((2, 2)), name="other")
@@ -276,6 +278,15 @@ def test_dock_fits_a_small_screen(viewer, dock) -> None:
         assert dock.scroll.widget().width() <= dock.scroll.viewport().width()
         position = dock.sections[number].heading.mapTo(dock.scroll.viewport(), QPoint(0, 0))
         assert 0 <= position.y() < dock.scroll.viewport().height()
+
+
+def test_a_step_that_is_opened_by_hand_comes_into_view(viewer, ready, qtbot) -> None:
+    ready.show_step(1)
+    QApplication.processEvents()
+    qtbot.mouseClick(ready.sections[2].heading, Qt.MouseButton.LeftButton)
+    button, port = ready.phase.findChild(QWidget, "reconstruct"), ready.scroll.viewport()
+    qtbot.waitUntil(lambda: port.rect().contains(button.mapTo(port, button.rect().center())))
+    assert ready.sections[1].is_open
 
 
 def test_every_field_says_what_it_is(dock) -> None:

@@ -11,7 +11,8 @@ from qtpy.QtWidgets import QApplication
 pytestmark = pytest.mark.gui
 
 
-def test_changed_lobes_ask_for_a_new_reconstruction(ready, click) -> None:
+def test_changed_lobes_ask_for_a_new_reconstruction(ready, click, tick_only) -> None:
+    tick_only("spatial-2d")
     ready.lobes.table.item(0, 2).setText("0.08")
     assert ready.session.lobes[0].radius == 0.08
     click("run")

@@ -90,6 +90,11 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._closing.setSingleShot(True)
         self._closing.setInterval(0)
         self._closing.timeout.connect(self._look_if_closed)
+        # What a section holds has its height only once the window has laid it out.
+        self._laid_out = QTimer(self)
+        self._laid_out.setSingleShot(True)
+        self._laid_out.setInterval(0)
+        self._laid_out.timeout.connect(self._scroll_to_opened)
         self._build()
         self._listen()
         self.following = Following(napari_viewer, self.steps)
@@ -117,6 +122,15 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         for i, section in enumerate(self.sections):
             section.set_open(i == number)
         self.scroll.ensureWidgetVisible(self.sections[number], 0, 0)
+
+    def _look_at_opened(self, section: Section) -> None:
+        """Scroll to a step whose heading was clicked: what it holds may lie below the fold."""
+        self._opened = section
+        self._laid_out.start()
+
+    def _scroll_to_opened(self) -> None:
+        if self._opened is not None:
+            self.scroll.ensureWidgetVisible(self._opened, 0, 0)
 
     def close_down(self) -> None:
         """Stop what is running and let go of the viewer."""
@@ -167,8 +181,10 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         sections.setContentsMargins(0, 0, 0, 0)
         sections.setSpacing(2)
         self.sections: list[Section] = []
+        self._opened: Section | None = None
         for step in self.steps:
             section = Section(step.title, step)
+            section.opened.connect(self._look_at_opened)
             sections.addWidget(section)
             self.sections.append(section)
         sections.addStretch()

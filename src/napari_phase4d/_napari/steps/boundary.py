@@ -18,6 +18,8 @@ from napari_phase4d.unwrapping import METHODS, ORDERS, scores_sentence
 __all__ = ["BoundaryPart"]
 
 MANY_METHODS_PATH = "temporal-angular"
+#: Along what each method goes, and in which order.
+WAYS = "; ".join(f"{METHODS[name].label}: {', then '.join(dims)}" for name, dims in ORDERS.items())
 
 
 class BoundaryPart(Step):
@@ -54,12 +56,14 @@ class BoundaryPart(Step):
         self.path = self.watched(
             ComboBox(
                 name="path",
-                choices=[(path_in_words(method), method) for method in ORDERS],
+                choices=[(METHODS[method].label, method) for method in ORDERS],
                 value=MANY_METHODS_PATH,
-                tooltip="Whose way through the frames is drawn: first pass blue, second red.",
+                tooltip="Whose way through the frames is drawn: first pass blue, second red. "
+                f"{WAYS}.",
             )
         )
-        self.column.addLayout(self.row(self.use_view, self.suggest, self.path.native))
+        self.column.addLayout(self.row(self.use_view, self.suggest))
+        self.column.addLayout(self.row(self.label("Arrows: the way of"), self.path.native))
         self.path.changed.connect(lambda _: self._show_path())
         self.map.frame_clicked.connect(
             lambda t, a, more: self.guarded(lambda: self._clicked(t, a, more=more))
@@ -171,13 +175,6 @@ class BoundaryPart(Step):
             words_on_score(self.session.scores, time, angle),
         ]
         self.thumbnail.show_frame(np.asarray(phase.data[time, angle]), "<br>".join(lines))
-
-
-def path_in_words(method: str) -> str:
-    """Say along what a method goes, and in which order."""
-    order = ORDERS[method]
-    said = ", then ".join(order) if len(order) > 1 else f"{order[0]} alone"
-    return f"{METHODS[method].label}: {said}"
 
 
 def words_on_score(scores: Any, time: int, angle: int) -> str:

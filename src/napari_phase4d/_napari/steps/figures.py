@@ -17,7 +17,7 @@ HEADINGS = {
     "method": ("method", "The unwrapping method."),
     "seconds": ("s", "Seconds, the shared two-dimensional step included."),
     "suspicious_percent": (
-        "doubtful %",
+        "doubt %",
         "Pixels of the object that are more likely wrong than right, in percent.",
     ),
     "mse_rad2": ("MSE rad²", "Mean squared error against the chosen truth, in square radians."),
@@ -82,4 +82,5 @@ class FiguresPart(Step):
             for row, method in enumerate(table.index)
             if (words := self.session.warnings.get(str(method), ""))
         }
-        self.table.show_frame(table.reset_index(drop=True), HEADINGS, said)
+        shown = table.reset_index(drop=True).round({"peak_mb": 1})
+        self.table.show_frame(shown, HEADINGS, said)

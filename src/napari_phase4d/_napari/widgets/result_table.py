@@ -90,11 +90,16 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
                 cell = Cell(value)
                 cell.setToolTip((tooltips or {}).get(row, ""))
                 self.setItem(row, column, cell)
-        self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.ResizeToContents)
-        self.horizontalHeader().setStretchLastSection(True)
+        header = self.horizontalHeader()
+        # Unsorted, no heading needs room for the mark of a sorted column.
+        header.setSortIndicatorShown(False)
+        header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
+        header.setStretchLastSection(False)
+        self.resizeColumnsToContents()
+        header.setStretchLastSection(True)
         self.setSortingEnabled(True)
         # As it came; the mark of a sorted column would be wrong.
-        self.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
+        header.setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
 
     def clear_rows(self) -> None:
         """Show nothing."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from qtpy.QtCore import Qt
+from qtpy.QtCore import Qt, Signal
 from qtpy.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVBoxLayout, QWidget
 
 __all__ = ["Section"]
@@ -19,7 +19,14 @@ class Section(QWidget):  # type: ignore[misc]
         The heading.
     content : QWidget
         What it opens and closes.
+
+    Signals
+    -------
+    opened(Section)
+        The user has opened this one.
     """
+
+    opened = Signal(object)
 
     def __init__(self, title: str, content: QWidget) -> None:
         super().__init__()
@@ -37,6 +44,7 @@ class Section(QWidget):  # type: ignore[misc]
         bold.setBold(True)
         self.heading.setFont(bold)
         self.heading.toggled.connect(self.set_open)
+        self.heading.clicked.connect(self._clicked)
         self.badge = QLabel()
         self.badge.setObjectName(f"state_{title.split()[1].lower()}")
         row = QHBoxLayout()
@@ -61,6 +69,10 @@ class Section(QWidget):  # type: ignore[misc]
         arrow = Qt.ArrowType.DownArrow if is_open else Qt.ArrowType.RightArrow
         self.heading.setArrowType(arrow)
         self.content.setVisible(is_open)
+
+    def _clicked(self, is_open: bool) -> None:
+        if is_open:
+            self.opened.emit(self)
 
     def set_state(self, colour: str, words: str, tooltip: str) -> None:
         """Say at the heading how far the step is."""
