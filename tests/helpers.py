@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import runpy
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -48,3 +49,9 @@ def command(*arguments: object, cwd: Path) -> Ended:
         except SystemExit as end:
             code = int(end.code or 0)
     return Ended(code, out.getvalue(), err.getvalue())
+
+
+def run_script(script: Path) -> None:
+    """Run a script in its own folder, in this process."""
+    with chdir(script.parent):
+        runpy.run_path(script.name, run_name="__main__")

@@ -20,6 +20,7 @@ import pytest
 
 import napari_phase4d as p4d
 from batches import RECIPE, batch, names, statuses, write_phases
+from helpers import command
 from napari_phase4d.io import read_results
 from napari_phase4d.pipeline import Outcome, run_batch, sentence_of
 from napari_phase4d.pipeline import fingerprint as fingerprint_of
@@ -236,24 +237,17 @@ def test_batch_can_be_cancelled_while_results_are_hashed(
 # The command line
 
 
-def command(*arguments: object, cwd: Path) -> list[str]:
-    return [sys.executable, "-m", "napari_phase4d", *map(str, arguments)]
-
-
 @pytest.mark.slow
 def test_batch_on_the_command_line(phases: Path, tmp_path: Path) -> None:
     recipe = RECIPE.to_file(tmp_path / "recipe.json")
     files = [phases / "a.npy", phases / "bad.npy", phases / "b.npy"]
-    line = command("run", recipe, *files, "--out", "out", cwd=tmp_path)
-    first = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
+    line = ("run", recipe, *files, "--out", "out")
+    first = command(*line, cwd=tmp_path)
     assert first.returncode == 1
     assert "[1 of 3] a.npy: 2 results in" in first.stdout
     assert "1 of 3 files failed: bad.npy" in first.stderr
     assert "Traceback" not in first.stdout + first.stderr
-    again = subprocess.run(
-        [*line, "--resume", "--form", "zarr"], cwd=tmp_path, capture_output=True, text=True,
-        check=False,
-    )  # fmt: skip
+    again = command(*line, "--resume", "--form", "zarr", cwd=tmp_path)
     assert again.returncode == 1
     assert (tmp_path / "out" / "a" / "wrapped.ome.zarr").is_dir()
     assert not (tmp_path / "out" / "a" / "wrapped.ome.tif").exists()
@@ -266,7 +260,7 @@ def test_ctrl_c_is_one_sentence_and_nothing_half_written(phases: Path, tmp_path:
         files.append(tmp_path / f"f{i:03}.npy")
         shutil.copy(phases / "a.npy", files[-1])
     recipe = RECIPE.to_file(tmp_path / "recipe.json")
-    line = command("run", recipe, *files, "--out", "out", cwd=tmp_path)
+    line = [sys.executable, "-m", "napari_phase4d", "run", recipe, *files, "--out", "out"]
     with subprocess.Popen(
         line,
         cwd=tmp_path,

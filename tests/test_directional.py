@@ -22,6 +22,8 @@ from napari_phase4d.unwrapping.directional.regions import Regions, regions_of
 from napari_phase4d.unwrapping.directional.steps import all_steps, roughness
 from napari_phase4d.unwrapping.problem import Problem
 
+pytestmark = pytest.mark.slow
+
 TURN = 2 * np.pi
 CYCLE = TURN**2
 OWN = ("directional-growing", "directional-l1")

@@ -30,6 +30,8 @@ from faulty import (
     sound,
 )
 
+pytestmark = pytest.mark.slow
+
 RIGHT = ("fine", "sentence")
 PICTURES = ("PNG", "BMP", "JPEG")
 LOSSY = ("JPEG", "AVI, Motion JPEG", "MP4, MPEG-4")

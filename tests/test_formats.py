@@ -16,6 +16,8 @@ from format_cases import CASES, Case
 from format_writers import INTERVAL_S, PIXEL_UM, noise, numbered, spelled
 from napari_phase4d.recording import READERS, Recording
 
+pytestmark = pytest.mark.slow
+
 SHAPE = (96, 128)
 
 

@@ -33,6 +33,8 @@ from made_up import (
     turns_between,
 )
 
+pytestmark = pytest.mark.slow
+
 TURN = 2 * np.pi
 DIMS = ("time", "angle", "y", "x")
 METHODS = tuple(p4d.METHODS)

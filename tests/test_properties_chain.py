@@ -19,6 +19,8 @@ from made_up import EXAMPLES, TURN, quick
 from napari_phase4d.io import read_results, write_phase
 from napari_phase4d.pipeline.batch.folders import result_folders
 
+pytestmark = pytest.mark.slow
+
 DIMS = ("time", "angle", "y", "x")
 PAIR = (p4d.Lobe((0.21, 0.2), 0.09, -7.0), p4d.Lobe((-0.19, 0.22), 0.09, 21.0))
 

@@ -149,7 +149,7 @@ def test_command_line_tells_and_runs(tmp_path: Path) -> None:
     command = script("napari-phase4d")
     assert "reproduce" in told(command, "--help")
     assert "40" in told(command, "info", "sample:euglena")
-    told(command, "run", "sample:euglena", "--method", "spatial-2d", "--out", tmp_path / "out")
+    told(command, "run", "sample:yeast", "--method", "spatial-2d", "--out", tmp_path / "out")
     assert (tmp_path / "out" / "recipe.json").exists()
     assert list((tmp_path / "out").glob("*.ome.tif"))
 

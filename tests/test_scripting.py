@@ -18,6 +18,7 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
+from helpers import command, run_script
 from napari_phase4d.holography import BACKGROUND_ORDERS, WINDOWS, Lobe
 from napari_phase4d.pipeline import Outcome, Recipe, found_anywhere, open_by, write_outcome
 from napari_phase4d.recording import Recording
@@ -142,15 +143,15 @@ def test_frames_in_memory_make_no_script(small_video: Recording) -> None:
         as_python(outcome.recipe)
 
 
-def run_in_a_fresh_process(recipe: Recipe, folder: Path) -> Path:
-    """Run the script of a recipe where nothing but the script is; return where it saved."""
+def script_of(recipe: Recipe, folder: Path) -> Path:
     script = folder / "script.py"
     script.write_text(as_python(recipe, folder="results"), encoding="utf-8")
-    done = subprocess.run(
-        [sys.executable, script.name], cwd=folder, capture_output=True, text=True, check=False
-    )
-    assert done.returncode == 0, done.stderr
-    assert not done.stderr
+    return script
+
+
+def saved_by_script(recipe: Recipe, folder: Path) -> Path:
+    """Run the script of a recipe; return where it saved."""
+    run_script(script_of(recipe, folder))
     return folder / "results"
 
 
@@ -184,15 +185,21 @@ def test_script_of_the_sample(tmp_path: Path) -> None:
         methods=("spatial-2d", "temporal-angular", "directional-l1"),
     )  # fmt: skip
     outcome = p4d.run(recipe)
-    # With the lobes that were found, as a window has them.
-    assert_the_same(outcome, run_in_a_fresh_process(outcome.recipe, tmp_path))
+    # With the lobes that were found, as a window has them; where nothing but the script is.
+    script = script_of(outcome.recipe, tmp_path)
+    done = subprocess.run(
+        [sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr
+    assert_the_same(outcome, tmp_path / "results")
 
 
 def test_script_of_the_sample_phase(tmp_path: Path) -> None:
     recipe = Recipe(recording="sample:yeast", methods=("temporal",), confidence=True)
     outcome = p4d.run(recipe)
     np.testing.assert_array_equal(outcome.reconstruction["phase"], yeast_sample()["wrapped"])
-    assert_the_same(outcome, run_in_a_fresh_process(recipe, tmp_path))
+    assert_the_same(outcome, saved_by_script(recipe, tmp_path))
 
 
 def test_script_of_a_video_with_its_microscope_and_a_reference(
@@ -217,7 +224,7 @@ def test_script_of_a_video_with_its_microscope_and_a_reference(
     outcome = p4d.run(outcome.recipe.changed(lobes=lobes))
     folder = tmp_path / "elsewhere"
     folder.mkdir()
-    assert_the_same(outcome, run_in_a_fresh_process(outcome.recipe, folder))
+    assert_the_same(outcome, saved_by_script(outcome.recipe, folder))
 
 
 def test_script_of_one_array_of_a_file(tmp_path: Path, small_video: Recording) -> None:
@@ -232,7 +239,7 @@ def test_script_of_one_array_of_a_file(tmp_path: Path, small_video: Recording) -
     outcome = p4d.run(recipe)
     np.testing.assert_array_equal(outcome.recording.holograms, frames[:, :, ::-1])
     # Without lobes, so that the script finds them anew.
-    assert_the_same(outcome, run_in_a_fresh_process(recipe, tmp_path))
+    assert_the_same(outcome, saved_by_script(recipe, tmp_path))
 
 
 def test_script_of_phase_with_gaps(tmp_path: Path) -> None:
@@ -246,14 +253,13 @@ def test_script_of_phase_with_gaps(tmp_path: Path) -> None:
         methods=("temporal-angular", "dilate-erode"),
         options={"dilate-erode": {"max_window": 2}},
     )  # fmt: skip
-    assert_the_same(p4d.run(recipe), run_in_a_fresh_process(recipe, tmp_path))
+    assert_the_same(p4d.run(recipe), saved_by_script(recipe, tmp_path))
 
 
 def test_sample_runs_from_the_command_line(tmp_path: Path) -> None:
     recipe = Recipe(recording="sample:yeast", methods=("angular",))
     recipe.to_file(tmp_path / "yeast.json")
-    line = [sys.executable, "-m", "napari_phase4d", "run", "yeast.json", "--out", "results"]
-    done = subprocess.run(line, cwd=tmp_path, capture_output=True, text=True, check=False)
+    done = command("run", "yeast.json", "--out", "results", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert_the_same(p4d.run(recipe), tmp_path / "results")
 

@@ -14,6 +14,7 @@ import tifffile
 from qtpy.QtWidgets import QAbstractButton, QComboBox, QLabel, QTabWidget
 
 import napari_phase4d as p4d
+from helpers import run_script
 
 ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
@@ -42,7 +43,11 @@ OF_THE_WINDOW = ["tutorial/index.md"] + [
 def test_examples_of_scripting_run_from_top_to_bottom(tmp_path: Path) -> None:
     script = tmp_path / "example.py"
     script.write_text(example_of("docs/how-to/scripting.md"), encoding="utf-8")
-    run_script(script)
+    # A window of its own, with a process of its own.
+    done = subprocess.run(
+        [sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
     assert list(tmp_path.rglob("*.ome.tif"))
 
 
@@ -76,18 +81,6 @@ def example_of(page: str) -> str:
     blocks = re.findall(r"```python\n(?!>>>)(.*?)```", text, re.DOTALL)
     assert blocks
     return "\n".join(["import napari_phase4d as p4d", *blocks])
-
-
-def run_script(script: Path) -> None:
-    """Run a script in its own folder, as a user would."""
-    run = subprocess.run(
-        [sys.executable, script.name],
-        cwd=script.parent,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr[-2000:]
 
 
 @pytest.mark.gui

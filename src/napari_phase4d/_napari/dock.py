@@ -90,6 +90,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._closing.setSingleShot(True)
         self._closing.setInterval(0)
         self._closing.timeout.connect(self._look_if_closed)
+        self._opened: Section | None = None
         # What a section holds has its height only once the window has laid it out.
         self._laid_out = QTimer(self)
         self._laid_out.setSingleShot(True)
@@ -181,7 +182,6 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         sections.setContentsMargins(0, 0, 0, 0)
         sections.setSpacing(2)
         self.sections: list[Section] = []
-        self._opened: Section | None = None
         for step in self.steps:
             section = Section(step.title, step)
             section.opened.connect(self._look_at_opened)
