@@ -17,6 +17,9 @@ from pathlib import Path
 
 import pytest
 
+import napari_phase4d as p4d
+from helpers import command
+
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 PACKAGE = "src/napari_phase4d"
@@ -93,6 +96,8 @@ def dist(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_one_version_everywhere() -> None:
     version = PROJECT["version"]
     assert metadata.version("napari-phase4d") == version
+    assert p4d.__version__ == version
+    assert command("--version", cwd=ROOT).stdout == f"{version}\n"
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.findall(r"^version: (\S+)$", citation, re.MULTILINE) == [version]
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
@@ -146,10 +151,10 @@ def test_samples_open_through_the_plugin_engine() -> None:
 
 @pytest.mark.slow
 def test_command_line_tells_and_runs(tmp_path: Path) -> None:
-    command = script("napari-phase4d")
-    assert "reproduce" in told(command, "--help")
-    assert "40" in told(command, "info", "sample:euglena")
-    told(command, "run", "sample:yeast", "--method", "spatial-2d", "--out", tmp_path / "out")
+    program = script("napari-phase4d")
+    assert "reproduce" in told(program, "--help")
+    assert "40" in told(program, "info", "sample:euglena")
+    told(program, "run", "sample:yeast", "--method", "spatial-2d", "--out", tmp_path / "out")
     assert (tmp_path / "out" / "recipe.json").exists()
     assert list((tmp_path / "out").glob("*.ome.tif"))
 

@@ -16,9 +16,12 @@ The chain, in the order of use:
 from __future__ import annotations
 
 import importlib
+from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    __version__: str
+
     from napari_phase4d import simulation
     from napari_phase4d.evaluation import Comparison, compare
     from napari_phase4d.holography import Lobe, find_lobes, power_spectrum, reconstruct
@@ -77,6 +80,8 @@ if not TYPE_CHECKING:  # else type checkers would take every name for one of the
 
     def __getattr__(name: str) -> Any:
         """Load a public name from its home when it is first asked for."""
+        if name == "__version__":
+            return metadata.version("napari-phase4d")
         if name == "simulation":
             return importlib.import_module("napari_phase4d.simulation")
         if name in _HOME:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from typing import Annotated
+
 import typer
 from rich.markup import escape
 
+import napari_phase4d
 from napari_phase4d.cli.comparing import compare_command
-from napari_phase4d.cli.console import errors
+from napari_phase4d.cli.console import console, errors
 from napari_phase4d.cli.demo import demo
 from napari_phase4d.cli.info import info
 from napari_phase4d.cli.look import look
@@ -22,6 +25,27 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
+
+
+def show_version(wanted: bool) -> None:
+    """Print the version and stop, if that is wanted."""
+    if wanted:
+        console.print(napari_phase4d.__version__)
+        raise typer.Exit
+
+
+@app.callback()
+def for_all_commands(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=show_version, is_eager=True, help="Print the version and stop."
+        ),
+    ] = False,
+) -> None:
+    """Take what belongs to no command."""
+
+
 # In the order of the help.
 app.command("demo")(demo)
 app.command("info")(info)
