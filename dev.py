@@ -21,6 +21,8 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 STAMP = VENV / "phase4d-setup"
 MINIMUM_PYTHON = (3, 11)
+#: Of tests at a time; each may take two gigabytes.
+MOST_PROCESSES = 6
 XVFB_SCREEN = "-screen 0 1600x1000x24"
 #: What makes napari, the plugin and the tests use the other Qt binding.
 PYSIDE = {"QT_API": "pyside6", "PYTEST_QT_API": "pyside6"}
@@ -71,15 +73,16 @@ def test(rest: list[str]) -> int:
     Without arguments, the story of the window is told a second time with the other Qt binding.
     """
     setup([])
+    # One process more than cores, as some of the tests wait.
+    processes = str(min((os.cpu_count() or 1) + 1, MOST_PROCESSES))
+    together = ["-m", "pytest", "-n", processes, "--dist", "worksteal"]
     if rest == ["--quick"]:
-        return run_graphical(["-m", "pytest", "-n", "2", "-m", "not gui and not slow"])
-    # Two processes halve the wait; arguments of one's own are for a closer look.
-    parallel = [] if rest else ["-n", "2"]
-    code = run_graphical(["-m", "pytest", *parallel, *rest])
-    if rest:
-        return code
+        return run_graphical([*together, "-m", "not gui and not slow"])
+    if rest:  # arguments of one's own are for a closer look
+        return run_graphical(["-m", "pytest", *rest])
+    code = run_graphical(together)
     print("The story again, with PySide6:", flush=True)
-    return code or run_graphical(["-m", "pytest", "-m", "story"], PYSIDE)
+    return code or run_graphical(["-m", "pytest", "-m", "story", "tests/_napari"], PYSIDE)
 
 
 def check(rest: list[str]) -> int:
