@@ -21,6 +21,10 @@ ROOT = Path(__file__).resolve().parent
 VENV = ROOT / ".venv"
 STAMP = VENV / "phase4d-setup"
 MINIMUM_PYTHON = (3, 11)
+#: Compiles what is not on disk yet.
+WARM_UP = "from napari_phase4d.unwrapping.warming import warm_up; warm_up()"
+#: Processes side by side share the cores, and several hundred are started that import napari.
+SIDE_BY_SIDE = {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
 #: Of tests at a time; each may take two gigabytes.
 MOST_PROCESSES = 6
 XVFB_SCREEN = "-screen 0 1600x1000x24"
@@ -73,14 +77,17 @@ def test(rest: list[str]) -> int:
     Without arguments, the story of the window is told a second time with the other Qt binding.
     """
     setup([])
+    if rest not in ([], ["--quick"]):  # arguments of one's own are for a closer look
+        return run_graphical(["-m", "pytest", *rest])
+    # What no process has compiled before, each of several would compile.
+    run([str(python_in_venv()), "-c", WARM_UP], SIDE_BY_SIDE)
     # One process more than cores, as some of the tests wait.
     processes = str(min((os.cpu_count() or 1) + 1, MOST_PROCESSES))
-    together = ["-m", "pytest", "-n", processes, "--dist", "worksteal"]
-    if rest == ["--quick"]:
-        return run_graphical([*together, "-m", "not gui and not slow"])
-    if rest:  # arguments of one's own are for a closer look
-        return run_graphical(["-m", "pytest", *rest])
-    code = run_graphical(together)
+    chosen = ["-m", "not gui and not slow"] if rest else []
+    together = ["-m", "pytest", "-n", processes, "--dist", "worksteal", *chosen]
+    code = run_graphical(together, SIDE_BY_SIDE)
+    if rest:
+        return code
     print("The story again, with PySide6:", flush=True)
     return code or run_graphical(["-m", "pytest", "-m", "story", "tests/_napari"], PYSIDE)
 

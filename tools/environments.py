@@ -84,11 +84,11 @@ class Environment:
         if self.combination.dependencies == "newest":
             uv(*install, f"{wheel}[{','.join(EXTRAS)}]", napari)
             uv(*tools, "--group", f"{self.source / 'pyproject.toml'}:test-schemas")
-            return
-        pins = self._lowest(napari)
-        uv(*install, "--requirements", pins)
-        uv(*install, "--no-deps", wheel)
-        uv(*tools, "--constraints", self._of_ours(pins))
+        else:
+            pins = self._lowest(napari)
+            uv(*install, "--requirements", pins)
+            uv(*install, "--no-deps", wheel)
+            uv(*tools, "--constraints", self._of_ours(pins))
 
     def _lowest(self, napari: str) -> Path:
         """Write the lowest versions that pyproject.toml allows, of what it names itself."""
@@ -118,9 +118,11 @@ class Environment:
         command = [self.python, "-m", "pytest", "-p", "no:cacheprovider", f"--junitxml={report}"]
         on_screen = [] if has_display() else ["xvfb-run", "-a", "-s", XVFB_SCREEN]
         binding = self.combination.qt.lower()
-        environment = {**os.environ, "QT_API": binding, "PYTEST_QT_API": binding}
+        environment = {**os.environ, **SIDE_BY_SIDE, "QT_API": binding, "PYTEST_QT_API": binding}
         environment.pop("PYTHONPATH", None)
         with (self.folder.parent / f"{self.combination.name}-{name}.log").open("w") as log:
+            compiling = [self.python, "-c", WARM_UP]
+            subprocess.run(compiling, cwd=self.folder, env=environment, stderr=log, check=False)
             done = subprocess.run(
                 [*on_screen, *command, *arguments],
                 cwd=self.source, env=environment, stdout=log, stderr=log, check=False,

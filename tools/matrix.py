@@ -99,7 +99,7 @@ def row_of(combination: Combination, folder: Path, wheel: Path, source: Path) ->
         print(error.stderr or error, flush=True)
         return Row((*head, "", "could not be installed", "not run", ""), passed=False)
     checks = environment.tested("release", "-m", "release")
-    quick = environment.tested("quick", "-m", QUICK, "-n", "2")
+    quick = environment.tested("quick", "-m", QUICK, "-n", "3", "--dist", "worksteal")
     minutes = f"{(monotonic() - begin) / 60:.1f}"
     cells = (*head, environment.versions(), str(checks), str(quick), minutes)
     return Row(cells, passed=checks.passed and quick.passed)
