@@ -12,7 +12,7 @@ import xml.etree.ElementTree as ET
 from dataclasses import dataclass
 from pathlib import Path
 
-from dev import XVFB_SCREEN, has_display
+from dev import SIDE_BY_SIDE, WARM_UP, XVFB_SCREEN, has_display
 
 EXTRAS = ("bio", "cluster", "codecs", "flow", "video")
 NAPARI = "napari[{}]>=0.9,<0.10"
