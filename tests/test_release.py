@@ -47,6 +47,7 @@ p4d.open_recording("a.tif", frame_rate_hz="six")
 p4d.find_lobes(p4d.open_recording("a.tif"), n_views="two")
 p4d.find_lobes(p4d.open_recording("a.tif"))[0].angel_deg
 p4d.unwarp
+p4d.unwrap([[0.0]], boundary="first")
 """
 SAMPLES = """
 import numpy as np
@@ -174,4 +175,5 @@ def test_a_users_mypy_sees_the_types(tmp_path: Path) -> None:
         ("wrong.py", "5", "arg-type"),
         ("wrong.py", "6", "attr-defined"),
         ("wrong.py", "7", "attr-defined"),
+        ("wrong.py", "8", "arg-type"),
     ], done.stdout

@@ -8,6 +8,7 @@ from functools import partial
 from typing import Any, Protocol
 
 import xarray as xr
+from numpy.typing import ArrayLike
 
 from napari_phase4d.evaluation.comparison import Comparison
 from napari_phase4d.evaluation.resources import Measured, measured
@@ -26,13 +27,13 @@ __all__ = ["Runs", "compare", "compare_on"]
 
 
 def compare(
-    phase: xr.DataArray | Any,
+    phase: xr.DataArray | ArrayLike,
     methods: Sequence[str] | None = None,
-    boundary: Any = (0, 0),
-    truth: xr.DataArray | Any = None,
+    boundary: tuple[int, int] | Sequence[tuple[int, int]] = (0, 0),
+    truth: xr.DataArray | ArrayLike | None = None,
     *,
-    mask: Any = None,
-    amplitude: Any = None,
+    mask: xr.DataArray | ArrayLike | None = None,
+    amplitude: xr.DataArray | ArrayLike | None = None,
     options: Mapping[str, Mapping[str, Any]] | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,

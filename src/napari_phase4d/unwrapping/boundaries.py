@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, watched
 from napari_phase4d.unwrapping.problem import Problem
@@ -26,10 +24,10 @@ Mask = NDArray[np.bool_]
 
 
 def score_boundaries(
-    phase: xr.DataArray | Any,
-    reference: xr.DataArray | Any = None,
+    phase: xr.DataArray | ArrayLike,
+    reference: xr.DataArray | ArrayLike | None = None,
     *,
-    mask: Any = None,
+    mask: xr.DataArray | ArrayLike | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
 ) -> xr.DataArray:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
@@ -57,10 +57,10 @@ class Problem(SharedSteps):
 
     def __init__(
         self,
-        phase: xr.DataArray | Any,
+        phase: xr.DataArray | ArrayLike,
         boundary: Boundary | Sequence[Boundary] = (0, 0),
-        mask: Any = None,
-        amplitude: Any = None,
+        mask: xr.DataArray | ArrayLike | None = None,
+        amplitude: xr.DataArray | ArrayLike | None = None,
         *,
         for_one_method: bool = False,
     ) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.unwrapping.lending import LentProblem
@@ -22,14 +22,14 @@ SPOKEN = {"phasetools": "PhaseTools"}
 
 
 def unwrap(
-    phase: xr.DataArray | Any,
+    phase: xr.DataArray | ArrayLike,
     method: str = "temporal-angular",
-    boundary: Any = (0, 0),
-    mask: Any = None,
+    boundary: tuple[int, int] | Sequence[tuple[int, int]] = (0, 0),
+    mask: xr.DataArray | ArrayLike | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
     *,
-    amplitude: Any = None,
+    amplitude: xr.DataArray | ArrayLike | None = None,
     **method_options: Any,
 ) -> xr.DataArray:
     """Unwrap phase over time, angle, y and x.
