@@ -23,10 +23,10 @@ STAMP = VENV / "phase4d-setup"
 MINIMUM_PYTHON = (3, 11)
 #: Compiles what is not on disk yet.
 WARM_UP = "from napari_phase4d.unwrapping.warming import warm_up; warm_up()"
-#: Processes side by side share the cores, and several hundred are started that import napari.
+#: Processes side by side share the cores, and each imports what another has compiled to bytecode.
 SIDE_BY_SIDE = {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
-#: Of tests at a time; each may take two gigabytes.
-MOST_PROCESSES = 6
+#: Of tests at a time; each takes between one and two gigabytes.
+MOST_PROCESSES = 4
 XVFB_SCREEN = "-screen 0 1600x1000x24"
 #: What makes napari, the plugin and the tests use the other Qt binding.
 PYSIDE = {"QT_API": "pyside6", "PYTEST_QT_API": "pyside6"}

@@ -79,7 +79,7 @@ def test_run_json_names_input_recipe_and_every_file(phases: Path, tmp_path: Path
 def test_confidence_gives_the_doubtful_share(phases: Path, tmp_path: Path) -> None:
     table = run_batch(RECIPE.changed(confidence=True), [phases / "a.npy"], tmp_path)
     own = pd.read_csv(tmp_path / "a" / "table.csv", index_col="id")
-    expected = own["suspicious_percent"]["temporal-angular"]
+    expected = own["doubtful_percent"]["temporal-angular"]
     assert table["doubtful_percent"][1] == pytest.approx(expected)
     assert 0 <= expected <= 100
 

@@ -115,29 +115,29 @@ def test_against_is_what_compare_with_truth_says(
         compared.against(np.zeros((2, 2)))
 
 
-def test_suspicious_pixels_of_the_object_are_counted(
+def test_doubtful_pixels_of_the_object_are_counted(
     noisy: xr.Dataset, compared: p4d.Comparison
 ) -> None:
     maps = {method: compared.confidence(method) for method in METHODS[:2]}
-    found = compared.against(noisy["phase"]).with_suspicion(maps)
-    assert list(found.table.columns) == [*COSTS, "suspicious_percent", *ERRORS]
+    found = compared.against(noisy["phase"]).with_doubt(maps)
+    assert list(found.table.columns) == [*COSTS, "doubtful_percent", *ERRORS]
     inside = ~compared.problem.background().mask
     assert 0.1 < inside.mean() < 0.9
     for method, trust in maps.items():
         expected = 100 * (trust.values[inside] < 0.5).mean()
-        assert found.table.loc[method, "suspicious_percent"] == pytest.approx(expected)
+        assert found.table.loc[method, "doubtful_percent"] == pytest.approx(expected)
     # Wrong pixels of the simulated object are found again, as far as confidence tells them.
     body = moving_shape("swelling")["phase"].values > 0
     off = np.round((compared.results["spatial-2d"] - noisy["phase"]).values / TURN) != 0
-    share = found.table.loc["spatial-2d", "suspicious_percent"]
+    share = found.table.loc["spatial-2d", "doubtful_percent"]
     assert share == pytest.approx(100 * off[body].mean(), rel=0.5)
-    assert np.isnan(found.table.loc["directional-l1", "suspicious_percent"])
-    assert "suspicious_percent" not in found.with_suspicion({}).table
+    assert np.isnan(found.table.loc["directional-l1", "doubtful_percent"])
+    assert "doubtful_percent" not in found.with_doubt({}).table
     with pytest.raises(ValueError, match="no result of 'laplacian'; there are spatial-2d, "):
-        compared.with_suspicion({"laplacian": maps["spatial-2d"]})
+        compared.with_doubt({"laplacian": maps["spatial-2d"]})
 
 
-def test_suspicion_leaves_out_what_the_mask_leaves_out() -> None:
+def test_doubt_leaves_out_what_the_mask_leaves_out() -> None:
     wrapped = moving_shape("swelling")["wrapped"].isel(time=slice(6), angle=1)
     mask = np.zeros(wrapped.shape, bool)
     mask[:, 8:] = True
@@ -150,8 +150,8 @@ def test_suspicion_leaves_out_what_the_mask_leaves_out() -> None:
     trust[3] = 0.5  # not below a half
     expected = 100 * inside[2].sum() / inside.sum()
     for given in (trust, trust.transpose("x", "time", "y")):
-        found = compared.with_suspicion({"spatial-2d": given}).table
-        assert found.loc["spatial-2d", "suspicious_percent"] == pytest.approx(expected)
+        found = compared.with_doubt({"spatial-2d": given}).table
+        assert found.loc["spatial-2d", "doubtful_percent"] == pytest.approx(expected)
 
 
 def test_without_an_object_all_usable_pixels_count() -> None:
@@ -162,8 +162,8 @@ def test_without_an_object_all_usable_pixels_count() -> None:
     assert compared.problem.background().mask[mask].all()
     trust = xr.ones_like(flat)
     trust[0] = 0.1
-    found = compared.with_suspicion({"spatial-2d": trust}).table
-    assert found.loc["spatial-2d", "suspicious_percent"] == pytest.approx(100 / 3)
+    found = compared.with_doubt({"spatial-2d": trust}).table
+    assert found.loc["spatial-2d", "doubtful_percent"] == pytest.approx(100 / 3)
 
 
 def test_difference_of_two_results(noisy: xr.Dataset, compared: p4d.Comparison) -> None:

@@ -7,7 +7,13 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import itoh_margin, order_shares, order_verdict, residues
+from napari_phase4d.evaluation import (
+    itoh_margin,
+    order_shares,
+    order_verdict,
+    residues,
+    wrong_cycle_share,
+)
 
 
 def test_margin_of_a_ramp_is_its_slope() -> None:
@@ -64,10 +70,18 @@ def test_orders_are_judged_by_the_steps_on_their_way() -> None:
     assert shares["angular-temporal"] == pytest.approx(6 / 7)
 
 
+BOTH = ("temporal-angular", "angular-temporal")
+
+
 def test_order_is_judged_by_truth_and_not_by_a_result_of_itself() -> None:
     data = p4d.simulation.budding_yeast()
     results = p4d.compare(data["wrapped"], mask="auto").results
-    assert order_verdict(results, truth=data["phase"]) == "T/A suits better, by the exact phase."
+    wrong = [100 * wrong_cycle_share(results[m], data["phase"]) for m in BOTH]
+    assert order_verdict(results, truth=data["phase"]) == (
+        f"T/A suits better: it is wrong in {wrong[0]:.2g} % of the pixels, "
+        f"A/T in {wrong[1]:.2g} %."
+    )
+    assert order_verdict({}, truth=data["phase"]) == "T/A meets fewer of them, by the exact phase."
     assert order_verdict(results) == (
         "T/A suits better: it differs from WL1 in 1.6 % of the pixels, A/T in 2.1 %."
     )

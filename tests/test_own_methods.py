@@ -64,6 +64,7 @@ def python(environment: dict[str, str], *arguments: str | Path) -> str:
     return done.stdout
 
 
+@pytest.mark.release
 def test_an_installed_method_is_one_of_all(environment: dict[str, str]) -> None:
     found = json.loads(python(environment, "-c", STORY))
     assert found["last"] == "least-squares"

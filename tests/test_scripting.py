@@ -320,7 +320,7 @@ def test_outcome_is_written_with_truth_and_trust(tmp_path: Path) -> None:
     assert table.loc["temporal", "mse_rad2"] == pytest.approx(
         outcome.comparison.table.loc["temporal", "mse_rad2"]
     )
-    assert 0 <= table.loc["temporal", "suspicious_percent"] <= 100
+    assert 0 <= table.loc["temporal", "doubtful_percent"] <= 100
     for name in names:  # as another program reads them
         with tifffile.TiffFile(tmp_path / f"{name}.ome.tif") as tif:
             image = tifffile.xml2dict(tif.ome_metadata)["OME"]["Image"]

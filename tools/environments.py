@@ -89,6 +89,8 @@ class Environment:
             uv(*install, "--requirements", pins)
             uv(*install, "--no-deps", wheel)
             uv(*tools, "--constraints", self._of_ours(pins))
+        compiling = [self.python, "-W", "ignore", "-c", WARM_UP]
+        subprocess.run(compiling, cwd=self.folder, check=True, capture_output=True, text=True)
 
     def _lowest(self, napari: str) -> Path:
         """Write the lowest versions that pyproject.toml allows, of what it names itself."""
@@ -121,8 +123,6 @@ class Environment:
         environment = {**os.environ, **SIDE_BY_SIDE, "QT_API": binding, "PYTEST_QT_API": binding}
         environment.pop("PYTHONPATH", None)
         with (self.folder.parent / f"{self.combination.name}-{name}.log").open("w") as log:
-            compiling = [self.python, "-c", WARM_UP]
-            subprocess.run(compiling, cwd=self.folder, env=environment, stderr=log, check=False)
             done = subprocess.run(
                 [*on_screen, *command, *arguments],
                 cwd=self.source, env=environment, stdout=log, stderr=log, check=False,

@@ -19,7 +19,7 @@ def markdown() -> str:
     """Return a section for every command."""
     group: Any = typer.main.get_command(app)
     context = group.context_class(group, info_name=NAME)
-    parts = []
+    parts = ["## Of all commands", parameters(group, context)]
     for name, command in group.commands.items():
         own = command.context_class(command, info_name=name, parent=context)
         parts += [f"## {name}", command.help, usage(command, own), parameters(command, own)]

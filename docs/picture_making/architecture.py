@@ -66,7 +66,9 @@ def files_of(room: str) -> list[Path]:
 
 def imports_of(room: str) -> set[str]:
     """Return the other rooms that a room imports."""
-    found = {name.split(".")[1] for name in modules_of(room) if name.startswith(PACKAGE.name)}
+    found = {
+        name.split(".")[1] for name in modules_of(room) if name.startswith(f"{PACKAGE.name}.")
+    }
     return found - {room}
 
 

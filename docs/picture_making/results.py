@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -20,7 +21,8 @@ from napari_phase4d.simulation import budding_yeast, with_noise
 from picture_making.saving import PICTURES, save_figure, save_image
 
 #: A measured hologram, which is not part of the repository.
-PARAMECIUM = PICTURES.parents[2] / "shared/data/offaxis/paramecium_oa_oof.npz"
+MEASURED = Path(os.environ.get("PHASE4D_MEASURED", PICTURES.parents[2] / "shared" / "data"))
+PARAMECIUM = MEASURED / "offaxis/paramecium_oa_oof.npz"
 
 
 def figures_of_the_paper(wanted: set[str]) -> None:

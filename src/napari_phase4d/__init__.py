@@ -92,4 +92,4 @@ if not TYPE_CHECKING:  # else type checkers would take every name for one of the
 
 def __dir__() -> list[str]:
     """List the public names."""
-    return __all__
+    return [*__all__, "__version__"]

@@ -96,7 +96,7 @@ END_WITH_TRUST = """\
 trust = {method: outcome.comparison.confidence(method) for method in recipe.methods}
 for method, stack in trust.items():
     p4d.write_phase(folder / f"confidence_{method}.ome.tif", stack)
-outcome.comparison.with_suspicion(trust).table.to_csv(folder / "table.csv")
+outcome.comparison.with_doubt(trust).table.to_csv(folder / "table.csv")
 outcome.recipe.to_file(folder / "recipe.json")
 """
 

@@ -96,7 +96,7 @@ def test_truth_chosen_while_results_are_made_or_weighed_counts(ready) -> None:
     session.set_truth(None)
     plan.receive(found)
     table = session.outcome.comparison.table
-    assert "suspicious_percent" in table
+    assert "doubtful_percent" in table
     assert "mse_rad2" not in table
 
 

@@ -215,6 +215,12 @@ def test_measuring_the_object_and_labels(viewer, compared, click, tmp_path: Path
     ]  # fmt: skip
     assert set(saved["refraction increment (mL/g)"]) == {0.2}
     np.testing.assert_allclose(saved["dry mass (pg)"], expected["dry mass (pg)"])
+    measuring.save_to(tmp_path / "plot.png")
+    assert compared.status.text() == f"The plot is in {tmp_path / 'plot.png'}."
+    measuring.save_to(tmp_path / "without ending")
+    assert (tmp_path / "without ending.csv").exists()
+    with pytest.raises(ValueError, match=r"a table is written as .csv, but the name is m.docx"):
+        measuring.save_to(tmp_path / "m.docx")
 
 
 def test_measuring_says_what_is_missing(viewer, compared, click) -> None:

@@ -69,8 +69,8 @@ def test_maps_of_the_steps(viewer, dock, click, tick_only) -> None:
         np.testing.assert_array_equal(layer.data, margin[name].values)
         assert layer.contrast_limits == [0, 2]
     ways = order_shares(truth)
-    better = {"temporal-angular": "T/A", "angular-temporal": "A/T"}[min(ways, key=ways.get)]
-    assert dock.status.text().endswith(f"{better} suits better, by the exact phase.")
+    fewer = {"temporal-angular": "T/A", "angular-temporal": "A/T"}[min(ways, key=ways.get)]
+    assert dock.status.text().endswith(f"{fewer} meets fewer of them, by the exact phase.")
     click("side_by_side")
     assert not any(layer.visible for layer in shown)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -192,6 +193,20 @@ def test_angles_and_results_do_not_pass_to_the_next_recording(dock, small_video)
     assert dock.session.lobes == []
     dock.session.find_lobes()
     assert [lobe.angle_deg for lobe in dock.session.lobes] == [0, 1]
+
+
+def test_a_recording_is_on_screen_where_layers_of_another_begin_elsewhere(
+    viewer, ready, small_video
+) -> None:
+    lobes = ready.session.lobes
+    ready.session.set_lobes([replace(lobes[0], angle_deg=-7), replace(lobes[1], angle_deg=21)])
+    ready.session.reconstruct()
+    ready.presenter.go_to(4, 0)
+    ready.session.set_recording(small_video.calibrated())
+    layer = viewer.layers[-1]
+    assert layer.visible
+    assert layer.metadata[METADATA_KEY]["kind"] == "holograms"
+    np.testing.assert_array_equal(np.asarray(layer._slice.image.raw), small_video.frame(0))
 
 
 def test_wheel_does_not_change_a_field_that_is_not_in_use(ready) -> None:

@@ -78,7 +78,7 @@ def test_examples_run_as_they_are_written(page: str, files: Path) -> None:
 def example_of(page: str) -> str:
     """Return the Python of a page, from top to bottom, but for what shows a dialogue."""
     text = (ROOT / page).read_text(encoding="utf-8")
-    blocks = re.findall(r"```python\n(?!>>>)(.*?)```", text, re.DOTALL)
+    blocks = re.findall(r"```python\n(.*?)```", text, re.DOTALL)
     assert blocks
     return "\n".join(["import napari_phase4d as p4d", *blocks])
 

@@ -131,7 +131,11 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _scroll_to_opened(self) -> None:
         if self._opened is not None:
-            self.scroll.ensureWidgetVisible(self._opened, 0, 0)
+            top, port = self._opened.pos().y(), self.scroll.viewport().height()
+            if self._opened.height() > port:  # its heading matters most
+                self.scroll.verticalScrollBar().setValue(top)
+            else:
+                self.scroll.ensureWidgetVisible(self._opened, 0, 0)
 
     def close_down(self) -> None:
         """Stop what is running and let go of the viewer."""
@@ -311,7 +315,12 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._go_on(0 if assumed else 1, "Check the microscope, then find the lobes in step 2.")
 
     def _lobes_changed(self) -> None:
-        self._say_last("Drag the circles to correct them, then press Reconstruct in step 3.")
+        angles = [lobe.angle_deg for lobe in self.session.lobes]
+        numbered = len(angles) > 1 and angles == list(range(len(angles)))
+        typing = " Type the viewing angles into the table." if numbered else ""
+        self._say_last(
+            f"Drag the circles to correct them, then press Reconstruct in step 3.{typing}"
+        )
 
     def _reconstructed(self) -> None:
         self._failed_unasked = []

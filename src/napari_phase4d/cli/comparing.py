@@ -25,7 +25,13 @@ from napari_phase4d.cli.options import (
     recipe_and_files,
     with_settings,
 )
-from napari_phase4d.cli.printing import bar, print_notes, print_table, write_picture
+from napari_phase4d.cli.printing import (
+    bar,
+    print_missed_views,
+    print_notes,
+    print_table,
+    write_picture,
+)
 from napari_phase4d.evaluation import (
     best_known,
     itoh_margin,
@@ -110,6 +116,7 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
     ):
         outcome = run(recipe, truth=exact, progress=progress, folder=place)
         written = write_outcome(outcome, out, progress, source=hashing.result())
+    print_missed_views(outcome, recipe)
     finish(exact, outcome, out)
     console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
 

@@ -15,7 +15,7 @@ from rich.table import Table
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, raw_layout
-from napari_phase4d.cli.printing import print_lobes
+from napari_phase4d.cli.printing import NOISE_FRAMES, print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
 from napari_phase4d.holography import Lobe, find_lobes, reconstruct
 from napari_phase4d.pipeline import (
@@ -32,9 +32,6 @@ from napari_phase4d.unwrapping import METHODS, SCORED_TIMES, score_boundaries, s
 from napari_phase4d.words import counted, size_in_words, time_in_words
 
 __all__ = ["info"]
-
-#: Frames from the beginning of which the noise is measured.
-NOISE_FRAMES = 8
 
 
 def info(

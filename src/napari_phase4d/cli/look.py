@@ -13,7 +13,7 @@ from rich.markup import escape
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, Refocus, distance_of, raw_layout
-from napari_phase4d.cli.printing import bar, print_lobes
+from napari_phase4d.cli.printing import NOISE_FRAMES, bar, print_lobes
 from napari_phase4d.evaluation import Circle, look_figure, noise_figures, noise_sentence
 from napari_phase4d.holography import Lobe, find_lobes, fringe_contrast, power_spectrum
 from napari_phase4d.io import write_figure
@@ -65,7 +65,8 @@ def look(
         lobes = find_lobes(recording, views, progress=progress)
         data = reconstruct_by(recipe, recording, lobes, progress)
         unwrapped = unwrap(data["phase"][:1], method="spatial-2d", boundary=(0, 0))
-        figures = noise_figures(data)
+        some = recording.first(NOISE_FRAMES)
+        figures = noise_figures(reconstruct_by(recipe, some, lobes, progress))
         spectrum = power_spectrum(recording, max_frames=8, progress=progress)
     print_lobes(lobes)
     words = sentences(recording, data, figures)

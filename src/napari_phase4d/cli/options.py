@@ -10,6 +10,7 @@ import typer
 
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
+from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
     "Angles",
@@ -84,6 +85,10 @@ class Typed(TypedDict, total=False):
     refocus: str | None
 
 
+#: Methods may be called by their labels too, as on screen.
+IDS = {method.label: name for name, method in METHODS.items()}
+
+
 def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
     """Return a recipe with what was typed in, each option under its own name."""
     views, angles = typed.get("views"), typed.get("angle")
@@ -91,7 +96,7 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
     changes: dict[str, object] = {
         "n_views": len(angles) if angles and views is None else views,
         "angles_deg": tuple(angles) if angles else None,
-        "methods": tuple(methods) if methods else None,
+        "methods": tuple(IDS.get(m, m) for m in methods) if methods else None,
         "frame_rate_hz": typed.get("frame_rate"),
         "boundary": (frame_numbers(boundary),) if boundary else None,
         "confidence": typed.get("confidence") or None,

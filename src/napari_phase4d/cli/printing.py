@@ -14,18 +14,39 @@ from rich.table import Table
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.evaluation import comparison_figure, named_results, telling_frames
-from napari_phase4d.holography import Lobe, lobe_warnings
+from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
 from napari_phase4d.io import write_figure
-from napari_phase4d.pipeline import Outcome
+from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.progress import ProgressCall
+from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
+    "NOISE_FRAMES",
     "bar",
     "print_lobes",
+    "print_missed_views",
     "print_notes",
     "print_table",
     "write_picture",
 ]
+
+#: Methods that weigh pixels by the amplitude, where it is known.
+WITH_AMPLITUDE = ("directional-l1", "directional-growing")
+#: Frames from the beginning of which the noise is measured.
+NOISE_FRAMES = 8
+
+
+def print_missed_views(outcome: Outcome, recipe: Recipe) -> None:
+    """Say if one view was looked for where there are several: it may be the beat of two."""
+    if outcome.recording is None or recipe.lobes or len(outcome.recipe.lobes) != 1:
+        return
+    found = len(find_lobes(outcome.recording, None))
+    if found > 1:
+        name = escape(outcome.recording.name)
+        console.print(
+            f"[yellow]{name} shows {found} views, but 1 was asked for, which may be the beat of "
+            "two; give --angle once for each view, or --views.[/yellow]"
+        )
 
 
 @contextmanager
@@ -42,11 +63,13 @@ def bar() -> Iterator[ProgressCall]:
 
 def print_notes(outcome: Outcome) -> None:
     """Say what had to be assumed."""
-    recording, optics = outcome.recording, outcome.recipe.optics
-    if recording is None:
-        notes = outcome.reconstruction["phase"].attrs.get("notes", ())
+    if outcome.recording is not None:
+        notes = list(outcome.recording.notes)
     else:
-        notes = recording.notes if optics is None else ()
+        notes = list(outcome.reconstruction["phase"].attrs.get("notes", ()))
+        unaided = [METHODS[m].label for m in WITH_AMPLITUDE if m in outcome.comparison.results]
+        if unaided:
+            notes.append(f"{' and '.join(unaided)} without the amplitude, which holograms give.")
     for note in notes:
         console.print(f"[yellow]{escape(note)}[/yellow]")
 

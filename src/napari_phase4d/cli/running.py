@@ -25,7 +25,13 @@ from napari_phase4d.cli.options import (
     recipe_and_files,
     with_settings,
 )
-from napari_phase4d.cli.printing import bar, print_lobes, print_notes, print_table
+from napari_phase4d.cli.printing import (
+    bar,
+    print_lobes,
+    print_missed_views,
+    print_notes,
+    print_table,
+)
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     Outcome,
@@ -39,6 +45,7 @@ from napari_phase4d.pipeline import (
     write_outcome,
 )
 from napari_phase4d.recording import Recording
+from napari_phase4d.words import counted
 
 __all__ = ["run_command"]
 
@@ -131,11 +138,12 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
             outcome: Outcome = run(recipe, progress=progress, folder=place, scheduler=scheduler)
         print_notes(outcome)
         print_lobes(outcome.recipe.lobes)
+        print_missed_views(outcome, recipe)
         print_table(outcome.comparison.table)
         with bar() as progress:
             source = hashing.result()
             written = write_outcome(outcome, folder, progress, form=form, source=source)
-    console.print(f"{len(written)} files written to [bold]{folder.resolve()}[/bold]")
+    console.print(f"{counted(len(written), 'file')} written to [bold]{folder.resolve()}[/bold]")
 
 
 def optics_of(opened: Recording | xr.DataArray) -> Optics:

@@ -14,9 +14,9 @@ from napari_phase4d.evaluation.confidence import REFERENCE, confidence_of, slip_
 from napari_phase4d.evaluation.table import (
     OF_TRUTH,
     as_truth,
+    doubtful_percent,
     errors,
     in_order,
-    suspicious_percent,
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import Problem, border_medians, run_method
@@ -34,7 +34,7 @@ class Comparison:
         Unwrapped phase of each method.
     table : pandas.DataFrame
         One row a method: its label, seconds, peak memory in MB; the share of the object's pixels
-        that are suspicious in percent, where asked for with `with_suspicion`; and against truth,
+        that are doubtful in percent, where asked for with `with_doubt`; and against truth,
         where given, the mean squared error in rad^2 and the share of pixels wrong by a turn in
         percent.
     problem : Problem or None
@@ -129,10 +129,10 @@ class Comparison:
         rows = [errors(self.results[str(method)], exact) for method in table.index]
         return replace(self, table=in_order(table.join(pd.DataFrame(rows, index=table.index))))
 
-    def with_suspicion(self, maps: Mapping[str, xr.DataArray]) -> Comparison:
-        """Return the same results, with the share of suspicious pixels in the table.
+    def with_doubt(self, maps: Mapping[str, xr.DataArray]) -> Comparison:
+        """Return the same results, with the share of doubtful pixels in the table.
 
-        The column ``suspicious_percent`` is the share in percent of the object's pixels whose
+        The column ``doubtful_percent`` is the share in percent of the object's pixels whose
         confidence is below 0.5. The object is what is neither empty field nor left out by a given
         mask; where no object is found, all usable pixels count.
 
@@ -151,12 +151,12 @@ class Comparison:
         if unknown:
             msg = f"there is no result of {unknown[0]!r}; there are {', '.join(self.results)}"
             raise ValueError(msg)
-        table = self.table.drop(columns="suspicious_percent", errors="ignore")
+        table = self.table.drop(columns="doubtful_percent", errors="ignore")
         if maps:
             inside = self.object_mask()
-            shares = {method: suspicious_percent(trust, inside) for method, trust in maps.items()}
+            shares = {method: doubtful_percent(trust, inside) for method, trust in maps.items()}
             column = [shares.get(str(method), float("nan")) for method in table.index]
-            table = table.assign(suspicious_percent=column)
+            table = table.assign(doubtful_percent=column)
         return replace(self, table=in_order(table))
 
     def object_mask(self) -> xr.DataArray:

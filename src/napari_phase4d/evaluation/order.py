@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import xarray as xr
 
 from napari_phase4d.evaluation.confidence import REFERENCE, turns_off
+from napari_phase4d.evaluation.errors import wrong_cycle_share
 from napari_phase4d.evaluation.itoh import order_shares
 from napari_phase4d.unwrapping import METHODS
 
@@ -56,8 +57,8 @@ def order_verdict(
 ) -> str:
     """Say in one sentence which of T/A and A/T suits the object better, and why.
 
-    Where the result of directional L1 is known, the one that is nearer to it; else the one that
-    meets fewer steps beyond half a cycle.
+    Where the truth is known, the one that is right in more pixels; where the result of directional
+    L1 is, the one that is nearer to it; else the one that meets fewer steps beyond half a cycle.
 
     A result of T/A looks smooth along the angle, because its last pass made it so, and one of A/T
     along time. Without exact phase, a verdict is therefore given only where both agree on it.
@@ -73,8 +74,12 @@ def order_verdict(
     """
     if truth is None and not all(method in results for method in BOTH):
         return "Run T/A and A/T to see which suits better."
-    if truth is None and REFERENCE in results:
-        return nearer(results)
+    if all(method in results for method in BOTH):
+        if truth is not None:
+            wrong = {m: wrong_cycle_share(results[m], truth) for m in BOTH}
+            return fewer(wrong, "is wrong in", "T/A and A/T are equally right.")
+        if REFERENCE in results:
+            return nearer(results)
     stacks = [results[method] for method in BOTH] if truth is None else [truth]
     shares = [order_shares(stack, boundary) for stack in stacks]
     verdicts = {min(s, key=lambda m: s[m]) if len(set(s.values())) > 1 else "" for s in shares}
@@ -83,18 +88,23 @@ def order_verdict(
     if len(verdicts) > 1:
         return "Which of T/A and A/T suits better can't be told: each favours itself."
     basis = "by the exact phase" if truth is not None else "by the results of both"
-    return f"{METHODS[verdicts.pop()].label} suits better, {basis}."
+    return f"{METHODS[verdicts.pop()].label} meets fewer of them, {basis}."
 
 
 def nearer(results: Mapping[str, xr.DataArray]) -> str:
     """Say which of T/A and A/T differs from the result of directional L1 in fewer pixels."""
     shares = {m: float((turns_off(results[m], results[REFERENCE]) != 0).mean()) for m in BOTH}
-    first, second = sorted(BOTH, key=lambda m: shares[m])
     reference = METHODS[REFERENCE].label
+    equal = f"T/A and A/T are equally near to {reference}."
+    return fewer(shares, f"differs from {reference} in", equal)
+
+
+def fewer(shares: Mapping[str, float], does: str, equal: str) -> str:
+    """Say which of the two does it in fewer of the pixels."""
+    first, second = sorted(BOTH, key=lambda m: shares[m])
     if shares[first] == shares[second]:
-        return f"T/A and A/T are equally near to {reference}."
+        return equal
     return (
-        f"{METHODS[first].label} suits better: it differs from {reference} in "
-        f"{100 * shares[first]:.2g} % of the pixels, {METHODS[second].label} in "
-        f"{100 * shares[second]:.2g} %."
+        f"{METHODS[first].label} suits better: it {does} {100 * shares[first]:.2g} % of the "
+        f"pixels, {METHODS[second].label} in {100 * shares[second]:.2g} %."
     )

@@ -11,14 +11,14 @@ import xarray as xr
 
 from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
 
-__all__ = ["OF_TRUTH", "as_truth", "errors", "in_order", "suspicious_percent", "table_of"]
+__all__ = ["OF_TRUTH", "as_truth", "doubtful_percent", "errors", "in_order", "table_of"]
 
 #: Columns of the table that need truth.
 OF_TRUTH = ("mse_rad2", "wrong_cycles_percent")
 #: Columns of the table, in the order in which they are shown.
-COLUMNS = ("method", "seconds", "peak_mb", "suspicious_percent", *OF_TRUTH)
-#: A pixel is suspicious if it is less likely right than this.
-SUSPICIOUS = 0.5
+COLUMNS = ("method", "seconds", "peak_mb", "doubtful_percent", *OF_TRUTH)
+#: A pixel is doubtful if it is trusted less than this.
+DOUBTFUL = 0.5
 
 
 def table_of(rows: Mapping[str, Mapping[str, Any]]) -> pd.DataFrame:
@@ -56,10 +56,10 @@ def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]
     }
 
 
-def suspicious_percent(confidence: xr.DataArray, inside: xr.DataArray) -> float:
-    """Return the share in percent of the pixels inside that are more likely wrong than right."""
+def doubtful_percent(confidence: xr.DataArray, inside: xr.DataArray) -> float:
+    """Return the share in percent of the pixels inside that are trusted less than 0.5."""
     trust = confidence.transpose(*inside.dims).values
     count = np.count_nonzero(inside.values)
     if count == 0:
         return float("nan")
-    return 100 * np.count_nonzero((trust < SUSPICIOUS) & inside.values) / count
+    return 100 * np.count_nonzero((trust < DOUBTFUL) & inside.values) / count

@@ -34,6 +34,7 @@ from napari_phase4d.holography.sign import object_is_dark
 from napari_phase4d.holography.spectrum import mean_half_spectrum
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
+from napari_phase4d.words import counted
 
 __all__ = ["find_lobes"]
 
@@ -173,7 +174,7 @@ def too_few(name: str, found: int, wanted: int) -> str:
     """Say that fewer carriers can be seen than views were asked for, and what to do."""
     instead = {0: "", 1: "ask for 1 view, or "}.get(found, f"ask for {found} views, or ")
     return (
-        f"{name} shows {found} carrier(s), but {wanted} views were asked for; {instead}"
+        f"{name} shows {counted(found, 'carrier')}, but {wanted} views were asked for; {instead}"
         "place the lobes by hand"
     )
 

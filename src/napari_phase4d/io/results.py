@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "as_table_file",
     "is_result",
     "read_results",
     "result_attrs",
@@ -127,6 +128,21 @@ def result_attrs(path: str | Path) -> dict[str, Any] | None:
     path = Path(path)
     description = zarr_description(path) if path.is_dir() else tiff_description(path)
     return None if description is None else dict(restored(description.get("attrs", {})))
+
+
+def as_table_file(path: str | Path) -> Path:
+    """Return the name that a table is written under, with the ending .csv if it has none.
+
+    Raises
+    ------
+    ValueError
+        If it has another ending.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in ("", ".csv"):
+        msg = f"a table is written as .csv, but the name is {path.name}"
+        raise ValueError(msg)
+    return path if path.suffix else path.with_suffix(".csv")
 
 
 def write_table(path: str | Path, table: pd.DataFrame) -> Path:

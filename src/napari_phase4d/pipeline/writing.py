@@ -92,7 +92,7 @@ def write_outcome(
         # Only now: what has been found by then is not lost if this fails.
         trust = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
         written += write({f"confidence_{method}": stack for method, stack in trust.items()})
-        write_table(table, comparison.with_suspicion(trust).table)
+        write_table(table, comparison.with_doubt(trust).table)
     return written
 
 

@@ -373,7 +373,7 @@ class State:
     def needed_lobes(self) -> list[Lobe]:
         """Return the views, or raise ValueError if there are none."""
         if not self.recipe.lobes:
-            msg = "there are no lobes yet; press Find lobes in step 2"
+            msg = "there are no lobes yet; press Find in step 2"
             raise ValueError(msg)
         return self.lobes
 

@@ -23,7 +23,7 @@ from napari_phase4d.evaluation import EXACT, best_known, order_verdict, steps_se
 __all__ = ["CompareStep"]
 
 NONE, KNOWN = "none", "known with the sample"
-NO_DIFFERENCE = "less …"
+NO_DIFFERENCE = "difference …"
 
 
 class CompareStep(Step):
@@ -58,16 +58,16 @@ class CompareStep(Step):
             "Side by side",
             "side_by_side",
             "The newest result of every method in a grid.",
-            self.presenter.side_by_side,
+            self.show_side_by_side,
         )
         self.leave = self.button(
             "Leave the grid",
             "leave_grid",
             "Show again what was shown before.",
-            self.presenter.leave_grid,
+            self.leave_grid,
         )
         self.wrapped = self.button(
-            "Wrapped", "show_wrapped", "The wrapped phase alone.", self.presenter.show_wrapped
+            "Wrapped", "show_wrapped", "The wrapped phase alone.", self.show_wrapped
         )
         self.confidence = self.button(
             "Trust",
@@ -129,6 +129,21 @@ class CompareStep(Step):
         if gone and self.session.truth is not None:
             self.session.set_truth(None)
         self.measuring.reset_choices()
+
+    def show_side_by_side(self) -> None:
+        """Show the results in a grid."""
+        self.presenter.side_by_side()
+        self.said.emit("Move the sliders: all results follow.")
+
+    def leave_grid(self) -> None:
+        """Show what was shown before the grid."""
+        self.presenter.leave_grid()
+        self.said.emit("As before the grid. Side by side brings it back.")
+
+    def show_wrapped(self) -> None:
+        """Show the wrapped phase alone."""
+        self.presenter.show_wrapped()
+        self.said.emit("The wrapped phase alone. Side by side shows the results again.")
 
     def show_confidence(self) -> None:
         """Show how far to trust each result; it may have to be computed first."""

@@ -8,29 +8,30 @@ from qtpy.QtWidgets import QFileDialog
 
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.io import write_table
+from napari_phase4d.io import as_table_file, write_table
 
 __all__ = ["FiguresPart"]
 
-#: Columns of the table: heading and what it means.
+#: Columns of the table: heading, what it means, and how it is written if not with three digits.
 HEADINGS = {
     "method": ("method", "The unwrapping method."),
     "seconds": ("s", "Seconds, the shared two-dimensional step included."),
-    "suspicious_percent": (
+    "doubtful_percent": (
         "doubt %",
-        "Pixels of the object that are more likely wrong than right, in percent.",
+        "Pixels of the object that are trusted less than 0.5, in percent. The maps of trust err "
+        "on the side of doubt.",
     ),
     "mse_rad2": ("MSE rad²", "Mean squared error against the chosen truth, in square radians."),
     "wrong_cycles_percent": (
         "wrong %",
         "Pixels that are off by at least one cycle against the chosen truth, in percent.",
     ),
-    "peak_mb": ("MB", "Most memory beyond what was there before, in megabytes."),
+    "peak_mb": ("MB", "Most memory beyond what was there before, in megabytes.", ".1f"),
 }
 
 
 class FiguresPart(Step):
-    """Table of the methods: seconds, suspicious pixels, errors."""
+    """Table of the methods: seconds, doubtful pixels, errors."""
 
     title = "Table"
     summary = "One line a method; click on a heading to sort."
@@ -58,8 +59,9 @@ class FiguresPart(Step):
 
     def save_to(self, path: str | Path) -> None:
         """Write the table as CSV."""
+        path = as_table_file(path)
         write_table(path, self.session.needed_outcome().comparison.table)
-        self.said.emit(f"The table is in {Path(path).name}.")
+        self.said.emit(f"The table is in {path}.")
 
     def _ask_file(self) -> None:
         self.session.needed_outcome()
@@ -82,5 +84,4 @@ class FiguresPart(Step):
             for row, method in enumerate(table.index)
             if (words := self.session.warnings.get(str(method), ""))
         }
-        shown = table.reset_index(drop=True).round({"peak_mb": 1})
-        self.table.show_frame(shown, HEADINGS, said)
+        self.table.show_frame(table.reset_index(drop=True), HEADINGS, said)

@@ -104,6 +104,7 @@ class LobesStep(Step):
         )
         self.canvas.edit_started.connect(self.session.remember_lobes)
         self.canvas.frequency_shown.connect(self._show_frequency)
+        self.canvas.left.connect(self.frequency.clear)
         self.canvas.selected.connect(self._select)
         self.canvas.removal_wanted.connect(lambda i: self.guarded(lambda: self._remove(i)))
         self.canvas.place_wanted.connect(lambda ky, kx: self.guarded(lambda: self._place(ky, kx)))
@@ -239,9 +240,9 @@ class LobesStep(Step):
         return self._previewed[2]  # type: ignore[index] # set above
 
     def _show_frequency(self, ky: float, kx: float) -> None:
-        words = f"ky {ky:+.3f}, kx {kx:+.3f} cycles/px"
+        words = f"mouse at ky {ky:+.3f}, kx {kx:+.3f} cycles/px"
         recording = self.session.recording
         if recording is not None:
             pixel = recording.optics.pixel_um
-            words += f"  =  {ky / pixel:+.2f}, {kx / pixel:+.2f} cycles/µm"
+            words += f" = {ky / pixel:+.2f}, {kx / pixel:+.2f} cycles/µm"
         self.frequency.setText(words)

@@ -18,7 +18,7 @@ from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_l
 from napari_phase4d._napari.widgets.curves import CurvePlot
 from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.evaluation import most_trusted
-from napari_phase4d.io import write_table
+from napari_phase4d.io import as_table_file, write_table
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["MeasurePart"]
@@ -168,7 +168,12 @@ class MeasurePart(Step):
             object_index=None if self.index.value <= 1 else self.index.value,
             refraction_increment_ml_per_g=self.increment.value,
         )
-        self.jobs.start(plan)
+        self.jobs.start(
+            plan,
+            then=lambda: self.said.emit(
+                "The curves follow the angle on screen. Save… keeps the table or the plot."
+            ),
+        )
 
     def _chosen_regions(self) -> Masks | Callable[[], Masks] | None:
         """Return the regions of the chosen layer, None for the whole object."""
@@ -185,9 +190,11 @@ class MeasurePart(Step):
         if Path(path).suffix.lower() in PICTURES:
             self._needed_measurement()
             self.plot.save(path)
+            self.said.emit(f"The plot is in {path}.")
             return
+        path = as_table_file(path)
         write_table(path, self._needed_measurement().set_index("region"))
-        self.said.emit(f"The measurement is in {Path(path).name}.")
+        self.said.emit(f"The measurement is in {path}.")
 
     def _show_measured(self) -> None:
         """Show what was measured."""

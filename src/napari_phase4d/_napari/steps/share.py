@@ -129,7 +129,7 @@ class SharePart(Step):
     def save_recipe(self, path: str | Path) -> None:
         """Write all settings."""
         self.session.recipe.to_file(path)
-        self.said.emit(f"The recipe is in {Path(path).name}.")
+        self.said.emit(f"The recipe is in {path}.")
 
     def copy_script(self) -> None:
         """Put a script on the clipboard that computes the results again."""

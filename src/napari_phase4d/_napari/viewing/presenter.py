@@ -102,8 +102,8 @@ class Presenter:
         self._pixel_um = recording.optics.pixel_um
         self.holograms = self.adopted(recording) or self.add(hologram_layer(recording))
         self.viewer.canvas.overlays.scale_bar.visible = True
-        self._fit()
         self._go_to_start()
+        self._fit()
 
     def show_calibration(self) -> None:
         """Give all layers of the recording its new scale."""
@@ -329,7 +329,10 @@ class Presenter:
         go_to_frame(self.viewer, self.session.needed_reconstruction()["phase"], time, angle)
 
     def _go_to_start(self) -> None:
-        """Move the sliders to the first frame."""
+        """Move the sliders to the first frame, also where layers of before begin elsewhere."""
+        if self.holograms in self._own:
+            go_to_frame(self.viewer, self.holograms_stack(), 0, 0)
+            return
         for axis in range(self.viewer.dims.ndim - 2):
             self.viewer.dims.set_current_step(axis, 0)
 

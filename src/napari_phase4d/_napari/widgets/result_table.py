@@ -25,8 +25,8 @@ MOST_ROWS = 500
 class Cell(QTableWidgetItem):  # type: ignore[misc]
     """A cell that sorts by its value, not by its words."""
 
-    def __init__(self, value: Any) -> None:
-        words = value if isinstance(value, str) else f"{value:.3g}"
+    def __init__(self, value: Any, form: str = ".3g") -> None:
+        words = value if isinstance(value, str) else f"{value:{form}}"
         super().__init__("–" if words == "nan" else words)
         self.value = value
 
@@ -56,12 +56,13 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         self.setStyleSheet("QHeaderView::section { padding: 1px 2px; }")
         self.verticalHeader().setDefaultSectionSize(22)
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
+        self.horizontalHeader().sortIndicatorChanged.connect(self._make_room)
         self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
 
     def show_frame(
         self,
         frame: pd.DataFrame,
-        headings: Mapping[str, tuple[str, str]] | None = None,
+        headings: Mapping[str, tuple[str, ...]] | None = None,
         tooltips: Mapping[int, str] | None = None,
     ) -> None:
         """Show a data frame.
@@ -71,13 +72,15 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         frame : DataFrame
             Texts and numbers.
         headings : mapping, optional
-            Column to its heading and tooltip; other columns are left out. Default: all columns
-            with their names.
+            Column to its heading, tooltip and, if it is not ".3g", the format of its numbers;
+            other columns are left out. Default: all columns with their names.
         tooltips : mapping of int to str, optional
             Row number to what is said of it.
         """
         self.frame = frame
-        known = headings or {str(name): (str(name), str(name)) for name in frame.columns}
+        known: Mapping[str, tuple[str, ...]] = headings or {
+            str(name): (str(name), str(name)) for name in frame.columns
+        }
         names = [name for name in known if name in frame.columns]
         self.setSortingEnabled(False)
         self.setColumnCount(len(names))
@@ -87,19 +90,27 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         for column, name in enumerate(names):
             self.horizontalHeaderItem(column).setToolTip(known[name][1])
             for row, value in enumerate(frame[name].iloc[:rows]):
-                cell = Cell(value)
+                cell = Cell(value, *known[name][2:])
                 cell.setToolTip((tooltips or {}).get(row, ""))
                 self.setItem(row, column, cell)
+        self._fit()
+        self.setSortingEnabled(True)
+        # As it came; the mark of a sorted column would be wrong.
+        self.horizontalHeader().setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
+
+    def _fit(self) -> None:
+        """Make columns as wide as they need; unsorted, without room for the mark of sorting."""
         header = self.horizontalHeader()
-        # Unsorted, no heading needs room for the mark of a sorted column.
         header.setSortIndicatorShown(False)
         header.setSectionResizeMode(QHeaderView.ResizeMode.Interactive)
         header.setStretchLastSection(False)
         self.resizeColumnsToContents()
         header.setStretchLastSection(True)
-        self.setSortingEnabled(True)
-        # As it came; the mark of a sorted column would be wrong.
-        header.setSortIndicator(-1, Qt.SortOrder.AscendingOrder)
+
+    def _make_room(self, column: int, _: Any) -> None:
+        """Let the heading that is sorted by show its mark beside its words."""
+        if column >= 0:
+            self.resizeColumnToContents(column)
 
     def clear_rows(self) -> None:
         """Show nothing."""

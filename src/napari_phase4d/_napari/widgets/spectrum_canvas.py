@@ -66,6 +66,7 @@ class SpectrumCanvas(PlaneView):
     removal_wanted = Signal(int)
     place_wanted = Signal(float, float)
     frequency_shown = Signal(float, float)
+    left = Signal()
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
@@ -152,6 +153,11 @@ class SpectrumCanvas(PlaneView):
             under = self._under(position)
             arrow = Qt.CursorShape.ArrowCursor
             self.viewport().setCursor(arrow if under is None else CURSORS[under.action])
+
+    def leaveEvent(self, event: QEvent | None) -> None:  # noqa: N802
+        """Tell that no frequency is under the mouse any more."""
+        super().leaveEvent(event)
+        self.left.emit()
 
     def mouseReleaseEvent(self, event: QMouseEvent) -> None:  # noqa: N802
         """Let go; a click beside all circles chooses none."""

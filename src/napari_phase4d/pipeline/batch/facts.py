@@ -30,8 +30,8 @@ def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
         "notes": " ".join(notes_of(outcome, phase)),
     }
     table = pd.read_csv(folder / "table.csv", index_col="id")
-    if "suspicious_percent" in table.columns:
-        doubtful = float(table["suspicious_percent"].to_dict()[best])
+    if "doubtful_percent" in table.columns:
+        doubtful = float(table["doubtful_percent"].to_dict()[best])
         facts["doubtful_percent"] = None if math.isnan(doubtful) else doubtful
     return facts
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from napari_phase4d.io import write_table
 from napari_phase4d.progress import ProgressCall, reworded
+from napari_phase4d.words import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -109,4 +110,4 @@ class Summary:
         """Say what came of all files, in one line."""
         counts = [(self.count(status), status) for status in (DONE, COMPLETE, FAILED)]
         said = ", ".join(f"{count} {status}" for count, status in counts if count)
-        return f"{len(self.files)} files: {said or 'nothing to do'}"
+        return f"{counted(len(self.files), 'file')}: {said or 'nothing to do'}"

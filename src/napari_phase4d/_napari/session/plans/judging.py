@@ -95,7 +95,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
             watch.step()
         warnings = comparison.warnings()
         watch.step()
-        return maps, warnings, comparison.with_suspicion(maps)
+        return maps, warnings, comparison.with_doubt(maps)
 
     def receive(found: tuple[dict[str, xr.DataArray], dict[str, str], Comparison]) -> None:
         now = state.outcome
@@ -103,7 +103,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
             raise Changed
         state.confidence, state.warnings, judged = found
         if now.comparison is not outcome.comparison:  # another truth was chosen meanwhile
-            judged = now.comparison.with_suspicion(state.confidence)
+            judged = now.comparison.with_doubt(state.confidence)
         state.outcome = replace(now, comparison=judged)
         state.confidence_changed.emit()
 
