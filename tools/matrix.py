@@ -9,6 +9,7 @@ the slow ones.
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import subprocess
 import sys
@@ -104,9 +105,10 @@ def row_of(combination: Combination, folder: Path, wheel: Path, source: Path) ->
         print(error.stderr or error, flush=True)
         return Row((*head, "", "could not be installed", "not run", ""), passed=False)
     checks = environment.tested("release", "-m", "release")
-    quick = environment.tested(
-        "quick", "-m", TESTS[combination.dependencies], "-n", "3", "--dist", "worksteal"
-    )
+    wanted = TESTS[combination.dependencies]
+    if os.name == "nt" and "CI" in os.environ:  # the machines that GitHub lends have no OpenGL
+        wanted = wanted.removesuffix(" or story")
+    quick = environment.tested("quick", "-m", wanted, "-n", "3", "--dist", "worksteal")
     minutes = f"{(monotonic() - begin) / 60:.1f}"
     cells = (*head, environment.versions(), str(checks), str(quick), minutes)
     return Row(cells, passed=checks.passed and quick.passed)
