@@ -49,10 +49,13 @@ def load_image(path: Path) -> NDArray[Any]:
                 check_size(path, tif.series[0].shape)
                 return grey(np.asarray(tif.asarray()))
         import imageio.v3 as iio
+        from PIL import Image
 
-        with warnings.catch_warnings():
+        # Opened here, since Pillow leaves open what it refuses.
+        with warnings.catch_warnings(), path.open("rb") as file:
             warnings.simplefilter("ignore")  # Pillow's warning of large images
-            check_size(path, iio.improps(path).shape)
+            with Image.open(file) as image:
+                check_size(path, (image.height, image.width, len(image.getbands())))
             return grey(np.asarray(iio.imread(path)))
     except Unsound:
         raise
