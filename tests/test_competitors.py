@@ -225,11 +225,12 @@ def test_a_mask_within_the_object_keeps_its_level(method: str) -> None:
 def test_work_looks_up_within_a_second_whether_to_stop(method: str) -> None:
     w = wrapped(noisy_bump((10, 2, 120, 120), 0.8))
     p4d.unwrap(w[:2, :, :20, :20], method)  # so that nothing is imported or compiled meanwhile
-    gaps, last = [0.0], [time.monotonic()]
+    # Of this process alone: what else is running must not count.
+    gaps, last = [0.0], [time.process_time()]
 
     def cancelled() -> bool:
-        gaps.append(time.monotonic() - last[0])
-        last[0] = time.monotonic()
+        gaps.append(time.process_time() - last[0])
+        last[0] = time.process_time()
         return False
 
     p4d.unwrap(w, method, cancelled=cancelled)

@@ -15,7 +15,7 @@ from pathlib import Path
 from dev import SIDE_BY_SIDE, WARM_UP, XVFB_SCREEN, has_display
 
 EXTRAS = ("bio", "cluster", "codecs", "flow", "video")
-NAPARI = "napari[{}]>=0.9,<0.10"
+NAPARI = "napari[{}]>=0.9.2,<0.10"
 #: What the table names.
 SHOWN = ("napari", "numpy", "scipy", "numba", "xarray", "zarr", "pydantic")
 UV = (sys.executable, "-m", "uv")

@@ -69,7 +69,8 @@ def ome_metadata(stack: xr.DataArray) -> dict[str, Any]:
     metadata: dict[str, Any] = {
         "axes": "TCYX",
         "UUID": str(uuid.uuid5(NAMESPACE, f"{stack.shape} {stack.dtype} {description}")),
-        "Name": name_of(stack),
+        # The description has the whole name; tifffile before 2026.2.24 doesn't escape quotes here.
+        "Name": name_of(stack).replace('"', "'"),
         "Channel": {"Name": [f"view {a:g} deg" for a in stack["angle"].values]},
         "PhysicalSizeX": step_of(stack["x"].values),
         "PhysicalSizeXUnit": "µm",
