@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tracemalloc
 
 import numpy as np
@@ -217,6 +218,8 @@ def test_peak_memory_is_that_of_the_process() -> None:
     size = 300 * 2**20
 
     def work() -> int:
-        return int(np.ones(size, dtype=np.uint8)[-1])
+        taken = np.ones(size, dtype=np.uint8)
+        time.sleep(0.2)  # so that it is looked at while all of it is there
+        return int(taken[-1])
 
     assert 290 <= measured(work).peak_mb <= 400
