@@ -25,6 +25,7 @@ def open_demo() -> None:
     _, dock = viewer_with_dock(show=True)
     dock.recording.open_path(EUGLENA_SOURCE)
     napari.run()
+    let_work_end()
 
 
 def picture_of_the_window(path: Path) -> Path:
@@ -54,6 +55,7 @@ def picture_of_the_window(path: Path) -> Path:
         viewer.window.screenshot(path=str(path), canvas_only=False, flash=False)
     finally:
         viewer.close()
+        let_work_end()
     return path
 
 
@@ -78,6 +80,13 @@ def wait_until(ready: Callable[[], bool]) -> None:
         if time.monotonic() > end:
             msg = f"the demo took longer than {PATIENCE_S:g} s"
             raise RuntimeError(msg)
+
+
+def let_work_end() -> None:
+    """Wait for work that a window stopped when it closed: the program must not end before it."""
+    from qtpy.QtCore import QThreadPool
+
+    QThreadPool.globalInstance().waitForDone(int(1000 * PATIENCE_S))
 
 
 def let_it_draw() -> None:
