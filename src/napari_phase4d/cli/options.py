@@ -85,10 +85,6 @@ class Typed(TypedDict, total=False):
     refocus: str | None
 
 
-#: Methods may be called by their labels too, as on screen.
-IDS = {method.label: name for name, method in METHODS.items()}
-
-
 def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
     """Return a recipe with what was typed in, each option under its own name."""
     views, angles = typed.get("views"), typed.get("angle")
@@ -96,7 +92,7 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
     changes: dict[str, object] = {
         "n_views": len(angles) if angles and views is None else views,
         "angles_deg": tuple(angles) if angles else None,
-        "methods": tuple(IDS.get(m, m) for m in methods) if methods else None,
+        "methods": tuple(map(method_id, methods)) if methods else None,
         "frame_rate_hz": typed.get("frame_rate"),
         "boundary": (frame_numbers(boundary),) if boundary else None,
         "confidence": typed.get("confidence") or None,
@@ -106,6 +102,11 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         "refocus_um": distance_of(typed.get("refocus")),
     }
     return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
+
+
+def method_id(named: str) -> str:
+    """Return the id of a method, which may also be called by its label, as on screen."""
+    return next((name for name, method in METHODS.items() if method.label == named), named)
 
 
 def frame_numbers(text: str) -> tuple[int, int]:

@@ -12,7 +12,7 @@ from napari_phase4d.io.opening import (
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout
-from napari_phase4d.io.results import as_table_file, read_results, write_phase, write_table
+from napari_phase4d.io.results import read_results, write_phase, write_table
 
 __all__ = [
     "JOINED_SUFFIXES",
@@ -22,7 +22,6 @@ __all__ = [
     "RAW_SUFFIXES",
     "READABLE_SUFFIXES",
     "RawLayout",
-    "as_table_file",
     "holds_phase",
     "needs_layout",
     "open_input",

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
-    "as_table_file",
     "is_result",
     "read_results",
     "result_attrs",
@@ -131,13 +130,7 @@ def result_attrs(path: str | Path) -> dict[str, Any] | None:
 
 
 def as_table_file(path: str | Path) -> Path:
-    """Return the name that a table is written under, with the ending .csv if it has none.
-
-    Raises
-    ------
-    ValueError
-        If it has another ending.
-    """
+    """Return the name that a table is written under."""
     path = Path(path)
     if path.suffix.lower() not in ("", ".csv"):
         msg = f"a table is written as .csv, but the name is {path.name}"
@@ -146,14 +139,16 @@ def as_table_file(path: str | Path) -> Path:
 
 
 def write_table(path: str | Path, table: pd.DataFrame) -> Path:
-    """Write a table as CSV.
+    """Write a table as CSV and return its path, which gets the ending .csv if it has none.
 
     Raises
     ------
+    ValueError
+        If the name has another ending.
     OSError
         If it can't be written; an older file of that name is then left as it was.
     """
-    path = Path(path)
+    path = as_table_file(path)
     with written_whole(path) as temporary:
         table.to_csv(temporary)
     return path

@@ -8,7 +8,7 @@ from qtpy.QtWidgets import QFileDialog
 
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.io import as_table_file, write_table
+from napari_phase4d.io import write_table
 
 __all__ = ["FiguresPart"]
 
@@ -59,8 +59,7 @@ class FiguresPart(Step):
 
     def save_to(self, path: str | Path) -> None:
         """Write the table as CSV."""
-        path = as_table_file(path)
-        write_table(path, self.session.needed_outcome().comparison.table)
+        path = write_table(path, self.session.needed_outcome().comparison.table)
         self.said.emit(f"The table is in {path}.")
 
     def _ask_file(self) -> None:

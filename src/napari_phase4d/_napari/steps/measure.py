@@ -18,7 +18,7 @@ from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_l
 from napari_phase4d._napari.widgets.curves import CurvePlot
 from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.evaluation import most_trusted
-from napari_phase4d.io import as_table_file, write_table
+from napari_phase4d.io import write_table
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["MeasurePart"]
@@ -192,8 +192,7 @@ class MeasurePart(Step):
             self.plot.save(path)
             self.said.emit(f"The plot is in {path}.")
             return
-        path = as_table_file(path)
-        write_table(path, self._needed_measurement().set_index("region"))
+        path = write_table(path, self._needed_measurement().set_index("region"))
         self.said.emit(f"The measurement is in {path}.")
 
     def _show_measured(self) -> None:
