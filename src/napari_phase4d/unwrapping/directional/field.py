@@ -10,6 +10,7 @@ from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
 from napari_phase4d.unwrapping.background import Background, turned
+from napari_phase4d.unwrapping.directional.filtering import along_slope
 from napari_phase4d.unwrapping.directional.following import follow_object, seams
 from napari_phase4d.unwrapping.directional.steps import Steps, all_steps
 from napari_phase4d.unwrapping.masks import object_masks
@@ -23,6 +24,8 @@ __all__ = ["Field", "finished_phase", "prepare"]
 TURN = np.float32(2 * np.pi)
 #: Pixels of the empty field that are kept round the object.
 MARGIN = 3
+#: From this noise in radians on it is averaged out.
+NOISY = 0.1
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -99,6 +102,12 @@ def graph(
     inside = moved(phase, shifts)
     amplitude = None if problem.amplitude is None else moved(problem.amplitude, shifts)
     box = box_of(free)
+    if background.noise >= NOISY:
+        inside = inside.copy()
+        inside[box] = along_slope(
+            inside[box], usable[box], seams(shifts, phase.shape[2:])[box], background.noise
+        )
+        phase = moved(inside, -shifts)
     steps = all_steps(
         inside[box],
         nodes[box],
@@ -107,6 +116,7 @@ def graph(
         seams(shifts, phase.shape[2:])[box],
         None if amplitude is None else amplitude[box],
         background.noise,
+        problem.first[0],
     )
 
     def of_nodes(stack: Stack, on_islands: float) -> Stack:
