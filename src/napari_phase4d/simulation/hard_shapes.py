@@ -103,7 +103,7 @@ def falling_wall(s: float, y: Map, x: Map, angle: float) -> Map:
 def daughters(s: float, y: Map, x: Map, angle: float) -> Map:
     """Return a cell that rounds up, divides, and whose daughters part fast."""
     apart = 0.05 + 0.5 * max(0.0, min(1.0, 5 * (s - 0.55)))
-    size, peak = 0.42 - 0.15 * min(1.0, 2 * s), 5 + 9 * min(1.0, 2 * s)
+    size, peak = 0.42 - 0.15 * min(1.0, 2 * s), 5 + 5 * min(1.0, 2 * s)
     x = seen(x, angle, 0.1)
     return dome(y, x, (0.05, -apart), (size, size), peak) + dome(
         y, x, (-0.05, apart), (0.95 * size, 0.9 * size), 0.9 * peak

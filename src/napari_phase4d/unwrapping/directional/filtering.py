@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from napari_phase4d.progress import on_all_cores
+from napari_phase4d.unwrapping.compiling import compiled
+from napari_phase4d.unwrapping.directional.boxes import known_mean
 from napari_phase4d.unwrapping.ends import ends_along
 
 __all__ = ["along_slope"]
 
-#: Width, along every axis, of the box in which the slope and its steadiness are measured.
-BOX = 3
 #: A neighbour counts s^2 / (s^2 + STEADY v), s^2 the noise and v the variance of the slope.
 #: Anything from 3 to 25 does as well; below 1 fast motion is smeared.
 STEADY = 6.0
-#: Share of the weight of a box below which a mean counts as nothing.
-LEAST_WEIGHT = 1e-3
 #: Means are no shorter than this, so that their logarithm is finite.
 SHORTEST = 1e-6
 
@@ -33,40 +34,88 @@ def along_slope(phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float
     much it varies. z becomes the mean of itself and, for each neighbour along the axis, that
     neighbour turned back by d, which counts noise^2 / (noise^2 + 6 v): fully where the slope is
     steady, hardly where things move fast.
+
+    Parameters
+    ----------
+    phase : ndarray of float32, shape (time, angle, y, x)
+        Wrapped phase in radians.
+    valid : ndarray of bool, same shape
+        Pixels that count; others stay as they are.
+    seams : ndarray of int, same shape
+        Neighbours of different numbers are none.
+    noise : float
+        Standard deviation of the noise in radians.
     """
-    z = np.exp(1j * phase).astype(np.complex64)
-    filtered = z.copy()
+    z = phasors(phase)
     axes = [axis for axis in range(4) if phase.shape[axis] > 1]
-    found = [slope_along(z, axis, valid, seams, noise) for axis in axes]
-    for axis, (slope, share) in zip(axes, found, strict=True):
-        head, tail = ends_along(axis, 4)
-        total = filtered.copy()
-        weight = np.ones(phase.shape, dtype=np.float32)
-        total[head] += share * filtered[tail] * np.conj(slope)
-        total[tail] += share * filtered[head] * slope
-        weight[head] += share
-        weight[tail] += share
-        filtered = total / weight
-    averaged: Stack = np.angle(filtered).astype(np.float32)
-    return np.where(valid, averaged, phase)
+    slopes: dict[int, Fields] = {}
+
+    def measure(axis: int) -> None:
+        slopes[axis] = slope_along(z, axis, valid, seams, noise)
+
+    on_all_cores(measure, axes)
+    for axis in axes:
+        n = z.shape[axis]
+        lines = (math.prod(z.shape[:axis]), n, math.prod(z.shape[axis + 1 :]))
+        average(z.reshape(lines), slopes.pop(axis).reshape(lines[0], n - 1, lines[2]))
+    return np.where(valid, np.angle(z), phase)
+
+
+def phasors(phase: Stack) -> Fields:
+    """Return exp(i phase)."""
+    z = np.empty(phase.shape, dtype=np.complex64)
+    np.cos(phase, out=z.real)
+    np.sin(phase, out=z.imag)
+    return z
 
 
 def slope_along(
     z: Fields, axis: int, valid: Mask, seams: NDArray[np.int8], noise: float
-) -> tuple[Fields, Stack]:
-    """Return the slope of every step along an axis as a phasor, and how far it is to be used."""
+) -> Fields:
+    """Return the slope of every step along an axis: its length is how far it is to be used."""
     head, tail = ends_along(axis, 4)
-    known = (valid[head] & valid[tail] & (seams[head] == seams[tail])).astype(np.float32)
-    product = z[tail] * np.conj(z[head]) * known
-    width = [BOX if n >= BOX else 1 for n in known.shape]
+    known = valid[head] & valid[tail] & (seams[head] == seams[tail])
+    product = np.conj(z[head])
+    product *= z[tail]
+    if not known.all():
+        product *= known
+    slope = known_mean(product, known)
+    weighted(slope.ravel(), known.ravel(), noise**2)
+    return slope
 
-    def mean(part: Stack) -> Stack:
-        found: Stack = ndimage.uniform_filter(part, width, mode="reflect")
-        return found
 
-    m = mean(product.real.copy()) + 1j * mean(product.imag.copy())
-    m /= np.maximum(mean(known), np.float32(LEAST_WEIGHT))
-    length = np.maximum(np.abs(m), np.float32(SHORTEST))
-    varies = np.maximum(0, -2 * np.log(length) - 2 * noise**2)
-    share = known * noise**2 / (noise**2 + STEADY * varies)
-    return (m / length).astype(np.complex64), share.astype(np.float32)
+@compiled
+def weighted(slope: NDArray[Any], known: Mask, variance: float) -> None:
+    """Give each mean phasor, in place, the length that its steadiness is worth."""
+    for i in range(len(slope)):
+        m = slope[i]
+        length = max(math.sqrt(m.real * m.real + m.imag * m.imag), SHORTEST)
+        if not known[i]:
+            slope[i] = 0
+            continue
+        varies = max(0.0, -2 * math.log(length) - 2 * variance)
+        slope[i] = m * np.float32(variance / (variance + STEADY * varies) / length)
+
+
+@compiled
+def average(z: NDArray[Any], slope: NDArray[Any]) -> None:
+    """Average phasors (outer, place, inner) with both neighbours turned by the slope, in place."""
+    outer, n, inner = z.shape
+    before = np.empty(inner, dtype=z.dtype)
+    for o in range(outer):
+        for j in range(inner):
+            before[j] = 0
+        for i in range(n):
+            for j in range(inner):
+                here = z[o, i, j]
+                total, weight = here, np.float32(1)
+                if i > 0:
+                    s = slope[o, i - 1, j]
+                    total += before[j] * s
+                    weight += abs(s)
+                if i + 1 < n:
+                    s = slope[o, i, j]
+                    total += z[o, i + 1, j] * np.conj(s)
+                    weight += abs(s)
+                z[o, i, j] = total / weight
+                before[j] = here

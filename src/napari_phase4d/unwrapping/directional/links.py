@@ -17,7 +17,7 @@ Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
-def link_map(step: Stack, valid: Mask, bare: Mask) -> Stack:
+def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
     """Return wrapped changes between frames with the turns that make each map smooth.
 
     A change of more than half a turn between two frames can't be told from a smaller one at any
@@ -29,19 +29,23 @@ def link_map(step: Stack, valid: Mask, bare: Mask) -> Stack:
     ----------
     step : ndarray of shape (time, angle, y, x)
         Wrapped changes in radians.
-    valid, bare : ndarray of bool, same shape
+    inside, bare : ndarray of bool, same shape
         Where both ends count; where both are empty field.
+
+    Returns
+    -------
+    ndarray
+        The changes in radians, which may be larger than half a turn.
     """
     found = step.copy()
     for frame in np.ndindex(*step.shape[:2]):
-        inside = valid[frame]
-        if not inside.any() or np.abs(step[frame][inside]).max() <= SURE:
+        wrapped, known = step[frame], inside[frame]
+        largest = np.abs(wrapped).max(initial=0, where=known)
+        if largest <= SURE:
             continue
-        whole, _ = unwrap_frame(step[frame], inside)
-        turns = np.round((whole - step[frame]) / TURN)
-        ground = bare[frame] & inside
-        if not ground.any():
-            ground = inside
-        level = np.round(np.median(turns[ground]))
-        found[frame] = np.where(inside, step[frame] + TURN * (turns - level), step[frame])
+        whole, _ = unwrap_frame(wrapped, known)
+        turns = np.round((whole - wrapped) / TURN)
+        ground = bare[frame] & known
+        level = np.round(np.median(turns[ground if ground.any() else known]))
+        found[frame] = np.where(known, wrapped + TURN * (turns - level), wrapped)
     return found

@@ -8,27 +8,26 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.progress import on_all_cores
+from napari_phase4d.unwrapping.background import turned
+from napari_phase4d.unwrapping.compiling import compiled
+from napari_phase4d.unwrapping.directional.boxes import change_on_both_sides, known_mean
 from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.ends import ends_along
 
 __all__ = ["Steps", "all_steps", "fading"]
 
 TURN = np.float32(2 * np.pi)
-#: Width in steps, along every axis, of the box in which roughness is averaged.
-BOX = 3
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
 #: Mean of D^2 for white noise of one radian: 12 + 2 * 4.7 where there are two changes, which share
 #: two thirds of their noise, and 4 * 2 where there is a single step.
 OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
-#: Share of the weight of a box below which a mean counts as nothing.
-LEAST_WEIGHT = 1e-3
 #: Amplitude, as a share of its median, below which fading does not grow; and the roughness in
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
+HALF_A_TURN = np.float32(np.pi)
 #: Followed steps count where they are steadier than this, in radians.
 FOLLOWED = 1.0
 #: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
@@ -97,26 +96,26 @@ def all_steps(
     def work(axis: int) -> None:
         head, tail = ends_along(axis, 4)
         difference = phase[tail] - phase[head]
-        valid = usable[head] & usable[tail] & (seams[head] == seams[tail])
+        inside = usable[head] & usable[tail]
+        valid = inside & (seams[head] == seams[tail])
         bare = empty[head] & empty[tail]
-        step = difference - TURN * np.round(difference / TURN)
-        plain = step
+        step = turned(difference)
         if axis < 2:
-            step = link_map(step, valid, bare)
-        rough = roughness(step, axis, bare, valid, noise)
-        if amplitude is not None:
-            rough += fading(np.minimum(amplitude[head], amplitude[tail]))
+            step = link_map(step, inside, bare)
+        faint = 0 if amplitude is None else fading(np.minimum(amplitude[head], amplitude[tail]))
+        rough = roughness(step, axis, bare, valid, noise) + faint
         kept = valid & (nodes[head] != nodes[tail])
-        sizes = np.abs(step)
-        parts[axis] = []
-        if axis >= 2 and phase.shape[0] > 1:
-            followed, doubt = follow_steps(step, valid, bare, rough, noise, start)
-            if amplitude is not None:
-                doubt += fading(np.minimum(amplitude[head], amplitude[tail]))
-            other = kept & (np.abs(followed - step) > 1.0) & (doubt < FOLLOWED)
-            sizes = np.where(other, np.float32(np.inf), sizes)
-            parts[axis].append(listed(nodes, difference, followed, sizes, doubt, other, axis))
-        parts[axis].insert(0, listed(nodes, difference, step, sizes, rough, kept, axis))
+        size = np.abs(step)
+        parts[axis] = [listed(nodes, difference, step, size, rough, kept, axis)]
+        if axis >= 2 and len(phase) > 1:
+            followed, doubt = follow_steps(step, rough, valid, bare, noise, start)
+            other = kept & (np.abs(followed - step) > HALF_A_TURN) & (doubt + faint < FOLLOWED)
+            if other.any():
+                size[other] = np.inf
+                parts[axis] = [
+                    listed(nodes, difference, step, size, rough, kept, axis),
+                    listed(nodes, difference, followed, size, doubt + faint, other, axis),
+                ]
 
     on_all_cores(work, [axis for axis in range(4) if phase.shape[axis] > 1])
     if not parts:
@@ -142,39 +141,74 @@ def listed(
 
 
 def follow_steps(
-    step: Stack, valid: Mask, bare: Mask, rough: Stack, noise: float, start: int
+    step: Stack, rough: Stack, valid: Mask, bare: Mask, noise: float, start: int
 ) -> tuple[Stack, Stack]:
     """Follow spatial steps along time from a frame where they are small.
+
+    A wall that grows through half a turn looks smooth again near a whole one. Its step a moment
+    before was smaller and is known; what it has changed since is small and is known as well.
+
+    Parameters
+    ----------
+    step : ndarray of shape (time, angle, y, x)
+        Wrapped steps along y or x, radians.
+    rough : ndarray, same shape
+        Their roughness in radians.
+    valid, bare : ndarray of bool, same shape
+        Steps that count; those of the empty field.
+    noise : float
+        Standard deviation of the phase's noise in radians.
+    start : int
+        Time at which the object is thin.
 
     Returns
     -------
     followed : ndarray
         The step at ``start`` plus all its changes since, radians.
     doubt : ndarray
-        The largest roughness met on the way, radians.
+        The largest roughness met on the way, radians: of the step itself at the start, and
+        twice the root mean square change, over 3 x 3 steps, of every change since, less the noise.
     """
-    change = np.diff(step, axis=0)
-    change -= TURN * np.round(change / TURN)
-    both = valid[1:] & valid[:-1]
-    squared = np.where(both, change * change, np.float32(0))
-    known = (bare[1:] & bare[:-1]) & both
-    floor = float(squared[known].mean()) if np.count_nonzero(known) >= ENOUGH else 4 * noise**2
-    width = [1, 1, BOX, BOX]
-    weight = ndimage.uniform_filter(both.astype(np.float32), width, mode="reflect")
-    mean = ndimage.uniform_filter(squared, width, mode="reflect")
-    mean /= np.maximum(weight, np.float32(LEAST_WEIGHT))
-    unsteady = 2 * np.sqrt(np.maximum(mean - np.float32(floor), np.float32(0)))
-    unsteady = np.where(both, unsteady, np.float32(np.inf))
-    followed, doubt = np.empty_like(step), np.empty_like(rough)
+    known = valid[1:] & valid[:-1]
+    squares = turned(step[1:] - step[:-1])
+    squares *= squares * known
+    ground = bare[1:] & bare[:-1] & known
+    floor = float(squares[ground].mean()) if np.count_nonzero(ground) >= ENOUGH else 4 * noise**2
+    mean = known_mean(squares, known, axes=(2, 3))
+    followed, doubt = np.empty_like(step), np.empty_like(step)
     followed[start] = step[start]
     doubt[start] = rough[start] + np.maximum(np.abs(step[start]) - np.float32(STEEP), 0)
-    for t in range(start + 1, len(step)):
-        followed[t] = followed[t - 1] + change[t - 1]
-        doubt[t] = np.maximum(doubt[t - 1], unsteady[t - 1])
-    for t in range(start - 1, -1, -1):
-        followed[t] = followed[t + 1] - change[t]
-        doubt[t] = np.maximum(doubt[t + 1], unsteady[t])
+    lines = [part.reshape(len(part), -1) for part in (step, mean, known, followed, doubt)]
+    follow_lines(*lines, start, floor)
     return followed, doubt
+
+
+@compiled
+def follow_lines(
+    step: Stack,
+    square: Stack,
+    known: Mask,
+    followed: Stack,
+    doubt: Stack,
+    start: int,
+    floor: float,
+) -> None:
+    """Do `follow_steps` for steps (time, place), away from the start in both directions."""
+    n = len(step)
+    turn = np.float32(2 * np.pi)
+    for way in (1, -1):
+        t = start
+        while 0 <= t + way < n:
+            link = min(t, t + way)
+            for i in range(step.shape[1]):
+                change = step[t + way, i] - step[t, i]
+                change -= turn * np.round(change / turn)
+                followed[t + way, i] = followed[t, i] + change
+                unsteady = np.float32(2 * math.sqrt(max(square[link, i] - floor, 0.0)))
+                if not known[link, i]:
+                    unsteady = np.float32(np.inf)
+                doubt[t + way, i] = max(doubt[t, i], unsteady)
+            t += way
 
 
 def fading(amplitude: Stack) -> Stack:
@@ -183,52 +217,21 @@ def fading(amplitude: Stack) -> Stack:
     return (FADING * (1 / faint - 1)).astype(np.float32)
 
 
-def roughness(step: Stack, axis: int, empty: Mask, valid: Mask, noise: float) -> Stack:
+def roughness(step: Stack, axis: int, bare: Mask, valid: Mask, noise: float) -> Stack:
     """Return how much steps change along their own axis, averaged over a box, less the noise.
 
     D = |g(j+1) - g(j)| + |g(j) - g(j-1)|, where a missing neighbour counts as the other one, and
     2 |g| where there is none; the root of the mean of D^2 over the valid steps of the box, less
     what noise alone makes of it: its mean over the empty field, else that of white noise.
     """
-    if step.shape[axis] == 1:
-        twice, of_noise = 2 * np.abs(step), OF_ONE_STEP
-    else:
-        twice, of_noise = change_on_both_sides(step, axis, valid), OF_TWO_CHANGES
-    change = (twice * twice).astype(np.float32)
-    known = empty & valid
+    of_noise = OF_ONE_STEP if step.shape[axis] == 1 else OF_TWO_CHANGES
+    squares = change_on_both_sides(step, axis, valid)
+    known = bare & valid
     floor = of_noise * noise**2
     if np.count_nonzero(known) >= ENOUGH:
-        floor = float(change[known].mean())
-    width = [BOX if n >= BOX else 1 for n in step.shape]
-    if valid.all():
-        mean = ndimage.uniform_filter(change, width, mode="reflect")
-    else:
-        weight = valid.astype(np.float32)
-        counted = ndimage.uniform_filter(weight, width, mode="reflect")
-        mean = ndimage.uniform_filter(change * weight, width, mode="reflect")
-        mean /= np.maximum(counted, np.float32(LEAST_WEIGHT))
-    rough: Stack = np.sqrt(np.maximum(mean - np.float32(floor), np.float32(0)))
+        floor = float(squares[known].mean())
+    rough = known_mean(squares, valid)
+    rough -= np.float32(floor)
+    np.maximum(rough, 0, out=rough)
+    np.sqrt(rough, out=rough)
     return rough
-
-
-def change_on_both_sides(step: Stack, axis: int, valid: Mask) -> Stack:
-    """Return |g(j+1) - g(j)| + |g(j) - g(j-1)|, a missing one replaced by the other.
-
-    2 |g| where both are missing.
-    """
-    n = step.shape[axis]
-    lines = (math.prod(step.shape[:axis]), n, math.prod(step.shape[axis + 1 :]))
-    change = np.zeros(lines, dtype=np.float32)
-    count = np.zeros(lines, dtype=np.int8)
-    along, known = step.reshape(lines), np.ascontiguousarray(valid).reshape(lines)
-    between = np.abs(along[:, 1:] - along[:, :-1])
-    both = known[:, 1:] & known[:, :-1]
-    between *= both
-    change[:, 1:] += between
-    change[:, :-1] += between
-    count[:, 1:] += both
-    count[:, :-1] += both
-    change[count == 1] *= 2
-    alone = count == 0
-    change[alone] = 2 * np.abs(along[alone])
-    return change.reshape(step.shape)
