@@ -31,6 +31,8 @@ BORDER_SHARE = 0.4
 FRAME_SHARE = 0.9
 #: The noise is measured on about so many pixels: every so manieth time of longer recordings.
 ENOUGH_PIXELS = 1_000_000
+#: To tell whether a frame is nothing but noise, about so many of its pixels will do.
+ENOUGH_IN_FRAME = 8_000
 #: Smaller islands at the border, in pixels, are no background.
 SMALLEST = 12
 #: Times and angles that the field of noisy frames is averaged over.
@@ -125,7 +127,9 @@ def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
         blind[frame] = values.size == 0
         if values.size:
             same[frame] = np.ptp(values) < SAME
-            noise[frame] = noise_of(wrapped[frame], inside)
+            rows = slice(None, None, 1 + wrapped[frame].size // ENOUGH_IN_FRAME)
+            few = None if inside is None else inside[rows]
+            noise[frame] = noise_of(wrapped[frame][rows], few, axes=(-1,))
 
     on_all_cores(look, list(np.ndindex(*shape)))
     same &= ~blind
@@ -142,7 +146,9 @@ def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
     return blind | same | noisy
 
 
-def noise_of(wrapped: Stack, usable: Mask | None = None) -> float:
+def noise_of(
+    wrapped: Stack, usable: Mask | None = None, axes: tuple[int, ...] = (-1, -2)
+) -> float:
     """Return the standard deviation of the noise in radians, from second differences.
 
     The median of the wrapped second differences along y or x, whichever is smaller; for white
@@ -154,13 +160,15 @@ def noise_of(wrapped: Stack, usable: Mask | None = None) -> float:
         Wrapped phase in radians.
     usable : ndarray of bool, optional
         Pixels that count; default all.
+    axes : tuple of int, optional
+        Along which to measure; the least noise counts.
     """
     if wrapped.size > ENOUGH_PIXELS and wrapped.ndim == 4:
         some = np.s_[:: 1 + wrapped.size // ENOUGH_PIXELS]
         wrapped = wrapped[some]
         usable = None if usable is None else usable[some]
     found = []
-    for axis in (-1, -2):
+    for axis in axes:
         if wrapped.shape[axis] < 3:
             continue
         step = turned(np.diff(wrapped, axis=axis))
@@ -183,7 +191,9 @@ def turned(phase: NDArray[np.floating]) -> Stack:
     return wrapped
 
 
-def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
+def find_background(
+    wrapped: Stack, usable: Mask | None = None, lost: Mask | None = None
+) -> Background:
     """Find the empty field of every frame, and its level.
 
     Parameters
@@ -192,15 +202,18 @@ def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
         Wrapped phase in radians.
     usable : ndarray of bool, optional
         Pixels that may be looked at; default all. The border is then theirs.
+    lost : ndarray of bool, shape (time, angle), optional
+        Frames that say nothing; default those that `lost_frames` marks.
     """
-    lost = lost_frames(wrapped, usable)
+    if lost is None:
+        lost = lost_frames(wrapped, usable)
     if lost.any() and not lost.all():
         every = np.ones(wrapped.shape, dtype=bool) if usable is None else usable
         usable = every & ~lost[..., None, None]
     if usable is None or usable.all():
         usable = None
     seen = ~lost if not lost.all() else lost
-    noise = noise_of(wrapped[seen][None], None if usable is None else usable[seen][None])
+    noise = noise_of(wrapped, usable)
     width = SMOOTHING[int(noise >= QUIET)]
     weights = np.float32(1) if usable is None else usable.astype(np.float32)
     length, phase = smoothed_field(wrapped, usable, width)

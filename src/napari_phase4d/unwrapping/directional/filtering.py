@@ -18,8 +18,8 @@ __all__ = ["along_slope"]
 #: A neighbour counts s^2 / (s^2 + STEADY v), s^2 the noise and v the variance of the slope.
 #: Anything from 3 to 25 does as well; below 1 fast motion is smeared.
 STEADY = 6.0
-#: Means are no shorter than this, so that their logarithm is finite.
-SHORTEST = 1e-6
+#: The square of a mean is no less than this, so that its logarithm is finite.
+SHORTEST = 1e-12
 
 Stack = NDArray[np.float32]
 Fields = NDArray[np.complex64]
@@ -58,7 +58,8 @@ def along_slope(phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float
         n = z.shape[axis]
         lines = (math.prod(z.shape[:axis]), n, math.prod(z.shape[axis + 1 :]))
         average(z.reshape(lines), slopes.pop(axis).reshape(lines[0], n - 1, lines[2]))
-    return np.where(valid, np.angle(z), phase)
+    averaged: Stack = np.where(valid, np.arctan2(z.imag, z.real), phase)
+    return averaged
 
 
 def phasors(phase: Stack) -> Fields:
@@ -80,21 +81,21 @@ def slope_along(
     if not known.all():
         product *= known
     slope = known_mean(product, known)
-    weighted(slope.ravel(), known.ravel(), noise**2)
+    square = slope.real * slope.real
+    square += slope.imag * slope.imag
+    np.maximum(square, np.float32(SHORTEST), out=square)
+    varies = np.log(square)
+    varies += np.float32(2 * noise**2)
+    np.minimum(varies, 0, out=varies)
+    varies *= np.float32(-STEADY)
+    varies += np.float32(noise**2)
+    np.sqrt(square, out=square)
+    square *= varies
+    share = np.divide(np.float32(noise**2), square, out=square)
+    if not known.all():
+        share *= known
+    slope *= share
     return slope
-
-
-@compiled
-def weighted(slope: NDArray[Any], known: Mask, variance: float) -> None:
-    """Give each mean phasor, in place, the length that its steadiness is worth."""
-    for i in range(len(slope)):
-        m = slope[i]
-        length = max(math.sqrt(m.real * m.real + m.imag * m.imag), SHORTEST)
-        if not known[i]:
-            slope[i] = 0
-            continue
-        varies = max(0.0, -2 * math.log(length) - 2 * variance)
-        slope[i] = m * np.float32(variance / (variance + STEADY * varies) / length)
 
 
 @compiled
@@ -112,10 +113,10 @@ def average(z: NDArray[Any], slope: NDArray[Any]) -> None:
                 if i > 0:
                     s = slope[o, i - 1, j]
                     total += before[j] * s
-                    weight += abs(s)
+                    weight += np.sqrt(s.real * s.real + s.imag * s.imag)
                 if i + 1 < n:
                     s = slope[o, i, j]
-                    total += z[o, i + 1, j] * np.conj(s)
-                    weight += abs(s)
-                z[o, i, j] = total / weight
+                    total += z[o, i + 1, j] * s.conjugate()
+                    weight += np.sqrt(s.real * s.real + s.imag * s.imag)
+                z[o, i, j] = total * (np.float32(1) / weight)
                 before[j] = here

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.unwrapping.growing import Workspace
 from napari_phase4d.unwrapping.spatial import unwrap_frame
 
 __all__ = ["link_map"]
@@ -37,13 +38,13 @@ def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
     ndarray
         The changes in radians, which may be larger than half a turn.
     """
-    found = step.copy()
+    found, work = step.copy(), Workspace()
     for frame in np.ndindex(*step.shape[:2]):
         wrapped, known = step[frame], inside[frame]
         largest = np.abs(wrapped).max(initial=0, where=known)
         if largest <= SURE:
             continue
-        whole, _ = unwrap_frame(wrapped, known)
+        whole, _ = unwrap_frame(wrapped, known, work=work)
         turns = np.round((whole - wrapped) / TURN)
         ground = bare[frame] & known
         level = np.round(np.median(turns[ground if ground.any() else known]))
