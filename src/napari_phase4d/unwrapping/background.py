@@ -41,8 +41,9 @@ BOX = 3
 LEAST_WEIGHT = 1e-3
 #: Bins of the histogram of phases in which a frame's level is looked for, and its sharpness.
 BINS, SHARPNESS = 72, 4.0
-#: A frame whose phase spans fewer radians shows the same everywhere ...
-SAME = 1e-3
+#: A frame shows the same everywhere if this share of its steps, taken along x, is less than so
+#: many radians from none or from half a turn, as where a field of zero has changed its sign ...
+SAME_SHARE, SAME = 0.98, 1e-3
 #: ... which no camera does that sees anything, if other frames have more noise than this.
 SOME_NOISE = 1e-3
 #: A frame is nothing but noise if that is larger than this in radians, and larger than that of
@@ -126,7 +127,7 @@ def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
         values = wrapped[frame] if inside is None else wrapped[frame][inside]
         blind[frame] = values.size == 0
         if values.size:
-            same[frame] = np.ptp(values) < SAME
+            same[frame] = is_same(wrapped[frame], inside)
             rows = slice(None, None, 1 + wrapped[frame].size // ENOUGH_IN_FRAME)
             few = None if inside is None else inside[rows]
             noise[frame] = noise_of(wrapped[frame][rows], few, axes=(-1,))
@@ -144,6 +145,16 @@ def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
         after = np.logical_or.accumulate(good[::-1], axis=0)[::-1]
         same &= before & after
     return blind | same | noisy
+
+
+def is_same(frame: Stack, usable: Mask | None) -> bool:
+    """Say whether a frame (y, x) shows the same phase everywhere, up to its sign."""
+    if frame.shape[1] < 2:
+        return False
+    step = np.abs(np.sin(np.diff(frame, axis=1)))
+    if usable is not None:
+        step = step[usable[:, 1:] & usable[:, :-1]]
+    return step.size > 0 and float((step < SAME).mean()) >= SAME_SHARE
 
 
 def noise_of(
