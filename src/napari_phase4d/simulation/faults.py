@@ -135,9 +135,7 @@ FAULTS = (*OF_PHASE, *OF_CAMERA)
 LOSES_FRAME = tuple(name for name in OF_CAMERA if "pixels" not in name)
 
 
-def with_fault(
-    data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int = 0
-) -> xr.Dataset:
+def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int = 0) -> xr.Dataset:
     """Let something go wrong half way through a recording, and add noise.
 
     Parameters

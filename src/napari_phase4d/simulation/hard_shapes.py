@@ -28,7 +28,9 @@ PhaseAt = Callable[[float, Map, Map, float], Map]
 EDGE = 0.02
 
 
-def dome(y: Map, x: Map, centre: tuple[float, float], size: tuple[float, float], peak: float) -> Map:
+def dome(
+    y: Map, x: Map, centre: tuple[float, float], size: tuple[float, float], peak: float
+) -> Map:
     """Return the phase of half an ellipsoid."""
     square = ((y - centre[0]) / size[0]) ** 2 + ((x - centre[1]) / size[1]) ** 2
     return peak * np.sqrt(np.maximum(1 - square, 0))
@@ -282,10 +284,7 @@ def hard_shape(
     y = (np.arange(shape[0]) - shape[0] / 2)[:, None] * half_pixel + np.zeros(shape)
     x = (np.arange(shape[1]) - shape[1] / 2)[None, :] * half_pixel + np.zeros(shape)
     phase = np.stack(
-        [
-            np.stack([HARD_SHAPES[name](s, y, x, np.deg2rad(a)) for a in angles_deg])
-            for s in asked
-        ]
+        [np.stack([HARD_SHAPES[name](s, y, x, np.deg2rad(a)) for a in angles_deg]) for s in asked]
     )
     pixel_um = 5.0 * half_pixel
     coords = {

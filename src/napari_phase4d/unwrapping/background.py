@@ -94,9 +94,9 @@ class Background:
 def plane(tilt: NDArray[np.float64], shape: tuple[int, ...]) -> Stack:
     """Return planes of some tilts (..., 2), zero in the middle."""
     y, x = (np.arange(n) - (n - 1) / 2 for n in shape)
-    found: Stack = (
-        tilt[..., 0, None, None] * y[:, None] + tilt[..., 1, None, None] * x
-    ).astype(np.float32)
+    found: Stack = (tilt[..., 0, None, None] * y[:, None] + tilt[..., 1, None, None] * x).astype(
+        np.float32
+    )
     return found
 
 

@@ -181,7 +181,9 @@ class Problem(SharedSteps):
 
     def background(self) -> Background:
         """Return the empty field of every frame, and its level."""
-        return self.once("background", lambda: find_background(self.wrapped, self.usable, self.lost()))
+        return self.once(
+            "background", lambda: find_background(self.wrapped, self.usable, self.lost())
+        )
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""

@@ -60,9 +60,7 @@ def known_mean(values: Values, known: Mask, axes: Sequence[int] = (0, 1, 2, 3)) 
     """
     mean = box_mean(values, axes)
     if not known.all():
-        mean /= np.maximum(
-            box_mean(known.astype(np.float32), axes), np.float32(LEAST_WEIGHT)
-        )
+        mean /= np.maximum(box_mean(known.astype(np.float32), axes), np.float32(LEAST_WEIGHT))
     return mean
 
 

@@ -185,9 +185,10 @@ def graph(frames: Frames, shifts: NDArray[np.intp]) -> Field:
     amplitude = None if frames.amplitude is None else moved(frames.amplitude, shifts)
     box = box_of(free)
     around = seams(shifts, inside.shape[2:])[box]
+    left = None
     if frames.noise >= NOISY:
         inside = inside.copy()
-        inside[box] = along_slope(inside[box], usable[box], around, frames.noise)
+        inside[box], left = along_slope(inside[box], usable[box], around, frames.noise)
     steps = all_steps(
         inside[box],
         nodes[box],
@@ -196,6 +197,7 @@ def graph(frames: Frames, shifts: NDArray[np.intp]) -> Field:
         around,
         None if amplitude is None else amplitude[box],
         frames.noise,
+        left,
         frames.start[0],
     )
 

@@ -26,7 +26,9 @@ Fields = NDArray[np.complex64]
 Mask = NDArray[np.bool_]
 
 
-def along_slope(phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float) -> Stack:
+def along_slope(
+    phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float
+) -> tuple[Stack, Stack]:
     """Return wrapped phase (time, angle, y, x) averaged with its neighbours along the slope.
 
     With z = exp(i phase) and, for the steps along one axis, m the mean of z[next] conj(z) over a
@@ -45,8 +47,16 @@ def along_slope(phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float
         Neighbours of different numbers are none.
     noise : float
         Standard deviation of the noise in radians.
+
+    Returns
+    -------
+    phase : ndarray of float32
+        Wrapped phase in radians with less noise.
+    left : ndarray of float32
+        Which share of the noise's variance is left at each pixel.
     """
     z = phasors(phase)
+    left = np.ones(phase.shape, dtype=np.float32)
     axes = [axis for axis in range(4) if phase.shape[axis] > 1]
     slopes: dict[int, Fields] = {}
 
@@ -57,9 +67,10 @@ def along_slope(phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float
     for axis in axes:
         n = z.shape[axis]
         lines = (math.prod(z.shape[:axis]), n, math.prod(z.shape[axis + 1 :]))
-        average(z.reshape(lines), slopes.pop(axis).reshape(lines[0], n - 1, lines[2]))
+        slope = slopes.pop(axis).reshape(lines[0], n - 1, lines[2])
+        average(z.reshape(lines), slope, left.reshape(lines))
     averaged: Stack = np.where(valid, np.arctan2(z.imag, z.real), phase)
-    return averaged
+    return averaged, left
 
 
 def phasors(phase: Stack) -> Fields:
@@ -99,7 +110,7 @@ def slope_along(
 
 
 @compiled
-def average(z: NDArray[Any], slope: NDArray[Any]) -> None:
+def average(z: NDArray[Any], slope: NDArray[Any], left: Stack) -> None:
     """Average phasors (outer, place, inner) with both neighbours turned by the slope, in place."""
     outer, n, inner = z.shape
     before = np.empty(inner, dtype=z.dtype)
@@ -109,14 +120,20 @@ def average(z: NDArray[Any], slope: NDArray[Any]) -> None:
         for i in range(n):
             for j in range(inner):
                 here = z[o, i, j]
-                total, weight = here, np.float32(1)
+                total, weight, squares = here, np.float32(1), np.float32(1)
                 if i > 0:
                     s = slope[o, i - 1, j]
                     total += before[j] * s
-                    weight += np.sqrt(s.real * s.real + s.imag * s.imag)
+                    square = s.real * s.real + s.imag * s.imag
+                    weight += np.sqrt(square)
+                    squares += square
                 if i + 1 < n:
                     s = slope[o, i, j]
                     total += z[o, i + 1, j] * s.conjugate()
-                    weight += np.sqrt(s.real * s.real + s.imag * s.imag)
-                z[o, i, j] = total * (np.float32(1) / weight)
+                    square = s.real * s.real + s.imag * s.imag
+                    weight += np.sqrt(square)
+                    squares += square
+                share = np.float32(1) / weight
+                left[o, i, j] *= squares * share * share
+                z[o, i, j] = total * share
                 before[j] = here

@@ -29,7 +29,8 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 FAINTEST, FADING = 0.05, 2.0
 HALF_A_TURN = np.float32(np.pi)
 #: Followed steps count where they are steadier than this, in radians.
-FOLLOWED = 1.0
+
+FOLLOWED = 3.0
 #: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
 STEEP = 1.5
 
@@ -68,6 +69,7 @@ def all_steps(
     seams: NDArray[np.int8],
     amplitude: Stack | None,
     noise: float,
+    left: Stack | None,
     start: int,
 ) -> Steps:
     """Return the steps along time, angle, y and x whose ends are not the same node.
@@ -88,6 +90,8 @@ def all_steps(
         Amplitude as a share of its median.
     noise : float
         Standard deviation of the phase's noise in radians, for where no empty field is in view.
+    left : ndarray of float, same shape, or None
+        Share of the noise's variance that is left at each pixel; None where it is all.
     start : int
         Time from which spatial steps are followed.
     """
@@ -108,7 +112,8 @@ def all_steps(
         size = np.abs(step)
         parts[axis] = [listed(nodes, difference, step, size, rough, kept, axis)]
         if axis >= 2 and len(phase) > 1:
-            followed, doubt = follow_steps(step, rough, valid, bare, noise, start)
+            share = None if left is None else 0.5 * (left[head] + left[tail])
+            followed, doubt = follow_steps(step, rough, valid, bare, noise, share, start)
             other = kept & (np.abs(followed - step) > HALF_A_TURN) & (doubt + faint < FOLLOWED)
             if other.any():
                 size[other] = np.inf
@@ -141,7 +146,13 @@ def listed(
 
 
 def follow_steps(
-    step: Stack, rough: Stack, valid: Mask, bare: Mask, noise: float, start: int
+    step: Stack,
+    rough: Stack,
+    valid: Mask,
+    bare: Mask,
+    noise: float,
+    left: Stack | None,
+    start: int,
 ) -> tuple[Stack, Stack]:
     """Follow spatial steps along time from a frame where they are small.
 
@@ -175,6 +186,12 @@ def follow_steps(
     ground = bare[1:] & bare[:-1] & known
     floor = float(squares[ground].mean()) if np.count_nonzero(ground) >= ENOUGH else 4 * noise**2
     mean = known_mean(squares, known, axes=(2, 3))
+    if left is not None:
+        # Where things move fast less noise was averaged out than on the empty field.
+        share = 0.5 * (left[1:] + left[:-1])
+        usual = float(share[ground].mean()) if ground.any() else 1.0
+        mean -= np.float32(floor / usual) * share
+        floor = 0.0
     followed, doubt = np.empty_like(step), np.empty_like(step)
     followed[start] = step[start]
     doubt[start] = rough[start] + np.maximum(np.abs(step[start]) - np.float32(STEEP), 0)
