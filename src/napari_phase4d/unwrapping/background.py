@@ -12,7 +12,7 @@ from scipy import ndimage
 from napari_phase4d.progress import on_all_cores
 from napari_phase4d.unwrapping.spatial import BORDER, border_of
 
-__all__ = ["Background", "find_background", "noise_of", "turned"]
+__all__ = ["Background", "find_background", "lost_frames", "noise_of", "turned"]
 
 TURN = 2 * np.pi
 #: Up to this noise in radians, frames count as free of noise.
@@ -39,6 +39,17 @@ BOX = 3
 LEAST_WEIGHT = 1e-3
 #: Bins of the histogram of phases in which a frame's level is looked for, and its sharpness.
 BINS, SHARPNESS = 72, 4.0
+#: A frame whose phase spans fewer radians shows the same everywhere ...
+SAME = 1e-3
+#: ... which no camera does that sees anything, if other frames have more noise than this.
+SOME_NOISE = 1e-3
+#: A frame is nothing but noise if that is larger than this in radians, and larger than that of
+#: the others by so much. Pure noise measures 0.95.
+NOISE_ONLY, NOISIER = 0.85, 0.15
+#: Tilts are looked for up to so many radians from side to side, on a grid of so many ...
+STEEPEST, TILTS = 8.0, 21
+#: ... and are taken off where so much more of the border lies level then.
+WORTH_A_TILT = 0.08
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -58,11 +69,77 @@ class Background:
         Phase of the empty field in radians, which is to be taken off every frame.
     noise : float
         Standard deviation of the phase's noise in radians.
+    tilt : ndarray of float, shape (time, angle, 2)
+        By how many radians the empty field of every frame rises from pixel to pixel along y and
+        x, about the middle of the frame.
     """
 
     mask: Mask
     level: NDArray[np.float64]
     noise: float
+    tilt: NDArray[np.float64]
+
+    def ground(self, level: NDArray[np.float64]) -> Stack:
+        """Return the phase of the empty field everywhere, for some levels of the frames.
+
+        The shape is (time, angle, y, x), or (time, angle, 1, 1) where nothing is tilted.
+        """
+        flat: Stack = level[..., None, None].astype(np.float32)
+        return flat + plane(self.tilt, self.mask.shape[2:]) if self.tilt.any() else flat
+
+
+def plane(tilt: NDArray[np.float64], shape: tuple[int, ...]) -> Stack:
+    """Return planes of some tilts (..., 2), zero in the middle."""
+    y, x = (np.arange(n) - (n - 1) / 2 for n in shape)
+    found: Stack = (
+        tilt[..., 0, None, None] * y[:, None] + tilt[..., 1, None, None] * x
+    ).astype(np.float32)
+    return found
+
+
+def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
+    """Mark the frames that say nothing of the object.
+
+    Lost are frames without a usable pixel; those that are the same everywhere between others
+    that are not, such as black or saturated ones; and those that are nothing but noise, unless
+    all are.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    usable : ndarray of bool, same shape, optional
+        Pixels that may be looked at; default all.
+
+    Returns
+    -------
+    ndarray of bool, shape (time, angle)
+    """
+    shape = wrapped.shape[:2]
+    blind, same = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    noise = np.zeros(shape)
+
+    def look(frame: tuple[int, ...]) -> None:
+        inside = None if usable is None or usable[frame].all() else usable[frame]
+        values = wrapped[frame] if inside is None else wrapped[frame][inside]
+        blind[frame] = values.size == 0
+        if values.size:
+            same[frame] = np.ptp(values) < SAME
+            noise[frame] = noise_of(wrapped[frame], inside)
+
+    on_all_cores(look, list(np.ndindex(*shape)))
+    same &= ~blind
+    seen = ~blind & ~same
+    if not seen.any():
+        return blind
+    typical = float(np.median(noise[seen]))
+    noisy = seen & (noise > NOISE_ONLY) & (noise > typical + NOISIER)
+    if typical < SOME_NOISE:  # free of noise, as simulated phase is: it may show an empty field
+        good = seen & ~noisy
+        before = np.logical_or.accumulate(good, axis=0)
+        after = np.logical_or.accumulate(good[::-1], axis=0)[::-1]
+        same &= before & after
+    return blind | same | noisy
 
 
 def noise_of(wrapped: Stack, usable: Mask | None = None) -> float:
@@ -116,23 +193,30 @@ def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
     usable : ndarray of bool, optional
         Pixels that may be looked at; default all. The border is then theirs.
     """
+    lost = lost_frames(wrapped, usable)
+    if lost.any() and not lost.all():
+        every = np.ones(wrapped.shape, dtype=bool) if usable is None else usable
+        usable = every & ~lost[..., None, None]
     if usable is None or usable.all():
         usable = None
-    noise = noise_of(wrapped, usable)
+    seen = ~lost if not lost.all() else lost
+    noise = noise_of(wrapped[seen][None], None if usable is None else usable[seen][None])
     width = SMOOTHING[int(noise >= QUIET)]
     weights = np.float32(1) if usable is None else usable.astype(np.float32)
     length, phase = smoothed_field(wrapped, usable, width)
     left = noise / (2 * np.sqrt(np.pi) * width)  # noise that smoothing leaves
     shortest = np.exp(-(noise**2) / 2) - 2 * left  # length of the field where it is flat
     within = FLAT + NEAR_LEVEL + 2 * left
-    level, has_background = levels(phase, length, usable, shortest - SHORTER, within)
-    if has_background.mean() >= FRAME_SHARE:
+    level, tilt, has_background = levels(phase, length, usable, shortest - SHORTER, within)
+    if has_background[seen].mean() >= FRAME_SHARE:
         level = filled(level, has_background)
-        phase = turned(phase - level[..., None, None].astype(np.float32))
+        found = Background(np.empty(wrapped.shape, dtype=bool), level, noise, tilt)
+        phase = turned(phase - found.ground(level))
     else:
         # Too few frames show one: what looks like it in some may lie inside the object.
         has_background[:] = False
         level[:] = 0
+        tilt[:] = 0
     if noise >= QUIET:
         # The empty field is the same at neighbouring times and angles, a cell that moves or turns
         # is not; with less noise, a plateau inside the cell is less often taken for empty.
@@ -151,7 +235,7 @@ def find_background(wrapped: Stack, usable: Mask | None = None) -> Background:
         mask[frame] = joined_to_border(flat[frame], inside, quiet=noise < QUIET)
 
     on_all_cores(work, list(zip(*np.nonzero(has_background), strict=True)))
-    return Background(mask, level, noise)
+    return Background(mask, level, noise, tilt)
 
 
 def smoothed_field(wrapped: Stack, usable: Mask | None, width: float) -> tuple[Stack, Stack]:
@@ -199,27 +283,71 @@ def filled(level: NDArray[np.float64], known: Mask) -> NDArray[np.float64]:
 
 def levels(
     phase: Stack, length: Stack, usable: Mask | None, shortest: float, within: float
-) -> tuple[NDArray[np.float64], Mask]:
-    """Return the phase that most of each frame's border has, and whether that is enough of it."""
-    edge = border_of(phase.shape[2:])
-    grid = np.linspace(-np.pi, np.pi, BINS, endpoint=False)
-    likeness = np.exp(SHARPNESS * (np.cos(grid[:, None] - grid) - 1))
-    level = np.zeros(phase.shape[:2])
-    share = np.zeros(phase.shape[:2])
+) -> tuple[NDArray[np.float64], NDArray[np.float64], Mask]:
+    """Return level and tilt of each frame's border, and whether enough of it lies there."""
+    shape = phase.shape[2:]
+    edge = border_of(shape)
+    level, share = np.zeros(phase.shape[:2]), np.zeros(phase.shape[:2])
+    tilt = np.zeros((*phase.shape[:2], 2))
     for frame in np.ndindex(*level.shape):
         if usable is not None:
             edge = rim(usable[frame], BORDER)
-        values = phase[frame][edge & (length[frame] > shortest)].astype(np.float64)
-        if len(values) == 0:
+        clear = edge & (length[frame] > shortest)
+        if not clear.any():
             continue
-        bins = np.round((values + np.pi) * (BINS / TURN)).astype(np.intp) % BINS
-        mode = grid[np.argmax(likeness @ np.bincount(bins, minlength=BINS))]
-        off = turned(values - mode)
-        near = np.abs(off) < within
-        if near.any():
-            level[frame] = mode + float(np.median(off[near]))
-            share[frame] = near.sum() / edge.sum()
-    return level, share > BORDER_SHARE
+        values = phase[frame][clear].astype(np.float64)
+        level[frame], near = level_of(values, within)
+        if near < (1 - WORTH_A_TILT) * len(values):
+            y, x = np.nonzero(clear)
+            found = tilt_of(values, y - (shape[0] - 1) / 2, x - (shape[1] - 1) / 2, within)
+            if found[2] > near + WORTH_A_TILT * len(values):
+                level[frame], tilt[frame], near = found
+        share[frame] = near / edge.sum()
+    return level, tilt, share > BORDER_SHARE
+
+
+def level_of(values: NDArray[np.float64], within: float) -> tuple[float, int]:
+    """Return the phase that most values have, and how many lie near it."""
+    grid = np.linspace(-np.pi, np.pi, BINS, endpoint=False)
+    likeness = np.exp(SHARPNESS * (np.cos(grid[:, None] - grid) - 1))
+    bins = np.round((values + np.pi) * (BINS / TURN)).astype(np.intp) % BINS
+    mode = grid[np.argmax(likeness @ np.bincount(bins, minlength=BINS))]
+    off = turned(values - mode)
+    near = np.abs(off) < within
+    if not near.any():
+        return 0.0, 0
+    return mode + float(np.median(off[near])), int(near.sum())
+
+
+def tilt_of(
+    values: NDArray[np.float64], y: NDArray[np.float64], x: NDArray[np.float64], within: float
+) -> tuple[float, NDArray[np.float64], int]:
+    """Return the level and tilt of the plane that most values lie near, and how many do.
+
+    The plane at which the phasors add up to most, of a grid of tilts; then fitted to the values
+    that lie near it.
+    """
+    z = np.exp(1j * values)
+    rises = np.linspace(-STEEPEST, STEEPEST, TILTS)
+    height, width = (max(float(np.ptp(c)), 1.0) for c in (y, x))
+    along_y = np.exp(-1j * rises[:, None] / height * y) * z
+    along_x = np.exp(-1j * rises[:, None] / width * x)
+    steepest = np.argmax(np.abs(along_y @ along_x.T))
+    i, j = np.unravel_index(steepest, (TILTS, TILTS))
+    tilt = np.array([rises[i] / height, rises[j] / width])
+    level, near = 0.0, 0
+    for _ in range(3):
+        level, near = level_of(turned(values - tilt[0] * y - tilt[1] * x), within)
+        off = turned(values - tilt[0] * y - tilt[1] * x - level)
+        close = np.abs(off) < within
+        if close.sum() < 3:
+            break
+        terms = np.stack([np.ones(close.sum()), y[close], x[close]], axis=1)
+        fit = np.linalg.lstsq(terms, off[close], rcond=None)[0]
+        tilt = tilt + fit[1:]
+        level += float(fit[0])
+    off = turned(values - tilt[0] * y - tilt[1] * x - level)
+    return level, tilt, int((np.abs(off) < within).sum())
 
 
 def rim(usable: Mask, width: int) -> Mask:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
-from napari_phase4d.unwrapping.background import Background, find_background
+from napari_phase4d.unwrapping.background import Background, find_background, lost_frames
 from napari_phase4d.unwrapping.masks import object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
@@ -75,6 +75,8 @@ class Problem(SharedSteps):
         # The caller's own array, where it fits: nobody writes into it.
         with np.errstate(over="ignore"):  # it is infinite then, and left out
             self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
+        #: Frames (time, angle) that are NaN everywhere, and so in every result.
+        self.unknown = np.zeros(values.shape[:2], dtype=bool)
         if not all_known(self.wrapped):
             self._leave_out(~is_known(self.wrapped))
         self.amplitude = self._given_amplitude(amplitude, values.shape)
@@ -82,7 +84,12 @@ class Problem(SharedSteps):
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
-        count = int((bad & self.usable).sum())
+        wholly = bad.all(axis=(2, 3), keepdims=True)
+        if wholly.all():
+            msg = "the phase is NaN everywhere, so there is nothing to unwrap"
+            raise ValueError(msg)
+        self.unknown = wholly[..., 0, 0]
+        count = int((bad & ~wholly & self.usable).sum())
         if count and not self.finds_mask:
             msg = (
                 f"the phase holds {count} NaN or infinite pixels (or beyond {LARGEST:g} rad); "
@@ -167,6 +174,10 @@ class Problem(SharedSteps):
         if self.amplitude is None:
             return None
         return self.result(self.amplitude, "amplitude", {"units": "1"})
+
+    def lost(self) -> NDArray[np.bool_]:
+        """Mark the frames (time, angle) that say nothing of the object, see `lost_frames`."""
+        return self.once("lost", lambda: lost_frames(self.wrapped, self.usable))
 
     def background(self) -> Background:
         """Return the empty field of every frame, and its level."""

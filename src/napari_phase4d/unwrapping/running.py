@@ -101,6 +101,8 @@ def run_method(
         values = of_a_package(problem, method, progress, cancelled, chosen)
     else:
         values = METHODS[method].function(problem, progress, cancelled, **chosen)
+    if problem.unknown.any():
+        values = np.where(problem.unknown[..., None, None], np.float32(np.nan), values)
     attrs = noted(
         method,
         options,

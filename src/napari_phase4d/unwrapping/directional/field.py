@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
-from napari_phase4d.unwrapping.background import Background, turned
+from napari_phase4d.unwrapping.background import turned
+from napari_phase4d.unwrapping.directional.filtering import along_slope
 from napari_phase4d.unwrapping.directional.following import follow_object, seams
 from napari_phase4d.unwrapping.directional.steps import Steps, all_steps
 from napari_phase4d.unwrapping.masks import object_masks
@@ -23,10 +25,88 @@ __all__ = ["Field", "finished_phase", "prepare"]
 TURN = np.float32(2 * np.pi)
 #: Pixels of the empty field that are kept round the object.
 MARGIN = 3
+#: An island of the empty field that takes at least this share of the frame holds its level.
+FIELD_SHARE = 0.05
+#: From this noise in radians on it is averaged out.
+NOISY = 0.1
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Scalar = TypeVar("Scalar", bound=np.generic)
 Box = tuple[slice, slice, slice, slice]
+
+
+@dataclass(frozen=True)
+class Frames:
+    """What of a recording is unwrapped: frames that say nothing are left out or stood in for.
+
+    Times at which all views are lost are left out, and the rest solved as if they were adjacent.
+    A view that is lost by itself is stood in for by what lies half way between its neighbours.
+
+    Parameters
+    ----------
+    kept : ndarray of int
+        Times that are not left out.
+    lost : ndarray of bool, shape (time, angle)
+        Frames that say nothing.
+    phase : ndarray of shape (kept, angle, y, x)
+        Wrapped phase in radians less the frames' empty fields.
+    empty, usable : ndarray of bool, same shape
+        Empty field; pixels that count.
+    amplitude : ndarray of float, same shape, or None
+        Amplitude as a share of its view's median.
+    noise : float
+        Standard deviation of the phase's noise in radians.
+    start : tuple of int
+        The kept frame (time, angle) that lies next to the boundary frame.
+    """
+
+    kept: NDArray[np.intp]
+    lost: Mask
+    phase: Stack
+    empty: Mask
+    usable: Mask
+    amplitude: Stack | None
+    noise: float
+    start: tuple[int, int]
+
+
+def frames_of(problem: Problem) -> Frames:
+    """Return the frames of a problem, levelled, without those that say nothing."""
+    background, lost = problem.background(), problem.lost()
+    if lost.all():
+        lost = np.zeros_like(lost)
+    kept = np.flatnonzero(~lost.all(axis=1))
+    phase = turned(problem.wrapped - background.ground(background.level))
+    every = len(kept) == len(lost)
+    parts = [
+        part if every or part is None else part[kept]
+        for part in (phase, background.mask, problem.usable, problem.amplitude)
+    ]
+    phase, empty, usable, amplitude = parts
+    if lost[kept].any():
+        phase, empty, usable = phase.copy(), empty.copy(), usable.copy()
+        for angle in range(lost.shape[1]):
+            stand_in(phase[:, angle], empty[:, angle], usable[:, angle], lost[kept, angle])
+    nearest = int(np.argmin(np.abs(kept - problem.first[0])))
+    start = nearest, problem.first[1]
+    return Frames(kept, lost, phase, empty, usable, amplitude, background.noise, start)
+
+
+def stand_in(phase: Stack, empty: Mask, usable: Mask, lost: Mask) -> None:
+    """Fill the lost frames of a view (time, y, x) in place from the frames round them."""
+    good = np.flatnonzero(~lost)
+    for t in np.flatnonzero(lost):
+        if not len(good):
+            usable[t] = False
+            continue
+        before, after = good[good < t], good[good > t]
+        one = before[-1] if len(before) else after[0]
+        other = after[0] if len(after) else before[-1]
+        share = np.float32((t - one) / (other - one)) if other != one else np.float32(0)
+        phase[t] = turned(phase[one] + share * turned(phase[other] - phase[one]))
+        empty[t] = empty[one] & empty[other]
+        usable[t] = usable[one] & usable[other]
 
 
 @dataclass(frozen=True)
@@ -35,15 +115,15 @@ class Field:
 
     Parameters
     ----------
-    background : Background
-        The empty field, before frames were moved.
-    phase : ndarray of shape (time, angle, y, x)
-        Wrapped phase in radians less the frames' levels, before frames were moved.
-    shifts : ndarray of int, shape (time, angle, 2)
+    frames : Frames
+        What is unwrapped.
+    phase : ndarray of shape (kept time, angle, y, x)
+        Wrapped phase in radians, noise averaged out, after frames were moved.
+    shifts : ndarray of int, shape (kept time, angle, 2)
         How frames were moved.
-    nodes : ndarray of int, shape (time, angle, y, x)
+    nodes : ndarray of int, shape of the phase
         Node of every pixel of the moved frames. The pixels of an island of the empty field in one
-        frame share one; 0 is the island that is held.
+        frame share one; 0 is held, and is the largest island of every frame.
     n_islands : int
         How many nodes are islands of the empty field; they come first.
     steps : Steps
@@ -54,7 +134,7 @@ class Field:
         Amplitude of every node as a share of its view's median.
     """
 
-    background: Background
+    frames: Frames
     phase: Stack
     shifts: NDArray[np.intp]
     nodes: NDArray[np.int32]
@@ -64,57 +144,67 @@ class Field:
     amplitude: Stack | None
 
     def lifted(self, turns: NDArray[np.int32]) -> Stack:
-        """Return the phase with the turns of every node added, frames back in place."""
-        return self.phase + TURN * self.everywhere(turns).astype(np.float32)
+        """Return the phase of all times with the turns of every node added, frames in place."""
+        unwrapped = self.phase + TURN * turns[self.nodes].astype(np.float32)
+        return self.at_all_times(moved(unwrapped, -self.shifts))
 
     def everywhere(self, values: NDArray[np.int32]) -> NDArray[np.int32]:
-        """Return a value of every node on all pixels, frames back in place."""
-        return moved(values[self.nodes], -self.shifts)
+        """Return a value of every node on all pixels of all times, frames back in place."""
+        return self.at_all_times(moved(values[self.nodes], -self.shifts))
+
+    def at_all_times(self, stack: NDArray[Scalar]) -> NDArray[Scalar]:
+        """Return a stack of the kept times with the times left out, taken from the one before."""
+        kept, n = self.frames.kept, len(self.frames.lost)
+        if len(kept) == n:
+            return stack
+        return stack[np.maximum(np.searchsorted(kept, np.arange(n), side="right") - 1, 0)]
 
 
 def prepare(problem: Problem, watch: Watch) -> Field:
     """Find the empty field, put the object in place, and list the steps (takes three steps)."""
-    background = watched(problem.background, watch)
+    frames = watched(lambda: frames_of(problem), watch)
     watch.step()
-    phase = turned(problem.wrapped - background.level[..., None, None].astype(np.float32))
-    shifts = watched(lambda: follow_object(phase, ~background.mask & problem.usable), watch)
+    shifts = watched(lambda: follow_object(frames.phase, ~frames.empty & frames.usable), watch)
     watch.step()
-    field = watched(lambda: graph(problem, background, phase, shifts), watch)
+    field = watched(lambda: graph(frames, shifts), watch)
     watch.step()
     return field
 
 
-def graph(
-    problem: Problem, background: Background, phase: Stack, shifts: NDArray[np.intp]
-) -> Field:
+def graph(frames: Frames, shifts: NDArray[np.intp]) -> Field:
     """Make a node of every pixel of the object and every island of the empty field."""
-    islands, n_islands = islands_of(background.mask, problem.first)
+    islands, n_islands = islands_of(frames.empty, frames.start)
     islands = moved(islands, shifts)
-    usable = moved(np.ascontiguousarray(problem.usable), shifts)
+    usable = moved(np.ascontiguousarray(frames.usable), shifts)
     empty = islands >= 0
     free = ~empty & usable
     nodes = np.maximum(islands, 0)
     n_free = int(np.count_nonzero(free))
     nodes[free] = np.arange(n_islands, n_islands + n_free, dtype=np.int32)
-    inside = moved(phase, shifts)
-    amplitude = None if problem.amplitude is None else moved(problem.amplitude, shifts)
+    inside = moved(frames.phase, shifts)
+    amplitude = None if frames.amplitude is None else moved(frames.amplitude, shifts)
     box = box_of(free)
+    around = seams(shifts, inside.shape[2:])[box]
+    if frames.noise >= NOISY:
+        inside = inside.copy()
+        inside[box] = along_slope(inside[box], usable[box], around, frames.noise)
     steps = all_steps(
         inside[box],
         nodes[box],
         empty[box],
         usable[box],
-        seams(shifts, phase.shape[2:])[box],
+        around,
         None if amplitude is None else amplitude[box],
-        background.noise,
+        frames.noise,
+        frames.start[0],
     )
 
     def of_nodes(stack: Stack, on_islands: float) -> Stack:
         return np.concatenate([np.full(n_islands, on_islands, dtype=np.float32), stack[free]])
 
     return Field(
-        background,
-        phase,
+        frames,
+        inside,
         shifts,
         nodes,
         n_islands,
@@ -127,24 +217,31 @@ def graph(
 def islands_of(empty: Mask, first: tuple[int, int]) -> tuple[NDArray[np.int32], int]:
     """Give the islands of the empty field numbers, frame by frame; -1 elsewhere.
 
-    The largest one of the boundary frame is 0; else, or if that frame has none, the largest of
-    all. There is always one number at least, even where no pixel has it.
+    The largest island of every frame is 0, if it takes enough of the frame to be sure that it is
+    the field: the level of a frame then hangs on nothing else. So is the largest of the boundary
+    frame, or of all if that has none. There is always one number at least, even where no pixel
+    has it.
     """
     found = np.full(empty.shape, -1, dtype=np.int32)
-    count = 0
+    count, held = 0, np.zeros(0, dtype=np.intp)
     for frame in np.ndindex(*empty.shape[:2]):
         labels, n = ndimage.label(empty[frame])
         found[frame] = np.where(labels > 0, labels - 1 + count, -1)
+        sizes = np.bincount(labels.ravel(), minlength=n + 1)[1:]
+        if n and sizes.max() >= FIELD_SHARE * labels.size:
+            held = np.append(held, count + int(np.argmax(sizes)))
         count += n
     if count == 0:
         return found, 1
     in_first = found[first]
     asked = in_first if (in_first >= 0).any() else found
-    largest = int(np.argmax(np.bincount(asked[asked >= 0])))
-    swap = np.arange(count + 1, dtype=np.int32)
-    swap[-1] = -1  # where nothing is empty
-    swap[[0, largest]] = swap[[largest, 0]]
-    return swap[found], count
+    held = np.append(held, int(np.argmax(np.bincount(asked[asked >= 0]))))
+    number = np.ones(count + 1, dtype=np.int32)
+    number[held] = 0
+    number[-1] = 0  # where nothing is empty
+    number = np.where(number > 0, np.cumsum(number), 0).astype(np.int32)
+    number[-1] = -1
+    return number[found], int(number.max()) + 1
 
 
 def box_of(objects: Mask) -> Box:
@@ -175,10 +272,9 @@ def finished_phase(
     unwrapping of the boundary frame. A mask that was to be found is found in this result.
     """
     watch = Watch(problem.n_frames, "finding the object", progress, cancelled)
-    level = border_medians(field.background.level, problem.first)[..., None, None]
-    unwrapped = watched(
-        lambda: congruent(field.lifted(turns) + level.astype(np.float32), problem.wrapped), watch
-    )
+    background = problem.background()
+    level = background.ground(border_medians(background.level, problem.first))
+    unwrapped = watched(lambda: congruent(field.lifted(turns) + level, problem.wrapped), watch)
     label = field.everywhere(parts)
     loose = problem.usable & (label != parts[0])
     if loose.any():
@@ -191,7 +287,7 @@ def finished_phase(
     wanted = problem.usable
     if problem.finds_mask:
         # Each frame about zero, so that an aperture's outside, which is 0, is no step.
-        about_zero = np.where(problem.usable, unwrapped - level.astype(np.float32), np.float32(0))
+        about_zero = np.where(problem.usable, unwrapped - level, np.float32(0))
         wanted = wanted & object_masks(about_zero, watch)
     return np.where(wanted, unwrapped, np.float32(0))
 

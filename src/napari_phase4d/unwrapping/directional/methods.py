@@ -127,7 +127,7 @@ def side_of_object(
     if 1 - NEARLY_ALL < positive < NEARLY_ALL:
         return None
     side = 1 if positive > 0.5 else -1
-    allowed = BEYOND + 2 * field.background.noise
+    allowed = BEYOND + 2 * field.frames.noise
     free = side * np.ceil((-allowed - side * field.values.astype(np.float64)) / (2 * np.pi))
     rough = np.full(len(field.values), AS_ROUGH_AS, dtype=np.float32)
     if field.amplitude is not None:

@@ -1,4 +1,4 @@
-"""Steps between neighbours, and how far each is to be trusted."""
+"""Steps between neighbours, what turns they ask for, and how far each is to be trusted."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import on_all_cores
+from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.ends import ends_along
 
 __all__ = ["Steps", "all_steps", "fading"]
@@ -28,6 +29,10 @@ LEAST_WEIGHT = 1e-3
 #: Amplitude, as a share of its median, below which fading does not grow; and the roughness in
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
+#: Followed steps count where they are steadier than this, in radians.
+FOLLOWED = 1.0
+#: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
+STEEP = 1.5
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -44,7 +49,7 @@ class Steps:
     turns : ndarray of int
         Turns of the second minus those of the first, if the step is less than half a turn.
     size : ndarray of float
-        The wrapped step in radians, without its sign.
+        The step in radians, without its sign; infinite where two opinions on it differ.
     roughness : ndarray of float
         How much steps change along their own direction here, radians.
     """
@@ -64,6 +69,7 @@ def all_steps(
     seams: NDArray[np.int8],
     amplitude: Stack | None,
     noise: float,
+    start: int,
 ) -> Steps:
     """Return the steps along time, angle, y and x whose ends are not the same node.
 
@@ -83,28 +89,92 @@ def all_steps(
         Amplitude as a share of its median.
     noise : float
         Standard deviation of the phase's noise in radians, for where no empty field is in view.
+    start : int
+        Time from which spatial steps are followed.
     """
-    parts: dict[int, tuple[Any, ...]] = {}
+    parts: dict[int, list[tuple[Any, ...]]] = {}
 
     def work(axis: int) -> None:
         head, tail = ends_along(axis, 4)
         difference = phase[tail] - phase[head]
-        turns = np.round(difference / TURN).astype(np.int32)
-        step = difference - TURN * turns.astype(np.float32)
         valid = usable[head] & usable[tail] & (seams[head] == seams[tail])
-        rough = roughness(step, axis, empty[head] & empty[tail], valid, noise)
+        bare = empty[head] & empty[tail]
+        step = difference - TURN * np.round(difference / TURN)
+        plain = step
+        if axis < 2:
+            step = link_map(step, valid, bare)
+        rough = roughness(step, axis, bare, valid, noise)
         if amplitude is not None:
             rough += fading(np.minimum(amplitude[head], amplitude[tail]))
         kept = valid & (nodes[head] != nodes[tail])
-        ends = nodes[head][kept], nodes[tail][kept]
-        parts[axis] = (*ends, -turns[kept], np.abs(step[kept]), rough[kept])
+        sizes = np.abs(step)
+        parts[axis] = []
+        if axis >= 2 and phase.shape[0] > 1:
+            followed, doubt = follow_steps(step, valid, bare, rough, noise, start)
+            if amplitude is not None:
+                doubt += fading(np.minimum(amplitude[head], amplitude[tail]))
+            other = kept & (np.abs(followed - step) > 1.0) & (doubt < FOLLOWED)
+            sizes = np.where(other, np.float32(np.inf), sizes)
+            parts[axis].append(listed(nodes, difference, followed, sizes, doubt, other, axis))
+        parts[axis].insert(0, listed(nodes, difference, step, sizes, rough, kept, axis))
 
     on_all_cores(work, [axis for axis in range(4) if phase.shape[axis] > 1])
     if not parts:
         none = np.zeros(0, dtype=np.int32)
         return Steps(none, none, none, none.astype(np.float32), none.astype(np.float32))
-    in_order = [parts[axis] for axis in sorted(parts)]
+    in_order = [columns for axis in sorted(parts) for columns in parts[axis]]
     return Steps(*(np.concatenate(columns) for columns in zip(*in_order, strict=True)))
+
+
+def listed(
+    nodes: NDArray[np.int32],
+    difference: Stack,
+    step: Stack,
+    size: Stack,
+    rough: Stack,
+    kept: Mask,
+    axis: int,
+) -> tuple[Any, ...]:
+    """Return the columns of `Steps` for those steps of one axis that are kept."""
+    head, tail = ends_along(axis, 4)
+    turns = np.round((step[kept] - difference[kept]) / TURN).astype(np.int32)
+    return nodes[head][kept], nodes[tail][kept], turns, size[kept], rough[kept]
+
+
+def follow_steps(
+    step: Stack, valid: Mask, bare: Mask, rough: Stack, noise: float, start: int
+) -> tuple[Stack, Stack]:
+    """Follow spatial steps along time from a frame where they are small.
+
+    Returns
+    -------
+    followed : ndarray
+        The step at ``start`` plus all its changes since, radians.
+    doubt : ndarray
+        The largest roughness met on the way, radians.
+    """
+    change = np.diff(step, axis=0)
+    change -= TURN * np.round(change / TURN)
+    both = valid[1:] & valid[:-1]
+    squared = np.where(both, change * change, np.float32(0))
+    known = (bare[1:] & bare[:-1]) & both
+    floor = float(squared[known].mean()) if np.count_nonzero(known) >= ENOUGH else 4 * noise**2
+    width = [1, 1, BOX, BOX]
+    weight = ndimage.uniform_filter(both.astype(np.float32), width, mode="reflect")
+    mean = ndimage.uniform_filter(squared, width, mode="reflect")
+    mean /= np.maximum(weight, np.float32(LEAST_WEIGHT))
+    unsteady = 2 * np.sqrt(np.maximum(mean - np.float32(floor), np.float32(0)))
+    unsteady = np.where(both, unsteady, np.float32(np.inf))
+    followed, doubt = np.empty_like(step), np.empty_like(rough)
+    followed[start] = step[start]
+    doubt[start] = rough[start] + np.maximum(np.abs(step[start]) - np.float32(STEEP), 0)
+    for t in range(start + 1, len(step)):
+        followed[t] = followed[t - 1] + change[t - 1]
+        doubt[t] = np.maximum(doubt[t - 1], unsteady[t - 1])
+    for t in range(start - 1, -1, -1):
+        followed[t] = followed[t + 1] - change[t]
+        doubt[t] = np.maximum(doubt[t + 1], unsteady[t])
+    return followed, doubt
 
 
 def fading(amplitude: Stack) -> Stack:

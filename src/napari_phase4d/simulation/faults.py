@@ -1,0 +1,183 @@
+"""What goes wrong while a recording is made, done to simulated phase whose truth is known."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.simulation.stacks import wrap
+
+__all__ = ["FAULTS", "LOSES_FRAME", "with_fault"]
+
+Stack = NDArray[np.float32]
+Random = np.random.Generator
+
+
+def ramp(shape: tuple[int, ...], rise: float) -> Stack:
+    """Return a plane over y and x that rises by so many radians from corner to corner."""
+    y, x = np.linspace(-0.5, 0.5, shape[-2]), np.linspace(-0.5, 0.5, shape[-1])
+    return (rise * 0.5 * (y[:, None] - x[None, :])).astype(np.float32)
+
+
+def kicked(exact: Stack, half: int, rng: Random) -> Stack:
+    """Move the field by some pixels from one frame to the next."""
+    found = exact.copy()
+    found[half:] = np.roll(found[half:], (4, -6), axis=(2, 3))
+    return found
+
+
+def levelled_anew(exact: Stack, half: int, rng: Random) -> Stack:
+    """Change level and tilt from one frame to the next."""
+    found = exact.copy()
+    found[half:] += np.float32(2.4) + ramp(exact.shape, 1.5)
+    return found
+
+
+def tilted(exact: Stack, half: int, rng: Random) -> Stack:
+    """Tilt every frame in a way of its own."""
+    rises = rng.uniform(-1.2, 1.2, exact.shape[:2])
+    return exact + np.stack([[ramp(exact.shape, r) for r in row] for row in rises])
+
+
+def off_level(exact: Stack, half: int, rng: Random) -> Stack:
+    """Give every frame a level of its own."""
+    return exact + rng.uniform(-3, 3, exact.shape[:2])[..., None, None].astype(np.float32)
+
+
+def doubled(exact: Stack, half: int, rng: Random) -> Stack:
+    """Double the phase from one frame to the next."""
+    found = exact.copy()
+    found[half:] *= 2
+    return found
+
+
+def paused(exact: Stack, half: int, rng: Random) -> Stack:
+    """Leave out half of the recording."""
+    n = len(exact)
+    return np.concatenate([exact[: max(n // 5, 1)], exact[n - n // 3 :]])
+
+
+#: Name -> what changes the exact phase.
+OF_PHASE: Mapping[str, Callable[[Stack, int, Random], Stack]] = MappingProxyType(
+    {
+        "kick": kicked,
+        "jump of level": levelled_anew,
+        "tilt per frame": tilted,
+        "level per frame": off_level,
+        "doubling": doubled,
+        "pause": paused,
+    }
+)
+
+
+def black(wrapped: Stack, half: int, rng: Random) -> None:
+    """Make one frame zero."""
+    wrapped[half] = 0
+
+
+def constant(wrapped: Stack, half: int, rng: Random) -> None:
+    """Give one frame the same phase everywhere, as a saturated camera does."""
+    wrapped[half] = 1.3
+
+
+def noise_only(wrapped: Stack, half: int, rng: Random) -> None:
+    """Leave nothing but noise in one frame."""
+    wrapped[half] = rng.uniform(-np.pi, np.pi, wrapped[half].shape)
+
+
+def one_view_black(wrapped: Stack, half: int, rng: Random) -> None:
+    """Make one view of one frame zero."""
+    wrapped[half, -1] = 0
+
+
+def one_view_noise(wrapped: Stack, half: int, rng: Random) -> None:
+    """Leave nothing but noise in one view of one frame."""
+    wrapped[half, -1] = rng.uniform(-np.pi, np.pi, wrapped[half, -1].shape)
+
+
+def two_black(wrapped: Stack, half: int, rng: Random) -> None:
+    """Make two frames in a row zero."""
+    wrapped[half : half + 2] = 0
+
+
+def dead_pixels(wrapped: Stack, half: int, rng: Random) -> None:
+    """Let one pixel in a hundred show noise at all times."""
+    dead = rng.random(wrapped.shape[-2:]) < 0.01
+    wrapped[..., dead] = rng.uniform(-np.pi, np.pi, (*wrapped.shape[:2], int(dead.sum())))
+
+
+def hot_pixels(wrapped: Stack, half: int, rng: Random) -> None:
+    """Let one pixel in a hundred of every frame show noise."""
+    dead = rng.random(wrapped.shape) < 0.01
+    wrapped[dead] = rng.uniform(-np.pi, np.pi, int(dead.sum()))
+
+
+#: Name -> what changes the wrapped phase in place; what it shows then is not the object.
+OF_CAMERA: Mapping[str, Callable[[Stack, int, Random], None]] = MappingProxyType(
+    {
+        "black frame": black,
+        "constant frame": constant,
+        "noise-only frame": noise_only,
+        "black view": one_view_black,
+        "noise-only view": one_view_noise,
+        "two black frames": two_black,
+        "dead pixels": dead_pixels,
+        "hot pixels": hot_pixels,
+    }
+)
+#: All faults by name.
+FAULTS = (*OF_PHASE, *OF_CAMERA)
+#: Faults that lose whole frames: what they show has no truth.
+LOSES_FRAME = tuple(name for name in OF_CAMERA if "pixels" not in name)
+
+
+def with_fault(
+    data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int = 0
+) -> xr.Dataset:
+    """Let something go wrong half way through a recording, and add noise.
+
+    Parameters
+    ----------
+    data : Dataset
+        With exact ``phase``, dims (time, angle, y, x).
+    fault : str
+        One of `FAULTS`.
+    noise_rad : float, optional
+        Standard deviation in radians of white noise on every pixel.
+    seed : int, optional
+        Of the random numbers.
+
+    Returns
+    -------
+    Dataset
+        ``phase`` is what an unwrapper that is right everywhere returns: the exact phase with the
+        fault and the noise, NaN where the camera showed something else. ``wrapped`` is what is
+        seen.
+
+    Raises
+    ------
+    ValueError
+        If there is no such fault.
+    """
+    if fault not in FAULTS:
+        msg = f"fault must be one of {', '.join(FAULTS)}, but is {fault!r}"
+        raise ValueError(msg)
+    rng = np.random.default_rng(seed)
+    exact: Stack = data["phase"].values
+    half = len(exact) // 2
+    if fault in OF_PHASE:
+        exact = OF_PHASE[fault](exact, half, rng)
+    exact = exact + noise_rad * rng.normal(0, 1, exact.shape).astype(np.float32)
+    kept = data["phase"].isel(time=slice(len(exact)))
+    truth = kept.copy(data=exact.astype(np.float32))
+    wrapped = wrap(truth)
+    if fault in OF_CAMERA:
+        before = wrapped.values.copy()
+        OF_CAMERA[fault](wrapped.values, half, rng)
+        truth = truth.where(wrapped.values == before)
+    wrapped.attrs = dict(data["wrapped"].attrs)
+    return xr.Dataset({"phase": truth, "wrapped": wrapped}, attrs=data.attrs)
