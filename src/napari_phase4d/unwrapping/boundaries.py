@@ -16,7 +16,6 @@ from napari_phase4d.progress import (
     reworded,
     watched,
 )
-from napari_phase4d.unwrapping.background import lost_frames
 from napari_phase4d.unwrapping.problem import Boundary, Problem
 from napari_phase4d.unwrapping.registry import METHODS
 from napari_phase4d.unwrapping.running import run_method, unwrap
@@ -196,7 +195,7 @@ def scored(
 ) -> xr.DataArray:
     """Score all frames of a problem, see `score_boundaries`."""
     Watch(1, "scoring the frames", progress, cancelled).check()
-    lost = lost_frames(given.wrapped, given.usable)
+    lost = given.lost()
     basis = basis_of(known, together=together)
     attrs = {"best": [0, 0], "basis": basis, "agreement": 0.0, "lost": int(lost.sum())}
     if lost.all():
@@ -257,15 +256,20 @@ def look_at(
     watch = Watch(len(frames) + 1, "scoring the frames", progress, cancelled)
     background = watched(problem.background, watch)
     watch.step()
-    level = border_medians(background.level, first_boundary(known))
+    ground = background.ground(border_medians(background.level, first_boundary(known)))
 
     def look(frame: Boundary) -> Look:
         other = None
         if known is not None:
             there = known.usable[frame] & (known.wrapped[frame] != 0)
-            other = np.where(there, known.wrapped[frame] - level[frame], np.nan)
+            other = np.where(there, known.wrapped[frame] - ground[frame], np.nan)
         return look_of(
-            problem.wrapped[frame], problem.usable[frame], background.mask[frame], other, cancelled
+            problem.wrapped[frame],
+            problem.usable[frame],
+            background.mask[frame],
+            ground[frame],
+            other,
+            cancelled,
         )
 
     return list(in_threads(look, frames, watch))
@@ -281,30 +285,31 @@ def look_of(
     wrapped: Frame,
     usable: Mask,
     empty: Mask,
+    ground: Frame,
     reference: NDArray[np.floating] | None,
     cancelled: CancelledCall | None = None,
 ) -> Look:
     """Return on how much of one frame two unwrappings differ.
 
     Both are taken relative to the empty field, where there is one, so that an object that has
-    slipped as a whole counts as wrong.
+    slipped as a whole counts as wrong. The ground is the phase of the empty field, from which a
+    tilt is known; the reference is less it.
     """
     inside = usable & ~empty
     if not inside.any():
         return Look()
-    spatial = relative(unwrap_frame(wrapped, usable)[0], empty)
+    alone = unwrap_frame(wrapped, usable)[0]
+    spatial = relative(alone - ground, empty)
     other = reference
     if other is None:
         grown = unwrap(wrapped, "directional-growing", mask=usable, cancelled=cancelled)
-        other = relative(grown.values, empty)
+        other = relative(grown.values - ground, empty)
     turns = np.round((other - spatial) / TURN)[inside]
     turns = turns[np.isfinite(turns)]
     if not turns.size:
         return Look()
     level = 0.0 if empty.any() else float(np.median(turns))
-    steps = [
-        np.abs(np.diff(spatial, axis=axis)).mean() for axis in (0, 1) if spatial.shape[axis] > 1
-    ]
+    steps = [np.abs(np.diff(alone, axis=axis)).mean() for axis in (0, 1) if alone.shape[axis] > 1]
     steep = float(np.mean(steps)) / (2 * np.pi) if steps else 0.0
     return Look(int((turns != level).sum()), turns.size, steep)
 
