@@ -13,7 +13,7 @@ from typer.testing import CliRunner
 import napari_phase4d as p4d
 from napari_phase4d.cli import app
 from napari_phase4d.io import read_results, write_phase
-from napari_phase4d.pipeline import run_batch, write_outcome
+from napari_phase4d.pipeline import run_batch, unwrap_by, write_outcome
 from napari_phase4d.scripting import as_python
 from napari_phase4d.simulation import moving_shape, with_noise
 
@@ -52,6 +52,13 @@ def test_the_default_takes_the_star(phase_file: Path) -> None:
         np.testing.assert_array_equal(result.values, expected[method].values)
         assert result.attrs["boundary"] == [list(best)]
         assert result.attrs["boundary_found_by"] == outcome.scores.attrs["basis"]
+
+
+def test_unwrapping_by_a_recipe_finds_the_start_too(phase_file: Path) -> None:
+    recipe = p4d.Recipe(recording=str(phase_file), methods=METHODS[:1])
+    outcome = p4d.run(recipe)
+    found = unwrap_by(recipe, outcome.reconstruction["phase"]).results["temporal-angular"]
+    xr.testing.assert_identical(found, outcome.comparison.results["temporal-angular"])
 
 
 def test_a_named_frame_is_kept(phase_file: Path) -> None:

@@ -178,15 +178,17 @@ def unwrap_by(
 ) -> Comparison:
     """Unwrap wrapped phase with a recipe's methods and settings; NaN are left out.
 
-    The recipe names the frames to start from; `run` finds them first where it does not.
+    The safest frame to start from is looked for where the recipe names none.
 
     ``finished`` is told each method and the comparison so far, see `compare`. With a ``place``,
     results are written there a block at a time.
     """
+    recipe, scores = with_start(recipe, phase, progress, cancelled)
     if place is not None:
-        return place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
+        found = place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
+        return noting_start(found, scores)
     known = is_known(phase.values)
-    return compare(
+    found = compare(
         phase,
         recipe.methods,
         recipe.start_frames,
@@ -198,6 +200,7 @@ def unwrap_by(
         cancelled=cancelled,
         finished=finished,
     )
+    return noting_start(found, scores)
 
 
 def reconstruct_by(
