@@ -14,6 +14,7 @@ from napari_phase4d.evaluation import (
     residues,
     wrong_cycle_share,
 )
+from napari_phase4d.simulation import moving_shape, with_noise
 
 
 def test_margin_of_a_ramp_is_its_slope() -> None:
@@ -85,11 +86,60 @@ def test_order_is_judged_by_truth_and_not_by_a_result_of_itself() -> None:
     assert order_verdict(results) == (
         "T/A suits better: it differs from WL1 in 1.6 % of the pixels, A/T in 2.1 %."
     )
-    del results["directional-l1"]
+    own = results.pop("directional-l1")
     # Each result is smooth along the dimension of its own last pass.
-    assert order_verdict(results).endswith("can't be told: each favours itself.")
-    assert order_verdict({}).startswith("Run T/A and A/T")
-    flat = {m: xr.zeros_like(r) for m, r in results.items()}
-    assert order_verdict(flat) == "T/A and A/T meet equally many."
+    untold = "Which of T/A and A/T suits better can't be told yet: run {} too, since"
+    assert order_verdict(results).startswith(untold.format("WL1"))
+    assert order_verdict({}).startswith(untold.format("T/A and A/T and WL1"))
+    one = {"temporal-angular": results["temporal-angular"], "directional-l1": own}
+    assert order_verdict(one).startswith(untold.format("A/T"))
+    flat = {m: xr.zeros_like(own) for m in (*BOTH, "directional-l1")}
+    assert order_verdict(flat).startswith("T/A or A/T makes no difference")
+    assert order_verdict({}, truth=flat[BOTH[0]]).startswith("T/A and A/T meet equally many")
     negative = order_shares(data["phase"], (-1, -1))
     assert negative == order_shares(data["phase"], (18, 5))
+
+
+@pytest.mark.parametrize(
+    ("off", "said"),
+    [
+        ((0.002, 0.004), "T/A suits better"),
+        ((0.004, 0.002), "A/T suits better"),
+        ((0.0002, 0.0004), "T/A or A/T makes no difference"),  # too few pixels to matter
+        ((0.100, 0.105), "T/A or A/T makes no difference"),  # about as many
+        ((0.100, 0.120), "T/A suits better"),
+    ],
+)
+@pytest.mark.parametrize("known", ["truth", "directional-l1"])
+def test_an_order_is_advised_only_if_it_matters(
+    off: tuple[float, float], said: str, known: str
+) -> None:
+    exact = xr.DataArray(np.zeros((10, 2, 50, 50)), dims=("time", "angle", "y", "x"))
+    results = {}
+    for method, share in zip(BOTH, off, strict=True):
+        wrong = exact.copy(deep=True)
+        wrong.values.flat[: round(share * exact.size)] = 2 * np.pi
+        results[method] = wrong
+    if known == "truth":
+        verdict = order_verdict(results, truth=exact)
+    else:
+        verdict = order_verdict(results | {known: exact})
+    assert verdict.startswith(said)
+    assert f"{100 * off[0]:.2g} %" in verdict
+    assert f"{100 * off[1]:.2g} %" in verdict
+
+
+def test_an_order_that_is_advised_is_the_better_one() -> None:
+    """By the result of directional L1 alone, against exact phase."""
+    advised = 0
+    for name in ("tumbling", "touching", "swelling", "translating", "bending"):
+        data = with_noise(moving_shape(name), 0.5, seed=4)
+        results = p4d.compare(data["wrapped"], [*BOTH, "directional-l1"]).results
+        verdict = order_verdict(results)
+        if "makes no difference" in verdict:
+            continue
+        advised += 1
+        wrong = {m: wrong_cycle_share(results[m], data["phase"]) for m in BOTH}
+        best = min(wrong, key=lambda m: wrong[m])
+        assert verdict.startswith(f"{p4d.METHODS[best].label} suits better")
+    assert advised >= 3

@@ -103,7 +103,8 @@ def test_one_version_everywhere() -> None:
     citation = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
     assert re.findall(r"^version: (\S+)$", citation, re.MULTILINE) == [version]
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
-    assert re.findall(r"^## (\S+)", changes, re.MULTILINE)[0] == version
+    headings = re.findall(r"^## (\S+)", changes, re.MULTILINE)
+    assert headings[headings[0] == "Unreleased"] == version
 
 
 def test_wheel_is_the_package_and_nothing_else(dist: Path) -> None:

@@ -20,8 +20,8 @@ worst = tuple(int(i) for i in np.unravel_index(np.argmin(scores.values), scores.
 print("best frame (time, angle):", best, "worst:", worst)
 
 # %%
-# A score is the share of the object on which two unwrappers of that frame alone agree. Frames
-# near to 1 are safe; from a bad frame, the error is carried to all others.
+# A score is the share of the object on which that frame alone and all frames together agree.
+# Frames near to 1 are safe; from a bad frame, the error is carried to all others.
 
 errors = {}
 shown = {}

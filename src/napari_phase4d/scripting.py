@@ -49,7 +49,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "drift": "Whether the phase of the empty field is set to zero in every frame.",
         "mask": "None: the whole field is unwrapped, not the object alone.",
         "boundary": "Where the object is optically thin, so that unwrapping can start there: "
-        "(time, angle) as frame numbers, counted from 0.",
+        '(time, angle) as frame numbers, counted from 0; "auto" looks for the safest frame.',
         "methods": "How to unwrap; each method gives a result.",
         "options": "Settings of single methods.",
         "confidence": "Whether to say how far each pixel of each result is to be trusted.",

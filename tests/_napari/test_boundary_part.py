@@ -8,6 +8,9 @@ from driving import click_cell
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 
+import napari_phase4d as p4d
+from napari_phase4d._napari.session import StepState, step_states
+
 pytestmark = pytest.mark.gui
 
 
@@ -38,17 +41,77 @@ def test_hovering_shows_the_frame_and_its_score(viewer, ready, qtbot) -> None:
     assert "agree on about" in words
     assert part.thumbnail.picture.pixmap().width() > 10
     part.map.left.emit()
-    assert part.thumbnail.words.text().startswith("<b>Start: time 0")
+    time, _ = ready.session.scores.attrs["best"]
+    assert part.thumbnail.words.text().startswith(f"<b>Start: time {time} ")
 
 
-def test_suggest_takes_the_best_frame(viewer, ready, click, qtbot) -> None:
-    qtbot.waitUntil(lambda: ready.session.scores is not None, timeout=60_000)
-    click_cell(ready.unwrap.boundary.map, 2, 1)
-    click("suggest")
-    best = np.unravel_index(int(ready.session.scores.values.argmax()), (6, 2))
-    assert ready.session.recipe.boundary == (tuple(int(i) for i in best),)
-    assert ready.presenter.current_frame() == tuple(best)
+def test_start_is_the_star_until_the_user_clicks_and_again_by_a_button(
+    viewer, ready, click, qtbot
+) -> None:
+    part, session = ready.unwrap.boundary, ready.session
+    if session.scores is None:
+        assert part.start.text() == "Start: the safest frame, which is being looked for …"
+    qtbot.waitUntil(lambda: session.scores is not None, timeout=60_000)
+    best = tuple(int(i) for i in np.unravel_index(int(session.scores.values.argmax()), (6, 2)))
+    automatic = f"Start: safest frame, time {best[0]}, view {best[1]} (found automatically)."
+    assert part.start.text() == automatic
+    assert session.start_frames == (best,)
+    other = (2, 1) if best != (2, 1) else (3, 1)
+    click_cell(part.map, *other)
+    assert session.recipe.boundary == (other,)
+    assert part.start.text() == f"Start: time {other[0]}, view {other[1]} (chosen)."
+    click("automatic")
+    assert session.recipe.boundary == "auto"
+    assert session.start_frames == (best,)
+    assert part.start.text() == automatic
+    assert ready.presenter.current_frame() == best
+    assert automatic in ready.status.text()
     assert "agree on" in ready.status.text()
+
+
+def test_shift_click_adds_to_the_star(viewer, ready, qtbot) -> None:
+    qtbot.waitUntil(lambda: ready.session.scores is not None, timeout=60_000)
+    (best,) = ready.session.start_frames
+    other = (3, 1) if best != (3, 1) else (4, 1)
+    click_cell(ready.unwrap.boundary.map, *other, Qt.KeyboardModifier.ShiftModifier)
+    assert ready.session.recipe.boundary == (best, other)
+
+
+def test_a_run_says_its_start_and_renews_the_star(viewer, ready, click, qtbot, tick_only) -> None:
+    session = ready.session
+    tick_only("temporal-angular", "directional-l1")
+    qtbot.waitUntil(lambda: session.scores is not None, timeout=60_000)
+    (started,) = session.start_frames
+    click("run")
+    words = f"Start: safest frame, time {started[0]}, view {started[1]} (found automatically)."
+    assert words in ready.status.text()
+    assert session.outcome.recipe.boundary == (started,)
+    for result in session.results.values():
+        assert result.attrs["boundary"] == [list(started)]
+        assert result.attrs["boundary_found_by"] == session.outcome.scores.attrs["basis"]
+    qtbot.waitUntil(lambda: "the result of WL1" in session.scores.attrs["basis"], timeout=60_000)
+    own = session.results["directional-l1"]
+    expected = p4d.score_boundaries(session.reconstruction["phase"], own)
+    np.testing.assert_array_equal(session.scores.values, expected.values)
+    assert session.recipe.boundary == "auto"
+    assert session.start_frames == (tuple(expected.attrs["best"]),)
+    # Wherever the star is now, what was run is up to date, and named by where it started.
+    assert step_states(session)[3] == StepState.DONE
+    assert session.outcome.recipe.boundary == (started,)
+    qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=60_000)
+    before = session.scores
+    qtbot.wait(300)  # longer than it takes to begin something unasked
+    assert session.scores is before
+
+
+def test_a_chosen_start_is_kept_and_noted_as_chosen(viewer, ready, click, tick_only) -> None:
+    tick_only("directional-l1")
+    click_cell(ready.unwrap.boundary.map, 4, 1)
+    click("run")
+    assert "Start: time 4, view 1 (chosen)." in ready.status.text()
+    assert ready.session.outcome.scores is None
+    assert "boundary_found_by" not in ready.session.results["directional-l1"].attrs
+    assert ready.session.recipe.boundary == ((4, 1),)
 
 
 def test_use_current_view(viewer, ready, click) -> None:
@@ -66,7 +129,8 @@ def test_frames_are_chosen_by_key(viewer, ready) -> None:
     assert ready.presenter.current_frame()[0] == 2
 
 
-def test_ticking_a_method_shows_its_path(viewer, ready, click) -> None:
+def test_ticking_a_method_shows_its_path(viewer, ready, click, qtbot) -> None:
+    qtbot.waitUntil(lambda: ready.session.scores is not None, timeout=60_000)
     part = ready.unwrap.boundary
     assert part.path.native.currentText() == "T/A"
     for _ in range(2):  # off and on again

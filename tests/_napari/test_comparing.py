@@ -218,8 +218,9 @@ def test_recipe_of_a_phase_file_runs_again(dock, click, qtbot, tmp_path: Path, t
 
 def test_trust_and_suggestion_by_clicks(viewer, dock, click) -> None:
     click("try_yeast")
-    click("suggest")
-    assert dock.session.recipe.boundary == ((0, 0),)
+    click("automatic")
+    scores = p4d.score_boundaries(dock.session.reconstruction["phase"])
+    assert dock.session.start_frames == (tuple(scores.attrs["best"]),)
     assert "agree on" in dock.status.text()
     click("show_confidence")
     assert "there are no results yet" in dock.status.text()

@@ -79,6 +79,8 @@ def test_an_earlier_run_stays_as_it_was(viewer, on_disk) -> None:
 
 def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("napari_phase4d.unwrapping.boundaries.SCORED_TIMES", 10)
+    pixels = on_disk.session.reconstruction["phase"].size - 1
+    monkeypatch.setattr("napari_phase4d.unwrapping.boundaries.SCORED_PIXELS", pixels)
     time, angle = on_disk.session.suggest_boundary()
     scores = on_disk.session.scores
     assert scores.shape == (30, 2)

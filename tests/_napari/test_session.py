@@ -60,7 +60,7 @@ def test_states_from_nothing_to_results_and_back(session: Session) -> None:
     session.undo_lobes()
     session.update(boundary=((2, 1),))
     assert step_states(session) == (DONE, DONE, DONE, STALE, STALE)
-    session.update(boundary=((0, 0),), methods=METHODS[:1])  # less than there is: nothing stale
+    session.update(boundary="auto", methods=METHODS[:1])  # less than there is: nothing stale
     assert step_states(session) == (DONE,) * 5
     session.update(methods=(*METHODS, "temporal"))
     assert step_states(session)[3] == STALE
@@ -105,9 +105,13 @@ def test_a_script_through_the_session_gives_what_functions_give(session, small_v
         np.testing.assert_array_equal(session.results[method].values, expected.values)
     assert list(table.index) == METHODS
     best = session.suggest_boundary()
-    reference = session.results.get("directional-l1")
-    assert best == tuple(p4d.score_boundaries(data["phase"], reference).attrs["best"])
-    assert session.recipe.boundary == (best,)
+    assert best == tuple(p4d.score_boundaries(data["phase"]).attrs["best"])
+    assert session.recipe.boundary == "auto"
+    session.unwrap(METHODS)
+    assert session.outcome.recipe.boundary == (best,)
+    for method in METHODS:
+        expected = p4d.unwrap(data["phase"], method, boundary=best)
+        np.testing.assert_array_equal(session.results[method].values, expected.values)
 
 
 def test_recipe_file_brings_everything_back(session: Session, tmp_path: Path) -> None:
@@ -211,7 +215,7 @@ def test_measuring_phase_that_does_not_say_its_microscope() -> None:
 def test_cancelled_unwrapping_returns_what_is_finished(session: Session) -> None:
     session.find_lobes()
     session.reconstruct()
-    session.update(methods=(*METHODS, "angular-temporal"))
+    session.update(methods=(*METHODS, "angular-temporal"), boundary=((0, 0),))
     said: list[str] = []
 
     def report(done: int, total: int, message: str) -> None:

@@ -56,9 +56,9 @@ def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: P
     click_cell(boundary_map, 12, 1)
     assert dock.session.recipe.boundary == ((12, 1),)
     assert viewer.dims.current_step[:2] == (12, 1)
-    click("suggest")
-    best = tuple(dock.session.scores.attrs["best"])
-    assert dock.session.recipe.boundary == (best,)
+    click("automatic")
+    assert dock.session.recipe.boundary == "auto"
+    assert dock.session.start_frames == (tuple(dock.session.scores.attrs["best"]),)
 
     for method in ("angular", "angular-temporal"):
         click(f"method_{method}")

@@ -33,6 +33,7 @@ from napari_phase4d._napari.steps import (
 from napari_phase4d._napari.time_left import TimeLeft, in_words
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Section
+from napari_phase4d.pipeline import start_words
 from napari_phase4d.unwrapping import warm_up_elsewhere
 
 __all__ = ["Phase4DDock"]
@@ -324,11 +325,13 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _reconstructed(self) -> None:
         self._failed_unasked = []
-        self._go_on(3, "Choose a frame in which the object is thin, then press Run.")
+        self._go_on(3, "Press Run: it starts from the safest frame, unless you click another.")
 
     def _unwrapped(self) -> None:
         self._failed_unasked = []
-        self._go_on(4, "Move the sliders: all results follow.")
+        outcome = self.session.needed_outcome()
+        start = start_words(outcome.recipe.start_frames, found=outcome.scores is not None)
+        self._go_on(4, f"Move the sliders: all results follow. {start}")
 
     def _go_on(self, step: int, words: str) -> None:
         """Open the next step and say what to do there, also once a job has ended."""

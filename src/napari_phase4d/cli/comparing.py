@@ -29,6 +29,7 @@ from napari_phase4d.cli.printing import (
     bar,
     print_missed_views,
     print_notes,
+    print_start,
     print_table,
     write_picture,
 )
@@ -124,6 +125,7 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
 def finish(exact: xr.DataArray | None, outcome: Outcome, folder: Path) -> None:
     """Print the table and what is known of the steps, and write the picture."""
     print_notes(outcome)
+    print_start(outcome)
     print_table(outcome.comparison.table)
     try:
         print_itoh(outcome, exact)
@@ -139,9 +141,9 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     found = residues(outcome.reconstruction["phase"])
     console.print(steps_sentence(itoh_margin(known), origin))
     console.print(f"Residues in the wrapped phase: {int(abs(found).sum())}")
-    ways = order_shares(known, outcome.recipe.boundary[0])
+    ways = order_shares(known, outcome.recipe.start_frames[0])
     words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
-    verdict = order_verdict(results, outcome.recipe.boundary[0], exact)
+    verdict = order_verdict(results, outcome.recipe.start_frames[0], exact)
     console.print(f"Of the steps on their way: {words}. {verdict}")
     labels = outcome.comparison.table["method"]
     for method, sentence in outcome.comparison.warnings().items():

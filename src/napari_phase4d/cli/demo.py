@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from napari_phase4d.cli.console import console
-from napari_phase4d.cli.printing import bar, print_lobes, print_table, write_picture
+from napari_phase4d.cli.printing import bar, print_lobes, print_start, print_table, write_picture
 from napari_phase4d.pipeline import Recipe, run, write_outcome
 from napari_phase4d.sample import euglena_sample
 
@@ -34,13 +35,13 @@ def demo(
     recipe = Recipe(
         recording=sample.recording.source,
         angles_deg=sample.angles_deg,
-        boundary=(sample.boundary,),
     )
     with bar() as progress:
         plain = run(recipe, sample.recording, progress=progress)
-        truth = sample.truth(plain.reconstruction["phase"])
-        outcome = run(plain.recipe, sample.recording, truth, progress)
+    truth = sample.truth(plain.reconstruction["phase"])
+    outcome = replace(plain, comparison=plain.comparison.against(truth), truth=truth)
     print_lobes(outcome.recipe.lobes)
+    print_start(outcome)
     print_table(outcome.comparison.table)
     written = write_outcome(outcome, out)
     picture = out / "comparison.png"

@@ -28,7 +28,7 @@ from napari_phase4d.pipeline import (
     phase_needs,
 )
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS, SCORED_TIMES, score_boundaries, scores_sentence
+from napari_phase4d.unwrapping import METHODS, SCORED_TIMES, scores_of_some, scores_sentence
 from napari_phase4d.words import counted, size_in_words, time_in_words
 
 __all__ = ["info"]
@@ -122,15 +122,15 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
         console.print(f"  [yellow]{escape(note)}[/yellow]")
     # First: the rest takes its time, and memory for its frames.
     print_needs(
-        lambda methods: phase_needs(methods, phase.shape),
+        lambda methods: phase_needs(methods, phase.shape, finds_start=True),
         lambda methods: estimated_seconds(Recipe(methods=methods), phase),
     )
     some = phase.isel(time=slice(SCORED_TIMES)).compute()
     which = f" of the first {SCORED_TIMES} times" if n_times > SCORED_TIMES else ""
     console.print(f"  {int(abs(residues(some)).sum())} residues{which}")
-    scores = score_boundaries(some)
+    scores = scores_of_some(phase)
     time, view = scores.attrs["best"]
-    console.print(f"  safest boundary frame{which}: {time},{view}. {scores_sentence(scores)}")
+    console.print(f"  safest boundary frame: {time},{view}. {scores_sentence(scores)}")
 
 
 def first_frames(recording: Recording, lobes: list[Lobe]) -> xr.Dataset:

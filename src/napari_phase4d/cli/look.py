@@ -19,7 +19,7 @@ from napari_phase4d.holography import Lobe, find_lobes, fringe_contrast, power_s
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Recipe, open_by, reconstruct_by, result_folders
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import score_boundaries, scores_sentence, unwrap
+from napari_phase4d.unwrapping import scores_of_some, scores_sentence, unwrap
 from napari_phase4d.words import counted
 
 __all__ = ["look"]
@@ -131,7 +131,7 @@ def safest_sentence(phase: xr.DataArray) -> str:
     """Say which frame unwrapping is best begun from."""
     if phase.sizes["time"] * phase.sizes["angle"] == 1:
         return "One frame of one view: unwrapping begins from it."
-    scores = score_boundaries(phase)
+    scores = scores_of_some(phase)
     time, view = scores.attrs["best"]
     return (
         f"Safest frame to begin unwrapping from: {time},{view} (time,view counted from 0). "

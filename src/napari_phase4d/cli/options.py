@@ -33,7 +33,10 @@ Angles = Annotated[
     list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
 ]
 Boundary = Annotated[
-    str | None, typer.Option(help="Optically thin frame as TIME,ANGLE, counted from 0.")
+    str | None,
+    typer.Option(
+        help="Frame to start from as TIME,ANGLE, counted from 0, or auto (default) for the safest."
+    ),
 ]
 Dataset = Annotated[str | None, typer.Option(help="Which array of a file that has several.")]
 Raw = Annotated[
@@ -94,7 +97,7 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         "angles_deg": tuple(angles) if angles else None,
         "methods": tuple(map(method_id, methods)) if methods else None,
         "frame_rate_hz": typed.get("frame_rate"),
-        "boundary": (frame_numbers(boundary),) if boundary else None,
+        "boundary": boundary_of(boundary),
         "confidence": typed.get("confidence") or None,
         "dataset": typed.get("dataset"),
         "raw": raw_layout(typed.get("raw")),
@@ -109,12 +112,21 @@ def method_id(named: str) -> str:
     return next((name for name, method in METHODS.items() if method.label == named), named)
 
 
+def boundary_of(text: str | None) -> str | tuple[tuple[int, int], ...] | None:
+    """Read the frame to start from, or "auto"."""
+    if text is None or text == "auto":
+        return text
+    return (frame_numbers(text),)
+
+
 def frame_numbers(text: str) -> tuple[int, int]:
     """Read TIME,ANGLE."""
     try:
         time, angle = (int(part) for part in text.split(","))
     except ValueError as error:
-        msg = f"--boundary takes two frame numbers TIME,ANGLE such as 0,0, but got {text!r}"
+        msg = (
+            f"--boundary takes two frame numbers TIME,ANGLE such as 0,0, or auto, but got {text!r}"
+        )
         raise ValueError(msg) from error
     return time, angle
 

@@ -16,7 +16,7 @@ from napari_phase4d.cli.console import console
 from napari_phase4d.evaluation import comparison_figure, named_results, telling_frames
 from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
 from napari_phase4d.io import write_figure
-from napari_phase4d.pipeline import Outcome, Recipe
+from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.unwrapping import METHODS
 
@@ -26,6 +26,7 @@ __all__ = [
     "print_lobes",
     "print_missed_views",
     "print_notes",
+    "print_start",
     "print_table",
     "write_picture",
 ]
@@ -72,6 +73,11 @@ def print_notes(outcome: Outcome) -> None:
             notes.append(f"{' and '.join(unaided)} without the amplitude, which holograms give.")
     for note in notes:
         console.print(f"[yellow]{escape(note)}[/yellow]")
+
+
+def print_start(outcome: Outcome) -> None:
+    """Say which frame unwrapping started from."""
+    console.print(start_sentence(outcome.recipe, outcome.scores))
 
 
 def print_lobes(lobes: Sequence[Lobe]) -> None:
@@ -124,5 +130,5 @@ def cell(value: object) -> str:
 
 def write_picture(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> None:
     """Write a picture of all results at some frames."""
-    frames = telling_frames(outcome.reconstruction["phase"], outcome.recipe.boundary[0])
+    frames = telling_frames(outcome.reconstruction["phase"], outcome.recipe.start_frames[0])
     write_figure(path, comparison_figure(named_results(outcome.comparison, exact), frames))

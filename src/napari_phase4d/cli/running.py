@@ -30,6 +30,7 @@ from napari_phase4d.cli.printing import (
     print_lobes,
     print_missed_views,
     print_notes,
+    print_start,
     print_table,
 )
 from napari_phase4d.optics import Optics
@@ -139,6 +140,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         print_notes(outcome)
         print_lobes(outcome.recipe.lobes)
         print_missed_views(outcome, recipe)
+        print_start(outcome)
         print_table(outcome.comparison.table)
         with bar() as progress:
             source = hashing.result()

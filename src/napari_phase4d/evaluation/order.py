@@ -16,6 +16,10 @@ __all__ = ["best_known", "most_trusted", "order_verdict", "steps_sentence"]
 BOTH = ("temporal-angular", "angular-temporal")
 #: Results in the order in which a look at the steps relies on them.
 TRUSTED = (REFERENCE, *BOTH, "temporal", "angular")
+#: The choice between T/A and A/T makes no difference where they differ by less than this share of
+#: all pixels, or by less than this part of what the worse one has: of 108 simulated recordings,
+#: all 6 in which the one nearer to directional L1 was the worse one lie within that part.
+LEAST_SHARE, LEAST_PART = 0.0005, 0.1
 
 
 def most_trusted(results: Mapping[str, xr.DataArray]) -> str:
@@ -57,11 +61,10 @@ def order_verdict(
 ) -> str:
     """Say in one sentence which of T/A and A/T suits the object better, and why.
 
-    Where the truth is known, the one that is right in more pixels; where the result of directional
-    L1 is, the one that is nearer to it; else the one that meets fewer steps beyond half a cycle.
-
-    A result of T/A looks smooth along the angle, because its last pass made it so, and one of A/T
-    along time. Without exact phase, a verdict is therefore given only where both agree on it.
+    Where the truth is known, the one that is right in more pixels, or, before both were run, the
+    one that meets fewer steps beyond half a cycle; where the result of directional L1 is, the one
+    that is nearer to it. The results of the two alone can't tell: that of T/A looks smooth along
+    the angle, because its last pass made it so, and that of A/T along time.
 
     Parameters
     ----------
@@ -72,39 +75,55 @@ def order_verdict(
     truth : DataArray, optional
         Exact phase, where it is known.
     """
-    if truth is None and not all(method in results for method in BOTH):
-        return "Run T/A and A/T to see which suits better."
-    if all(method in results for method in BOTH):
-        if truth is not None:
-            wrong = {m: wrong_cycle_share(results[m], truth) for m in BOTH}
-            return fewer(wrong, "is wrong in", "T/A and A/T are equally right.")
-        if REFERENCE in results:
-            return nearer(results)
-    stacks = [results[method] for method in BOTH] if truth is None else [truth]
-    shares = [order_shares(stack, boundary) for stack in stacks]
-    verdicts = {min(s, key=lambda m: s[m]) if len(set(s.values())) > 1 else "" for s in shares}
-    if verdicts == {""}:
-        return "T/A and A/T meet equally many."
-    if len(verdicts) > 1:
-        return "Which of T/A and A/T suits better can't be told: each favours itself."
-    basis = "by the exact phase" if truth is not None else "by the results of both"
-    return f"{METHODS[verdicts.pop()].label} meets fewer of them, {basis}."
+    both = all(method in results for method in BOTH)
+    reference = METHODS[REFERENCE].label
+    if truth is not None and both:
+        wrong = {m: wrong_cycle_share(results[m], truth) for m in BOTH}
+        return fewer(wrong, "is wrong in")
+    if truth is not None:
+        return fewer_steps(order_shares(truth, boundary))
+    if both and REFERENCE in results:
+        return nearer(results)
+    missing = [METHODS[m].label for m in (*BOTH, REFERENCE) if m not in results]
+    needed = " and ".join(missing)
+    return (
+        f"Which of T/A and A/T suits better can't be told yet: run {needed} too, since the one "
+        f"that is nearer to {reference} is the better one."
+    )
 
 
 def nearer(results: Mapping[str, xr.DataArray]) -> str:
     """Say which of T/A and A/T differs from the result of directional L1 in fewer pixels."""
     shares = {m: float((turns_off(results[m], results[REFERENCE]) != 0).mean()) for m in BOTH}
-    reference = METHODS[REFERENCE].label
-    equal = f"T/A and A/T are equally near to {reference}."
-    return fewer(shares, f"differs from {reference} in", equal)
+    return fewer(shares, f"differs from {METHODS[REFERENCE].label} in")
 
 
-def fewer(shares: Mapping[str, float], does: str, equal: str) -> str:
-    """Say which of the two does it in fewer of the pixels."""
+def fewer(shares: Mapping[str, float], does: str) -> str:
+    """Say which of the two does it in fewer of the pixels, or that it makes no difference."""
     first, second = sorted(BOTH, key=lambda m: shares[m])
-    if shares[first] == shares[second]:
-        return equal
-    return (
-        f"{METHODS[first].label} suits better: it {does} {100 * shares[first]:.2g} % of the "
-        f"pixels, {METHODS[second].label} in {100 * shares[second]:.2g} %."
+    labels, percent = (
+        (METHODS[first].label, METHODS[second].label),
+        [f"{100 * shares[m]:.2g} %" for m in (first, second)],
     )
+    if alike(shares[first], shares[second]):
+        return (
+            f"T/A or A/T makes no difference: {labels[0]} {does} {percent[0]} of the pixels, "
+            f"{labels[1]} in {percent[1]}."
+        )
+    return (
+        f"{labels[0]} suits better: it {does} {percent[0]} of the pixels, "
+        f"{labels[1]} in {percent[1]}."
+    )
+
+
+def fewer_steps(shares: Mapping[str, float]) -> str:
+    """Say which of the two meets fewer steps beyond half a cycle in the exact phase."""
+    first, second = sorted(BOTH, key=lambda m: shares[m])
+    if alike(shares[first], shares[second]):
+        return "T/A and A/T meet equally many, by the exact phase."
+    return f"{METHODS[first].label} meets fewer of them, by the exact phase."
+
+
+def alike(less: float, more: float) -> bool:
+    """Say whether two shares of all pixels are about the same."""
+    return more - less < max(LEAST_SHARE, LEAST_PART * more)

@@ -22,6 +22,13 @@ from napari_phase4d.pipeline.running import (
     run,
     unwrap_by,
 )
+from napari_phase4d.pipeline.starting import (
+    FOUND_BY,
+    noting_start,
+    start_sentence,
+    start_words,
+    with_start,
+)
 from napari_phase4d.pipeline.trial import estimated_seconds
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
 from napari_phase4d.words import size_in_words, time_in_words
@@ -29,6 +36,7 @@ from napari_phase4d.words import size_in_words, time_in_words
 __all__ = [
     "DEFAULT_METHODS",
     "EXPECTED",
+    "FOUND_BY",
     "PAPER_METHODS",
     "PHASE_SETTINGS",
     "Fingerprint",
@@ -46,6 +54,7 @@ __all__ = [
     "make_folder",
     "needed_bytes",
     "needs_of",
+    "noting_start",
     "open_by",
     "phase_needs",
     "reconstruct_by",
@@ -55,8 +64,11 @@ __all__ = [
     "sentence_of",
     "size_in_words",
     "stacks_beside",
+    "start_sentence",
+    "start_words",
     "time_in_words",
     "unwrap_by",
+    "with_start",
     "working_bytes",
     "write_outcome",
 ]

@@ -15,7 +15,7 @@ from napari_phase4d.holography import Demodulator, Lobe
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming.blocks import block_frames
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS, STACKS_OF_A_FRAME
+from napari_phase4d.unwrapping import METHODS, SCORED_PIXELS, SCORING_METHOD, STACKS_OF_A_FRAME
 from napari_phase4d.words import size_in_words
 
 __all__ = ["Needs", "needed_bytes", "needs_of", "phase_needs", "working_bytes"]
@@ -28,6 +28,8 @@ BYTES_OF_A_PIXEL = 48
 BYTES_OF_A_CAMERA_PIXEL = 32
 #: What is needed on the way only, in stacks of float32: turns (4 of int16) and masks.
 SCRATCH_STACKS = 2.5
+#: What the frames of a longer recording need that are looked at alone, in stacks of float32.
+SCORING_STACKS = 8
 
 
 @dataclass(frozen=True)
@@ -46,6 +48,8 @@ class Needs:
         Bytes of disk for all results (and, on disk, for what is needed on the way).
     greediest : str
         Method that needs the whole stack at once and most memory for it; empty if none does.
+    start_is_most : bool
+        Whether finding the safest frame to start from is what needs most memory.
     """
 
     methods: tuple[str, ...]
@@ -53,6 +57,7 @@ class Needs:
     on_disk: int
     disk: int
     greediest: str = ""
+    start_is_most: bool = False
 
     def fits_in_memory(self) -> bool:
         """Say whether all stacks can be held in memory now."""
@@ -69,14 +74,10 @@ class Needs:
         free = psutil.virtual_memory().available
         needed = self.on_disk if on_disk else self.in_memory
         if needed > free:
-            why = "this needs"
-            if self.greediest:
-                label = METHODS[self.greediest].label
-                why = f"{label} works on all frames at once and needs"
+            why, instead = self._most()
             msg = (
                 f"{why} about {size_in_words(needed)} of memory, but {size_in_words(free)} are "
-                "free; leave such methods out (2-D, angular, temporal, T/A and A/T need little), "
-                "or cut the recording into shorter ones"
+                f"free; {instead}, or cut the recording into shorter ones"
             )
             raise OSError(msg)
         left = shutil.disk_usage(existing(folder)).free
@@ -88,12 +89,28 @@ class Needs:
             )
             raise OSError(msg)
 
+    def _most(self) -> tuple[str, str]:
+        """Say what needs most memory, and what could be done without it."""
+        if self.start_is_most:
+            return (
+                "finding the safest frame to start from needs",
+                "name a frame (boundary 0,0 is the first)",
+            )
+        instead = "leave such methods out (2-D, angular, temporal, T/A and A/T need little)"
+        if self.greediest:
+            return (
+                f"{METHODS[self.greediest].label} works on all frames at once and needs",
+                instead,
+            )
+        return "this needs", instead
+
 
 def needs_of(recipe: Recipe, recording: Recording, lobes: Sequence[Lobe]) -> Needs:
     """Return what a run from holograms needs."""
     height, width = Demodulator(recording.frame_shape, lobes).output_shape
     shape = (recording.n_frames, len(lobes), height, width)
-    found = phase_needs(recipe.methods, shape)
+    finds_start = recipe.boundary == "auto"
+    found = phase_needs(recipe.methods, shape, finds_start=finds_start)
     camera = (os.cpu_count() or 1) * BYTES_OF_A_CAMERA_PIXEL * math.prod(recording.frame_shape)
     amplitude = 4 * math.prod(shape)
     return Needs(
@@ -102,28 +119,55 @@ def needs_of(recipe: Recipe, recording: Recording, lobes: Sequence[Lobe]) -> Nee
         found.on_disk + camera,
         found.disk + amplitude,
         found.greediest,
+        found.start_is_most,
     )
 
 
-def phase_needs(methods: Sequence[str], shape: Sequence[int]) -> Needs:
-    """Return what unwrapping of a stack (time, angle, y, x) needs."""
+def phase_needs(
+    methods: Sequence[str], shape: Sequence[int], *, finds_start: bool = False
+) -> Needs:
+    """Return what unwrapping of a stack (time, angle, y, x) needs.
+
+    Parameters
+    ----------
+    methods : sequence of str
+        Ids of the methods.
+    shape : sequence of int
+        That of the stack.
+    finds_start : bool, optional
+        Whether the safest frame to start from is still to be found.
+    """
     stack, frame = 4 * math.prod(shape), 4 * math.prod(shape[2:])
     whole = [m for m in methods if not METHODS[m].streams]
     greediest = max(whole, key=lambda m: METHODS[m].working_stacks, default="")
     at_once = stack + working_bytes(stack, [greediest], frame=frame) if greediest else 0
     block = (os.cpu_count() or 1) * BYTES_OF_A_PIXEL * block_frames(shape) * math.prod(shape[1:])
+    in_memory, on_disk = stack + working_bytes(stack, methods, frame=frame), block + at_once
+    start = start_bytes(shape) if finds_start else 0
     return Needs(
         tuple(methods),
-        stack + working_bytes(stack, methods, frame=frame),
-        block + at_once,
+        max(in_memory, stack + start),
+        max(on_disk, start),
         int(stack * (1 + len(methods) + SCRATCH_STACKS)),
         greediest,
+        start > max(in_memory - stack, on_disk),
     )
+
+
+def start_bytes(shape: Sequence[int]) -> int:
+    """Return about how much memory finding the safest frame needs, see `scores_of_some`."""
+    pixels, frame = math.prod(shape), 4 * math.prod(shape[2:])
+    if pixels <= SCORED_PIXELS:
+        return 4 * pixels + working_bytes(4 * pixels, [SCORING_METHOD], frame=frame)
+    looked_at = max(SCORED_PIXELS, 2 * math.prod(shape[1:]))
+    of_threads = (os.cpu_count() or 1) * METHODS["directional-growing"].working_stacks * frame
+    return int(4 * looked_at * SCORING_STACKS + of_threads)
 
 
 def needed_bytes(recording: Recording, lobes: Sequence[Lobe], methods: Sequence[str]) -> int:
     """Return about how much memory a run will need, in bytes, with all stacks held there."""
-    return needs_of(Recipe(methods=tuple(methods)), recording, lobes).in_memory
+    recipe = Recipe(methods=tuple(methods), boundary=((0, 0),))
+    return needs_of(recipe, recording, lobes).in_memory
 
 
 def working_bytes(stack: int, methods: Sequence[str], *, frame: int) -> int:

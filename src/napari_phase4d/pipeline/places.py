@@ -81,7 +81,7 @@ class Place:
             phase,
             stored,
             self.shelf,
-            recipe.boundary,
+            recipe.start_frames,
             finds_mask=recipe.mask == "auto",
             amplitude=amplitude,
             workers=self.workers,

@@ -13,6 +13,7 @@ from napari_phase4d.io import PROGRAM
 from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
+from napari_phase4d.pipeline.starting import FOUND_BY
 from napari_phase4d.progress import CancelledCall
 from napari_phase4d.sample import is_sample
 from napari_phase4d.unwrapping import METHODS
@@ -55,7 +56,8 @@ def provenance_of(
     dict
         ``program`` and ``version``; ``versions`` of what computes; ``recipe``, with the lobes and
         the microscope that were used; ``boundary`` as (time, angle) numbers; ``input``: name,
-        bytes and SHA-256; and, where there are any, ``packages`` that brought methods, and
+        bytes and SHA-256; and, where there are any, ``boundary_found_by``, what told the boundary
+        frame if it was found automatically, ``packages`` that brought methods, and
         ``reference``, the same as ``input`` of the file it was divided by.
     """
     recipe = outcome.recipe
@@ -64,9 +66,11 @@ def provenance_of(
         "version": program_version(),
         "versions": versions(),
         "recipe": settings_of(recipe),
-        "boundary": [list(frame) for frame in recipe.boundary],
+        "boundary": [list(frame) for frame in recipe.start_frames],
         "input": (source or source_of(outcome, cancelled)).as_dict(),
     }
+    if outcome.scores is not None:
+        found[FOUND_BY] = outcome.scores.attrs["basis"]
     if brought := packages_of(recipe):
         found["packages"] = brought
     if recipe.reference_file is not None:

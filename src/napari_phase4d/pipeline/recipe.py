@@ -76,8 +76,9 @@ class Recipe(BaseModel):
         Whether the phase of the empty field is set to zero in every frame.
     mask : str or None
         "auto" (default) to unwrap the object only, as the paper does; None for the whole field.
-    boundary : tuple of (int, int)
-        Optically thin frames as (time, angle) numbers.
+    boundary : "auto" or tuple of (int, int)
+        Optically thin frames to start from, as (time, angle) numbers; "auto" (default) for the
+        safest one by `score_boundaries`.
     methods : tuple of str
         Ids of the unwrapping methods.
     options : dict
@@ -124,7 +125,7 @@ class Recipe(BaseModel):
     refocus_um: Literal["auto"] | FiniteFloat | None = None
     drift: bool = True
     mask: Literal["auto"] | None = "auto"
-    boundary: tuple[tuple[int, int], ...] = ((0, 0),)
+    boundary: Literal["auto"] | tuple[tuple[int, int], ...] = "auto"
     methods: tuple[str, ...] = DEFAULT_METHODS
     options: Options = Field(default_factory=dict)
     confidence: bool = False
@@ -172,6 +173,23 @@ class Recipe(BaseModel):
         """The file with a hologram that the fields are divided by, None if there is none."""
         named = isinstance(self.reference, str) and self.reference != "median"
         return str(self.reference) if named else None
+
+    @property
+    def start_frames(self) -> tuple[tuple[int, int], ...]:
+        """The frames (time, angle) to start from.
+
+        Raises
+        ------
+        ValueError
+            If they are still to be found.
+        """
+        if self.boundary == "auto":
+            msg = (
+                'boundary is "auto", and the safest frame has not been looked for; give frame '
+                "numbers such as ((0, 0),), or use run(), which finds it"
+            )
+            raise ValueError(msg)
+        return self.boundary
 
     def changed(self, **settings: Any) -> Recipe:
         """Return a copy with other settings.

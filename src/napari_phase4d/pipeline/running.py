@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,7 @@ from napari_phase4d.pipeline.needs import needs_of, phase_needs
 from napari_phase4d.pipeline.opening import open_by
 from napari_phase4d.pipeline.places import Place, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
+from napari_phase4d.pipeline.starting import noting_start, with_start
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
@@ -42,13 +43,17 @@ class Outcome:
     recording : Recording or None
         The hologram video; None if the run began with wrapped phase.
     recipe : Recipe
-        All settings that were used, with the lobes and the optics.
+        All settings that were used, with the lobes, the optics and the frame that was started
+        from.
     reconstruction : xarray.Dataset
         Wrapped ``phase``, dims (time, angle, y, x); and ``amplitude``, where it is known.
     comparison : Comparison
         Unwrapped phase of every method, and the table.
     truth : xarray.DataArray, optional
         Exact phase on the reconstruction's grid, where it is known.
+    scores : xarray.DataArray, optional
+        How safe each frame was found to be as the start, see `score_boundaries`; None if the
+        recipe named the frame.
     """
 
     recording: Recording | None
@@ -56,6 +61,7 @@ class Outcome:
     reconstruction: xr.Dataset
     comparison: Comparison
     truth: xr.DataArray | None = None
+    scores: xr.DataArray | None = None
 
 
 def run(
@@ -71,7 +77,8 @@ def run(
     """Follow a recipe from the recording to the unwrapped phase.
 
     A recording that does not fit into memory is worked on a block of frames at a time; the stacks
-    that come out lie on disk then, and are the same numbers.
+    that come out lie on disk then, and are the same numbers. Where the recipe's boundary is
+    "auto", the safest frame is looked for once there is phase, and the outcome's recipe names it.
 
     Parameters
     ----------
@@ -116,11 +123,14 @@ def run(
         raise ValueError(msg)
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
-        checked_boundaries(recipe.boundary, opened.shape[:2])
-        needs = phase_needs(recipe.methods, opened.shape)
+        check_start(recipe, opened.shape)
+        finds_start = recipe.boundary == "auto"
+        needs = phase_needs(recipe.methods, opened.shape, finds_start=finds_start)
         with place_for(recipe, needs, folder, scheduler) as place:
-            comparison = unwrap_by(recipe, opened, truth, progress, cancelled, place=place)
-        return Outcome(None, recipe, xr.Dataset({"phase": opened}), comparison, truth)
+            used, scores = with_start(recipe, opened, progress, cancelled)
+            comparison = unwrap_by(used, opened, truth, progress, cancelled, place=place)
+        comparison = noting_start(comparison, scores)
+        return Outcome(None, used, xr.Dataset({"phase": opened}), comparison, truth, scores)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
         recording,
@@ -129,12 +139,13 @@ def run(
         progress=progress,
         cancelled=cancelled,
     )
-    checked_boundaries(recipe.boundary, (recording.n_frames, len(lobes)))
+    check_start(recipe, (recording.n_frames, len(lobes)))
     needs = needs_of(recipe, recording, lobes)
     with place_for(recipe, needs, folder, scheduler) as place:
         data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
+        used, scores = with_start(recipe, data["phase"], progress, cancelled)
         comparison = unwrap_by(
-            recipe,
+            used,
             data["phase"],
             truth,
             progress,
@@ -142,10 +153,16 @@ def run(
             amplitude=data["amplitude"],
             place=place,
         )
-    used = recipe.changed(
+    used = used.changed(
         lobes=tuple(lobes), optics=recording.optics, refocus_um=data.attrs.get("refocus_um")
     )
-    return Outcome(recording, used, data, comparison, truth)
+    return Outcome(recording, used, data, noting_start(comparison, scores), truth, scores)
+
+
+def check_start(recipe: Recipe, shape: Sequence[int]) -> None:
+    """Refuse frames to start from that are not there, before the long work."""
+    if recipe.boundary != "auto":
+        checked_boundaries(recipe.boundary, tuple(shape[:2]))
 
 
 def unwrap_by(
@@ -161,16 +178,20 @@ def unwrap_by(
 ) -> Comparison:
     """Unwrap wrapped phase with a recipe's methods and settings; NaN are left out.
 
+    The safest frame to start from is looked for where the recipe names none.
+
     ``finished`` is told each method and the comparison so far, see `compare`. With a ``place``,
     results are written there a block at a time.
     """
+    recipe, scores = with_start(recipe, phase, progress, cancelled)
     if place is not None:
-        return place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
+        found = place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
+        return noting_start(found, scores)
     known = is_known(phase.values)
-    return compare(
+    found = compare(
         phase,
         recipe.methods,
-        recipe.boundary,
+        recipe.start_frames,
         truth,
         mask=known if recipe.mask is None and not known.all() else recipe.mask,
         amplitude=amplitude,
@@ -179,6 +200,7 @@ def unwrap_by(
         cancelled=cancelled,
         finished=finished,
     )
+    return noting_start(found, scores)
 
 
 def reconstruct_by(

@@ -12,6 +12,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import reconstruct_by, unwrap_by
 from napari_phase4d.progress import CancelledCall
 from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import scores_of_some
 
 __all__ = ["estimated_seconds"]
 
@@ -28,7 +29,8 @@ def estimated_seconds(
     """Return about how many seconds a run will take.
 
     Some of the first frames are reconstructed and unwrapped twice; the second time counts, since
-    compiled code is loaded the first time. Longer recordings take longer in proportion.
+    compiled code is loaded the first time. Longer recordings take longer in proportion. Where the
+    recipe leaves it to be found, the search for the safest frame counts too.
 
     Parameters
     ----------
@@ -48,6 +50,7 @@ def estimated_seconds(
     """
     n_frames = opened.n_frames if isinstance(opened, Recording) else opened.sizes["time"]
     few = min(n_frames, TRIAL_FRAMES)
+    finds_start = recipe.boundary == "auto"
     recipe = recipe.changed(boundary=((0, 0),), reference=None)
     seconds = 0.0
     for _ in range(2):
@@ -57,6 +60,8 @@ def estimated_seconds(
             phase, amplitude = data["phase"], data["amplitude"]
         else:
             phase, amplitude = opened[:few].load(), None
+        if finds_start:
+            scores_of_some(phase, cancelled=cancelled)
         unwrap_by(recipe, phase, cancelled=cancelled, amplitude=amplitude)
         seconds = time.perf_counter() - began
     return seconds * n_frames / few

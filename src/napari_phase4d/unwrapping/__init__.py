@@ -1,7 +1,10 @@
 """Unwrapping methods behind one function."""
 
 from napari_phase4d.unwrapping.boundaries import (
+    SCORED_PIXELS,
     SCORED_TIMES,
+    SCORING_METHOD,
+    best_frame,
     score_boundaries,
     scores_of_some,
     scores_sentence,
@@ -29,13 +32,16 @@ __all__ = [
     "BUILT_IN",
     "METHODS",
     "ORDERS",
+    "SCORED_PIXELS",
     "SCORED_TIMES",
+    "SCORING_METHOD",
     "STACKS_OF_A_FRAME",
     "Method",
     "Option",
     "Problem",
     "SharedSteps",
     "all_options",
+    "best_frame",
     "border_medians",
     "both_ends",
     "check_method",

@@ -1,26 +1,67 @@
-"""Which frame is thin enough to start from."""
+"""Which frame is safe to start from."""
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, watched
-from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.running import unwrap
+from napari_phase4d.progress import (
+    CancelledCall,
+    ProgressCall,
+    Watch,
+    in_threads,
+    reworded,
+    watched,
+)
+from napari_phase4d.unwrapping.problem import Boundary, Problem
+from napari_phase4d.unwrapping.registry import METHODS
+from napari_phase4d.unwrapping.running import run_method, unwrap
 from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
 
-__all__ = ["SCORED_TIMES", "score_boundaries", "scores_of_some", "scores_sentence"]
+__all__ = [
+    "SCORED_PIXELS",
+    "SCORED_TIMES",
+    "SCORING_METHOD",
+    "best_frame",
+    "score_boundaries",
+    "scores_of_some",
+    "scores_sentence",
+]
 
 TURN = np.float32(2 * np.pi)
 #: How far the mean step of a frame, in turns, counts between frames that are alike otherwise.
 TIE_BREAK = 1e-3
-#: Times that are scored of a recording larger than memory, and bytes of phase at most.
-SCORED_TIMES, SCORED_BYTES = 100, 256 * 2**20
+#: What all frames are unwrapped by, to hold each of them against ...
+SCORING_METHOD = "directional-l1"
+#: ... in stacks of so many pixels at most: it takes 45 times their memory, some 2 gigabytes then.
+SCORED_PIXELS = 10_000_000
+#: Times that are scored of a larger recording.
+SCORED_TIMES = 100
 
 Frame = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What holding one frame against another unwrapping shows.
+
+    Parameters
+    ----------
+    wrong : int
+        Pixels of the object on which they differ.
+    size : int
+        Pixels of the object.
+    steep : float
+        Mean step from pixel to pixel in turns.
+    """
+
+    wrong: int = 0
+    size: int = 0
+    steep: float = 0.0
 
 
 def score_boundaries(
@@ -33,16 +74,19 @@ def score_boundaries(
 ) -> xr.DataArray:
     """Score how safe every frame is as the boundary condition.
 
-    A frame is thin if two different unwrappers agree on it: reliability sorting and directional
-    growing, each on this frame alone. Where an unwrapping of all frames by directional L1 is
-    known, the frame's own two-dimensional unwrapping is held against that, which is surer.
+    A frame is safe if its own two-dimensional unwrapping agrees with an unwrapping of all frames
+    together by directional L1, both relative to the empty field. That takes the time and memory
+    of ``unwrap(phase, "directional-l1")``, unless a result of it is given. Of a single frame, or
+    of more than 10 million pixels, two unwrappers are compared that look at each frame alone,
+    reliability sorting and directional growing, which is less sure.
 
     Parameters
     ----------
     phase : DataArray or array_like
         Wrapped phase in radians, see `unwrap`.
     reference : DataArray or array_like, optional
-        Unwrapped phase of the same shape, best by ``"directional-l1"``.
+        Unwrapped phase of the same shape to hold the frames against, best by
+        ``"directional-l1"``. Default: it is computed.
     mask : array_like of bool, optional
         Pixels that count, see `unwrap`; NaN are left out in any case.
     progress, cancelled : callable, optional
@@ -53,9 +97,13 @@ def score_boundaries(
     xarray.DataArray
         dims (time, angle); 1 if both agree on every pixel of the object, less by the share on
         which they do not (and by a little for steep frames, so that of equally safe ones the
-        flattest is first). ``attrs["best"]`` is the best (time, angle) index pair,
-        ``attrs["basis"]`` says what was compared, and ``attrs["agreement"]`` on which share of the
-        object they agree there. A frame without an object scores 1.
+        flattest is first). Where the object is smaller than in most frames, it is the share of
+        its usual size. A frame without an object scores 1; one that the camera lost (all NaN, the
+        same everywhere, or noise only) scores 0.
+
+        ``attrs["best"]`` is the best (time, angle) index pair, ``attrs["basis"]`` says what was
+        compared, ``attrs["agreement"]`` on which share of the object they agree there, and
+        ``attrs["lost"]`` is the number of lost frames.
 
     Raises
     ------
@@ -77,42 +125,13 @@ def score_boundaries(
     ('time', 'angle')
     >>> unwrapped = p4d.unwrap(sample["wrapped"], boundary=tuple(scores.attrs["best"]))
     """
-    problem = Problem(phase, mask="auto" if mask is None else mask)
-    shape = problem.wrapped.shape
+    given = Problem(phase, mask="auto" if mask is None else mask)
     known = None if reference is None else Problem(reference, mask="auto")
-    if known is not None and known.wrapped.shape != shape:
-        msg = f"reference is {known.wrapped.shape}, but the phase is {shape}"
+    if known is not None and known.wrapped.shape != given.wrapped.shape:
+        msg = f"reference is {known.wrapped.shape}, but the phase is {given.wrapped.shape}"
         raise ValueError(msg)
-    frames = list(np.ndindex(*shape[:2]))
-    watch = Watch(len(frames) + 1, "scoring the frames", progress, cancelled)
-    background = watched(problem.background, watch)
-    watch.step()
-    level = border_medians(background.level, first_boundary(known))
-
-    def score(frame: tuple[int, ...]) -> tuple[float, float]:
-        other = None
-        if known is not None:
-            kept = known.usable[frame] & (known.wrapped[frame] != 0)
-            other = np.where(kept, known.wrapped[frame] - level[frame], np.nan)
-        return score_of(
-            problem.wrapped[frame], problem.usable[frame], background.mask[frame], other, cancelled
-        )
-
-    found = np.array(list(in_threads(score, frames, watch))).reshape(*shape[:2], 2)
-    scores, agreement = found[..., 0], found[..., 1]
-    best = np.unravel_index(int(np.argmax(scores)), scores.shape)
-    coords = {
-        d: problem.template.coords[d] for d in ("time", "angle") if d in problem.template.coords
-    }
-    basis = "two unwrappers of the frame alone"
-    if known is not None:
-        basis = "the frame alone and the reference"
-    attrs = {
-        "best": [int(best[0]), int(best[1])],
-        "basis": basis,
-        "agreement": float(agreement[best]),
-    }
-    return xr.DataArray(scores, dims=("time", "angle"), coords=coords, attrs=attrs, name="score")
+    together = known is None and given.n_frames > 1 and given.wrapped.size <= SCORED_PIXELS
+    return scored(given, known, progress, cancelled, together=together)
 
 
 def scores_of_some(
@@ -120,7 +139,10 @@ def scores_of_some(
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
 ) -> xr.DataArray:
-    """Score some frames of a recording larger than memory, evenly over time.
+    """Score the frames, or some of them evenly over time if there are too many.
+
+    Beyond 10 million pixels, 100 times are looked at, or fewer, whose frames are looked at alone.
+    It goes by the shape only, so that a recording has the same safest frame wherever it lies.
 
     Parameters
     ----------
@@ -134,58 +156,174 @@ def scores_of_some(
     xarray.DataArray
         As `score_boundaries` returns it, NaN for frames that were not looked at.
     """
-    times = max(2, min(SCORED_TIMES, SCORED_BYTES // max(phase[0].nbytes, 1)))
+    if phase.size <= SCORED_PIXELS:
+        return score_boundaries(phase.compute(), progress=progress, cancelled=cancelled)
+    times = max(2, min(SCORED_TIMES, SCORED_PIXELS // max(phase[0].size, 1)))
     every = max(1, -(-phase.sizes["time"] // times))
-    some = phase.isel(time=slice(None, None, every)).compute()
-    found = score_boundaries(some, progress=progress, cancelled=cancelled)
-    scores = found.reindex(time=phase["time"])
-    time, angle = found.attrs["best"]
-    return scores.assign_attrs(best=[time * every, angle])
+    some = Problem(phase.isel(time=slice(None, None, every)).compute(), mask="auto")
+    found = scored(some, None, progress, cancelled, together=False)
+    whole = np.full(phase.shape[:2], np.nan)
+    whole[::every] = found.values
+    time, angle = best_frame(found)
+    attrs = {**found.attrs, "best": [time * every, angle]}
+    return as_scores(whole, phase, attrs)
+
+
+def best_frame(scores: xr.DataArray) -> Boundary:
+    """Return the safest frame (time, angle) by what `score_boundaries` gave."""
+    time, angle = scores.attrs["best"]
+    return int(time), int(angle)
 
 
 def scores_sentence(scores: xr.DataArray) -> str:
     """Say how far the best frame of `score_boundaries` is to be relied on."""
+    lost = scores.attrs["lost"]
+    if lost == scores.size:
+        return "No frame shows any phase that could be judged."
     share = 100 * scores.attrs["agreement"]
-    return f"There, {scores.attrs['basis']} agree on {share:.4g} % of the object."
+    said = f"There, {scores.attrs['basis']} agree on {share:.4g} % of the object."
+    return f"{said} Left out as lost: {lost} of {scores.size} frames." if lost else said
 
 
-def first_boundary(known: Problem | None) -> tuple[int, int]:
+def scored(
+    given: Problem,
+    known: Problem | None,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    together: bool,
+) -> xr.DataArray:
+    """Score all frames of a problem, see `score_boundaries`."""
+    Watch(1, "scoring the frames", progress, cancelled).check()
+    lost = given.lost()
+    basis = basis_of(known, together=together)
+    attrs = {"best": [0, 0], "basis": basis, "agreement": 0.0, "lost": int(lost.sum())}
+    if lost.all():
+        return as_scores(np.zeros(lost.shape), given.template, attrs)
+    kept = [(int(t), int(a)) for t, a in np.argwhere(~lost)]
+    problem = Problem(given.wrapped, kept[0], given.usable & ~lost[..., None, None])
+    if together:
+        known = unwrapped_together(problem, progress, cancelled)
+    looks = look_at(problem, kept, known, progress, cancelled)
+    usual = float(np.median([look.size for look in looks if look.size] or [1]))
+    scores = np.zeros(lost.shape)
+    for frame, look in zip(kept, looks, strict=True):
+        scores[frame] = score_of(look, usual)
+    best = kept[int(np.argmax([scores[frame] for frame in kept]))]
+    look = looks[kept.index(best)]
+    attrs |= {"best": list(best), "agreement": 1 - look.wrong / max(look.size, 1)}
+    return as_scores(scores, given.template, attrs)
+
+
+def as_scores(
+    values: NDArray[np.floating], phase: xr.DataArray, attrs: dict[str, object]
+) -> xr.DataArray:
+    """Return scores with the times and angles of the phase."""
+    coords = {d: phase.coords[d] for d in ("time", "angle") if d in phase.coords}
+    return xr.DataArray(values, dims=("time", "angle"), coords=coords, attrs=attrs, name="score")
+
+
+def basis_of(known: Problem | None, *, together: bool) -> str:
+    """Say what the frames are judged by."""
+    label = METHODS[SCORING_METHOD].label
+    if together:
+        return f"the frame alone and all frames together ({label})"
+    if known is None:
+        return "two unwrappers of the frame alone"
+    if known.template.attrs.get("method") == SCORING_METHOD:
+        return f"the frame alone and the result of {label}"
+    return "the frame alone and the reference"
+
+
+def unwrapped_together(
+    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> Problem:
+    """Unwrap all frames together, to hold each of them against that."""
+    report = reworded(progress, "looking for the safest frame: {}".format)
+    found = run_method(problem, SCORING_METHOD, report, cancelled, {})
+    problem.forget_field()
+    return Problem(found, mask="auto")
+
+
+def look_at(
+    problem: Problem,
+    frames: list[Boundary],
+    known: Problem | None,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> list[Look]:
+    """Hold frames against a known unwrapping, or against another one of the frame alone."""
+    watch = Watch(len(frames) + 1, "scoring the frames", progress, cancelled)
+    background = watched(problem.background, watch)
+    watch.step()
+    ground = background.ground(border_medians(background.level, first_boundary(known)))
+
+    def look(frame: Boundary) -> Look:
+        other = None
+        if known is not None:
+            there = known.usable[frame] & (known.wrapped[frame] != 0)
+            other = np.where(there, known.wrapped[frame] - ground[frame], np.nan)
+        return look_of(
+            problem.wrapped[frame],
+            problem.usable[frame],
+            background.mask[frame],
+            ground[frame],
+            other,
+            cancelled,
+        )
+
+    return list(in_threads(look, frames, watch))
+
+
+def first_boundary(known: Problem | None) -> Boundary:
     """Return the boundary frame that a reference was unwrapped from."""
     noted = [] if known is None else known.template.attrs.get("boundary", [])
     return (int(noted[0][0]), int(noted[0][1])) if len(noted) else (0, 0)
 
 
-def score_of(
+def look_of(
     wrapped: Frame,
     usable: Mask,
     empty: Mask,
+    ground: Frame,
     reference: NDArray[np.floating] | None,
     cancelled: CancelledCall | None = None,
-) -> tuple[float, float]:
-    """Return the score of one frame, from 0 to 1, and the share on which both agree.
+) -> Look:
+    """Return on how much of one frame two unwrappings differ.
 
-    Both unwrappings are taken relative to the empty field, where there is one, so that an object
-    that has slipped as a whole counts as wrong.
+    Both are taken relative to the empty field, where there is one, so that an object that has
+    slipped as a whole counts as wrong. The ground is the phase of the empty field, from which a
+    tilt is known; the reference is less it.
     """
     inside = usable & ~empty
     if not inside.any():
-        return 1.0, 1.0
-    spatial = relative(unwrap_frame(wrapped, usable)[0], empty)
+        return Look()
+    alone = unwrap_frame(wrapped, usable)[0]
+    spatial = relative(alone - ground, empty)
     other = reference
     if other is None:
         grown = unwrap(wrapped, "directional-growing", mask=usable, cancelled=cancelled)
-        other = relative(grown.values, empty)
+        other = relative(grown.values - ground, empty)
     turns = np.round((other - spatial) / TURN)[inside]
     turns = turns[np.isfinite(turns)]
     if not turns.size:
-        return 1.0, 1.0
+        return Look()
     level = 0.0 if empty.any() else float(np.median(turns))
-    agreement = float((turns == level).mean())
-    steps = [
-        np.abs(np.diff(spatial, axis=axis)).mean() for axis in (0, 1) if spatial.shape[axis] > 1
-    ]
+    steps = [np.abs(np.diff(alone, axis=axis)).mean() for axis in (0, 1) if alone.shape[axis] > 1]
     steep = float(np.mean(steps)) / (2 * np.pi) if steps else 0.0
-    return max(agreement - TIE_BREAK * min(steep, 1.0), 0.0), agreement
+    return Look(int((turns != level).sum()), turns.size, steep)
+
+
+def score_of(look: Look, usual: float) -> float:
+    """Return the score of a frame, from 0 to 1, where the object usually has so many pixels.
+
+    A few wrong pixels are no worse where the object is small, unless they are most of it.
+    """
+    if not look.size:
+        return 1.0
+    mostly_right = look.wrong < look.size / 2
+    size = max(look.size, usual) if mostly_right else look.size
+    return max(1 - look.wrong / size - TIE_BREAK * min(look.steep, 1.0), 0.0)
 
 
 def relative(unwrapped: Frame, empty: Mask) -> Frame:

@@ -38,8 +38,6 @@ class Opened:
         Holograms, or wrapped phase (time, angle, y, x) in radians.
     angles_deg : sequence of float, optional
         Viewing angles of a recording, where they are known.
-    boundary : tuple of int, optional
-        The optically thin frame (time, angle), where it is known.
     truth : DataArray or callable, optional
         Exact phase, or for a recording what gives it on a reconstruction's grid.
     recipe : Recipe, optional
@@ -52,7 +50,6 @@ class Opened:
 
     content: Recording | xr.DataArray
     angles_deg: Sequence[float] | None = None
-    boundary: tuple[int, int] | None = None
     truth: xr.DataArray | TruthCall | None = None
     recipe: Recipe | None = None
     kind: str = "auto"
@@ -91,13 +88,13 @@ def open_anything(source: Any, content: str = "auto", raw: RawLayout | None = No
 
 def opened_sample(sample: Sample) -> Opened:
     """Return the sample video with all that is known of it."""
-    return Opened(sample.recording, sample.angles_deg, sample.boundary, sample.truth)
+    return Opened(sample.recording, sample.angles_deg, sample.truth)
 
 
 def opened_yeast() -> Opened:
     """Return the sample phase with its exact phase."""
     data = yeast_sample()
-    return Opened(data["wrapped"], None, data.attrs["boundary"], data["phase"])
+    return Opened(data["wrapped"], truth=data["phase"])
 
 
 def open_recipe(recipe: Recipe) -> Opened:

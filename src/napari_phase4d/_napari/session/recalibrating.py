@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import xarray as xr
 
-from napari_phase4d.evaluation import with_wavelength
+from napari_phase4d.evaluation import REFERENCE, with_wavelength
 from napari_phase4d.holography import recalibrated
 from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.recording import Recording
@@ -33,7 +33,10 @@ def recalibrate(state: State, recording: Recording) -> None:
     if state.scores is not None:
         state.scores = state.scores.assign_coords(time=recording.times_s)
     if state.outcome is not None:
+        up_to_date = not state.scores_are_old
         state.outcome = rescaled(state.outcome, recording, changes, state.truth)
+        if up_to_date:  # its scale is no reason to hold the frames against it again
+            state.scored_by = state.results.get(REFERENCE)
     state.measured = None  # its areas are of the old scale
     state.update(**changes)
 
@@ -58,12 +61,13 @@ def rescaled(
         return recalibrated(stack, recording)
 
     results = {m: scaled(r) for m, r in outcome.comparison.results.items()}
-    return Outcome(
-        recording,
-        recalibrated_recipe(outcome.recipe, changes),
-        scaled(outcome.reconstruction),
-        replace(outcome.comparison, results=results),
-        truth,
+    return replace(
+        outcome,
+        recording=recording,
+        recipe=recalibrated_recipe(outcome.recipe, changes),
+        reconstruction=scaled(outcome.reconstruction),
+        comparison=replace(outcome.comparison, results=results),
+        truth=truth,
     )
 
 

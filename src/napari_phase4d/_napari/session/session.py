@@ -73,24 +73,11 @@ class Session(State):
         return self.noise
 
     def suggest_boundary(self) -> tuple[int, int]:
-        """Score all frames and start from the safest (step 4)."""
+        """Score all frames, and start from the safest as long as no other is chosen (step 4)."""
         plan_scores(self).run()
-        return self.take_best_boundary()
-
-    def take_best_boundary(self) -> tuple[int, int]:
-        """Start from the frame with the best score.
-
-        Raises
-        ------
-        ValueError
-            If the frames have no scores yet.
-        """
-        if self.scores is None:
-            msg = "the frames have no scores yet; press Suggest in step 4"
-            raise ValueError(msg)
-        time, angle = self.scores.attrs["best"]
-        self.update(boundary=((int(time), int(angle)),))
-        return int(time), int(angle)
+        self.update(boundary="auto")
+        (best,) = self.start_frames
+        return best
 
     def unwrap(
         self,
@@ -149,7 +136,7 @@ class Session(State):
         plans = []
         if self.recording is not None and self.spectrum is None:
             plans.append(plan_spectrum(self))
-        if self.reconstruction is not None and self.scores is None:
+        if self.reconstruction is not None and (self.scores is None or self.scores_are_old):
             plans.append(plan_scores(self, unasked=True))
         if self.reconstruction is not None and self.noise is None:
             plans.append(plan_noise(self))

@@ -17,12 +17,12 @@ from napari_phase4d._napari.session.frames import checked_frames, moved_frames
 from napari_phase4d._napari.session.lobe_history import LobeHistory
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.recalibrating import recalibrate
-from napari_phase4d.evaluation import Comparison
+from napari_phase4d.evaluation import REFERENCE, Comparison
 from napari_phase4d.holography import Focus, Lobe
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.unwrapping import METHODS, best_frame
 
 __all__ = ["PHASE_FIELDS", "Changed", "State"]
 
@@ -84,6 +84,8 @@ class State:
         self.measured: pd.DataFrame | None = None
         #: How safe each frame is as boundary condition, see `score_boundaries`.
         self.scores: xr.DataArray | None = None
+        #: The result of directional L1 that the frames were held against, None if it was none.
+        self.scored_by: xr.DataArray | None = None
         self.truth_for: TruthCall | None = None
         #: Where stacks lie that do not fit into memory, None if they do.
         self.place: Place | None = None
@@ -108,6 +110,19 @@ class State:
         """Unwrapped phase of every method that was run; empty before."""
         return {} if self.outcome is None else self.outcome.comparison.results
 
+    @property
+    def start_frames(self) -> tuple[tuple[int, int], ...]:
+        """Frames (time, angle) that a run would start from; none while they are looked for."""
+        if self.recipe.boundary != "auto":
+            return self.recipe.boundary
+        return () if self.scores is None else (best_frame(self.scores),)
+
+    @property
+    def scores_are_old(self) -> bool:
+        """Whether there is a result of directional L1 to hold the frames against by now."""
+        reference = self.results.get(REFERENCE)
+        return reference is not None and reference is not self.scored_by and self.place is None
+
     def update(self, **settings: Any) -> None:
         """Change settings of the recipe.
 
@@ -117,7 +132,11 @@ class State:
             If a setting has no such value.
         """
         recipe = self.recipe.changed(**settings)
-        if "boundary" in settings and self.reconstruction is not None:
+        if (
+            recipe.boundary != "auto"
+            and "boundary" in settings
+            and self.reconstruction is not None
+        ):
             shape = self.reconstruction["phase"].shape[:2]
             recipe = recipe.changed(boundary=checked_frames(recipe.boundary, shape))
         if recipe != self.recipe:
@@ -147,8 +166,7 @@ class State:
             self.set_recording(
                 opened.content,
                 opened.angles_deg,
-                opened.boundary or (0, 0),
-                opened.truth,  # type: ignore[arg-type] # of a recording it is a function
+                truth=opened.truth,  # type: ignore[arg-type] # of a recording it is a function
                 recipe=opened.recipe,
                 kind=kind,
                 raw=opened.raw,
@@ -156,8 +174,7 @@ class State:
         else:
             self.set_phase(
                 opened.content,
-                opened.boundary,
-                opened.truth,  # type: ignore[arg-type] # of phase it is a stack
+                truth=opened.truth,  # type: ignore[arg-type] # of phase it is a stack
                 recipe=opened.recipe,
                 kind=kind,
             )
@@ -166,7 +183,7 @@ class State:
         self,
         recording: Recording,
         angles_deg: Sequence[float] | None = None,
-        boundary: tuple[int, int] = (0, 0),
+        boundary: tuple[int, int] | None = None,
         truth: TruthCall | None = None,
         *,
         recipe: Recipe | None = None,
@@ -182,7 +199,7 @@ class State:
         angles_deg : sequence of float, optional
             Viewing angles, where they are known.
         boundary : tuple of int, optional
-            The optically thin frame (time, angle), where it is known.
+            The frame (time, angle) to start from; default: the safest one, once it is found.
         truth : callable, optional
             Gives the exact phase on the grid of the wrapped phase, where it is known.
         recipe : Recipe, optional
@@ -209,7 +226,7 @@ class State:
                 "n_views": self.recipe.n_views if angles is None else len(angles),
                 "reference": None,
                 "refocus_um": None,
-                "boundary": (boundary,),
+                "boundary": "auto" if boundary is None else (boundary,),
             }
         self._begin(recording, truth, (recipe or self.recipe).changed(**settings))
 
@@ -229,7 +246,8 @@ class State:
         phase : xarray.DataArray
             Wrapped phase in radians, dims (time, angle, y, x).
         boundary : tuple of int, optional
-            The optically thin frame (time, angle); default: what ``phase.attrs`` say, else (0, 0).
+            The frame (time, angle) to start from; default: what ``phase.attrs`` say, else the
+            safest one, once it is found.
         truth : xarray.DataArray, optional
             Exact phase on the same grid.
         recipe : Recipe, optional
@@ -237,7 +255,7 @@ class State:
         kind : str, optional
             What the file was told to hold, see `Recipe.content`.
         """
-        t, a = boundary or phase.attrs.get("boundary", (0, 0))
+        given = boundary or phase.attrs.get("boundary")
         source = str(phase.attrs.get("source", ""))
         settings: dict[str, Any] = {"recording": source, "content": kind, "lobes": ()}
         if recipe is None:
@@ -246,11 +264,12 @@ class State:
                 "optics": None,
                 "angles_deg": None,
                 "frame_rate_hz": None,
-                "boundary": ((int(t), int(a)),),
+                "boundary": "auto" if given is None else ((int(given[0]), int(given[1])),),
             }
         new = (recipe or self.recipe).changed(**settings)
-        frames = checked_frames(new.boundary, phase.shape[:2])
-        self._begin(None, None, new.changed(boundary=frames))
+        if new.boundary != "auto":
+            new = new.changed(boundary=checked_frames(new.boundary, phase.shape[:2]))
+        self._begin(None, None, new)
         if phase.chunks is not None:  # phase on disk may be larger than memory
             modest = [m for m in self.recipe.methods if METHODS[m].streams]
             self.leave_place(find_place(self.recipe, phase_needs(modest, phase.shape)))
@@ -281,7 +300,7 @@ class State:
 
     def forget_results(self) -> None:
         """Forget what was made of the phase."""
-        self.scores = self.noise = self.estimate = None
+        self.scores = self.scored_by = self.noise = self.estimate = None
         self.take_outcome(None)
 
     def take_outcome(self, outcome: Outcome | None) -> None:
@@ -343,11 +362,12 @@ class State:
 
     def set_reconstruction(self, data: xr.Dataset, recipe: Recipe) -> None:
         """Take wrapped phase and amplitude with the recipe that made them."""
-        kept = moved_frames(self.recipe.boundary, self.reconstruction, data)
+        chosen = self.recipe.boundary
+        kept = () if chosen == "auto" else moved_frames(chosen, self.reconstruction, data)
         self.reconstruction = data
         self.forget_results()  # what was made of an earlier phase; its layers stay
         self.phase_recipe = recipe
-        self.update(boundary=kept or ((0, 0),))
+        self.update(boundary=kept or "auto")
         self.reconstruction_changed.emit()
 
     def check_is(self, recording: Recording) -> None:

@@ -69,12 +69,24 @@ def phase_is_stale(state: State) -> bool:
     return bool(changed)
 
 
+def start_is_stale(state: State) -> bool:
+    """Say whether another frame to start from was chosen since.
+
+    A star that the results themselves have moved makes them no older.
+    """
+    if state.outcome is None:
+        return False
+    if state.recipe.boundary == "auto" and state.outcome.scores is not None:
+        return False
+    return state.start_frames != state.outcome.recipe.boundary
+
+
 def results_are_stale(state: State) -> bool:
     """Say whether what is ticked now would give other results than those that there are."""
     if state.outcome is None:
         return False
     now, then = state.recipe, state.outcome.recipe
-    if now.boundary != then.boundary or now.mask != then.mask:
+    if now.mask != then.mask or start_is_stale(state):
         return True
     ticked = [m for m in now.methods if m in state.results]
     same = all(now.options.get(m, {}) == then.options.get(m, {}) for m in ticked)

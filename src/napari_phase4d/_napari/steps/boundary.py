@@ -13,7 +13,8 @@ from napari_phase4d._napari.session import plan_scores
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.boundary_map import BoundaryMap
 from napari_phase4d._napari.widgets.thumbnail import Thumbnail
-from napari_phase4d.unwrapping import METHODS, ORDERS, scores_sentence
+from napari_phase4d.pipeline import start_words
+from napari_phase4d.unwrapping import METHODS, ORDERS, best_frame, scores_sentence
 
 __all__ = ["BoundaryPart"]
 
@@ -27,8 +28,8 @@ class BoundaryPart(Step):
 
     title = "Boundary"
     purpose = (
-        "Click on a frame in which the object is thin: the methods start from it. "
-        "Shift-click adds one more."
+        "The methods start from the safest frame, the star. Click on another one in which the "
+        "object is thin to start from that; Shift-click adds one more."
     )
 
     def build(self) -> None:
@@ -38,6 +39,8 @@ class BoundaryPart(Step):
         self.map = BoundaryMap()
         self.map.setObjectName("boundary_map")
         self.column.addWidget(self.map)
+        self.start = self.text("", "start_words")
+        self.column.addWidget(self.start)
         self.thumbnail = Thumbnail()
         self.column.addWidget(self.thumbnail)
         self.use_view = self.button(
@@ -46,12 +49,12 @@ class BoundaryPart(Step):
             "Start from the frame that the sliders show.",
             self.use_current,
         )
-        self.suggest = self.button(
-            "Suggest",
-            "suggest",
-            "Start from the frame that is safest: that on which two different unwrappers agree "
-            "most (the star).",
-            self.take_suggestion,
+        self.automatic = self.button(
+            "Automatic",
+            "automatic",
+            "Start from the safest frame again, the star, and show it: that on which the frame "
+            "alone and all frames together agree most.",
+            self.start_automatically,
         )
         self.path = self.watched(
             ComboBox(
@@ -62,7 +65,7 @@ class BoundaryPart(Step):
                 f"{WAYS}.",
             )
         )
-        self.column.addLayout(self.row(self.use_view, self.suggest))
+        self.column.addLayout(self.row(self.use_view, self.automatic))
         self.column.addLayout(self.row(self.label("Arrows: the way of"), self.path.native))
         self.path.changed.connect(lambda _: self._show_path())
         self.map.frame_clicked.connect(
@@ -92,30 +95,33 @@ class BoundaryPart(Step):
         """Start from the frame that the sliders show."""
         self.session.update(boundary=(self.presenter.current_frame(),))
 
-    def take_suggestion(self) -> None:
-        """Start from the frame with the best score, which may have to be computed first."""
+    def start_automatically(self) -> None:
+        """Start from the safest frame again, which may have to be looked for first."""
         self.session.needed_reconstruction()
+        self.session.update(boundary="auto")
         if self.session.scores is None:
-            self.jobs.start(plan_scores(self.session), then=self._take_best)
+            self.jobs.start(plan_scores(self.session), then=self._show_best)
         else:
-            self._take_best()
+            self._show_best()
 
-    def _take_best(self) -> None:
-        self.presenter.go_to(*self.session.take_best_boundary())
-        self.said.emit(self.words_on_the_suggestion())
-
-    def words_on_the_suggestion(self) -> str:
-        """Say which frame was suggested and why."""
+    def _show_best(self) -> None:
         scores = self.session.scores
-        if scores is None:
+        if scores is not None:
+            self.presenter.go_to(*best_frame(scores))
+            self.said.emit(f"{self.words_on_the_start()} {scores_sentence(scores)}")
+
+    def words_on_the_start(self) -> str:
+        """Say which frame a run would start from, and who chose it."""
+        if self.session.reconstruction is None:
             return ""
-        time, angle = scores.attrs["best"]
-        where = f"time {time}, angle {float(scores['angle'][angle]):g}°"
-        return f"Thin frame: {where}. {scores_sentence(scores)}"
+        frames = self.session.start_frames
+        if not frames:
+            return "Start: the safest frame, which is being looked for …"
+        return start_words(frames, found=self.session.recipe.boundary == "auto")
 
     def _clicked(self, time: int, angle: int, *, more: bool) -> None:
         """Start from the frame that was clicked on, or from that one too; show it."""
-        boundary = self.session.recipe.boundary
+        boundary = self.session.start_frames
         if not more:
             boundary = ((time, angle),)
         elif (time, angle) not in boundary:
@@ -129,6 +135,7 @@ class BoundaryPart(Step):
     def _show(self) -> None:
         """Show the frames that there are, with their scores."""
         data = self._shown = self.session.reconstruction
+        self.start.setText(self.words_on_the_start())
         self.map.setEnabled(data is not None)
         if data is None:
             self.map.set_frames([], [])
@@ -144,7 +151,8 @@ class BoundaryPart(Step):
 
     def _show_boundary(self) -> None:
         if self._shows_present_frames():
-            self.map.set_boundaries(list(self.session.recipe.boundary))
+            self.start.setText(self.words_on_the_start())
+            self.map.set_boundaries(list(self.session.start_frames))
             self._describe_boundary()
 
     def _show_path(self) -> None:
@@ -156,9 +164,8 @@ class BoundaryPart(Step):
             self.path.value = method
 
     def _describe_boundary(self) -> None:
-        boundary = self.session.recipe.boundary
         if self._shows_present_frames() and self.session.reconstruction is not None:
-            time, angle = boundary[0]
+            time, angle = next(iter(self.session.start_frames), self.presenter.current_frame())
             shape = self.session.reconstruction["phase"].shape
             self._describe(min(time, shape[0] - 1), min(angle, shape[1] - 1))
 
@@ -168,7 +175,7 @@ class BoundaryPart(Step):
         if data is None:
             return
         phase = data["phase"]
-        chosen = (time, angle) in self.session.recipe.boundary
+        chosen = (time, angle) in self.session.start_frames
         lines = [
             f"<b>{'Start: ' if chosen else ''}time {time} ({float(phase['time'][time]):.3g} s), "
             f"angle {float(phase['angle'][angle]):g}°</b>",

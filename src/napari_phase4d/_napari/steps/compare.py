@@ -226,9 +226,9 @@ class CompareStep(Step):
             return ""
         outcome, truth = self.session.outcome, self.session.truth
         results = self.session.results
-        boundary = self.session.recipe.boundary if outcome is None else outcome.recipe.boundary
+        frames = self.session.start_frames if outcome is None else outcome.recipe.start_frames
         _, basis = best_known(results, truth)
-        verdict = order_verdict(results, boundary[0], truth)
+        verdict = order_verdict(results, next(iter(frames), (0, 0)), truth)
         return f"{steps_sentence(self.session.margin, basis)} {verdict}"
 
     def words_on_confidence(self) -> str:

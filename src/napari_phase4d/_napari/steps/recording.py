@@ -245,7 +245,7 @@ class RecordingStep(Step):
             self.session.take(Opened(recording, recipe=recipe))
         elif layer.metadata.get(METADATA_KEY, {}).get("sample") == EUGLENA:
             sample = Sample(recording)
-            opened = Opened(recording, sample.angles_deg, sample.boundary, sample.truth)
+            opened = Opened(recording, sample.angles_deg, sample.truth)
             self.session.take(opened)
         else:
             self.session.set_recording(recording)

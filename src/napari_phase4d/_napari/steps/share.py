@@ -119,7 +119,7 @@ class SharePart(Step):
         stacks = self.stacks()
         outcome, frame = self.session.needed_outcome(), self.presenter.current_frame()
         phase = outcome.reconstruction["phase"]
-        frames = telling_frames(phase, outcome.recipe.boundary[0], frame)
+        frames = telling_frames(phase, outcome.recipe.start_frames[0], frame)
         self._start(
             Path(path),
             lambda *_: write_figure(path, comparison_figure(stacks, frames)),

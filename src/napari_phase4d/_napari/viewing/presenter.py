@@ -150,7 +150,7 @@ class Presenter:
         )
         self.viewer.canvas.overlays.scale_bar.visible = True
         self._fit()
-        self.go_to(*self.session.recipe.boundary[0])
+        self.go_to(*next(iter(self.session.start_frames), (0, 0)))
 
     def show_outcome(self) -> None:
         """Show the results side by side, as new layers, after the truth where it is known."""

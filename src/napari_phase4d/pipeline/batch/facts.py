@@ -25,6 +25,7 @@ def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
     facts = {
         "frames": int(phase.sizes["time"]),
         "views": int(phase.sizes["angle"]),
+        "boundary": " ".join(f"{t},{a}" for t, a in outcome.recipe.start_frames),
         "results": len(results),
         "best_method": best,
         "notes": " ".join(notes_of(outcome, phase)),

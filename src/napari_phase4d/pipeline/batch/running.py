@@ -102,10 +102,10 @@ def run_batch(
     -------
     pandas.DataFrame
         One row a file: ``file``, ``folder``, ``status`` ("done", "complete already" or "failed"),
-        ``seconds``, ``frames``, ``views``, ``results``, ``best_method`` (the one most to be
-        trusted), ``doubtful_percent`` (of the object's pixels in its result, where the recipe
-        asks for confidence), ``input_bytes``, ``input_sha256``, ``notes`` (what had to be assumed
-        of the file), ``error``.
+        ``seconds``, ``frames``, ``views``, ``boundary`` (the frame that was started from),
+        ``results``, ``best_method`` (the one most to be trusted), ``doubtful_percent`` (of the
+        object's pixels in its result, where the recipe asks for confidence), ``input_bytes``,
+        ``input_sha256``, ``notes`` (what had to be assumed of the file), ``error``.
 
     Raises
     ------

@@ -18,8 +18,8 @@ __all__ = ["COMPLETE", "DONE", "FAILED", "LOG", "WAITING", "Summary"]
 
 WAITING, DONE, COMPLETE, FAILED = "waiting", "done", "complete already", "failed"
 COLUMNS = (
-    "file", "folder", "status", "seconds", "frames", "views", "results", "best_method",
-    "doubtful_percent", "input_bytes", "input_sha256", "notes", "error",
+    "file", "folder", "status", "seconds", "frames", "views", "boundary", "results",
+    "best_method", "doubtful_percent", "input_bytes", "input_sha256", "notes", "error",
 )  # fmt: skip
 #: Columns of whole numbers, which are not there for files that failed.
 COUNTS = ("frames", "views", "results", "input_bytes")

@@ -35,8 +35,9 @@ def plan_reconstruction(state: State) -> Plan:
     recording, recipe = state.needed_recording(), state.recipe
     truth_for = state.truth_for
     lobes = state.needed_lobes()
-    # Methods that need all frames at once can still be left out.
-    modest = recipe.changed(methods=[m for m in recipe.methods if METHODS[m].streams])
+    # Methods that need all frames at once can still be left out, and the start be named.
+    few = [m for m in recipe.methods if METHODS[m].streams]
+    modest = recipe.changed(methods=few, boundary=((0, 0),))
     place = find_place(recipe, needs_of(modest, recording, lobes))
 
     def work(

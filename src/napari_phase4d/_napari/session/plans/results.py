@@ -20,8 +20,10 @@ from napari_phase4d.evaluation import (
 from napari_phase4d.pipeline import (
     Outcome,
     estimated_seconds,
+    noting_start,
     phase_needs,
     unwrap_by,
+    with_start,
 )
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import score_boundaries, scores_of_some
@@ -49,23 +51,28 @@ def plan_unwrapping(state: State) -> Plan:
         msg = "no method is ticked; tick at least one in step 4"
         raise ValueError(msg)
     recipe = state.phase_recipe.changed(
-        boundary=chosen.boundary,
+        boundary=state.start_frames or "auto",
         mask=chosen.mask,
         methods=chosen.methods,
         options=chosen.options,
         confidence=chosen.confidence,
     )
+    known = state.scores if chosen.boundary == "auto" else None
+    finds_start = recipe.boundary == "auto"
     place, number = state.place, next(RUNS)
     folder = Path(tempfile.gettempdir()) if place is None else place.shelf.folder
-    phase_needs(recipe.methods, data["phase"].shape).check(folder, on_disk=place is not None)
+    needs = phase_needs(recipe.methods, data["phase"].shape, finds_start=finds_start)
+    needs.check(folder, on_disk=place is not None)
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Outcome:
+        used, found = with_start(recipe, data["phase"], progress, cancelled)
+        scores = known if found is None else found
         so_far: list[Comparison] = []
         # Each run has a folder of its own: what an earlier one showed stays as it is.
         with nullcontext() if place is None else place.nested(f"run_{number}") as own:
             try:
                 comparison = unwrap_by(
-                    recipe,
+                    used,
                     data["phase"],
                     truth,
                     progress,
@@ -78,8 +85,8 @@ def plan_unwrapping(state: State) -> Plan:
                 if not so_far:
                     raise
                 comparison = so_far[-1]
-        done = recipe.changed(methods=tuple(comparison.results))
-        return Outcome(recording, done, data, comparison, truth)
+        done = used.changed(methods=tuple(comparison.results))
+        return Outcome(recording, done, data, noting_start(comparison, scores), truth, scores)
 
     def receive(outcome: Outcome) -> None:
         state.check_phase(data)
@@ -87,13 +94,16 @@ def plan_unwrapping(state: State) -> Plan:
             comparison = outcome.comparison.against(state.truth)
             outcome = replace(outcome, comparison=comparison, truth=state.truth)
         state.take_outcome(outcome)
+        if state.scores is None and outcome.scores is not None:
+            state.scores = outcome.scores
+            state.scores_changed.emit()
         state.outcome_changed.emit()
 
     return Plan("Unwrapping", work, receive, keeps_parts=True)
 
 
 def plan_scores(state: State, *, unasked: bool = False) -> Plan:
-    """Plan to score every frame as the one to start from.
+    """Plan to score every frame as the one to start from, by the result of WL1 where there is one.
 
     Parameters
     ----------
@@ -108,16 +118,18 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
         If there is no phase yet.
     """
     data = state.needed_reconstruction()
-    reference, place = state.results.get(REFERENCE), state.place
+    reference = None if state.place is not None else state.results.get(REFERENCE)
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.DataArray:
-        if place is not None:
+        if reference is None:
+            needs = phase_needs((), data["phase"].shape, finds_start=True)
+            needs.check(Path(tempfile.gettempdir()), on_disk=False)
             return scores_of_some(data["phase"], progress=progress, cancelled=cancelled)
         return score_boundaries(data["phase"], reference, progress=progress, cancelled=cancelled)
 
     def receive(scores: xr.DataArray) -> None:
         state.check_phase(data)
-        state.scores = scores
+        state.scores, state.scored_by = scores, reference
         state.scores_changed.emit()
 
     return Plan("Scoring the frames", work, receive, gives_way=unasked)
@@ -132,6 +144,8 @@ def plan_estimate(state: State) -> Plan:
         If there is no phase yet.
     """
     data, recipe = state.needed_reconstruction(), state.recipe
+    if state.start_frames:  # found already, which takes no time any more
+        recipe = recipe.changed(boundary=state.start_frames)
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> float:
         return estimated_seconds(recipe, data["phase"], cancelled=cancelled)
