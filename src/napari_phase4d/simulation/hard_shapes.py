@@ -7,6 +7,7 @@ counts is that it is known exactly and changes over time and angle as that of a 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
@@ -25,7 +26,7 @@ Map = NDArray[np.float64]
 PhaseAt = Callable[[float, Map, Map, float], Map]
 
 #: Softness of the edge of a flat top, in shares of half the field.
-EDGE = 0.02
+EDGE = 0.005
 
 
 def dome(
@@ -44,24 +45,26 @@ def hill(y: Map, x: Map, centre: tuple[float, float], width: float, peak: float)
 def plate(y: Map, x: Map, centre: tuple[float, float], radius: float, height: float) -> Map:
     """Return a flat top with a wall round it."""
     distance = np.hypot(y - centre[0], x - centre[1])
-    return height / (1 + np.exp((distance - radius) / EDGE))
+    return height / (1 + np.exp(np.clip((distance - radius) / EDGE, -50, 50)))
 
 
 def tube(y: Map, x: Map, points: NDArray[np.float64], radius: float, peak: float) -> Map:
     """Return a tube round a line through points (y, x)."""
     nearest = np.full(y.shape, np.inf)
-    for start, end in zip(points[:-1], points[1:], strict=True):
+    for start, end in pairwise(points):
         along = end - start
         share = ((y - start[0]) * along[0] + (x - start[1]) * along[1]) / max(along @ along, 1e-12)
         share = np.clip(share, 0, 1)
         distance = np.hypot(y - start[0] - share * along[0], x - start[1] - share * along[1])
         nearest = np.minimum(nearest, distance)
-    return peak * np.sqrt(np.maximum(1 - (nearest / radius) ** 2, 0))
+    phase: Map = peak * np.sqrt(np.maximum(1 - (nearest / radius) ** 2, 0))
+    return phase
 
 
 def seen(x: Map, angle: float, height: float = 0.0) -> Map:
     """Return x as seen from an angle, of what lies at a height."""
-    return (x - height * np.sin(angle)) / np.cos(angle)
+    found: Map = (x - height * np.sin(angle)) / np.cos(angle)
+    return found
 
 
 def bent_tube(s: float, y: Map, x: Map, angle: float) -> Map:
@@ -140,7 +143,8 @@ def crossing(s: float, y: Map, x: Map, angle: float) -> Map:
 def ring(s: float, y: Map, x: Map, angle: float) -> Map:
     """Return a ring, such as a red blood cell with its dimple, that thickens and drifts."""
     distance = np.hypot(y - 0.15 * s, seen(x, angle) + 0.15 * s)
-    return (2 + 9 * s) * np.exp(-(((distance - 0.42) / 0.17) ** 2))
+    phase: Map = (2 + 9 * s) * np.exp(-(((distance - 0.42) / 0.17) ** 2))
+    return phase
 
 
 def lamella(s: float, y: Map, x: Map, angle: float) -> Map:
@@ -167,7 +171,8 @@ def rough(s: float, y: Map, x: Map, angle: float) -> Map:
     x = seen(x, angle)
     grains = np.sin(11 * (y + 0.1 * s)) * np.sin(9 * (x - 0.12 * s) + 1.0)
     cell = dome(y, x, (0.0, 0.0), (0.68, 0.62), 1.0)
-    return cell * (5 + 8 * s) + 0.8 * cell * grains * (1 + s)
+    phase: Map = cell * (5 + 8 * s) + 0.8 * cell * grains * (1 + s)
+    return phase
 
 
 def thin_bubble(s: float, y: Map, x: Map, angle: float) -> Map:

@@ -31,8 +31,8 @@ BORDER_SHARE = 0.4
 FRAME_SHARE = 0.9
 #: The noise is measured on about so many pixels: every so manieth time of longer recordings.
 ENOUGH_PIXELS = 1_000_000
-#: To tell whether a frame is nothing but noise, about so many of its pixels will do.
-ENOUGH_IN_FRAME = 8_000
+#: To tell whether a frame says anything, about so many of its pixels will do, in whole rows.
+ENOUGH_IN_FRAME = 4_000
 #: Smaller islands at the border, in pixels, are no background.
 SMALLEST = 12
 #: Times and angles that the field of noisy frames is averaged over.
@@ -123,14 +123,13 @@ def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
     noise = np.zeros(shape)
 
     def look(frame: tuple[int, ...]) -> None:
-        inside = None if usable is None or usable[frame].all() else usable[frame]
-        values = wrapped[frame] if inside is None else wrapped[frame][inside]
-        blind[frame] = values.size == 0
-        if values.size:
-            same[frame] = is_same(wrapped[frame], inside)
-            rows = slice(None, None, 1 + wrapped[frame].size // ENOUGH_IN_FRAME)
-            few = None if inside is None else inside[rows]
-            noise[frame] = noise_of(wrapped[frame][rows], few, axes=(-1,))
+        blind[frame] = usable is not None and not usable[frame].any()
+        some = wrapped[frame][:: 1 + wrapped[frame].size // ENOUGH_IN_FRAME]
+        few = None
+        if usable is not None and not usable[frame].all():
+            few = usable[frame][:: 1 + wrapped[frame].size // ENOUGH_IN_FRAME]
+        same[frame] = is_same(some, few)
+        noise[frame] = noise_of(some, few, axes=(-1,))
 
     on_all_cores(look, list(np.ndindex(*shape)))
     same &= ~blind
@@ -330,7 +329,7 @@ def levels(
     return level, tilt, share > BORDER_SHARE
 
 
-def level_of(values: NDArray[np.float64], within: float) -> tuple[float, int]:
+def level_of(values: NDArray[np.floating], within: float) -> tuple[float, int]:
     """Return the phase that most values have, and how many lie near it."""
     grid = np.linspace(-np.pi, np.pi, BINS, endpoint=False)
     likeness = np.exp(SHARPNESS * (np.cos(grid[:, None] - grid) - 1))
@@ -359,9 +358,9 @@ def tilt_of(
     steepest = np.argmax(np.abs(along_y @ along_x.T))
     i, j = np.unravel_index(steepest, (TILTS, TILTS))
     tilt = np.array([rises[i] / height, rises[j] / width])
-    level, near = 0.0, 0
+    level = 0.0
     for _ in range(3):
-        level, near = level_of(turned(values - tilt[0] * y - tilt[1] * x), within)
+        level, _ = level_of(turned(values - tilt[0] * y - tilt[1] * x), within)
         off = turned(values - tilt[0] * y - tilt[1] * x - level)
         close = np.abs(off) < within
         if close.sum() < 3:

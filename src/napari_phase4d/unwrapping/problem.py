@@ -84,12 +84,11 @@ class Problem(SharedSteps):
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
-        wholly = bad.all(axis=(2, 3), keepdims=True)
-        if wholly.all():
+        self.unknown = np.asarray(bad.all(axis=(2, 3)))
+        if self.unknown.all():
             msg = "the phase is NaN everywhere, so there is nothing to unwrap"
             raise ValueError(msg)
-        self.unknown = wholly[..., 0, 0]
-        count = int((bad & ~wholly & self.usable).sum())
+        count = int((bad & ~self.unknown[..., None, None] & self.usable).sum())
         if count and not self.finds_mask:
             msg = (
                 f"the phase holds {count} NaN or infinite pixels (or beyond {LARGEST:g} rad); "

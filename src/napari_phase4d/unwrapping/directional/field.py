@@ -78,12 +78,10 @@ def frames_of(problem: Problem) -> Frames:
         lost = np.zeros_like(lost)
     kept = np.flatnonzero(~lost.all(axis=1))
     phase = turned(problem.wrapped - background.ground(background.level))
-    every = len(kept) == len(lost)
-    parts = [
-        part if every or part is None else part[kept]
-        for part in (phase, background.mask, problem.usable, problem.amplitude)
-    ]
-    phase, empty, usable, amplitude = parts
+    empty, usable, amplitude = background.mask, problem.usable, problem.amplitude
+    if len(kept) < len(lost):
+        phase, empty, usable = phase[kept], empty[kept], usable[kept]
+        amplitude = None if amplitude is None else amplitude[kept]
     if lost[kept].any():
         phase, empty, usable = phase.copy(), empty.copy(), usable.copy()
         for angle in range(lost.shape[1]):

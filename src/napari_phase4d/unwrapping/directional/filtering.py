@@ -105,8 +105,8 @@ def slope_along(
     share = np.divide(np.float32(noise**2), square, out=square)
     if not known.all():
         share *= known
-    slope *= share
-    return slope
+    weighted: Fields = slope * share
+    return weighted
 
 
 @compiled

@@ -29,7 +29,6 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 FAINTEST, FADING = 0.05, 2.0
 HALF_A_TURN = np.float32(np.pi)
 #: Followed steps count where they are steadier than this, in radians.
-
 FOLLOWED = 3.0
 #: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
 STEEP = 1.5
@@ -195,8 +194,13 @@ def follow_steps(
     followed, doubt = np.empty_like(step), np.empty_like(step)
     followed[start] = step[start]
     doubt[start] = rough[start] + np.maximum(np.abs(step[start]) - np.float32(STEEP), 0)
-    lines = [part.reshape(len(part), -1) for part in (step, mean, known, followed, doubt)]
-    follow_lines(*lines, start, floor)
+
+    def lines(part: NDArray[Any]) -> NDArray[Any]:
+        return part.reshape(len(part), -1)
+
+    follow_lines(
+        lines(step), lines(mean), lines(known), lines(followed), lines(doubt), start, floor
+    )
     return followed, doubt
 
 
