@@ -17,7 +17,6 @@ import xarray as xr
 from scipy.stats import rankdata
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import confidence_of
 from napari_phase4d.simulation import (
     SHAPES,
     budding_yeast,
@@ -226,10 +225,10 @@ def confidence() -> None:
         for noise in NOISES:
             data = with_noise(exact, noise, seed=3)
             inside = exact["phase"].values > 0.05
-            reference = p4d.unwrap(data["wrapped"], "directional-l1")
-            for method in (*PAPER, "region-growing", *OWN):
-                result = p4d.unwrap(data["wrapped"], method)
-                chance = 1 - confidence_of(result, reference).values[inside]
+            compared = p4d.compare(data["wrapped"], [*PAPER, "region-growing", *OWN])
+            trust = compared.confidences()
+            for method, result in compared.results.items():
+                chance = 1 - trust[method].values[inside]
                 wrong = turns_off(result, data["phase"])[inside] != 0
                 if method == "directional-l1":
                     chances.append(chance)

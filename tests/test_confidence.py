@@ -8,16 +8,17 @@ import xarray as xr
 from scipy.stats import rankdata
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import confidence_of, firmness, slip_warning, unsteadiness
-from napari_phase4d.simulation import moving_shape, with_noise
-from napari_phase4d.unwrapping.background import find_background
+from napari_phase4d.evaluation import Verdict, slip_warning
+from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
+from napari_phase4d.unwrapping import Problem, roughest_on_the_way
 
 TURN = 2 * np.pi
 
 
 @pytest.fixture(scope="module")
 def noisy() -> xr.Dataset:
-    return with_noise(moving_shape("swelling"), 0.6, seed=8)
+    thick = moving_shape("swelling")
+    return with_noise(thick.assign(phase=1.4 * thick["phase"]), 0.6, seed=8)
 
 
 @pytest.fixture(scope="module")
@@ -33,76 +34,115 @@ def area_under_curve(score: np.ndarray, wrong: np.ndarray) -> float:
 def test_wrong_pixels_are_the_doubted_ones(noisy: xr.Dataset, compared: p4d.Comparison) -> None:
     inside = noisy["phase"].values > 1
     for method, result in compared.results.items():
-        least = 0.95 if method == "directional-l1" else 0.97
         trust = compared.confidence(method)
         assert trust.dims == result.dims
         assert trust.dtype == np.float32
         assert 0 <= trust.values.min() <= trust.values.max() <= 1
         wrong = np.round((result.values - noisy["phase"].values) / TURN) != 0
-        assert wrong[inside].sum() > 50
-        assert area_under_curve(-trust.values[inside], wrong[inside]) >= least
+        assert wrong[inside].sum() > 20
+        assert area_under_curve(-trust.values[inside], wrong[inside]) >= 0.97, method
 
 
 def test_trusted_pixels_are_right(noisy: xr.Dataset, compared: p4d.Comparison) -> None:
     for method, result in compared.results.items():
         wrong = np.round((result.values - noisy["phase"].values) / TURN) != 0
-        trusted = compared.confidence(method).values > 0.9
+        trusted = compared.confidence(method).values > 0.99
+        assert trusted.mean() > 0.5
         assert wrong[trusted].mean() < 0.01, method
 
 
 def test_the_reference_is_computed_when_it_is_missing(noisy: xr.Dataset) -> None:
     alone = p4d.compare(noisy["wrapped"], ["spatial-2d"])
     both = p4d.compare(noisy["wrapped"], ["spatial-2d", "directional-l1"])
-    # scikit-image orders the frame's outermost pixels by chance.
-    inner = (..., slice(1, -1), slice(1, -1))
-    found, expected = (c.confidence("spatial-2d").values[inner] for c in (alone, both))
+    found, expected = (c.confidence("spatial-2d").values for c in (alone, both))
     np.testing.assert_array_equal(found, expected)
     assert list(alone.results) == ["spatial-2d"]
 
 
+def test_one_call_gives_what_a_comparison_gives(
+    noisy: xr.Dataset, compared: p4d.Comparison
+) -> None:
+    for method in ("spatial-2d", "directional-l1"):
+        alone = p4d.confidence(compared.results[method], noisy["wrapped"])
+        xr.testing.assert_equal(alone, compared.confidence(method))
+    plain = p4d.confidence(compared.results["spatial-2d"].values, noisy["wrapped"].values)
+    np.testing.assert_array_equal(plain, compared.confidence("spatial-2d"))
+    with pytest.raises(ValueError, match="the unwrapped phase is"):
+        p4d.confidence(np.zeros((3, 4)), noisy["wrapped"])
+
+
 def test_faint_pixels_are_doubted(noisy: xr.Dataset) -> None:
+    result = p4d.unwrap(noisy["wrapped"], "directional-l1")
     amplitude = xr.ones_like(noisy["phase"])
     amplitude[:, :, 20:30] = 0.2
-    found = p4d.compare(noisy["wrapped"], ["directional-l1"], amplitude=amplitude)
-    plain = confidence_of(found.results["directional-l1"], found.results["directional-l1"]).values
-    faded = found.confidence("directional-l1").values
-    assert (faded[:, :, 20:30] < plain[:, :, 20:30] - 0.001).mean() > 0.99
-    rest = [row for row in range(64) if not 20 <= row < 30]
-    np.testing.assert_allclose(faded[:, :, rest], plain[:, :, rest], atol=0.02)
+    plain = p4d.confidence(result, noisy["wrapped"], xr.ones_like(amplitude)).values
+    faded = p4d.confidence(result, noisy["wrapped"], amplitude).values
+    assert (faded[:, :, 20:30] < plain[:, :, 20:30] - 0.1).mean() > 0.9
 
 
-def test_unsteadiness_by_hand() -> None:
-    stack = xr.DataArray(np.zeros((2, 1, 3, 3)), dims=("time", "angle", "y", "x"))
-    stack[0, 0, 1, 1] = TURN
-    found = unsteadiness(stack).values
-    assert found[0, 0, 1, 1] == pytest.approx(6)  # the one step in time counts twice
-    assert found[0, 0, 1, 0] == pytest.approx(2)
-    assert found[0, 0, 0, 0] == 0
-    assert found[1, 0, 1, 1] == pytest.approx(2)
+def test_the_way_to_a_pixel_is_as_rough_as_its_roughest_step() -> None:
+    """A plateau behind a wall: as rough as the wall; the same a turn off: no way leads there."""
+    flat = np.zeros((1, 1, 40, 40), dtype=np.float32)
+    flat[..., 12:28, 12:28] = 2.0
+    problem = Problem(flat)
+    right = roughest_on_the_way(problem, flat)
+    assert right[0, 0, 2, 2] == 0
+    # At the wall's corners the two walls share a box: D = 4 in one of three places and 2 in two.
+    inside = right[0, 0, 14:26, 14:26]
+    assert 1 < inside.min() <= inside.max() < 4
+    off = flat.copy()
+    off[..., 12:28, 12:28] += TURN
+    assert roughest_on_the_way(problem, off)[0, 0, 14:26, 14:26].min() == 12
 
 
 def test_a_slipped_object_is_said() -> None:
     data = moving_shape("tumbling")
-    exact = data["phase"]
-    empty = exact.copy(data=find_background(data["wrapped"].values).mask)
-    assert slip_warning(exact, exact, empty) == ""
+    exact, problem = data["phase"], Problem(data["wrapped"])
+    trust = p4d.confidence(exact, data["wrapped"])
+    assert slip_warning(problem, trust) == ""
     slipped = exact.copy(deep=True)
-    slipped[4] = slipped[4] + TURN * (~empty[4])
+    slipped[4] = slipped[4] + TURN * ~problem.background().mask[4]
     slipped[2, :, 30, 30] += TURN
-    assert "in 4 of 80 frames most of the object" in slip_warning(slipped, exact, empty)
-    tie = firmness(slipped, empty)
-    assert tie.dims == ("time", "angle")
-    assert (tie[4] < tie[0]).all()
-    assert float(firmness(exact, empty).min()) > 0.7
+    trust = p4d.confidence(slipped, data["wrapped"])
+    said = slip_warning(problem, trust)
+    assert said.startswith("in 4 of 80 frames most of an object may be off by a cycle")
+    assert said.endswith("first at time 4, view 0")
 
 
-def test_a_loosely_tied_object_is_said() -> None:
-    rng = np.random.default_rng(1)
-    stack = xr.DataArray(np.zeros((4, 1, 16, 16)), dims=("time", "angle", "y", "x"))
-    inside = np.zeros(stack.shape, dtype=bool)
-    inside[:, :, 5:11, 5:11] = True
-    stack.values[inside] = rng.choice([5.0, 12.0, 20.0], inside.sum())
-    assert "few steps tie the object" in slip_warning(stack, stack, stack.copy(data=~inside))
+def test_verdict_says_what_to_use() -> None:
+    data = with_noise(moving_shape("swelling"), 0.5, seed=8)
+    found = p4d.compare(data["wrapped"], ["spatial-2d", "temporal-angular", "directional-l1"])
+    verdict = found.verdict
+    assert isinstance(verdict, Verdict)
+    assert verdict.startswith("Use WL1: ")
+    assert verdict.method == "directional-l1"
+    assert verdict.frame is not None
+    time, view = verdict.frame
+    assert f"disagree most at time {time}, view {view}" in verdict
+    turns = [np.round((r.values - data["phase"].values) / TURN) for r in found.results.values()]
+    differ = (turns[0] != turns[2]) | (turns[1] != turns[2])
+    counts = (differ & found.object_mask().values).sum((2, 3))
+    share = counts / found.object_mask().values.sum((2, 3))
+    assert share[time, view] == share.max()
+    assert verdict.disagreement_percent == pytest.approx(100 * share.max())
+    alone = p4d.compare(data["wrapped"], ["spatial-2d"]).verdict
+    assert alone.startswith("No result") or "is not safe" in alone
+    assert "WL1 would leave" in alone
+
+
+def test_verdict_names_lost_frames_and_they_are_not_trusted() -> None:
+    data = with_fault(hard_shape("ring", (48, 48), 8), "black frame", 0.2, seed=1)
+    found = p4d.compare(data["wrapped"], ["temporal-angular", "directional-l1"])
+    assert found.verdict.lost_frames == [(4, angle) for angle in range(4)]
+    assert "4 of 32 frames say nothing" in found.verdict
+    assert (found.confidence("directional-l1")[4] == 0).all()
+    assert found.results["directional-l1"].attrs["lost_frames"] == [[4, a] for a in range(4)]
+
+
+def test_one_frame_has_a_verdict() -> None:
+    found = p4d.compare(moving_shape("swelling")["wrapped"][0, 0], ["spatial-2d"])
+    assert found.verdict.startswith("2-D alone was run")
+    assert found.verdict.frame is None
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.3])

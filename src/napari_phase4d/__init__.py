@@ -9,6 +9,7 @@ The chain, in the order of use:
 - `reconstruct`: wrapped phase and amplitude;
 - `score_boundaries`: which frame is thin enough to start from;
 - `METHODS`, `unwrap`, `compare`: unwrapped phase, and methods side by side;
+- `confidence`: how far to trust each pixel of a result;
 - `Recipe`, `run`: all of it in one call;
 - `simulation`: objects with exact phase, and holograms of them.
 """
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     __version__: str
 
     from napari_phase4d import simulation
-    from napari_phase4d.evaluation import Comparison, compare
+    from napari_phase4d.evaluation import Comparison, compare, confidence
     from napari_phase4d.holography import Lobe, find_lobes, power_spectrum, reconstruct
     from napari_phase4d.io import RawLayout, open_recording, read_results, write_phase
     from napari_phase4d.optics import Optics
@@ -42,6 +43,7 @@ __all__ = [
     "Recipe",
     "Recording",
     "compare",
+    "confidence",
     "find_lobes",
     "open_recording",
     "power_spectrum",
@@ -64,6 +66,7 @@ _HOME = {
     "Recipe": "pipeline",
     "Recording": "recording",
     "compare": "evaluation",
+    "confidence": "evaluation",
     "find_lobes": "holography",
     "open_recording": "io",
     "power_spectrum": "holography",

@@ -31,6 +31,7 @@ from napari_phase4d.cli.printing import (
     print_notes,
     print_start,
     print_table,
+    print_verdict,
     write_picture,
 )
 from napari_phase4d.evaluation import (
@@ -148,3 +149,4 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     labels = outcome.comparison.table["method"]
     for method, sentence in outcome.comparison.warnings().items():
         console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
+    print_verdict(outcome)

@@ -28,6 +28,7 @@ __all__ = [
     "print_notes",
     "print_start",
     "print_table",
+    "print_verdict",
     "write_picture",
 ]
 
@@ -118,6 +119,12 @@ def print_table(frame: pd.DataFrame, title: str = "Unwrapping") -> None:
     for row in frame.itertuples(index=False):
         table.add_row(*(cell(value) for value in row))
     console.print(table)
+
+
+def print_verdict(outcome: Outcome) -> None:
+    """Say which result to use and how far; nothing where results are larger than memory."""
+    if outcome.comparison.problem is not None:
+        console.print(f"[bold]{escape(outcome.comparison.verdict)}[/bold]")
 
 
 def cell(value: object) -> str:

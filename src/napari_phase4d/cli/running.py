@@ -32,6 +32,7 @@ from napari_phase4d.cli.printing import (
     print_notes,
     print_start,
     print_table,
+    print_verdict,
 )
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
@@ -145,6 +146,8 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         with bar() as progress:
             source = hashing.result()
             written = write_outcome(outcome, folder, progress, form=form, source=source)
+        if recipe.confidence:
+            print_verdict(outcome)
     console.print(f"{counted(len(written), 'file')} written to [bold]{folder.resolve()}[/bold]")
 
 

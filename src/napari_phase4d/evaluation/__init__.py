@@ -4,10 +4,8 @@ from napari_phase4d.evaluation.comparing import compare, compare_on
 from napari_phase4d.evaluation.comparison import Comparison
 from napari_phase4d.evaluation.confidence import (
     REFERENCE,
-    confidence_of,
-    firmness,
+    confidence,
     slip_warning,
-    unsteadiness,
 )
 from napari_phase4d.evaluation.errors import (
     mean_squared_error,
@@ -29,6 +27,7 @@ from napari_phase4d.evaluation.order import (
 from napari_phase4d.evaluation.regions import polygon_mask, region_masks
 from napari_phase4d.evaluation.telling import EXACT, named_results, telling_frames
 from napari_phase4d.evaluation.traces import Traces, difference, traces
+from napari_phase4d.evaluation.verdict import Verdict
 
 __all__ = [
     "EXACT",
@@ -36,13 +35,13 @@ __all__ = [
     "Circle",
     "Comparison",
     "Traces",
+    "Verdict",
     "best_known",
     "compare",
     "compare_on",
     "comparison_figure",
-    "confidence_of",
+    "confidence",
     "difference",
-    "firmness",
     "in_memory",
     "itoh_margin",
     "look_figure",
@@ -63,7 +62,6 @@ __all__ = [
     "steps_sentence",
     "telling_frames",
     "traces",
-    "unsteadiness",
     "with_wavelength",
     "wrong_cycle_map",
     "wrong_cycle_share",

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
 
-import numpy as np
 import pandas as pd
 import xarray as xr
 
-from napari_phase4d.evaluation.confidence import REFERENCE, confidence_of, slip_warning
+from napari_phase4d.evaluation.confidence import (
+    REFERENCE,
+    chance_of_right,
+    reference_of,
+    slip_warning,
+)
 from napari_phase4d.evaluation.table import (
     OF_TRUTH,
     as_truth,
@@ -18,8 +23,9 @@ from napari_phase4d.evaluation.table import (
     errors,
     in_order,
 )
+from napari_phase4d.evaluation.verdict import Verdict, verdict_on
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import Problem, border_medians, run_method
+from napari_phase4d.unwrapping import Problem
 
 __all__ = ["Comparison"]
 
@@ -72,12 +78,9 @@ class Comparison:
             return self.results[REFERENCE]
         problem = self.needed_problem()
         try:
-            found: xr.DataArray = problem.once(
-                REFERENCE, lambda: run_method(problem, REFERENCE, progress, cancelled, {})
-            )
+            return reference_of(problem, progress, cancelled)
         finally:
             problem.forget_field()
-        return found
 
     def confidence(
         self,
@@ -85,29 +88,75 @@ class Comparison:
         progress: ProgressCall | None = None,
         cancelled: CancelledCall | None = None,
     ) -> xr.DataArray:
-        """Return how far each pixel of a method's result is to be trusted, from 0 to 1.
+        """Return the chance, from 0 to 1, that each pixel of a method's result is right.
 
-        See `napari_phase4d.evaluation.confidence_of`. The first call may unwrap by directional
-        L1, which the others are held against.
+        See `napari_phase4d.confidence`. The first call may unwrap by directional L1, which the
+        others are held against.
         """
+        return self.confidences([method], progress, cancelled)[method]
+
+    def confidences(
+        self,
+        methods: Sequence[str] | None = None,
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> dict[str, xr.DataArray]:
+        """Return `confidence` of several methods, by default all; each is computed once."""
+        problem = self.needed_problem()
         reference = self.reference(progress, cancelled)
-        amplitude = self.needed_problem().relative_amplitude
-        return confidence_of(self.results[method], reference, amplitude, self._level())
+        found = {}
+        try:
+            for method in self.results if methods is None else methods:
+                found[method] = problem.once(
+                    f"confidence of {method}",
+                    partial(
+                        chance_of_right,
+                        problem,
+                        self.results[method],
+                        reference,
+                        progress,
+                        cancelled,
+                    ),
+                )
+        finally:
+            problem.forget_field()
+        return found
 
     def warnings(self) -> dict[str, str]:
-        """Say of which methods whole objects may be a turn off, and in how many frames.
+        """Say of which methods whole objects may be a cycle off, and in how many frames.
 
         Nothing is said of results of a recording larger than memory.
         """
         if self.problem is None:
             return {}
-        problem = self.problem
-        empty = problem.result(problem.background().mask, "empty", {"units": "1"})
-        said = {
-            method: slip_warning(result, self.reference(), empty, self._level())
-            for method, result in self.results.items()
-        }
+        said = {m: slip_warning(self.problem, trust) for m, trust in self.confidences().items()}
         return {method: sentence for method, sentence in said.items() if sentence}
+
+    @property
+    def verdict(self) -> Verdict:
+        """One sentence: which result to use, how much is in doubt, where methods disagree most.
+
+        It also holds what it says as numbers, see `Verdict`. When first asked for, `confidences`
+        are computed.
+
+        Raises
+        ------
+        ValueError
+            If there is no result, or the phase was not held in memory.
+        """
+        if not self.results:
+            msg = "there is no result yet to give a verdict on; run at least one method"
+            raise ValueError(msg)
+        labels = {str(m): str(self.table["method"][m]) for m in self.results}
+        trust, problem = self.confidences(), self.needed_problem()
+        if REFERENCE not in trust:
+            reference = self.reference()
+            trust[REFERENCE] = problem.once(
+                f"confidence of {REFERENCE}",
+                lambda: chance_of_right(problem, reference, reference),
+            )
+            problem.forget_field()
+        return verdict_on(problem, self.results, trust, self.object_mask(), labels)
 
     def against(self, truth: xr.DataArray | Any) -> Comparison:
         """Return the same results, with the columns of the table that need truth for this one.
@@ -160,15 +209,11 @@ class Comparison:
         return replace(self, table=in_order(table))
 
     def object_mask(self) -> xr.DataArray:
-        """Return what of the usable field is not empty, in the form of the phase."""
+        """Return what of the usable field is not empty, in the form of the phase.
+
+        Frames that say nothing hold no object.
+        """
         problem = self.needed_problem()
-        usable = problem.usable
+        usable = problem.usable & ~problem.lost()[..., None, None]
         inside = usable & ~problem.background().mask
         return problem.result(inside if inside.any() else usable, "object", {"units": "1"})
-
-    def _level(self) -> xr.DataArray:
-        """Return the phase of the empty field of every frame, in the form of the phase."""
-        problem = self.needed_problem()
-        level = border_medians(problem.background().level, problem.first)
-        full = np.broadcast_to(level[..., None, None], problem.wrapped.shape)
-        return problem.result(full, "level", {"units": "rad"})

@@ -2,194 +2,233 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
 
-from napari_phase4d.unwrapping import ends_along
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import Problem, roughest_on_the_way, run_method
 
-__all__ = ["REFERENCE", "confidence_of", "firmness", "slip_warning", "turns_off", "unsteadiness"]
+__all__ = [
+    "REFERENCE",
+    "chance_of_right",
+    "confidence",
+    "reference_of",
+    "slip_warning",
+    "slipped_frames",
+    "support_of",
+    "turns_off",
+]
 
 TURN = 2 * np.pi
 #: The method that all others are held against.
 REFERENCE = "directional-l1"
-#: Chance that a pixel of the reference is wrong, as a logistic function of its unsteadiness in
-#: turns: where that is a half, and how fast it rises; by whether there are several times and
-#: several angles. Fitted once to the cells of `simulation.SHAPES`, noise up to 0.7 rad;
-#: ``benchmarks/accuracy.py`` prints how well it holds. A frame by itself hardly tells.
-CHANCES = {
-    (True, True): (4.7, 2.3),
-    (True, False): (4.0, 1.9),
-    (False, True): (3.4, 0.45),
-    (False, False): (1.9, 0.87),
-}
-#: Smallest share of the median amplitude that counts.
-FAINTEST = 0.05
-#: Below this firmness a whole object is held to its level by too few steps. Of 2,500 simulated
-#: frames that the reference had right, none was below.
-LOOSE = 0.7
-#: An object has slipped if this share of it differs from the reference by the same turns.
-MOST = 0.5
+#: Odds (their logarithm) that a wrap count is wrong, as a parabola in log(0.3 + b), b the roughest
+#: step in radians on the smoothest way from the empty field. Fitted once to half of the shapes,
+#: faults and sparse recordings of ``benchmarks/regimes.py``, thick ones and noisy ones among
+#: them; ``benchmarks/accuracy.py confidence`` prints how well it holds on the other half.
+ODDS = (-4.53, 2.20, 1.25)
+SOFTENING = 0.3
+#: Roughness in radians that half the median amplitude stands for, and the share of the median
+#: below which amplitude counts as no less.
+FADING, FAINTEST = 1.0, 0.05
+#: An object is one piece of a frame of at least so many pixels ...
+SMALLEST_OBJECT = 30
+#: ... and may have slipped if at least this share of it is trusted less than so much.
+MOST, FIRM = 0.5, 0.6
 
 Stack = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 
-def unsteadiness(unwrapped: xr.DataArray) -> xr.DataArray:
-    """Return the sum of the steps to all neighbours over time, angle, y and x, in turns.
-
-    Where a neighbour is missing the step to the other side counts twice, so that pixels at the
-    border compare with the others.
-
-    Parameters
-    ----------
-    unwrapped : xarray.DataArray
-        Unwrapped phase in radians; dims among (time, angle, y, x).
-    """
-    values = unwrapped.values
-    total = np.zeros(values.shape, dtype=np.float32)
-    for axis in range(values.ndim):
-        if values.shape[axis] < 2:
-            continue
-        step = np.abs(np.diff(values, axis=axis)) / np.float32(TURN)
-        ends = [(int(i == axis), int(i == axis)) for i in range(values.ndim)]
-        padded = np.pad(step, ends, mode="edge")
-        n = values.shape[axis]
-        total += padded.take(range(n), axis) + padded.take(range(1, n + 1), axis)
-    return unwrapped.copy(data=total)
-
-
-def confidence_of(
-    result: xr.DataArray,
-    reference: xr.DataArray,
-    amplitude: xr.DataArray | None = None,
-    level: xr.DataArray | float = 0.0,
+def confidence(
+    unwrapped: xr.DataArray | ArrayLike,
+    phase: xr.DataArray | ArrayLike,
+    amplitude: xr.DataArray | ArrayLike | None = None,
+    *,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
 ) -> xr.DataArray:
-    """Return the chance, from 0 to 1, that each pixel has the right number of turns.
+    """Return the chance, from 0 to 1, that each pixel of a result has the right wrap count.
 
-    For the reference itself, a result of directional L1, it falls with `unsteadiness`; an unknown
-    amplitude counts as full. Any other method is as likely right as the reference where both
-    agree, and as likely wrong where they do not.
+    Each wrap count is judged by the way that leads to it: of all ways from the empty field over
+    time, angle, y and x along steps that agree with the result, the one whose roughest step is
+    smoothest. Where a result differs from directional L1, both ways compete. So it also falls
+    where a whole object has slipped: then no smooth way leads into it, or a smoother one
+    contradicts it.
 
     Parameters
     ----------
-    result : xarray.DataArray
-        Unwrapped phase of any method, radians.
-    reference : xarray.DataArray
-        Unwrapped phase of directional L1 on the same grid; may be ``result`` itself.
-    amplitude : xarray.DataArray, optional
-        Amplitude on the same grid as a share of its median; half of it counts as one turn.
-    level : xarray.DataArray or float, optional
-        Phase of the empty field of every frame, whose drift is no step of the object.
+    unwrapped : DataArray or array_like
+        Unwrapped phase of any method in radians, as `unwrap` returns it.
+    phase : DataArray or array_like
+        The wrapped phase that it was made of, same shape.
+    amplitude : DataArray or array_like, optional
+        Amplitude of the field, same shape; where it fades, less is trusted.
+    progress, cancelled : callable, optional
+        See `unwrap`.
 
     Returns
     -------
     xarray.DataArray
-        float32 on the grid of the result.
+        float32 in the form of the phase; 0 in frames that say nothing of the object.
+
+    Raises
+    ------
+    ValueError
+        If the shapes differ, or an argument does not fit.
+    Cancelled
+        If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    compare : Several methods; its ``confidence`` and ``verdict`` use the same.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> sample = p4d.simulation.swimming_euglena((48, 64), 4, peak_rad=9)
+    >>> unwrapped = p4d.unwrap(sample["wrapped"], "spatial-2d")
+    >>> trust = p4d.confidence(unwrapped, sample["wrapped"])
+    >>> bool((trust >= 0).all() and (trust <= 1).all())
+    True
     """
-    score = unsteadiness(without_level(reference, level)).values
-    several = [reference.sizes.get(dim, 1) > 1 for dim in ("time", "angle")]
-    even, slope = CHANCES[several[0], several[1]]
-    if amplitude is not None:
-        share = np.clip(amplitude.values, FAINTEST, 1)
-        score = score + (1 / share - 1).astype(np.float32)
-    wrong = 1 / (1 + np.exp(-slope * (score - even)))
-    differs = turns_off(result, reference) != 0
-    confidence = np.where(differs, wrong, 1 - wrong).astype(np.float32)
-    found = result.copy(data=confidence)
-    found.attrs = {"of": result.attrs.get("method", ""), "units": "1"}
-    return found.rename("confidence")
+    problem = Problem(phase, amplitude=amplitude)
+    values = unwrapped if isinstance(unwrapped, xr.DataArray) else np.asarray(unwrapped)
+    if values.shape != problem.template.shape:
+        msg = f"the unwrapped phase is {values.shape}, but the wrapped is {problem.template.shape}"
+        raise ValueError(msg)
+    if not isinstance(values, xr.DataArray):
+        values = problem.template.copy(data=values)
+    values = values.transpose(*problem.template.dims)
+    reference = reference_of(problem, progress, cancelled)
+    return chance_of_right(problem, values, reference, progress, cancelled)
 
 
-def without_level(unwrapped: xr.DataArray, level: xr.DataArray | float) -> xr.DataArray:
-    """Return phase less the level of each frame; what a mask set to 0 stays 0."""
-    if isinstance(level, float):
-        return unwrapped
-    steady = unwrapped.values - level.transpose(*unwrapped.dims, missing_dims="ignore").values
-    masked = (unwrapped.values == 0) & (unwrapped.attrs.get("mask", "none") != "none")
-    return unwrapped.copy(data=np.where(masked, 0, steady).astype(np.float32))
+def reference_of(
+    problem: Problem,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.DataArray:
+    """Return the result of directional L1 on a problem, computed once."""
+    return problem.once(REFERENCE, lambda: run_method(problem, REFERENCE, progress, cancelled, {}))
 
 
-def turns_off(result: xr.DataArray, reference: xr.DataArray) -> NDArray[np.float32]:
+def chance_of_right(
+    problem: Problem,
+    result: xr.DataArray,
+    reference: xr.DataArray,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.DataArray:
+    """Return `confidence` of a result, where the problem and the reference are at hand.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    result, reference : DataArray
+        Unwrapped phase in the form of the problem's; the reference is that of directional L1.
+    progress, cancelled : callable, optional
+        See `unwrap`.
+    """
+    own = support_of(problem, result, progress, cancelled)
+    other = problem.once("support", lambda: support_of(problem, reference, progress, cancelled))
+    differs = in_full(problem, turns_off(result, reference)) != 0
+    same = ~differs
+    best = np.where(same, np.minimum(own, other), own)
+    weight, rival = odds_of_right(best), odds_of_right(other)
+    chance = weight / (1 + weight + np.where(differs, rival, 0))
+    chance[problem.lost()] = 0
+    found = problem.result(
+        chance.astype(np.float32), "confidence", {"of": result.attrs.get("method", "")}
+    )
+    found.attrs["units"] = "1"
+    return found
+
+
+def support_of(
+    problem: Problem,
+    result: xr.DataArray,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Stack:
+    """Return the roughest step in radians on the smoothest way to each pixel of a result.
+
+    Faint amplitude counts as roughness.
+    """
+    values = in_full(problem, result.values)
+    if result.attrs.get("mask", "none") != "none":
+        values = np.where(values == 0, np.float32(np.nan), values)  # taken for empty field
+    rough = roughest_on_the_way(problem, values, progress, cancelled)
+    if problem.amplitude is not None:
+        share = np.clip(problem.amplitude, FAINTEST, 1)
+        rough = (rough + FADING * (1 / share - 1)).astype(np.float32)
+    return rough
+
+
+def odds_of_right(rough: Stack) -> Stack:
+    """Return the odds, right to wrong, of a wrap count whose way is so rough in radians."""
+    x = np.log(SOFTENING + rough)
+    odds: Stack = np.exp(-(ODDS[0] + ODDS[1] * x + ODDS[2] * x * x))
+    return odds
+
+
+def in_full(problem: Problem, values: NDArray[Any]) -> NDArray[Any]:
+    """Return values in the form of a problem's phase with all four axes."""
+    return values.reshape(problem.wrapped.shape)
+
+
+def turns_off(result: xr.DataArray, reference: xr.DataArray) -> Stack:
     """Return by how many whole turns two results differ; 0 where one of them was masked."""
-    off: Stack = np.round((result.values - reference.values) / np.float32(TURN))
+    off: Stack = np.nan_to_num(np.round((result.values - reference.values) / np.float32(TURN)))
     for stack in (result, reference):
         if stack.attrs.get("mask", "none") != "none":
             off = np.where(stack.values == 0, np.float32(0), off)
     return off
 
 
-def slip_warning(
-    result: xr.DataArray,
-    reference: xr.DataArray,
-    empty: xr.DataArray,
-    level: xr.DataArray | float = 0.0,
-) -> str:
-    """Say in one sentence in which frames the whole object may be off by a turn; "" if in none.
+def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
+    """Mark the frames (time, angle) in which most of an object may be off by the same cycles.
 
     Parameters
     ----------
-    result, reference : xarray.DataArray
-        See `confidence_of`.
-    empty : xarray.DataArray of bool
-        The empty field.
-    level : xarray.DataArray or float, optional
-        See `confidence_of`.
+    problem : Problem
+        What was unwrapped.
+    trust : DataArray
+        What `confidence` gave.
     """
-    turns = turns_off(result, reference)
-    objects = xr.DataArray(np.where(empty.values, np.nan, turns), dims=result.dims)
-    with np.errstate(invalid="ignore"):
-        off = [(objects == n).sum(("y", "x")) for n in np.unique(turns) if n != 0]
-        count = objects.notnull().sum(("y", "x"))
-        slipped = np.any([(o > MOST * count).values for o in off], axis=0) if off else False
-    n_slipped, n_frames = int(np.sum(slipped)), int(count.size)
-    if n_slipped:
-        return (
-            f"in {n_slipped} of {n_frames} frames most of the object lies a turn off "
-            "the result of WL1"
-        )
-    loose = int(np.sum(firmness(without_level(result, level), empty).values < LOOSE))
-    if loose:
-        return (
-            f"in {loose} of {n_frames} frames few steps tie the object to its level; "
-            "all of it may be a turn off there"
-        )
-    return ""
-
-
-def firmness(unwrapped: xr.DataArray, empty: xr.DataArray) -> xr.DataArray:
-    """Return how firmly the object of each frame is tied to its level, from -1 to 1.
-
-    Of all steps from the object to the empty field round it, and to the same pixels at the
-    neighbouring times and angles, the share that is less than half a turn, minus the share that
-    is not.
-
-    Parameters
-    ----------
-    unwrapped : xarray.DataArray
-        Unwrapped phase in radians; dims among (time, angle, y, x).
-    empty : xarray.DataArray of bool
-        The empty field, same dims.
-
-    Returns
-    -------
-    xarray.DataArray
-        The dims without y and x; NaN where nothing is tied.
-    """
-    phase, background = unwrapped.values, empty.values
-    held, total = np.zeros(phase.shape), np.zeros(phase.shape)
-    for axis, dim in enumerate(unwrapped.dims):
-        if phase.shape[axis] < 2:
+    wrong = in_full(problem, trust.values) < FIRM
+    objects = problem.usable & ~problem.background().mask
+    found = np.zeros(wrong.shape[:2], dtype=bool)
+    for frame in np.argwhere(~problem.lost()):
+        place = tuple(frame)
+        labels, count = ndimage.label(objects[place])
+        if not count:
             continue
-        head, tail = ends_along(axis, phase.ndim)
-        small = np.abs(phase[tail] - phase[head]) < np.pi
-        tie = ~background[head] & ~background[tail]
-        if dim in ("y", "x"):
-            tie = background[head] != background[tail]
-        for side in (head, tail):
-            held[side] += tie & small
-            total[side] += tie
-    sums = [xr.DataArray(v, dims=unwrapped.dims).sum(("y", "x")) for v in (held, total)]
-    found = 2 * sums[0] / sums[1].where(sums[1] > 0) - 1
-    return found.assign_coords(
-        {d: unwrapped.coords[d] for d in found.dims if d in unwrapped.coords}
+        size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+        bad = np.bincount(labels[wrong[place]], minlength=count + 1)[1:]
+        found[place] = bool(((size >= SMALLEST_OBJECT) & (bad >= MOST * size)).any())
+    return found
+
+
+def slip_warning(problem: Problem, trust: xr.DataArray) -> str:
+    """Say in one sentence in which frames whole objects may have slipped; "" if in none.
+
+    Parameters
+    ----------
+    problem, trust
+        See `slipped_frames`.
+    """
+    slipped = slipped_frames(problem, trust)
+    count = int(slipped.sum())
+    if not count:
+        return ""
+    time, angle = np.argwhere(slipped)[0]
+    return (
+        f"in {count} of {slipped.size} frames most of an object may be off by a cycle, "
+        f"first at time {time}, view {angle}"
     )

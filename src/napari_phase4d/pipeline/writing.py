@@ -90,7 +90,7 @@ def write_outcome(
     written += [table, outcome.recipe.to_file(folder / "recipe.json")]
     if outcome.recipe.confidence:
         # Only now: what has been found by then is not lost if this fails.
-        trust = {m: comparison.confidence(m, progress, cancelled) for m in comparison.results}
+        trust = comparison.confidences(None, progress, cancelled)
         written += write({f"confidence_{method}": stack for method, stack in trust.items()})
         write_table(table, comparison.with_doubt(trust).table)
     return written

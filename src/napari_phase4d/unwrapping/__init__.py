@@ -9,6 +9,7 @@ from napari_phase4d.unwrapping.boundaries import (
     scores_of_some,
     scores_sentence,
 )
+from napari_phase4d.unwrapping.directional.support import roughest_on_the_way
 from napari_phase4d.unwrapping.ends import both_ends, ends_along
 from napari_phase4d.unwrapping.flow import loop_sums
 from napari_phase4d.unwrapping.four_d import ORDERS
@@ -51,6 +52,7 @@ __all__ = [
     "label_of",
     "loop_sums",
     "noted",
+    "roughest_on_the_way",
     "run_method",
     "score_boundaries",
     "scores_of_some",

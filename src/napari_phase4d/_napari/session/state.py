@@ -74,6 +74,8 @@ class State:
         #: How far to trust each result, and what to say of whole objects: method id -> it.
         self.confidence: dict[str, xr.DataArray] = {}
         self.warnings: dict[str, str] = {}
+        #: Which result to use and how far to trust it, in words; "" until that is known.
+        self.verdict = ""
         #: Seconds that these methods will take, about, once it is known.
         self.estimate: tuple[tuple[str, ...], float] | None = None
         #: How the last search for the focus ended, see `autofocus`.
@@ -306,7 +308,7 @@ class State:
     def take_outcome(self, outcome: Outcome | None) -> None:
         """Take results, and forget what was made of others."""
         self.outcome, self.margin, self.measured = outcome, None, None
-        self.confidence, self.warnings = {}, {}
+        self.confidence, self.warnings, self.verdict = {}, {}, ""
 
     def recalibrate(self, recording: Recording) -> None:
         """Take the same frames with other optics or times; all else gets the new scale."""

@@ -34,6 +34,9 @@ class CompareStep(Step):
 
     def build(self) -> None:
         """Make the widgets."""
+        self.verdict = self.text("", "verdict")
+        self.verdict.setVisible(False)
+        self.column.addWidget(self.verdict)
         self._build_views()
         self.tabs = LowTabs()
         self.tabs.setObjectName("compare_tabs")
@@ -52,6 +55,13 @@ class CompareStep(Step):
         self.session.recording_changed.connect(self._show_choices)
         self.session.reconstruction_changed.connect(self._show_choices)
         self.session.truth_changed.connect(self._show_choices)
+        self.session.outcome_changed.connect(self._show_verdict)
+        self.session.confidence_changed.connect(self._show_verdict)
+
+    def _show_verdict(self) -> None:
+        """Say which result to use, as soon as it is known."""
+        self.verdict.setText(self.session.verdict)
+        self.verdict.setVisible(bool(self.session.verdict))
 
     def _build_views(self) -> None:
         self.side_by_side = self.button(

@@ -16,6 +16,8 @@ from napari_phase4d.evaluation import (
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 
+Judged = tuple[dict[str, xr.DataArray], dict[str, str], str, Comparison]
+
 __all__ = ["plan_confidence", "plan_margin", "plan_truth"]
 
 
@@ -84,24 +86,22 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
     """
     outcome = state.needed_outcome()
 
-    def work(
-        progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> tuple[dict[str, xr.DataArray], dict[str, str], Comparison]:
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Judged:
         comparison = outcome.comparison
-        watch = Watch(len(comparison.results) + 1, "weighing", progress, cancelled)
-        maps = {}
-        for method in comparison.results:
-            maps[method] = comparison.confidence(method, None, cancelled)
-            watch.step()
+        watch = Watch(3, "weighing", progress, cancelled)
+        maps = comparison.confidences(None, None, cancelled)
+        watch.step()
         warnings = comparison.warnings()
         watch.step()
-        return maps, warnings, comparison.with_doubt(maps)
+        verdict = comparison.verdict
+        watch.step()
+        return maps, warnings, verdict, comparison.with_doubt(maps)
 
-    def receive(found: tuple[dict[str, xr.DataArray], dict[str, str], Comparison]) -> None:
+    def receive(found: Judged) -> None:
         now = state.outcome
         if now is None or now.comparison.results is not outcome.comparison.results:
             raise Changed
-        state.confidence, state.warnings, judged = found
+        state.confidence, state.warnings, state.verdict, judged = found
         if now.comparison is not outcome.comparison:  # another truth was chosen meanwhile
             judged = now.comparison.with_doubt(state.confidence)
         state.outcome = replace(now, comparison=judged)
