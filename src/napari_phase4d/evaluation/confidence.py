@@ -38,7 +38,7 @@ FADING, FAINTEST = 1.0, 0.05
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
 #: ... and may have slipped if at least this share of it is trusted less than so much.
-MOST, FIRM = 0.5, 0.6
+MOST, FIRM = 0.5, 0.5
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]

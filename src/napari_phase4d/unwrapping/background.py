@@ -53,6 +53,8 @@ NOISE_ONLY, NOISIER = 0.85, 0.15
 STEEPEST, TILTS = 8.0, 21
 #: ... and are taken off where so much more of the border lies level then.
 WORTH_A_TILT = 0.08
+#: ... and this share of it altogether: a slope may also be that of a cell at the border.
+WHOLE = 0.9
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -323,7 +325,7 @@ def levels(
         if near < (1 - WORTH_A_TILT) * len(values):
             y, x = np.nonzero(clear)
             found = tilt_of(values, y - (shape[0] - 1) / 2, x - (shape[1] - 1) / 2, within)
-            if found[2] > near + WORTH_A_TILT * len(values):
+            if found[2] > max(near + WORTH_A_TILT * len(values), WHOLE * edge.sum()):
                 level[frame], tilt[frame], near = found
         share[frame] = near / edge.sum()
     return level, tilt, share > BORDER_SHARE

@@ -27,6 +27,8 @@ TURN = np.float32(2 * np.pi)
 MARGIN = 3
 #: An island of the empty field that takes at least this share of the frame holds its level.
 FIELD_SHARE = 0.05
+#: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
+FIRM = -0.268
 #: From this noise in radians on it is averaged out.
 NOISY = 0.1
 
@@ -121,7 +123,7 @@ class Field:
         How frames were moved.
     nodes : ndarray of int, shape of the phase
         Node of every pixel of the moved frames. The pixels of an island of the empty field in one
-        frame share one; 0 is held, and is the largest island of every frame.
+        frame share one; 0 is the island that is held.
     n_islands : int
         How many nodes are islands of the empty field; they come first.
     steps : Steps
@@ -171,7 +173,7 @@ def prepare(problem: Problem, watch: Watch) -> Field:
 
 def graph(frames: Frames, shifts: NDArray[np.intp]) -> Field:
     """Make a node of every pixel of the object and every island of the empty field."""
-    islands, n_islands = islands_of(frames.empty, frames.start)
+    islands, n_islands, fields = islands_of(frames.empty, frames.start)
     islands = moved(islands, shifts)
     usable = moved(np.ascontiguousarray(frames.usable), shifts)
     empty = islands >= 0
@@ -198,6 +200,7 @@ def graph(frames: Frames, shifts: NDArray[np.intp]) -> Field:
         left,
         frames.start[0],
     )
+    steps = with_ties(steps, fields)
 
     def of_nodes(stack: Stack, on_islands: float) -> Stack:
         return np.concatenate([np.full(n_islands, on_islands, dtype=np.float32), stack[free]])
@@ -214,34 +217,58 @@ def graph(frames: Frames, shifts: NDArray[np.intp]) -> Field:
     )
 
 
-def islands_of(empty: Mask, first: tuple[int, int]) -> tuple[NDArray[np.int32], int]:
+def islands_of(
+    empty: Mask, first: tuple[int, int]
+) -> tuple[NDArray[np.int32], int, NDArray[np.int32]]:
     """Give the islands of the empty field numbers, frame by frame; -1 elsewhere.
 
-    The largest island of every frame is 0, if it takes enough of the frame to be sure that it is
-    the field: the level of a frame then hangs on nothing else. So is the largest of the boundary
-    frame, or of all if that has none. There is always one number at least, even where no pixel
-    has it.
+    The largest one of the boundary frame is 0; else, or if that frame has none, the largest of
+    all. There is always one number at least, even where no pixel has it.
+
+    Returns
+    -------
+    found : ndarray of int, shape of the mask
+        The number of each pixel's island.
+    count : int
+        How many there are.
+    fields : ndarray of int
+        The largest island of every frame, where it takes enough of it to be the field.
     """
     found = np.full(empty.shape, -1, dtype=np.int32)
-    count, held = 0, np.zeros(0, dtype=np.intp)
+    count, fields = 0, []
     for frame in np.ndindex(*empty.shape[:2]):
         labels, n = ndimage.label(empty[frame])
         found[frame] = np.where(labels > 0, labels - 1 + count, -1)
         sizes = np.bincount(labels.ravel(), minlength=n + 1)[1:]
         if n and sizes.max() >= FIELD_SHARE * labels.size:
-            held = np.append(held, count + int(np.argmax(sizes)))
+            fields.append(count + int(np.argmax(sizes)))
         count += n
     if count == 0:
-        return found, 1
+        return found, 1, np.zeros(0, dtype=np.int32)
     in_first = found[first]
     asked = in_first if (in_first >= 0).any() else found
-    held = np.append(held, int(np.argmax(np.bincount(asked[asked >= 0]))))
-    number = np.ones(count + 1, dtype=np.int32)
-    number[held] = 0
-    number[-1] = 0  # where nothing is empty
-    number = np.where(number > 0, np.cumsum(number), 0).astype(np.int32)
-    number[-1] = -1
-    return number[found], int(number.max()) + 1
+    largest = int(np.argmax(np.bincount(asked[asked >= 0])))
+    swap = np.arange(count + 1, dtype=np.int32)
+    swap[-1] = -1  # where nothing is empty
+    swap[[0, largest]] = swap[[largest, 0]]
+    return swap[found], count, swap[np.array(fields, dtype=np.intp)]
+
+
+def with_ties(steps: Steps, fields: NDArray[np.int32]) -> Steps:
+    """Add steps that hold the empty field of every frame at the level of the first one.
+
+    The level of a frame hangs on its own empty field then, not on its neighbours; but not
+    beyond doubt, since a plateau inside a cell may be taken for the field.
+    """
+    others = fields[fields != 0]
+    none = np.zeros(len(others), dtype=np.int32)
+    return Steps(
+        np.concatenate([steps.first, none]),
+        np.concatenate([steps.second, others]),
+        np.concatenate([steps.turns, none]),
+        np.concatenate([steps.size, none.astype(np.float32)]),
+        np.concatenate([steps.roughness, np.full(len(others), FIRM, dtype=np.float32)]),
+    )
 
 
 def box_of(objects: Mask) -> Box:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
+from napari_phase4d.unwrapping.ends import ends_along
 from napari_phase4d.unwrapping.growing import Workspace
 from napari_phase4d.unwrapping.spatial import unwrap_frame
 
@@ -13,9 +15,12 @@ __all__ = ["link_map"]
 TURN = np.float32(2 * np.pi)
 #: Changes that stay below this many radians everywhere can't have passed half a turn unseen.
 SURE = 2.0
+#: A part is lowered if its tears are more than its mends by this share of its edge.
+CLEARLY = 0.2
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Whole = NDArray[np.int32]
 
 
 def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
@@ -48,5 +53,50 @@ def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
         turns = np.round((whole - wrapped) / TURN)
         ground = bare[frame] & known
         level = np.round(np.median(turns[ground if ground.any() else known]))
-        found[frame] = np.where(known, wrapped + TURN * (turns - level), wrapped)
+        turns = np.where(known, turns - level, 0).astype(np.int32)
+        if turns.any():
+            found[frame] = wrapped + TURN * without_tears(wrapped, turns)
     return found
+
+
+def without_tears(wrapped: Stack, turns: Whole) -> Whole:
+    """Return turns of a map (y, x) without those parts that tear it more than they mend.
+
+    Where a map is noisy at a rim, its unwrapping may lift all that lies inside by a turn. The
+    edge of such a part is mostly made of tears, steps that were small before; that of a part
+    whose change has truly passed half a turn is mostly made of steps that are small only now.
+    """
+    rows, columns = (np.flatnonzero(turns.any(axis=axis)) for axis in (1, 0))
+    box = (
+        slice(max(rows[0] - 1, 0), rows[-1] + 2),
+        slice(max(columns[0] - 1, 0), columns[-1] + 2),
+    )
+    inside, kept = wrapped[box], turns.copy()
+    asked = [jumps_of(inside, axis) for axis in (0, 1)]
+    for side in (1, -1):
+        for level in range(int((side * turns).max()), 0, -1):
+            part = kept[box]
+            labels, count = ndimage.label(side * part >= level)
+            torn, edge = np.zeros(count + 1), np.zeros(count + 1)
+            for axis in (0, 1):
+                head, tail = ends_along(axis, 2)
+                a, b = labels[head], labels[tail]
+                jump = side * (part[tail] - part[head] - asked[axis])
+                # What an edge of the map would cost less if the part at its end were lowered.
+                torn += np.bincount(
+                    b.ravel(), ((a != b) * (np.abs(jump) - np.abs(jump - 1))).ravel(), count + 1
+                )
+                torn += np.bincount(
+                    a.ravel(), ((a != b) * (np.abs(jump) - np.abs(jump + 1))).ravel(), count + 1
+                )
+                edge += np.bincount(b.ravel(), (a != b).ravel(), count + 1)
+                edge += np.bincount(a.ravel(), (a != b).ravel(), count + 1)
+            down = torn > CLEARLY * edge
+            down[0] = False
+            part -= np.int32(side) * down[labels]
+    return kept
+
+
+def jumps_of(wrapped: Stack, axis: int) -> Whole:
+    """Return the turns that the steps of a wrapped map ask for along an axis."""
+    return -np.round(np.diff(wrapped, axis=axis) / TURN).astype(np.int32)

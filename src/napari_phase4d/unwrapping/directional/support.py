@@ -52,7 +52,7 @@ def roughest_on_the_way(
     worst = np.full(len(turns), NO_WAY, dtype=np.float32)
     merge_in_order(np.argsort(rough), first, second, rough, worst)
     everywhere = field.at_all_times(moved(worst[field.nodes], -field.shifts))
-    return np.minimum(everywhere, np.float32(NO_WAY))
+    return np.clip(everywhere, np.float32(0), np.float32(NO_WAY))
 
 
 def turns_of_nodes(field: Field, problem: Problem, unwrapped: Stack) -> Whole:
