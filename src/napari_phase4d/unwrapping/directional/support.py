@@ -11,6 +11,7 @@ from napari_phase4d.unwrapping.directional.field import Field
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registration import moved
+from napari_phase4d.unwrapping.spatial import border_medians
 
 __all__ = ["roughest_on_the_way"]
 
@@ -40,7 +41,7 @@ def roughest_on_the_way(
     problem : Problem
         What was unwrapped.
     unwrapped : ndarray of shape (time, angle, y, x)
-        A result of any method, radians.
+        A result of any method, radians; NaN counts as empty field.
     progress, cancelled : callable, optional
         See `unwrap`.
     """
@@ -58,15 +59,17 @@ def roughest_on_the_way(
 def turns_of_nodes(field: Field, problem: Problem, unwrapped: Stack) -> Whole:
     """Return the wrap count of every node in a result, relative to each frame's empty field."""
     background = problem.background()
-    level = background.ground(background.level)
+    level = background.ground(border_medians(background.level, problem.first))
     kept = field.frames.kept
     steady = (unwrapped - level)[kept]
     turns = np.round((moved(steady, field.shifts) - field.phase) / TURN)
-    turns = np.nan_to_num(turns).astype(np.int32)
-    empty = moved(field.frames.empty, field.shifts)
+    known = np.isfinite(turns)
+    turns = np.where(known, turns, 0).astype(np.int32)
+    empty = moved(field.frames.empty, field.shifts) & known
     for frame in np.ndindex(*turns.shape[:2]):
         if empty[frame].any():
-            turns[frame] -= np.int32(np.median(turns[frame][empty[frame]]))
+            off = np.int32(np.median(turns[frame][empty[frame]]))
+            turns[frame] -= off * known[frame]
     found = np.zeros(len(field.values), dtype=np.int32)
     found[field.nodes] = turns
     found[: field.n_islands] = 0
