@@ -14,7 +14,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from regimes import regimes
 from scipy.stats import rankdata
+from tables import heading, line
 
 import napari_phase4d as p4d
 from napari_phase4d.simulation import (
@@ -51,16 +53,6 @@ def turns_off(result: xr.DataArray, exact: xr.DataArray) -> np.ndarray:
 def error(result: xr.DataArray, exact: xr.DataArray) -> float:
     """Return the squared error in rad^2 that wrong turns make; exact phase has the same noise."""
     return float(CYCLE * np.mean(turns_off(result, exact) ** 2))
-
-
-def heading(words: str, columns: str) -> None:
-    names = columns.split()
-    print(f"\n{words}\n\n| {' | '.join(names)} |\n|{'---|' * len(names)}", flush=True)
-
-
-def line(*cells: object) -> None:
-    shown = (f"{c:.4f}" if isinstance(c, float) else str(c) for c in cells)
-    print(f"| {' | '.join(shown)} |", flush=True)
 
 
 def ideal() -> None:
@@ -275,7 +267,7 @@ def boundaries() -> None:
     print(f"\nFewest wrong pixels: {sum(right)} of {len(right)} ({share:.1f} %); {each}")
 
 
-QUESTIONS = (ideal, optics, crops, confidence, boundaries)
+QUESTIONS = (ideal, optics, crops, confidence, boundaries, regimes)
 
 
 def main() -> None:

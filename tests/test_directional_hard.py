@@ -1,0 +1,334 @@
+"""The project's own methods where unwrapping is hard, and the parts that are for it.
+
+Bounds are near what is measured: ``python3 dev.py accuracy regimes`` prints more of it.
+"""
+
+from __future__ import annotations
+
+import math
+from functools import lru_cache
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy import ndimage
+
+import napari_phase4d as p4d
+from helpers import measured
+from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
+from napari_phase4d.unwrapping.background import (
+    find_background,
+    lost_frames,
+    plane,
+    tilt_of,
+    turned,
+)
+from napari_phase4d.unwrapping.directional.boxes import box_mean, change_on_both_sides, known_mean
+from napari_phase4d.unwrapping.directional.filtering import along_slope
+from napari_phase4d.unwrapping.directional.links import link_map
+from napari_phase4d.unwrapping.directional.steps import follow_steps
+
+TURN = 2 * np.pi
+WL1 = "directional-l1"
+RNG_SEED = 5
+
+
+@lru_cache(maxsize=16)
+def object_(name: str) -> xr.Dataset:
+    """Return an object seen from two sides; that is enough, and quick."""
+    shape = hard_shape if name in ("growing wall", "lamella", "ring") else moving_shape
+    return shape(name, angles_deg=(0.0, 6.0))
+
+
+def error(found: xr.DataArray, truth: xr.DataArray, empty: np.ndarray) -> float:
+    """Return the squared error of wrong turns, each frame relative to its empty field.
+
+    Frames in which the truth is NaN are left out.
+    """
+    off = np.round((found.values - truth.values) / TURN)
+    for frame in np.ndindex(*off.shape[:2]):
+        if np.isfinite(off[frame]).any():
+            off[frame] -= np.nanmedian(off[frame][empty[frame]])
+    return float(TURN**2 * np.nanmean(off**2))
+
+
+def error_of(data: xr.Dataset, empty: np.ndarray, method: str = WL1) -> float:
+    return error(p4d.unwrap(data["wrapped"], method), data["phase"], empty)
+
+
+def empty_of(exact: xr.Dataset) -> np.ndarray:
+    return np.abs(exact["phase"].values) < 0.05
+
+
+def stack_of(phase: np.ndarray, noise: float = 0.0, seed: int = RNG_SEED) -> xr.Dataset:
+    """Return exact phase, with noise, and what is seen of it."""
+    noisy = phase + noise * np.random.default_rng(seed).normal(size=phase.shape)
+    exact = xr.DataArray(noisy.astype(np.float32), dims=("time", "angle", "y", "x"))
+    return xr.Dataset({"phase": exact, "wrapped": exact.copy(data=turned(exact.values))})
+
+
+# ---- recordings -----------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "most"), [("vacuole", 0.001), ("dividing", 1.8)])
+def test_a_pause(name: str, most: float) -> None:
+    """Daughters that have parted in between are not all found again."""
+    exact = object_(name)
+    data = with_fault(exact, "pause")
+    assert error_of(data, empty_of(data)) <= most
+
+
+LOST = {
+    "black frame": [[10, 0], [10, 1]],
+    "constant frame": [[10, 0], [10, 1]],
+    "noise-only frame": [[10, 0], [10, 1]],
+    "two black frames": [[10, 0], [10, 1], [11, 0], [11, 1]],
+    "black view": [[10, 1]],
+    "noise-only view": [[10, 1]],
+}
+
+
+@pytest.mark.parametrize("fault", LOST)
+def test_a_lost_frame_is_named_and_spoils_no_other(fault: str) -> None:
+    exact = object_("vacuole")
+    data = with_fault(exact, fault, 0.3, seed=RNG_SEED)
+    found = p4d.unwrap(data["wrapped"], WL1)
+    assert found.attrs["lost_frames"] == LOST[fault]
+    assert error(found, data["phase"], empty_of(exact)) <= 0.001
+
+
+def test_a_frame_without_numbers_stays_without() -> None:
+    exact = object_("vacuole")
+    data = with_noise(exact, 0.3, seed=RNG_SEED)
+    data["wrapped"].values[7] = np.nan
+    found = p4d.unwrap(data["wrapped"], WL1)
+    assert found.attrs["lost_frames"] == [[7, 0], [7, 1]]
+    assert np.isnan(found.values[7]).all()
+    others = np.arange(20) != 7
+    assert np.isfinite(found.values[others]).all()
+    kept = data["phase"].isel(time=others)
+    assert error(found.isel(time=others), kept, empty_of(exact)[others]) <= 0.001
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_wall_that_grows_through_a_turn(noise: float) -> None:
+    """A disc rises to 8 rad inside a cell, within one pixel."""
+    y, x = np.mgrid[-24:24, -24:24]
+    cell = 3 * np.sqrt(np.maximum(1 - (y**2 + x**2) / 17**2, 0))
+    disc = np.hypot(y + 2, x - 2) < 6
+    frames = [cell + 8 * s * disc for s in np.linspace(0, 1, 20)]
+    phase = np.stack([np.stack(frames)] * 2, axis=1)
+    data, empty = stack_of(phase, noise), phase < 0.01
+    best = min(error_of(data, empty, m) for m in ("spatial-2d", "temporal", "temporal-angular"))
+    assert error_of(data, empty) <= 0.001
+    assert error_of(data, empty) <= best
+
+
+@pytest.mark.parametrize("fault", ["tilt per frame", "level per frame", "jump of level"])
+def test_every_frame_has_its_own_level_and_tilt(fault: str) -> None:
+    exact = object_("vacuole")
+    data = with_fault(exact, fault, 0.3, seed=RNG_SEED)
+    assert error_of(data, empty_of(exact)) <= 0.001
+    assert "lost_frames" not in p4d.unwrap(data["wrapped"], WL1).attrs
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_a_sparse_time_lapse(noise: float) -> None:
+    """Two cells change by up to 7 rad and move by some pixels from frame to frame."""
+    y, x = np.mgrid[:48, :48]
+    peaks = np.array([[3.0, 8], [9, 2], [4, 9], [11, 3]])
+    places = np.array([[(14, 14), (32, 34)], [(17, 13), (30, 37)], [(13, 16), (35, 33)],
+                       [(16, 18), (32, 30)]])  # fmt: skip
+    phase = np.zeros((4, 1, 48, 48))
+    for t, cell in np.ndindex(4, 2):
+        cy, cx = places[t, cell]
+        phase[t, 0] += peaks[t, cell] * np.exp(-((y - cy) ** 2 + (x - cx) ** 2) / 40)
+    data, empty = stack_of(phase, noise), phase < 0.05
+    assert error_of(data, empty) <= 0.001
+    assert error_of(data, empty, "temporal") > 0.1
+
+
+@pytest.mark.parametrize("fault", ["dead pixels", "hot pixels"])
+def test_dead_pixels(fault: str) -> None:
+    exact = object_("ring")
+    data = with_fault(exact, fault, 0.5, seed=RNG_SEED)
+    assert error_of(data, empty_of(exact)) <= 0.001
+
+
+@pytest.mark.parametrize(("name", "most"), [("lamella", 0.015), ("vacuole", 0.003)])
+def test_much_noise(name: str, most: float) -> None:
+    data = with_noise(object_(name), 0.7, seed=RNG_SEED)
+    assert error_of(data, empty_of(object_(name))) <= most
+
+
+def test_a_recording_turned_round_gives_the_same_turned_round() -> None:
+    values = with_noise(object_("ring"), 0.5, seed=RNG_SEED)["wrapped"].values
+    plain = p4d.unwrap(values, WL1, boundary=(0, 0)).values
+    for turn in (
+        lambda v: v[..., ::-1],
+        lambda v: v[..., ::-1, :],
+        lambda v: np.swapaxes(v, 2, 3),
+        np.negative,
+    ):
+        there = np.ascontiguousarray(turn(values))
+        back = turn(p4d.unwrap(there, WL1, boundary=(0, 0)).values)
+        assert int((np.abs(back - plain) > np.pi).sum()) <= 3
+
+
+# ---- lost frames, level and tilt ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", ["vacuole", "ring"])
+@pytest.mark.parametrize("noise", [0.0, 0.02, 0.7])
+def test_no_honest_frame_counts_as_lost(name: str, noise: float) -> None:
+    assert not lost_frames(with_noise(object_(name), noise, seed=1)["wrapped"].values).any()
+
+
+def test_empty_frames_without_noise_before_and_after_a_cell_are_none_of_the_lost() -> None:
+    values = object_("vacuole")["wrapped"].values.copy()
+    values[:4] = 0
+    values[-2:] = 0
+    assert not lost_frames(values).any()
+    values[8] = 0
+    assert lost_frames(values).any(axis=1).nonzero()[0].tolist() == [8]
+
+
+def test_noise_everywhere_loses_no_frame() -> None:
+    rng = np.random.default_rng(0)
+    assert not lost_frames(rng.uniform(-np.pi, np.pi, (4, 2, 32, 32)).astype(np.float32)).any()
+
+
+@pytest.mark.measured
+def test_no_measured_frame_counts_as_lost() -> None:
+    rec = p4d.open_recording(measured("multiplexed/mux2_timelapse_t00-29.npz"))
+    wrapped = p4d.reconstruct(rec, p4d.find_lobes(rec, 2))["phase"].values
+    assert len(wrapped) == 30
+    assert not lost_frames(wrapped).any()
+
+
+@pytest.mark.parametrize("rises", [(0.0, 0.0), (1.3, -0.7), (-5.1, 3.3)])
+def test_the_plane_of_a_border_is_found(rises: tuple[float, float]) -> None:
+    """Three quarters of the values lie on it, the rest anywhere."""
+    rng = np.random.default_rng(2)
+    y, x = (rng.uniform(-30, 30, 400) for _ in range(2))
+    values = 0.8 + rises[0] / 60 * y + rises[1] / 60 * x + 0.1 * rng.normal(size=400)
+    values[:100] = rng.uniform(-np.pi, np.pi, 100)
+    level, tilt, near = tilt_of(turned(values).astype(np.float64), y, x, 0.5)
+    assert abs(math.remainder(level - 0.8, TURN)) < 0.03
+    np.testing.assert_allclose(tilt * 60, rises, atol=0.1)
+    assert 300 <= near <= 340
+
+
+def test_tilts_are_taken_off_where_they_are_and_nowhere_else() -> None:
+    exact = object_("vacuole")
+    flat = find_background(with_noise(exact, 0.2, seed=1)["wrapped"].values)
+    assert not flat.tilt.any()
+    tilt = np.array([[0.05, -0.03]])
+    values = turned(exact["phase"].values + plane(tilt, (64, 64)))
+    found = find_background(values)
+    np.testing.assert_allclose(found.tilt, np.broadcast_to(tilt, found.tilt.shape), rtol=0.005)
+
+
+# ---- averages, links and followed steps -----------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.complex64])
+@pytest.mark.parametrize("axes", [(0, 1, 2, 3), (2, 3), (0,)])
+def test_box_mean_is_that_of_scipy(kind: type, axes: tuple[int, ...]) -> None:
+    rng = np.random.default_rng(3)
+    values = rng.normal(size=(5, 2, 7, 6)).astype(kind)
+    if kind is np.complex64:
+        values += 1j * rng.normal(size=values.shape).astype(np.float32)
+    sizes = [3 if axis in axes and n >= 3 else 1 for axis, n in enumerate(values.shape)]
+    expected = ndimage.uniform_filter(values, sizes, mode="reflect")
+    np.testing.assert_allclose(box_mean(values.copy(), axes), expected, atol=2e-6)
+    known = rng.random(values.shape) < 0.7
+    share = ndimage.uniform_filter(known.astype(np.float32), sizes, mode="reflect")
+    expected = ndimage.uniform_filter(values * known, sizes, mode="reflect")
+    found = known_mean((values * known).astype(kind), known, axes)
+    np.testing.assert_allclose(found, expected / np.maximum(share, 1e-3), atol=1e-4)
+
+
+def test_changes_on_both_sides_by_their_formula() -> None:
+    rng = np.random.default_rng(4)
+    step = rng.normal(size=(1, 1, 1, 6)).astype(np.float32)
+    g = step.ravel()
+    valid = np.array([1, 1, 1, 0, 1, 0], dtype=bool).reshape(step.shape)
+    found = change_on_both_sides(step, 3, valid).ravel()
+    before, after = abs(g[1] - g[0]), abs(g[2] - g[1])
+    expected = [2 * before, before + after, 2 * after, 0, 2 * abs(g[4]), 0]
+    np.testing.assert_allclose(found, np.square(expected), rtol=1e-5)
+
+
+def moving_ramp() -> np.ndarray:
+    """Return a plane that rises along x and y and with time, many turns in all."""
+    t, a, y, x = np.ogrid[:12, :2, :32, :32]
+    return 0.9 * x - 0.6 * y + 1.1 * t + 0.4 * a
+
+
+def test_noise_is_averaged_out_along_the_slope_without_bias() -> None:
+    exact, noise = moving_ramp(), 0.5
+    data = stack_of(exact, noise)["wrapped"].values
+    yes, none = np.ones(exact.shape, bool), np.zeros(exact.shape, np.int8)
+    found, left = along_slope(data, yes, none, noise)
+    inside = (slice(1, -1), slice(None), slice(2, -2), slice(2, -2))
+    rest = turned(found - exact)[inside]
+    before = turned(data - exact)[inside]
+    assert rest.std() < 0.35 * before.std()
+    assert abs(rest.mean() - before.mean()) < 0.005
+    # What it says is left is what is left.
+    assert np.sqrt(left[inside].mean()) * noise == pytest.approx(rest.std(), rel=0.35)
+
+
+def test_no_average_over_what_does_not_count_or_is_no_neighbour() -> None:
+    exact, noise = moving_ramp(), 0.3
+    data = stack_of(exact, noise)["wrapped"].values
+    yes, none = np.ones(exact.shape, bool), np.zeros(exact.shape, np.int8)
+    valid = yes.copy()
+    valid[..., 16:] = False
+    found, left = along_slope(data, valid, none, noise)
+    np.testing.assert_array_equal(found[..., 16:], data[..., 16:])
+    np.testing.assert_array_equal(left[..., 16:], 1)
+    # Beyond a seam lies another level, which does not leak.
+    seams = none.copy()
+    seams[..., 16:] = 1
+    level = np.where(seams > 0, np.float32(2), np.float32(0))
+    parted, _ = along_slope(data, yes, seams, noise)
+    lifted, _ = along_slope(turned(data + level), yes, seams, noise)
+    np.testing.assert_allclose(turned(lifted - parted - level), 0, atol=1e-5)
+
+
+def test_changes_beyond_half_a_turn_are_found_as_a_map() -> None:
+    y, x = np.mgrid[-20:20, -20:20]
+    change = np.stack([h * np.exp(-(y**2 + x**2) / 80) for h in (1.5, 5.0, -9.0)])[:, None]
+    inside = np.ones(change.shape, bool)
+    bare = np.abs(change) < 0.01
+    found = link_map(turned(change), inside, bare)
+    np.testing.assert_allclose(found, change, atol=1e-5)
+    # Small changes stay as they are, and so does what does not count.
+    rough = np.random.default_rng(0).uniform(-1.9, 1.9, change.shape).astype(np.float32)
+    np.testing.assert_array_equal(link_map(rough, inside, bare), rough)
+    inside[..., 25:] = False
+    part = link_map(turned(change), inside, bare)
+    np.testing.assert_array_equal(part[..., 25:], turned(change)[..., 25:])
+    np.testing.assert_allclose(part[..., :25], change[..., :25], atol=1e-5)
+
+
+@pytest.mark.parametrize("start", [0, 5])
+def test_a_step_is_followed_from_where_it_is_small(start: int) -> None:
+    """It grows away from the start, to more than a turn."""
+    times = np.abs(np.arange(12) - start)
+    step = np.broadcast_to((1.1 * times)[:, None, None, None], (12, 1, 6, 6)).astype(np.float32)
+    yes = np.ones(step.shape, bool)
+    rough = np.zeros(step.shape, np.float32)
+    followed, doubt = follow_steps(turned(step), rough, yes, ~yes, 0.0, None, start)
+    np.testing.assert_allclose(followed, step, atol=1e-5)
+    # Its changes on the way are its doubt.
+    np.testing.assert_allclose(doubt[start], 0)
+    np.testing.assert_allclose(doubt[np.arange(12) != start], 2.2, rtol=1e-4)
+    # What was not seen in between can't be followed.
+    valid = yes.copy()
+    valid[start + 2] = False
+    doubt = follow_steps(turned(step), rough, valid, ~yes, 0.0, None, start)[1]
+    assert np.isinf(doubt[start + 2 :]).all()
+    assert np.isfinite(doubt[: start + 2]).all()
