@@ -275,7 +275,7 @@ def regimes() -> None:
 def symmetry() -> None:
     """Print how many pixels of a result change with what must not matter."""
     heading(
-        "Pixels that differ if the recording is turned round and the result back: most of any shape",
+        "Pixels that differ if a recording is turned round and its result back: most of any shape",
         "noise pixels mirror transpose sign order-of-views time",
     )
 

@@ -30,6 +30,7 @@ MAKERS = {
     ("moving", "moving_picture"): ("window",),
     ("results", "figures_of_the_paper"): ("figure_2", "figure_4"),
     ("results", "figure_of_the_own_method"): ("figure_own",),
+    ("results", "figure_of_a_pause"): ("pause",),
     ("results", "figure_of_refocusing"): ("refocusing",),
     ("figure_1", "figure_1"): ("figure_1",),
     ("itoh", "figure_of_itoh"): ("itoh",),

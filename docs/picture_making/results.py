@@ -17,12 +17,14 @@ import napari_phase4d as p4d
 from napari_phase4d.evaluation import comparison_figure
 from napari_phase4d.holography import Demodulator, Focus, Lobe, autofocus, propagate
 from napari_phase4d.reproduction import reproduce, write_reproduction
-from napari_phase4d.simulation import budding_yeast, with_noise
+from napari_phase4d.simulation import budding_yeast, moving_shape, with_fault, with_noise
 from picture_making.saving import PICTURES, save_figure, save_image
 
 #: A measured hologram, which is not part of the repository.
 MEASURED = Path(os.environ.get("PHASE4D_MEASURED", PICTURES.parents[2] / "shared" / "data"))
 PARAMECIUM = MEASURED / "offaxis/paramecium_oa_oof.npz"
+#: The last frame before the pause of a paused recording, and the first after it.
+BOTH_SIDES = (3, 4)
 
 
 def figures_of_the_paper(wanted: set[str]) -> None:
@@ -44,6 +46,36 @@ def figure_of_the_own_method(wanted: set[str]) -> None:
     # Pixels as they are: shades between the colours of noise would make a large file.
     with rc_context({"image.interpolation": "nearest"}):
         figure = comparison_figure({"exact": data["phase"], **columns}, frames)
+    save_figure(figure, *wanted)
+
+
+def figure_of_a_pause(wanted: set[str]) -> None:
+    """Show the frames on both sides of a pause, and who is off by how many turns after it."""
+    data = with_fault(moving_shape("vacuole"), "pause")
+    exact, wrapped = data["phase"][:, 0], data["wrapped"][:, 0]
+    figure = Figure(figsize=(9.5, 6.2), layout="constrained")
+    axes = figure.subplots(2, 3)
+    for axis, time, words in zip(
+        axes[0], BOTH_SIDES, ("before the pause", "after it"), strict=False
+    ):
+        drawn = axis.imshow(wrapped[time], cmap="twilight", vmin=-np.pi, vmax=np.pi)
+        axis.set_title(f"wrapped phase {words}", fontsize=10)
+    figure.colorbar(drawn, ax=axes[0, 1], label="rad", shrink=0.8)
+    before, after = BOTH_SIDES
+    drawn = axes[0, 2].imshow(exact[after] - exact[before], cmap="viridis")
+    axes[0, 2].set_title("exact change in between", fontsize=10)
+    figure.colorbar(drawn, ax=axes[0, 2], label="rad", shrink=0.8)
+    for axis, method in zip(
+        axes[1], ("spatial-2d", "temporal-angular", "directional-l1"), strict=True
+    ):
+        found = p4d.unwrap(data["wrapped"], method)[:, 0]
+        off = np.round((found - exact)[after] / (2 * np.pi))
+        drawn = axis.imshow(off, cmap="RdBu_r", vmin=-3, vmax=3)
+        axis.set_title(f"{p4d.METHODS[method].label}, after it", fontsize=10)
+    figure.colorbar(drawn, ax=axes[1, 2], ticks=range(-3, 4), label="turns off", shrink=0.8)
+    for axis in axes.flat:
+        axis.set_xticks([])
+        axis.set_yticks([])
     save_figure(figure, *wanted)
 
 
