@@ -242,7 +242,11 @@ def test_trust_and_suggestion_by_clicks(viewer, dock, click) -> None:
     trust = dock.session.confidence["spatial-2d"]
     inside = dock.session.outcome.comparison.object_mask().values.astype(bool)
     assert doubtful == f"{100 * (trust.values < 0.5)[inside].mean():.3g}"
-    assert "most of the object" in dock.compare.figures.table.item(0, 0).toolTip()
+    assert dock.compare.verdict.isVisible()
+    assert dock.compare.verdict.text() == dock.session.outcome.comparison.verdict
+    assert dock.compare.verdict.text().startswith("Use WL1: ")
+    assert "most of an object may be off" in dock.compare.figures.table.item(0, 0).toolTip()
     click("run")
     assert dock.session.confidence == {}
     assert dock.session.warnings == {}
+    assert dock.session.verdict == ""

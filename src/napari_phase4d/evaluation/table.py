@@ -11,7 +11,15 @@ import xarray as xr
 
 from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
 
-__all__ = ["OF_TRUTH", "as_truth", "doubtful_percent", "errors", "in_order", "table_of"]
+__all__ = [
+    "DOUBTFUL",
+    "OF_TRUTH",
+    "as_truth",
+    "doubtful_percent",
+    "errors",
+    "in_order",
+    "table_of",
+]
 
 #: Columns of the table that need truth.
 OF_TRUTH = ("mse_rad2", "wrong_cycles_percent")

@@ -50,7 +50,7 @@ SOME_NOISE = 1e-3
 #: the others by so much. Pure noise measures 0.95.
 NOISE_ONLY, NOISIER = 0.85, 0.15
 #: Tilts are looked for up to so many radians from side to side, on a grid of so many ...
-STEEPEST, TILTS = 8.0, 21
+STEEPEST, TILTS = 3.0, 9
 #: ... and are taken off where so much more of the border lies level then.
 WORTH_A_TILT = 0.08
 #: ... and this share of it altogether: a slope may also be that of a cell at the border.

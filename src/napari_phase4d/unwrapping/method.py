@@ -64,6 +64,9 @@ class Method:
         than memory. Only methods of this program do: it counts as False for those of packages.
     package : str
         Name and version of the package that brought it; empty for those of this program.
+    leaves_out : bool
+        Whether frames that say nothing are left out; its results then list them as
+        ``attrs["lost_frames"]``.
     """
 
     label: str
@@ -73,5 +76,6 @@ class Method:
     options: tuple[Option, ...] = ()
     working_stacks: float = 5.0
     finds_object: bool = False
+    leaves_out: bool = False
     streams: bool = False
     package: str = ""

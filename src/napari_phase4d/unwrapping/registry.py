@@ -153,6 +153,7 @@ BUILT_IN: dict[str, Method] = {
         directional_growing,
         working_stacks=50.0,
         finds_object=True,
+        leaves_out=True,
     ),
     "directional-l1": Method(
         "WL1",
@@ -169,6 +170,7 @@ BUILT_IN: dict[str, Method] = {
         ),
         working_stacks=45.0,
         finds_object=True,
+        leaves_out=True,
     ),
 }
 

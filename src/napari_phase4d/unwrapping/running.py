@@ -110,9 +110,8 @@ def run_method(
         mask="auto" if problem.finds_mask else "given" if not problem.usable.all() else "none",
         amplitude=problem.amplitude is not None,
     )
-    lost = np.argwhere(problem.lost()).tolist() if problem.n_frames > 1 else []
-    if lost:
-        attrs["lost_frames"] = lost
+    if METHODS[method].leaves_out and problem.lost().any():
+        attrs["lost_frames"] = np.argwhere(problem.lost()).tolist()
     return problem.result(values, method, attrs)
 
 

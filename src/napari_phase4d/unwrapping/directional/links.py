@@ -29,7 +29,8 @@ def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
     A change of more than half a turn between two frames can't be told from a smaller one at any
     single pixel. As a map it can: it is zero on the empty field and rises from there. So where
     changes come near half a turn, the map is unwrapped over y and x like a frame, and its level
-    is that of the empty field.
+    is that of the empty field. Where no empty field is in view the level can't be known, and the
+    changes stay wrapped.
 
     Parameters
     ----------
@@ -46,13 +47,12 @@ def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
     found, work = step.copy(), Workspace()
     for frame in np.ndindex(*step.shape[:2]):
         wrapped, known = step[frame], inside[frame]
-        largest = np.abs(wrapped).max(initial=0, where=known)
-        if largest <= SURE:
+        ground = bare[frame] & known
+        if not ground.any() or np.abs(wrapped).max(initial=0, where=known) <= SURE:
             continue
         whole, _ = unwrap_frame(wrapped, known, work=work)
         turns = np.round((whole - wrapped) / TURN)
-        ground = bare[frame] & known
-        level = np.round(np.median(turns[ground if ground.any() else known]))
+        level = np.round(np.median(turns[ground]))
         turns = np.where(known, turns - level, 0).astype(np.int32)
         if turns.any():
             found[frame] = wrapped + TURN * without_tears(wrapped, turns)

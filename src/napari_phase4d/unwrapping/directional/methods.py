@@ -13,7 +13,7 @@ from napari_phase4d.unwrapping.directional.steps import fading
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.sharing import FIELD
 
-__all__ = ["directional_growing", "directional_l1"]
+__all__ = ["directional_growing", "directional_l1", "prepared"]
 
 TURN = np.float32(2 * np.pi)
 Stack = NDArray[np.float32]
