@@ -32,9 +32,6 @@ REFERENCE = "directional-l1"
 #: them; ``benchmarks/accuracy.py confidence`` prints how well it holds on the other half.
 ODDS = (-4.53, 2.20, 1.25)
 SOFTENING = 0.3
-#: Roughness in radians that half the median amplitude stands for, and the share of the median
-#: below which amplitude counts as no less.
-FADING, FAINTEST = 1.0, 0.05
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
 #: ... and may have slipped if at least this share of it is trusted less than so much.
@@ -158,16 +155,12 @@ def support_of(
 ) -> Stack:
     """Return the roughest step in radians on the smoothest way to each pixel of a result.
 
-    Faint amplitude counts as roughness.
+    Faint amplitude counts as roughness, as it does in the steps.
     """
     values = in_full(problem, result.values)
     if result.attrs.get("mask", "none") != "none":
         values = np.where(values == 0, np.float32(np.nan), values)  # taken for empty field
-    rough = roughest_on_the_way(problem, values, progress, cancelled)
-    if problem.amplitude is not None:
-        share = np.clip(problem.amplitude, FAINTEST, 1)
-        rough = (rough + FADING * (1 / share - 1)).astype(np.float32)
-    return rough
+    return roughest_on_the_way(problem, values, progress, cancelled)
 
 
 def odds_of_right(rough: Stack) -> Stack:

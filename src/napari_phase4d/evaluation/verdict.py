@@ -15,7 +15,7 @@ from napari_phase4d.unwrapping import METHODS, Problem
 __all__ = ["Verdict", "disagreement", "verdict_on"]
 
 #: A result in which more of the object than this share is in doubt is not safe.
-SAFE = 0.05
+SAFE = 0.1
 #: Results count as equally good if their shares in doubt differ by less than this.
 ALIKE = 1e-3
 
