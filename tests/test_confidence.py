@@ -77,7 +77,10 @@ def test_faint_pixels_are_doubted(noisy: xr.Dataset) -> None:
     amplitude[:, :, 20:30] = 0.2
     plain = p4d.confidence(result, noisy["wrapped"], xr.ones_like(amplitude)).values
     faded = p4d.confidence(result, noisy["wrapped"], amplitude).values
-    assert (faded[:, :, 20:30] < plain[:, :, 20:30] - 0.1).mean() > 0.9
+    # Nothing hangs on how the empty field is reached.
+    inside = noisy["phase"].values[:, :, 20:30] > 2
+    assert inside.sum() > 1000
+    assert (faded[:, :, 20:30] < plain[:, :, 20:30] - 0.1)[inside].mean() > 0.9
 
 
 def test_the_way_to_a_pixel_is_as_rough_as_its_roughest_step() -> None:
