@@ -1,231 +1,513 @@
-"""Telling the views from the beats.
+"""Telling the views from the beats, counting them, and knowing how sure that is.
 
 With n sample beams and one reference, every pair of beams leaves a peak: n sample-reference
 terms, which are the views, and n (n - 1) / 2 sample-sample terms, the *beats*, at the differences
-of the carriers. Geometry can't tell them apart: of three peaks p, q and p - q each is the
-difference of the other two, as if any beam could be the reference. Physics can:
+of the views' carriers. Geometry alone can't tell them apart: of three peaks p, q and p - q each is
+the difference of the other two, as if any beam could be the reference. Physics nearly always can:
 
-* strength: the reference is usually the strongest beam, so a beat, the product of the two weaker
-  ones, is the weakest of the three;
+* the edge of the pupil: the lobe of a view ends sharply at the pupil's radius, that of a beat, the
+  correlation of two pupils, fades out to twice of it;
+* shape: views of one object resemble each other, in how much of their power lies at the carrier
+  and how far the rest spreads;
+* power: the reference is usually the strongest beam, so that beats are weaker than views; and
+  what each pair of views and their beat say of the reference's power must agree;
 * steadiness: the sample beams share their way through the microscope and the reference does not,
-  so what the arms drift against each other moves the views and leaves the beat at rest;
-* consistency: the beat is the product of two whole views, S1 R* times (S2 R*)*, divided by |R|^2,
-  which is smooth because the reference did not pass the object. Taken the other way round, a view
-  is the product of the other view and the beat divided by |S|^2, which is not smooth; and the
-  beat, which reaches twice as far as the pupil, has been cut off.
+  so what the arms drift against each other moves the views and leaves the beats at rest;
+* bookkeeping: views and their beats explain all peaks that are no ghosts.
 
-`choose_views` adds the three, in decibels, for every choice of n peaks. They seldom disagree;
-where they do, the user sees all peaks on screen and moves the circles.
+Each choice of peaks, with the half plane that each view truly lies in, gets a score that is linear
+in these clues, and a softmax over all choices makes it a chance. The weights were fitted to random
+simulated recordings (`benchmarks/layouts.py`). Where a sample beam is as smooth as the reference,
+no clue is left, and the chance says so.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from typing import Protocol, TypeVar
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
+from scipy.special import gammaincinv
 
-from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrapped_distance
+from napari_phase4d.holography.lobes import MAX_VIEWS, pair_distance
+from napari_phase4d.holography.peaks import PLAIN, Half, Peak, Spectrum, half_plane
 
-__all__ = ["choose_views", "count_views"]
+__all__ = ["Choice", "Clues", "choices", "clues_of", "most_likely"]
 
-#: Peaks that are considered at all; three views leave six.
-MAX_CANDIDATES = 14
-#: What one decibel of each clue counts.
-STRENGTH_WEIGHT, CONSISTENCY_WEIGHT, STEADINESS_WEIGHT = 1.0, 2.5, 1.0
-#: Bonus in dB for each peak that is explained as a beat of the chosen views.
-EXPLAINED_BONUS = 3.0
-#: No single clue may outvote the others by more than this many dB.
-CLUE_LIMIT = 12.0
-#: Radius of the disks that are compared, as a share of the smallest gap between them.
-LOOK_SHARE = 0.4
-#: Noise of the comparison: misfits below this are equal.
-LEAST_MISFIT = 1e-3
-#: Phase wander from frame to frame (rad) below which steadiness says nothing.
-WANDER_FLOOR_RAD = 0.05
+#: Lobes are looked at on a spectrum of about so many pixels across.
+COARSE = 256
+#: Width of the rings in which a lobe's profile is taken, in cycles per pixel, and their number.
+RING, RINGS = 1 / COARSE, 80
+#: Radii, in rings, at which the pupil's edge is looked for, and the rings on either side of it.
+EDGES = np.arange(5, 60)
+INSIDE, NEAR = 5, 4
+#: A mean over fewer pixels says nothing.
+ENOUGH = 4
+#: Variance of the logarithm of power that is noise: pi^2 / 6.
+LOG_VARIANCE = np.pi**2 / 6
+#: Power within so many rings of the carrier is not scattered; farther than so many not counted.
+CORE, FAR = 3, 31
+#: Phase wander from frame to frame (rad) below which steadiness says nothing; frames it takes.
+WANDER_FLOOR_RAD, ENOUGH_FRAMES = 0.05, 4
+#: No single clue of power or steadiness outvotes the others by more than this (log of a ratio).
+MOST_POWER, MOST_WANDER = 3.0, 2.0
+#: What a beat that lies on another view counts, next to one that is seen.
+HIDDEN = 0.5
+#: A peak so much stronger (log of a ratio: 6 dB) has structure of its own round it.
+MUCH_STRONGER = np.log(4)
+#: Carriers of two views lie farther apart than this, in cycles per pixel.
+LEAST_APART = 0.06
+#: Sets of n - 1 views that are tried with one more.
+KEPT = 600
 
+#: What the clues count, in the order of `Clues.table`. They were fitted, but for the last three,
+#: which few of the simulated recordings need.
+WEIGHTS = np.array(
+    [10.3, -1.5, 2.49, 2.27, 1.0, 0.32, 1.89, -7.86, -3.9, -0.9, -2.02, -0.89, -2.5, -1.0, -4.0]
+)
+#: The same for the number of views: of those clues, and what `Clues.tally` adds.
+COUNT_WEIGHTS = np.array(
+    [
+        *(2.83, -0.94, 0.26, 0.47, 0.14, 0.64, 0.67, -2.03, -0.11, -5.49, -4.33),
+        *(0.26, -1.59, -0.98, 2.63, -0.29, 1.57, -0.43, -3.13, 1.02, 0.95, 0.15),
+    ]
+)
 
-#: Views are weaker than the strongest by less than this (10 dB), where they are to be counted.
-SIMILAR = 0.1
-
-
-class HasCarrier(Protocol):
-    """What a candidate must tell."""
-
-    @property
-    def carrier(self) -> tuple[float, float]:
-        """Carrier (ky, kx) in cycles per pixel."""
-
-    @property
-    def power(self) -> float:
-        """Power at the carrier."""
-
-
-P = TypeVar("P", bound=HasCarrier)
-
-
-def choose_views(
-    peaks: Sequence[P],
-    n_views: int,
-    frames: Sequence[NDArray[np.float32]],
-) -> list[P]:
-    """Return the n peaks that are most likely views.
-
-    Parameters
-    ----------
-    peaks : sequence
-        Candidates, strongest first, at least ``n_views``.
-    n_views : int
-        How many to choose.
-    frames : sequence of ndarray
-        The frames, for their drift and for the strength of the beams.
-    """
-    candidates = list(peaks[:MAX_CANDIDATES])
-    if n_views == 1 or len(candidates) == n_views:
-        return candidates[:n_views]
-    strength = [10 * np.log10(p.power / candidates[0].power) for p in candidates]
-    height, width = frames[0].shape
-    tolerance = max(3 / min(height, width), 0.006)
-    triples = beat_triples([p.carrier for p in candidates], tolerance)
-    if not triples:
-        return candidates[:n_views]
-    unsteady = STEADINESS_WEIGHT * clipped(decibels(phase_wander(candidates, frames)))
-    frame = frames[len(frames) // 2]
-    evidence = {
-        t: CONSISTENCY_WEIGHT * consistency([candidates[i].carrier for i in t], frame)
-        for t in triples
-    }
-
-    def score(chosen: tuple[int, ...]) -> float:
-        total = STRENGTH_WEIGHT * sum(strength[i] for i in chosen)
-        found: dict[int, float] = {}
-        for a, b, c in triples:
-            if a in chosen and b in chosen and c not in chosen:
-                clue = evidence[a, b, c] + float(min(unsteady[a], unsteady[b]) - unsteady[c])
-                found[c] = max(found.get(c, -np.inf), EXPLAINED_BONUS + clue)
-        return float(total + sum(found.values()))
-
-    best = max(itertools.combinations(range(len(candidates)), n_views), key=score)
-    return [candidates[i] for i in best]
+Values = NDArray[np.float64]
+Indices = NDArray[np.intp]
 
 
-def count_views(peaks: Sequence[P], shape: tuple[int, int]) -> int:
-    """Return how many views there are: the fewest peaks of which all others are beats.
-
-    Peaks that are weaker than the strongest by more than 10 dB don't count. Of the frames alone
-    this can't be told for certain: two views whose sum or difference is a third view count as
-    two.
+@dataclass(frozen=True)
+class Choice:
+    """One way to read the peaks: which are views.
 
     Parameters
     ----------
-    peaks : sequence
-        Candidates, strongest first; ghosts have been left out.
-    shape : tuple of int
-        Height and width of the frames.
+    views : tuple of int
+        Peaks that are views.
+    mirrored : tuple of bool
+        Which of them lie at the conjugate of their peak, up to all of them together: there the
+        beats tell.
+    chance : float
+        Chance from 0 to 1 that these are the views, if there are so many.
+    beats_seen : bool
+        Whether a peak that is no ghost was seen at the beat of any two of them.
+    tally : ndarray
+        What is left over and what is missing, for the number of views.
     """
-    strong = [p for p in peaks[:MAX_CANDIDATES] if p.power >= SIMILAR * peaks[0].power]
-    triples = beat_triples([p.carrier for p in strong], max(3 / min(shape), 0.006))
-    everything = set(range(len(strong)))
-    for n_views in range(1, min(len(strong), MAX_VIEWS) + 1):
-        for chosen in itertools.combinations(range(len(strong)), n_views):
-            beats = {c for a, b, c in triples if a in chosen and b in chosen}
-            if everything <= beats | set(chosen):
-                return n_views
-    return min(len(strong), MAX_VIEWS)
+
+    views: tuple[int, ...]
+    mirrored: tuple[bool, ...]
+    chance: float
+    beats_seen: bool
+    tally: Values
 
 
-def beat_triples(
-    carriers: Sequence[tuple[float, float]], tolerance: float
-) -> list[tuple[int, int, int]]:
-    """Return all (a, b, c) where carrier c is the difference or sum of a and b, up to its sign."""
-    found = []
-    for a, b in itertools.combinations(range(len(carriers)), 2):
-        for sign in (1, -1):
-            beat = np.add(carriers[a], np.multiply(sign, carriers[b]))
-            for c, carrier in enumerate(carriers):
-                if c not in (a, b) and pair_distance(beat, carrier) < tolerance:
-                    found.append((a, b, c))
-    return found
+@dataclass(frozen=True)
+class Clues:
+    """What each peak shows, and where each pair of peaks would have its beat.
+
+    Parameters
+    ----------
+    power, width, core, wander : ndarray of shape (peak,)
+        Logarithms of the power, the width of the lobe, the share of its power at the carrier, and
+        the wander of its phase from frame to frame.
+    edge, sharp : ndarray of shape (peak, radius)
+        How much the power falls at a radius: as a logarithm, and as its significance next to the
+        fall on either side.
+    distance : ndarray of shape (1 + peak, peak)
+        Of zero and of each peak from every peak or its conjugate, in cycles per pixel.
+    ghost : ndarray of bool
+        Whether a peak is a ghost.
+    beat : ndarray of shape (peak, peak, 2)
+        The peak at the difference, and at the sum, of two carriers; -1 for none.
+    """
+
+    power: Values
+    width: Values
+    core: Values
+    wander: Values
+    edge: Values
+    sharp: Values
+    distance: Values
+    ghost: NDArray[np.bool_]
+    beat: Indices
+
+    def __len__(self) -> int:
+        return len(self.power)
+
+    @cached_property
+    def relative(self) -> Values:
+        """Power of each peak relative to the strongest."""
+        found: Values = np.exp(self.power - self.power.max())
+        return found
+
+    def beats_of(self, views: Indices, mirrored: Indices) -> Indices:
+        """Return for each set (set, n) the peaks at the beats of its pairs, -1 for none."""
+        pairs = list(itertools.combinations(range(views.shape[1]), 2))
+        if not pairs:
+            return np.zeros((len(views), 0), dtype=np.intp)
+        found = [
+            self.beat[views[:, a], views[:, b], (mirrored[:, a] != mirrored[:, b]).astype(int)]
+            for a, b in pairs
+        ]
+        return np.stack(found, axis=1)
+
+    def table(self, views: Indices, mirrored: Indices) -> Values:
+        """Return the clues of each set (set, n) as a table (set, clue)."""
+        beats = self.beats_of(views, mirrored)
+        within, explained = members(views, len(self)), members(beats, len(self))
+        explained &= ~within
+        number = explained.sum(1)
+        some = number > 0
+        each = np.maximum(number, 1)
+
+        def apart(values: Values) -> Values:
+            """Return by how much views lie above beats."""
+            difference = values[views].mean(1) - explained @ values / each
+            return np.where(some, difference, 0.0)
+
+        def over_beats(values: Values) -> Values:
+            """Return at each radius the mean of views less half that of beats."""
+            above: Values = (within @ values) / views.shape[1]
+            above -= 0.5 * (explained @ values) / each[:, None]
+            return above
+
+        edge = over_beats(self.edge)
+        radius = RING * EDGES[edge.argmax(1)]
+        left_over = ~within & ~explained & ~self.ghost
+        left_over &= ~self._structure(views, within, explained, radius)
+        weaker, balance = self._powers(views, beats)
+        return np.stack(
+            [
+                (number + HIDDEN * self._hidden(views, beats)) / max(beats.shape[1], 1),
+                np.log1p(100 * (left_over @ self.relative)),
+                edge.max(1),
+                over_beats(self.sharp).max(1),
+                self.power[views].mean(1) - self.power.max(),
+                weaker,
+                np.clip(apart(self.wander), -MOST_WANDER, MOST_WANDER),
+                apart(np.exp(self.core)),
+                apart(self.width),
+                self.core[views].std(1),
+                self.width[views].std(1),
+                balance,
+                self._overshadowed(views, radius),
+                (self.relative[views] < PLAIN).sum(1),
+                self.ghost[views].sum(1),
+            ],
+            axis=1,
+        )
+
+    def _structure(
+        self,
+        views: Indices,
+        within: NDArray[np.bool_],
+        beats: NDArray[np.bool_],
+        radius: Values,
+    ) -> NDArray[np.bool_]:
+        """Return which peaks are structure of a stronger lobe of each set, (set, peak).
+
+        A view reaches as far as the pupil, a beat and the zero order twice as far.
+        """
+        found: NDArray[np.bool_] = self.distance[0] < 2 * radius[:, None]
+        for side in views.T:
+            near = self.distance[1:][side] < radius[:, None]
+            found |= near & (self.power < self.power[side][:, None])
+        for peak in range(len(self)):
+            near = self.distance[1 + peak] < 2 * radius[:, None]
+            found |= near & beats[:, peak, None] & (self.power < self.power[peak])
+        found &= ~within
+        return found
+
+    def _hidden(self, views: Indices, beats: Indices) -> Indices:
+        """Return how many beats of each set lie on one of its own views."""
+        found: Indices = (beats[:, :, None] == views[:, None, :]).any(2).sum(1)
+        return found
+
+    def _overshadowed(self, views: Indices, radius: Values) -> Values:
+        """Return how many views of each set lie within the lobe of a much stronger peak."""
+        count = np.zeros(len(views))
+        for side in views.T:
+            near = self.distance[1:][side] < np.maximum(radius, LEAST_APART)[:, None]
+            stronger = self.power > self.power[side][:, None] + MUCH_STRONGER
+            count += (near & stronger).any(1)
+        return count
+
+    def _powers(self, views: Indices, beats: Indices) -> tuple[Values, Values]:
+        """Return by how much beats are weaker than their views, and how much pairs disagree.
+
+        A beat has the power of its views, multiplied, over that of the reference.
+        """
+        none = np.zeros(len(views))
+        if not beats.shape[1]:
+            return none, none
+        first, second = zip(*itertools.combinations(range(views.shape[1]), 2), strict=True)
+        a, b = self.power[views[:, first]], self.power[views[:, second]]
+        seen = beats >= 0
+        count = np.maximum(seen.sum(1), 1)
+        below = np.clip(np.minimum(a, b) - self.power[beats], -MOST_POWER, MOST_POWER)
+        reference = np.where(seen, a + b - self.power[beats], 0)
+        mean = reference.sum(1) / count
+        spread = np.where(seen, (reference - mean[:, None]) ** 2, 0).sum(1) / count
+        return np.where(seen, below, 0).sum(1) / count, np.sqrt(spread)
+
+    def tally(self, views: Indices, mirrored: Indices, clues: Values, chance: float) -> Values:
+        """Return what tells whether there are as many views as in one set."""
+        beats = self.beats_of(views[None], mirrored[None])
+        missing, n = int((beats < 0).sum()), len(views)
+        hidden = int(self._hidden(views[None], beats)[0])
+        further = (missing, missing > 0, hidden, hidden > 0, np.log(chance + 1e-9), n, n == 1)
+        return np.array([*clues, *further], dtype=float)
 
 
-def consistency(carriers: Sequence[tuple[float, float]], frame: NDArray[np.float32]) -> float:
-    """Return in dB how much better the third of three peaks is the beat than one of the others."""
-    gaps = [pair_distance(a, b) for a, b in itertools.combinations([(0.0, 0.0), *carriers], 2)]
-    radius = LOOK_SHARE * min(gaps)
-    fields = Demodulator(frame.shape, [Lobe(k, radius) for k in carriers], "disk")(frame)
-    fields = zero_padded(fields, 2)
-    misfit = [1 - product_agreement(fields, carriers, i) for i in range(3)]
-    ratio = max(min(misfit[:2]), LEAST_MISFIT) / max(misfit[2], LEAST_MISFIT)
-    return float(np.clip(10 * np.log10(ratio), -CLUE_LIMIT, CLUE_LIMIT))
+def members(indices: Indices, count: int) -> NDArray[np.bool_]:
+    """Return which of so many peaks each row of indices names; -1 is none."""
+    found = np.zeros((len(indices), count + 1), dtype=bool)
+    np.put_along_axis(found, indices, True, axis=1)  # -1 is the column that is left out
+    return found[:, :count]
 
 
-def zero_padded(fields: NDArray[np.complex64], factor: int) -> NDArray[np.complex64]:
-    """Return band-limited fields on a grid finer by a factor."""
-    _, height, width = fields.shape
-    spectrum = scipy.fft.fftshift(scipy.fft.fft2(fields), axes=(1, 2))
-    rows, columns = (factor - 1) * height // 2, (factor - 1) * width // 2
-    padded = np.pad(spectrum, ((0, 0), (rows, rows), (columns, columns)))
-    finer: NDArray[np.complex64] = scipy.fft.ifft2(scipy.fft.ifftshift(padded, axes=(1, 2)))
-    return finer
+def choices(clues: Clues, most: int = MAX_VIEWS) -> list[list[Choice]]:
+    """Return for every number of views the likeliest ways to read the peaks, best first.
 
+    Every pair of peaks is looked at; larger sets are made of the best smaller ones with one more
+    view.
 
-def product_agreement(
-    fields: NDArray[np.complex64], carriers: Sequence[tuple[float, float]], beat: int
-) -> float:
-    """Return how well one of three fields equals the product of the others, cut to its band.
+    Parameters
+    ----------
+    clues : Clues
+        Of all peaks.
+    most : int, optional
+        Largest number of views.
 
     Returns
     -------
-    float
-        Largest normalised correlation over small tilts, 0 to 1.
+    list of list of Choice
+        For 1, 2 ... views, at most two each, up to as many as there are peaks.
     """
-    a, b = (i for i in range(3) if i != beat)
-    first, second, target = fields[a], fields[b].conj(), fields[beat]
-    expected = np.subtract(carriers[a], carriers[b])
-    total = np.add(carriers[a], carriers[b])
-    if pair_distance(expected, carriers[beat]) > pair_distance(total, carriers[beat]):
-        second, expected = fields[b], total
-    if wrapped_distance(expected, carriers[beat]) > wrapped_distance(-expected, carriers[beat]):
-        target = target.conj()
-    band = np.abs(scipy.fft.fft2(fields)).max(axis=0)
-    inside = band > 1e-5 * band.max()
-    product = scipy.fft.ifft2(scipy.fft.fft2(first * second) * inside)
-    edge = tuple(slice(n // 8, n - n // 8) for n in target.shape)
-    product, target = product[edge], target[edge]  # a frame's edges do not fit together
-    overlap = scipy.fft.fft2(product * target.conj(), s=[4 * n for n in target.shape])
-    norm = np.linalg.norm(product) * np.linalg.norm(target)
-    return float(np.abs(overlap).max() / norm) if norm > 0 else 0.0
+    found: list[list[Choice]] = []
+    views = np.arange(len(clues))[:, None]
+    mirrored = np.zeros_like(views)
+    for n in range(1, min(most, len(clues)) + 1):
+        if n > 1:
+            views, mirrored = extended(views, mirrored, len(clues))
+        table = clues.table(views, mirrored)
+        score = table @ WEIGHTS
+        found.append(ranked(clues, views, mirrored, table, score))
+        if n > 1:
+            best = np.argsort(-score)[:KEPT]
+            views, mirrored = views[best], mirrored[best]
+    return found
 
 
-def phase_wander(
-    candidates: Sequence[HasCarrier], frames: Sequence[NDArray[np.float32]]
-) -> NDArray[np.float64]:
+def extended(views: Indices, mirrored: Indices, count: int) -> tuple[Indices, Indices]:
+    """Return all sets with one more view, on either side, each once and in order."""
+    n = views.shape[1] + 1
+    more = np.arange(2 * count)
+    codes = np.concatenate(
+        [
+            np.repeat(2 * views + mirrored, len(more), axis=0),
+            np.tile(more, len(views))[:, None],
+        ],
+        axis=1,
+    )
+    codes.sort(axis=1)
+    peaks, sides = codes // 2, codes % 2
+    distinct = (np.diff(peaks, axis=1) > 0).all(1)
+    peaks, sides = peaks[distinct], sides[distinct]
+    sides = sides ^ sides[:, :1]  # all together on the other side is the same
+    unique = np.unique(2 * peaks + sides, axis=0)
+    assert unique.shape[1] == n
+    return unique // 2, unique % 2
+
+
+def ranked(
+    clues: Clues, views: Indices, mirrored: Indices, table: Values, score: Values
+) -> list[Choice]:
+    """Return the two best choices of peaks; sets on other sides count together."""
+    weight = np.exp(score - score.max())
+    weight /= weight.sum()
+    _, which = np.unique(views, axis=0, return_inverse=True)
+    which = which.ravel()
+    chances = np.bincount(which, weight)
+    found = []
+    for peaks in np.argsort(-chances)[:2]:
+        rows = np.flatnonzero(which == peaks)
+        best = rows[int(np.argmax(score[rows]))]
+        chance = float(chances[peaks])
+        tally = clues.tally(views[best], mirrored[best], table[best], chance)
+        sides = tuple(bool(side) for side in mirrored[best])
+        beats = clues.beats_of(views[best][None], mirrored[best][None])[0]
+        seen = bool((~clues.ghost[beats[beats >= 0]]).any())
+        found.append(Choice(tuple(int(v) for v in views[best]), sides, chance, seen, tally))
+    return found
+
+
+def most_likely(found: Sequence[Sequence[Choice]]) -> tuple[int, Values]:
+    """Return how many views there are, and the chance of every number from 1 on."""
+    score = np.array([each[0].tally @ COUNT_WEIGHTS for each in found])
+    weight = np.exp(score - score.max())
+    chance: Values = weight / weight.sum()
+    return int(np.argmax(chance)) + 1, chance
+
+
+def clues_of(
+    peaks: Sequence[Peak], half: Half, spectra: Sequence[Spectrum], shape: tuple[int, int]
+) -> Clues:
+    """Measure the clues of all peaks.
+
+    Parameters
+    ----------
+    peaks : sequence of Peak
+        Candidates.
+    half : ndarray of shape (y, x // 2 + 1)
+        Mean power on the half plane kx >= 0.
+    spectra : sequence of ndarray of the same shape
+        Complex transforms of the frames that it is the mean of.
+    shape : tuple of int
+        Height and width of the frames.
+    """
+    coarse, (ky, kx), pooled = coarser(half, shape)
+    frames = len(spectra) * pooled
+    # What is noise is the mean of so many exponentials.
+    floor = float(np.quantile(coarse, 0.1)) * frames / float(gammaincinv(frames, 0.1))
+    carriers = [peak.carrier for peak in peaks]
+    profiles = [
+        profile(coarse, distance, near == i)
+        for i, (distance, near) in enumerate(nearest(carriers, ky, kx))
+    ]
+    total, count, logs = (np.array(values) for values in zip(*profiles, strict=True))
+    radius = (np.arange(RINGS) + 0.5) * RING
+    scattered = np.maximum(total - floor * count, 0) * (np.arange(RINGS) < FAR)
+    power = np.maximum(scattered.sum(1), 1e-30)
+    return Clues(
+        power=np.log([peak.power for peak in peaks]),
+        width=np.log(np.sqrt((scattered * radius**2).sum(1) / power) + 1e-6),
+        core=np.log(scattered[:, :CORE].sum(1) / power + 1e-6),
+        wander=np.log(wander(carriers, spectra, shape)),
+        edge=falls(logs, count),
+        sharp=sharpness(logs, count, frames),
+        distance=np.array(
+            [[pair_distance(a, b) for b in carriers] for a in [(0.0, 0.0), *carriers]]
+        ),
+        ghost=np.array([peak.ghost for peak in peaks]),
+        beat=beat_table(carriers, max(3 / min(shape), 0.006)),
+    )
+
+
+def coarser(half: Half, shape: tuple[int, int]) -> tuple[Half, tuple[Values, Values], int]:
+    """Return a spectrum pooled to about `COARSE` pixels across, its frequencies, and by how much.
+
+    A larger frame shows the same lobes on more pixels.
+    """
+    _, kx = half_plane(shape)
+    pool_y, pool_x = (max(1, n // COARSE) for n in shape)
+    rows, columns = np.arange(0, half.shape[0], pool_y), np.arange(0, half.shape[1], pool_x)
+    pooled = np.add.reduceat(np.add.reduceat(half, rows, axis=0), columns, axis=1)
+    heights = np.diff([*rows, half.shape[0]])[:, None]
+    widths = np.diff([*columns, half.shape[1]])[None, :]
+    # The rows of `fftfreq` wrap at the middle, their numbers do not.
+    middle_y = (np.arange(half.shape[0]) / shape[0])[rows][:, None] + (heights - 1) / 2 / shape[0]
+    middle_x = kx[:, columns] + (widths - 1) / 2 / shape[1]
+    return pooled / (heights * widths), (middle_y, middle_x), pool_y * pool_x
+
+
+def nearest(
+    carriers: Sequence[tuple[float, float]], ky: Values, kx: Values
+) -> list[tuple[Values, Indices]]:
+    """Return for each carrier the distance of every frequency, and which carrier is nearest.
+
+    The nearest is -1 where zero is nearer than any carrier or its conjugate.
+    """
+    distances = [
+        np.minimum(*(distance_to(side, ky, kx) for side in (k, (-k[0], -k[1])))) for k in carriers
+    ]
+    near = np.argmin([distance_to((0.0, 0.0), ky, kx), *distances], axis=0) - 1
+    return [(distance, near) for distance in distances]
+
+
+def distance_to(carrier: tuple[float, float], ky: Values, kx: Values) -> Values:
+    """Return the distance of frequencies from a carrier; a sampled spectrum repeats."""
+    dy, dx = ky - carrier[0], kx - carrier[1]
+    found: Values = np.hypot(dy - np.round(dy), dx - np.round(dx))
+    return found
+
+
+def profile(half: Half, distance: Values, own: NDArray[np.bool_]) -> tuple[Values, Values, Values]:
+    """Return the power, the pixels and the logarithms of power in each ring, summed."""
+    ring = np.minimum((distance[own] / RING).astype(int), RINGS - 1)
+    power = half[own]
+    total: Values = np.bincount(ring, power, RINGS)
+    count: Values = np.bincount(ring, np.ones(power.size), RINGS)
+    logs: Values = np.bincount(ring, np.log(power + 1e-30), RINGS)
+    return total, count, logs
+
+
+def falls(logs: Values, count: Values) -> Values:
+    """Return by how much log power falls at every radius, (peak, radius); 0 where unknown."""
+    before, n_before = means(logs, count, EDGES - INSIDE, EDGES)
+    after, n_after = means(logs, count, EDGES, EDGES + INSIDE)
+    known = (n_before >= ENOUGH) & (n_after >= ENOUGH)
+    return np.where(known, before - after, 0.0)
+
+
+def sharpness(logs: Values, count: Values, frames: int) -> Values:
+    """Return how significant a fall is next to those on either side of it, (peak, radius).
+
+    In standard deviations, on a scale that large ones are compressed on (arsinh).
+    """
+    starts = (EDGES - 2 * NEAR, EDGES - NEAR, EDGES, EDGES + NEAR)
+    level, number = zip(
+        *(means(logs, count, np.maximum(s, 0), np.maximum(s + NEAR, 0)) for s in starts),
+        strict=True,
+    )
+    enough = [n >= ENOUGH for n in number]
+    each = [1 / np.maximum(n, 1) for n in number]
+    fall = level[1] - level[2]
+    variance = each[1] + each[2]
+    for known, drop, spread in (
+        (enough[0], level[0] - level[1], each[0]),
+        (enough[3], level[2] - level[3], each[3]),
+    ):
+        fall = fall - 0.5 * np.where(known, np.maximum(drop, 0), 0)
+        variance = variance + 0.25 * np.where(known, spread, 0)
+    deviations = fall / np.sqrt(LOG_VARIANCE * variance / frames)
+    return np.where(enough[1] & enough[2], np.arcsinh(deviations / 2), 0.0)
+
+
+def means(logs: Values, count: Values, start: Indices, stop: Indices) -> tuple[Values, Values]:
+    """Return the mean over rings from start to stop, (peak, radius), and the pixels in them."""
+    sums, numbers = (np.pad(np.cumsum(v, axis=1), ((0, 0), (1, 0))) for v in (logs, count))
+    number = numbers[:, stop] - numbers[:, start]
+    return (sums[:, stop] - sums[:, start]) / np.maximum(number, 1), number
+
+
+def wander(
+    carriers: Sequence[tuple[float, float]], spectra: Sequence[Spectrum], shape: tuple[int, int]
+) -> Values:
     """Return how much the phase of each carrier moves from frame to frame, in radians rms."""
-    if len(frames) < 4:
-        return np.full(len(candidates), WANDER_FLOOR_RAD)
-    height, width = frames[0].shape
-    y, x = np.arange(height), np.arange(width)
-    wander = []
-    for candidate in candidates:
-        ky, kx = candidate.carrier
-        rows = np.exp(-2j * np.pi * ky * y).astype(np.complex64)
-        columns = np.exp(-2j * np.pi * kx * x).astype(np.complex64)
-        carrier = np.array([rows @ frame @ columns for frame in frames])
-        steps = np.angle(carrier[1:] * carrier[:-1].conj())
-        wander.append(np.sqrt(np.mean(steps**2) + WANDER_FLOOR_RAD**2))
-    return np.array(wander)
+    if len(spectra) < ENOUGH_FRAMES:
+        return np.full(len(carriers), WANDER_FLOOR_RAD)
+    places = [(round(ky * shape[0]) % shape[0], round(kx * shape[1])) for ky, kx in carriers]
+    fields = np.array([[spectrum[place] for place in places] for spectrum in spectra])
+    steps = np.angle(fields[1:] * fields[:-1].conj())
+    found: Values = np.sqrt(np.mean(steps**2, axis=0) + WANDER_FLOOR_RAD**2)
+    return found
 
 
-def decibels(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return values in dB relative to their median."""
-    result: NDArray[np.float64] = 20 * np.log10(values / np.median(values))
-    return result
-
-
-def clipped(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Limit a clue to `CLUE_LIMIT` dB."""
-    return np.clip(values, -CLUE_LIMIT, CLUE_LIMIT)
+def beat_table(carriers: Sequence[tuple[float, float]], tolerance: float) -> Indices:
+    """Return the peak at the difference (0) and at the sum (1) of two carriers; -1 for none."""
+    count = len(carriers)
+    found = np.full((count, count, 2), -1, dtype=np.intp)
+    for a, b in itertools.combinations(range(count), 2):
+        for side, sign in enumerate((-1, 1)):
+            place = np.add(carriers[a], np.multiply(sign, carriers[b]))
+            distances = [pair_distance(place, carrier) for carrier in carriers]
+            nearest_one = int(np.argmin(distances))
+            if distances[nearest_one] < tolerance and nearest_one not in (a, b):
+                found[a, b, side] = found[b, a, side] = nearest_one
+    return found

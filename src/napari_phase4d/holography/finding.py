@@ -1,68 +1,105 @@
 """Finding the lobes of a recording without help.
 
-The steps, each a function below:
+The steps:
 
-1. mean power spectrum of windowed frames, on the half plane kx >= 0 (the other is its mirror);
-2. peaks that stand out of the *ring* of equal frequency round zero. The zero order fills its
-   rings evenly, so this masks it by its own measured width, and a carrier may lie on an axis;
-3. no ghosts: harmonics of a stronger peak, its copies shifted by half the sampling frequency
-   (interlaced video, JPEG colour) or by multiples of an eighth (JPEG blocks);
-4. among what is left, no beats (see `beams`);
-5. the carrier to a hundredth of a pixel of the spectrum, and the largest radius that fits.
+1. the transforms of some windowed frames, and their mean power (`spectrum`);
+2. peaks that stand out of the ring of equal frequency (`peaks`);
+3. which of them are views, how many there are, and how sure that is (`beams`);
+4. the carrier to a hundredth of a pixel of the spectrum, and the largest radius that fits;
+5. which of two conjugates shows a dense object bright (`sign`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
-from scipy import ndimage
 
-from napari_phase4d.holography.beams import choose_views, count_views
+from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
 from napari_phase4d.holography.lobes import (
     MAX_VIEWS,
     Lobe,
-    canonical,
     pair_distance,
     wrapped_distance,
 )
-from napari_phase4d.holography.sign import object_is_dark
-from napari_phase4d.holography.spectrum import mean_half_spectrum
+from napari_phase4d.holography.peaks import MAIN_LOBE, Peak, find_peaks, half_plane, refined
+from napari_phase4d.holography.sign import sign_evidence
+from napari_phase4d.holography.spectrum import windowed_spectra
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted
 
-__all__ = ["find_lobes"]
+__all__ = ["FoundLobes", "find_lobes"]
 
-#: Frames that the spectrum is averaged over, and the memory that they may take.
-MAX_FRAMES, MAX_FRAME_BYTES = 64, 512 * 2**20
-#: How far a carrier stands above the median of its ring, as a ratio of powers (100 = 20 dB).
-STANDS_OUT = 100.0
-#: The same where no peak reaches it: a faint carrier is better than none.
-STANDS_OUT_FAINT = 20.0
-#: Peaks weaker than the strongest by more than this (20 dB) are no views.
-DYNAMIC_RANGE = 1e-2
-#: Half the width of a Blackman window's main lobe, in pixels of the spectrum.
-MAIN_LOBE = 3
-#: Ghosts are at least this much weaker than what they copy: shifted copies 3 dB, harmonics 10 dB.
-SHIFTED_COPY, HARMONIC = 0.5, 0.1
-ZERO = (0.0, 0.0)
+#: Frames that the spectrum is made of at most, and the memory that their transforms may take.
+MAX_FRAMES, MAX_BYTES = 16, 512 * 2**20
+#: A choice of views, or their number, with less of a chance than this is in doubt.
+SURE = 0.88
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
+#: Refining moves a carrier by less than this, in cycles per pixel.
+PLACED = 0.1
+#: Odds (their logarithm) of the sign beyond which it is sure: 0.95.
+SURE_SIGN = math.log(0.95 / 0.05)
+
+
+class FoundLobes(list[Lobe]):
+    """The lobes that were found, what is in doubt about them, and the next best choice.
+
+    Attributes
+    ----------
+    chance : float
+        Chance, from 0 to 1, that these peaks are the views, if there are so many.
+    doubts : tuple of str
+        What can't be known of this recording, each in a sentence; empty if nothing is in doubt.
+    doubts_of_views : tuple of str
+        Those among them about which peaks are views, and how many; not about signs.
+    other : list of Lobe
+        The next best choice of as many views; empty if there is none worth a look.
+    """
+
+    def __init__(
+        self,
+        lobes: Iterable[Lobe] = (),
+        chance: float = 1.0,
+        doubts_of_views: Sequence[str] = (),
+        other: Sequence[Lobe] = (),
+    ) -> None:
+        super().__init__(lobes)
+        self.chance = chance
+        self.doubts_of_views = tuple(doubts_of_views)
+        every = (*doubts_of_views, *(lobe.doubt for lobe in self))
+        self.doubts = tuple(dict.fromkeys(filter(None, every)))
+        self.other = list(other)
 
 
 @dataclass(frozen=True)
-class Peak:
-    """A local maximum of the spectrum: carrier in cycles/px, power, and its ratio to the ring."""
+class Plane:
+    """The Fourier plane of some frames of a recording.
 
-    carrier: tuple[float, float]
-    power: float
-    prominence: float
+    Parameters
+    ----------
+    frame : ndarray of shape (y, x)
+        One of the frames, for the sign.
+    spectra : list of ndarray of shape (y, x // 2 + 1)
+        Transforms of all of them, windowed.
+    half : ndarray of shape (y, x // 2 + 1)
+        Their mean power.
+    shape : tuple of int
+        Height and width of the frames.
+    peaks : list of Peak
+        What stands out.
+    """
+
+    frame: NDArray[np.float32]
+    spectra: list[NDArray[np.complex64]]
+    half: NDArray[np.float64]
+    shape: tuple[int, int]
+    peaks: list[Peak]
 
 
 def find_lobes(
@@ -74,13 +111,13 @@ def find_lobes(
     orient: bool = True,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
-) -> list[Lobe]:
+) -> FoundLobes:
     """Find the cross-correlation terms of the views in the spectrum of a recording.
 
     Parameters
     ----------
     rec : Recording
-        The hologram video; up to 64 frames of it are looked at.
+        The hologram video; up to 16 frames of it are looked at.
     n_views : int, optional
         How many views there are, 1 to 6, default 2. None: as many as there seem to be.
     angles_deg : sequence of float, optional
@@ -97,9 +134,11 @@ def find_lobes(
 
     Returns
     -------
-    list of Lobe
-        Carriers in the half plane kx >= 0, ordered counter-clockwise as seen on the screen (y
-        down), starting from straight down.
+    FoundLobes
+        A list of `Lobe`, with carriers in the half plane kx >= 0, ordered counter-clockwise as
+        seen on the screen (y down), starting from straight down. Its ``doubts`` say in words what
+        can't be known of this recording, ``chance`` how likely the choice is, and ``other`` is
+        the next best.
 
     Raises
     ------
@@ -116,12 +155,42 @@ def find_lobes(
     >>> import napari_phase4d as p4d
     >>> exact = p4d.simulation.swimming_euglena(n_times=2)
     >>> rec = p4d.simulation.multiplexed_video(exact["phase"])
-    >>> for lobe in p4d.find_lobes(rec, n_views=2, angles_deg=(-7, 21)):
+    >>> lobes = p4d.find_lobes(rec, n_views=2, angles_deg=(-7, 21))
+    >>> for lobe in lobes:
     ...     print(lobe.angle_deg, [round(k, 2) for k in lobe.carrier])
     -7.0 [0.19, 0.21]
     21.0 [-0.21, 0.19]
+    >>> lobes.doubts
+    ()
     """
-    known = isinstance(n_views, (int, np.integer))
+    n_views = checked_number(n_views, angles_deg)
+    plane = plane_of(rec, progress, cancelled)
+    plain = sum(peak.is_plain for peak in plane.peaks)
+    if not plain or len(plane.peaks) < (n_views or 1):
+        raise ValueError(too_few(rec.name, plain, n_views or 1))
+    clues = clues_of(plane.peaks, plane.half, plane.spectra, plane.shape)
+    found = choices(clues, MAX_VIEWS if n_views is None else min(n_views + 1, MAX_VIEWS))
+    likely, chances = most_likely(found)
+    best, *others = found[(n_views or likely) - 1]
+    # A faint peak or a ghost counts as a view if its beat with another shows.
+    if not best.beats_seen and not all(plane.peaks[i].is_plain for i in best.views):
+        raise ValueError(too_few(rec.name, plain, len(best.views)))
+    lobes, signs = lobes_of(best, plane, angles_deg, radius, orient=orient)
+    doubts = list(number_doubts(n_views, likely, chances))
+    other: list[Lobe] = []
+    if best.chance < SURE and others:
+        other, _ = lobes_of(others[0], plane, angles_deg, radius, orient=orient)
+        doubts.append(views_doubt(best, others[0], lobes, other))
+    doubted = [
+        replace(lobe, doubt=doubts[-1] if other and not is_among(lobe, other) else sign)
+        for lobe, sign in zip(lobes, sign_doubts(signs), strict=True)
+    ]
+    return FoundLobes(doubted, best.chance, doubts, other)
+
+
+def checked_number(n_views: int | None, angles_deg: Sequence[float] | None) -> int | None:
+    """Return how many views to look for; ValueError if that can't be."""
+    known = isinstance(n_views, (int, np.integer)) and not isinstance(n_views, bool)
     if n_views is not None and not (known and 1 <= n_views <= MAX_VIEWS):
         msg = f"n_views must lie between 1 and {MAX_VIEWS}, but is {n_views!r}"
         raise ValueError(msg)
@@ -130,44 +199,93 @@ def find_lobes(
     if angles_deg is not None and len(angles_deg) != n_views:
         msg = f"angles_deg has {len(angles_deg)} angles for {n_views} views; give one each"
         raise ValueError(msg)
-    at_most = max(4, MAX_FRAME_BYTES // (4 * math.prod(rec.frame_shape)))
-    indices = rec.sample_indices(min(MAX_FRAMES, at_most))
-    watch = Watch(len(indices) + (n_views or 1) + 1, "finding the lobes", progress, cancelled)
-    frames = []
-    for index in indices:
-        frames.append(rec.frame(index))
-        watch.step()
-    half = mean_half_spectrum(frames, rec.frame_shape)
+    return n_views
+
+
+def plane_of(
+    rec: Recording, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> Plane:
+    """Transform some frames of a recording and look for peaks."""
+    height, width = rec.frame_shape
+    at_most = int(np.clip(MAX_BYTES // (8 * height * (width // 2 + 1)), 1, MAX_FRAMES))
+    indices = rec.sample_indices(at_most)
+    watch = Watch(len(indices) + 1, "finding the lobes", progress, cancelled)
+    spectra = list(windowed_spectra(rec, indices, watch))
+    half = mean_power(spectra)
     watch.check()
-    peaks = without_ghosts(find_peaks(half, rec.frame_shape), rec.frame_shape)
-    if not peaks or (n_views is not None and len(peaks) < n_views):
-        raise ValueError(too_few(rec.name, len(peaks), n_views or 1))
-    if n_views is None:
-        n_views = count_views(peaks, rec.frame_shape)
-        watch.total = len(indices) + n_views + 1
-    views = choose_views(peaks, n_views, frames)
+    peaks = find_peaks(half, rec.frame_shape)
     watch.step()
-    carriers = []
-    for view in views:
-        carriers.append(refined(view.carrier, frames))
-        watch.step()
-    others = [p.carrier for p in peaks if p not in views]
+    frame = rec.frame(indices[len(indices) // 2])
+    return Plane(frame, spectra, half, rec.frame_shape, peaks)
+
+
+def mean_power(spectra: Sequence[NDArray[np.complex64]]) -> NDArray[np.float64]:
+    """Return the mean power of transforms."""
+    total = np.zeros(spectra[0].shape)
+    for spectrum in spectra:
+        total += spectrum.real**2 + spectrum.imag**2
+    return total / len(spectra)
+
+
+def lobes_of(
+    choice: Choice,
+    plane: Plane,
+    angles_deg: Sequence[float] | None,
+    radius: float | None,
+    *,
+    orient: bool,
+) -> tuple[list[Lobe], list[float]]:
+    """Return the lobes of a choice of peaks, in order, and the evidence for their signs."""
+    shape = plane.shape
+    carriers = [refined(plane.peaks[i].carrier, plane.spectra, shape) for i in choice.views]
+    others = [p.carrier for i, p in enumerate(plane.peaks) if i not in choice.views and p.is_plain]
     # All views pass one pupil, so one radius serves all.
     radius = radius or min(
-        proposed_radius(k, [*carriers, *others], half, rec.frame_shape) for k in carriers
+        proposed_radius(k, [*carriers, *others], plane.half, shape) for k in carriers
     )
     lobes = [Lobe(k, radius) for k in carriers]
-    lobes.sort(key=lambda lobe: np.arctan2(-lobe.carrier[0], lobe.carrier[1]))
-    angles = range(n_views) if angles_deg is None else angles_deg
-    return [
-        Lobe(
-            lobe.carrier,
-            lobe.radius,
-            float(angle),
-            flip=orient and object_is_dark(frames[len(frames) // 2], lobe),
-        )
-        for lobe, angle in zip(lobes, angles, strict=True)
+    evidence = bright(choice, plane, lobes) if orient else [np.inf] * len(lobes)
+    order = sorted(range(len(lobes)), key=lambda i: math.atan2(-carriers[i][0], carriers[i][1]))
+    angles = range(len(lobes)) if angles_deg is None else angles_deg
+    ordered = [
+        replace(lobes[i], flip=evidence[i] < 0, angle_deg=float(angle))
+        for i, angle in zip(order, angles, strict=True)
     ]
+    return ordered, [evidence[i] for i in order]
+
+
+def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
+    """Return for each lobe the logarithm of the odds that a dense object is bright in it.
+
+    The beats tell which views lie on the same side, so that there is one question for all views
+    together; where no beat is seen, each view answers for itself.
+    """
+    evidence = [sign_evidence(plane.frame, lobe) for lobe in lobes]
+    if not choice.beats_seen:
+        return evidence
+    sides = [
+        # Refined, a carrier near the ky axis may come out on its other side.
+        -1 if mirrored ^ (wrapped_distance(plane.peaks[i].carrier, lobe.carrier) > PLACED) else 1
+        for i, mirrored, lobe in zip(choice.views, choice.mirrored, lobes, strict=True)
+    ]
+    total = sum(side * each for side, each in zip(sides, evidence, strict=True))
+    return [side * total for side in sides]
+
+
+def sign_doubts(evidence: Sequence[float]) -> list[str]:
+    """Say of which lobes the sign is a guess, where an object is seen."""
+    return [
+        "Whether a dense object is bright or dark here is a guess: if cells look like holes, "
+        "press Flip."
+        if 0 < abs(each) < SURE_SIGN
+        else ""
+        for each in evidence
+    ]
+
+
+def is_among(lobe: Lobe, others: Sequence[Lobe]) -> bool:
+    """Say whether one of some lobes is the same view."""
+    return any(pair_distance(lobe.carrier, other.carrier) < lobe.radius for other in others)
 
 
 def too_few(name: str, found: int, wanted: int) -> str:
@@ -179,127 +297,34 @@ def too_few(name: str, found: int, wanted: int) -> str:
     )
 
 
-def find_peaks(half: NDArray[np.float64], shape: tuple[int, int]) -> list[Peak]:
-    """Return the maxima that stand out of their ring, strongest first."""
-    ky, kx = half_plane(shape)
-    ratio = half / ring_median(half, shape)
-    maxima = local_maxima(half, shape)
-    # kx = 0 holds each pair twice; keep the one with ky > 0.
-    maxima &= (kx > 0) | (ky > 0)
-    # Inside the main lobe of the window lies what is left of the mean.
-    maxima &= (np.abs(ky) * shape[0] > MAIN_LOBE) | (np.abs(kx) * shape[1] > MAIN_LOBE)
-    for threshold in (STANDS_OUT, STANDS_OUT_FAINT):
-        rows, columns = np.nonzero(maxima & (ratio > threshold))
-        if len(rows):
-            break
-    order = np.argsort(-half[rows, columns])
-    peaks = [
-        Peak(
-            (float(ky[rows[i], 0]), float(kx[0, columns[i]])),
-            float(half[rows[i], columns[i]]),
-            float(ratio[rows[i], columns[i]]),
+def number_doubts(wanted: int | None, likely: int, chances: NDArray[np.float64]) -> Iterable[str]:
+    """Say if the number of views is in doubt, or another than was asked for."""
+    if wanted is None:
+        if chances[likely - 1] < SURE:
+            second = int(np.argsort(-chances)[1]) + 1
+            yield (
+                f"There seem to be {counted(likely, 'view')} "
+                f"(chance {100 * chances[likely - 1]:.0f} %), but there may be {second}."
+            )
+    elif likely != wanted and chances[likely - 1] > SURE:
+        yield (
+            f"{counted(wanted, 'view')} asked for, but the spectrum looks like "
+            f"{counted(likely, 'view')}."
         )
-        for i in order
+
+
+def views_doubt(best: Choice, second: Choice, lobes: list[Lobe], other: list[Lobe]) -> str:
+    """Say that other peaks may be the views."""
+    changed = [
+        f"({lobe.carrier[0]:+.3f}, {lobe.carrier[1]:+.3f})"
+        for lobe in other
+        if not is_among(lobe, lobes)
     ]
-    return [p for p in apart(peaks, shape) if p.power > DYNAMIC_RANGE * peaks[0].power]
-
-
-def half_plane(shape: tuple[int, int]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return the frequencies of an `rfft2` as a column ky and a row kx, in cycles per pixel."""
-    return scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])[None, :]
-
-
-def ring_median(half: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.float64]:
-    """Return for each frequency the median power of the ring it lies on."""
-    ky, kx = half_plane(shape)
-    width = max(1.5 / min(shape), 0.004)
-    ring = (np.hypot(ky, kx) / width).astype(int)
-    median = np.asarray(ndimage.median(half, ring, np.arange(ring.max() + 1)))
-    position = np.hypot(ky, kx) / width - 0.5
-    levels: NDArray[np.float64] = np.interp(position, np.arange(len(median)), median)
-    return np.maximum(levels, np.finfo(float).tiny)
-
-
-def local_maxima(half: NDArray[np.float64], shape: tuple[int, int]) -> NDArray[np.bool_]:
-    """Mark the pixels that no neighbour within the window's main lobe exceeds."""
-    # One column more than the main lobe on the left shows maxima at kx = 0 whole.
-    mirrored = half[(-np.arange(shape[0])) % shape[0]][:, MAIN_LOBE:0:-1]
-    padded = np.concatenate([mirrored, half], axis=1)
-    highest = ndimage.maximum_filter(padded, size=2 * MAIN_LOBE + 1, mode=("wrap", "nearest"))
-    maxima: NDArray[np.bool_] = (padded == highest)[:, MAIN_LOBE:]
-    return maxima
-
-
-def apart(peaks: list[Peak], shape: tuple[int, int]) -> list[Peak]:
-    """Drop peaks that belong to the lobe of a stronger one: its structure, not a carrier."""
-    kept: list[Peak] = []
-    reach = max(8 / min(shape), 0.04)
-    for peak in peaks:
-        near = (
-            pair_distance(peak.carrier, k.carrier) < min(reach, 0.6 * np.hypot(*k.carrier))
-            for k in kept
-        )
-        if not any(near):
-            kept.append(peak)
-    return kept
-
-
-def without_ghosts(peaks: list[Peak], shape: tuple[int, int]) -> list[Peak]:
-    """Drop what a camera, a video or JPEG makes of a stronger peak."""
-    kept: list[Peak] = []
-    tolerance = max(2.5 / min(shape), 0.004)
-    zero_order = Peak(ZERO, np.inf, np.inf)
-    for peak in peaks:
-        if not any(is_ghost(peak, stronger, tolerance) for stronger in (zero_order, *kept)):
-            kept.append(peak)
-    return kept
-
-
-def is_ghost(peak: Peak, source: Peak, tolerance: float) -> bool:
-    """Say whether a peak is a harmonic or a shifted copy of a stronger one."""
-    ky, kx = source.carrier
-    relative = peak.power / source.power
-    if relative < SHIFTED_COPY and any(
-        pair_distance(peak.carrier, (ky + dy, kx + dx)) < tolerance
-        for dy, dx in ((0.5, 0), (0, 0.5), (0.5, 0.5))
-    ):
-        return True
-    if relative >= HARMONIC or source.carrier == ZERO:
-        return False
-    if any(
-        pair_distance(peak.carrier, (n * ky, n * kx)) < max(n, 1) * tolerance / 2
-        for n in (0.5, 2, 3, 4)
-    ):
-        return True
-    blocks = ((ky + i / 8, kx + j / 8) for i in range(8) for j in range(8) if i or j)
-    return any(pair_distance(peak.carrier, k) < tolerance / 2 for k in blocks)
-
-
-def refined(
-    carrier: tuple[float, float], frames: Sequence[NDArray[np.float32]]
-) -> tuple[float, float]:
-    """Return the carrier to about a hundredth of a spectral pixel.
-
-    The Fourier transform of the windowed frames is evaluated on ever finer grids round the peak
-    (a matrix product, Soummer et al. 2007), and the largest mean power wins.
-    """
-    height, width = frames[0].shape
-    y, x = np.arange(height), np.arange(width)
-    wy, wx = np.blackman(height + 2)[1:-1], np.blackman(width + 2)[1:-1]
-    ky, kx = carrier
-    for span in (1.5, 0.3, 0.06):
-        rows = ky + np.linspace(-span, span, 21) / height
-        columns = kx + np.linspace(-span, span, 21) / width
-        to_rows = (np.exp(-2j * np.pi * np.outer(rows, y)) * wy).astype(np.complex64)
-        to_columns = (np.exp(-2j * np.pi * np.outer(x, columns)) * wx[:, None]).astype(
-            np.complex64
-        )
-        power = np.zeros((21, 21))
-        for frame in frames:
-            power += np.abs(to_rows @ (frame - frame.mean()) @ to_columns) ** 2
-        i, j = np.unravel_index(int(power.argmax()), power.shape)
-        ky, kx = float(rows[i]), float(columns[j])
-    return canonical((ky, kx), tolerance=0.5 / width)
+    return (
+        f"Views and their beats look alike here: these circles are right with a chance of "
+        f"{100 * best.chance:.0f} %; the next best choice ({100 * second.chance:.0f} %) has a "
+        f"view at {' and '.join(changed)} cycles/px instead."
+    )
 
 
 def proposed_radius(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,9 @@ class Lobe:
         Viewing angle in degrees. A hologram can't tell it; until it is given, views are numbered.
     flip : bool
         Whether to take the conjugate term instead, which changes the sign of the phase.
+    doubt : str
+        What `find_lobes` could not know of it, in a sentence; empty if nothing. It does not count
+        where lobes are compared.
 
     Raises
     ------
@@ -53,6 +56,7 @@ class Lobe:
     radius: float
     angle_deg: float = 0.0
     flip: bool = False
+    doubt: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
         ky, kx = (float(k) for k in self.carrier)

@@ -1,47 +1,107 @@
-"""Which of the two conjugate terms shows a dense object bright."""
+"""Which of the two conjugate terms shows a dense object bright.
+
+The intensity is the same when all beams are conjugated, so that only the object can tell: a cell
+is denser than water. Two clues are added, each the better one where the other fails:
+
+* a small cell on an empty field gives a skewed histogram of unwrapped phase, its tail on the
+  cell's side;
+* a cell that fills the field lies higher than the border of the field, where it thins out.
+"""
 
 from __future__ import annotations
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 from skimage.restoration import unwrap_phase
 
-from napari_phase4d.holography.background import fit_background
+from napari_phase4d.holography.background import fit_background, wrapped
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.lobes import Lobe
 
-__all__ = ["object_is_dark"]
-
-#: Skewness of the unwrapped phase beyond which an object is taken as clearly seen.
-CLEAR_SKEWNESS = 1.0
-#: The same for the size of the object's phase, in radians.
-CLEAR_PHASE_RAD = 0.5
-
+__all__ = ["sign_evidence"]
 
 #: Pixels with less than this share of the median amplitude are left out.
 DARK_SHARE = 0.3
+#: The border that is compared with the whole, in pixels.
+BORDER = 3
+#: A field larger than this on its longer side is thinned: signs need no detail.
+LARGEST_SIDE = 192
+#: What the clues add to the logarithm of the odds that dense is bright: skewness, and the height
+#: over the border in radians (arsinh of twice it) before and after curvature has been taken off.
+#: Fitted to random cells of 1.5 to 16 rad that cover 3 to 97 % of the field.
+WEIGHTS = (0.5, 1.45, 1.5)
+#: No more skewness than this counts.
+MOST_SKEWNESS = 5.0
+#: Phase that deviates less than this from its median (rad, rms) shows no object.
+LEAST_PHASE_RAD = 0.17
+
+Field = NDArray[np.complex64]
 
 
-def object_is_dark(frame: NDArray[np.float32], lobe: Lobe) -> bool:
-    """Say whether a clear object has less phase than its background in this lobe.
+def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
+    """Return the logarithm of the odds that a dense object comes out bright in this lobe.
 
-    The phase of one frame is unwrapped and flattened. A cell on an empty field gives a skewed
-    histogram with its tail on the cell's side; only a tail that is long and clear counts, so
-    that an empty or patterned field is left as it is.
+    Parameters
+    ----------
+    frame : ndarray of shape (y, x)
+        Grey values.
+    lobe : Lobe
+        Where to look; not flipped.
+
+    Returns
+    -------
+    float
+        Above 0 if it is bright, below if it is dark; 0 where no object is seen.
     """
     field = Demodulator(frame.shape, [lobe])(frame)[0]
+    thin = max(1, max(field.shape) // LARGEST_SIDE)
+    return evidence_of(np.ascontiguousarray(field[::thin, ::thin]))
+
+
+def evidence_of(field: Field) -> float:
+    """Return `sign_evidence` of a field, which may still have its tilt."""
     flat = field * np.exp(-1j * fit_background(field[None], order=2))
     edge = max(2, min(flat.shape) // 16)
-    inside = np.zeros(flat.shape, dtype=bool)
-    inside[edge:-edge, edge:-edge] = True
+    inner = (slice(edge, -edge), slice(edge, -edge))
     # Where there are no fringes the phase is noise, and may lie far off on either side.
-    inside &= np.abs(field) > DARK_SHARE * np.median(np.abs(field))
-    phase = unwrap_phase(np.ma.masked_array(np.angle(flat), ~inside))
-    phase = np.asarray(phase[inside])
+    seen = np.zeros(flat.shape, dtype=bool)
+    seen[inner] = np.abs(field[inner]) > DARK_SHARE * np.median(np.abs(field))
+    phase = unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
+    phase = np.asarray(phase[seen])
     deviation = phase - np.median(phase)
     scale = float(deviation.std())
-    if scale < CLEAR_PHASE_RAD / 3:
-        return False
+    if scale < LEAST_PHASE_RAD:
+        return 0.0
     skewness = float(np.mean(deviation**3)) / scale**3
-    tail = float(np.quantile(deviation, 0.01))
-    return skewness < -CLEAR_SKEWNESS and tail < -CLEAR_PHASE_RAD
+    clues = (
+        float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS)),
+        *(float(np.arcsinh(2 * height_over_border(each[inner]))) for each in (field, flat)),
+    )
+    return sum(weight * clue for weight, clue in zip(WEIGHTS, clues, strict=True))
+
+
+def height_over_border(field: Field) -> float:
+    """Return the mean unwrapped phase less the median of its border, in radians.
+
+    Unwrapped by least squares (Ghiglia & Romero 1994), which no single wrong step throws off,
+    after the median slopes have been taken off.
+    """
+    phase = np.angle(field)
+    down, across = (wrapped(np.diff(phase, axis=axis)) for axis in (0, 1))
+    down -= np.median(down)
+    across -= np.median(across)
+    divergence = np.zeros(phase.shape)
+    divergence[:-1] += down
+    divergence[1:] -= down
+    divergence[:, :-1] += across
+    divergence[:, 1:] -= across
+    height, width = (2 * np.cos(np.pi * np.arange(n) / n) - 2 for n in phase.shape)
+    eigenvalues = height[:, None] + width[None, :]
+    eigenvalues[0, 0] = np.inf  # the mean stays open
+    unwrapped = scipy.fft.idctn(
+        scipy.fft.dctn(divergence, norm="ortho") / eigenvalues, norm="ortho"
+    )
+    border = np.ones(phase.shape, dtype=bool)
+    border[BORDER:-BORDER, BORDER:-BORDER] = False
+    return float(unwrapped.mean() - np.median(unwrapped[border]))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from functools import lru_cache
 
 import numpy as np
@@ -10,10 +10,10 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["mean_half_spectrum", "power_spectrum"]
+__all__ = ["power_spectrum", "windowed_spectra"]
 
 
 def power_spectrum(
@@ -91,7 +91,7 @@ def mean_half_spectrum(
     total = np.zeros((shape[0], shape[1] // 2 + 1))
     count = 0
     for frame in frames:
-        field = scipy.fft.rfft2((frame - frame.mean()) * window)
+        field = windowed_spectrum(frame, window)
         total += field.real**2 + field.imag**2
         count += 1
     return total / max(count, 1)
@@ -103,6 +103,32 @@ def frame_window(shape: tuple[int, int]) -> NDArray[np.float32]:
     height, width = shape
     rows, columns = np.blackman(height + 2)[1:-1], np.blackman(width + 2)[1:-1]
     return np.outer(rows, columns).astype(np.float32)
+
+
+def windowed_spectra(
+    rec: Recording, indices: Sequence[int], watch: Watch
+) -> Iterator[NDArray[np.complex64]]:
+    """Yield the transforms of windowed frames on the half plane kx >= 0, on all cores.
+
+    Parameters
+    ----------
+    rec : Recording
+        The video.
+    indices : sequence of int
+        Frame numbers.
+    watch : Watch
+        Is told of each.
+    """
+    window = frame_window(rec.frame_shape)
+    return in_threads(lambda index: windowed_spectrum(rec.frame(index), window), indices, watch)
+
+
+def windowed_spectrum(
+    frame: NDArray[np.float32], window: NDArray[np.float32]
+) -> NDArray[np.complex64]:
+    """Return the transform of a frame, less its mean and windowed, on the half plane kx >= 0."""
+    field: NDArray[np.complex64] = scipy.fft.rfft2((frame - frame.mean()) * window)
+    return field
 
 
 def full_spectrum(half: NDArray[np.float64], width: int) -> NDArray[np.float64]:
