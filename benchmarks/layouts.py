@@ -199,8 +199,8 @@ def doubts(found: list[Outcome]) -> None:
     wrong = [o.doubted for o in found if o.wrong]
     right = [o.doubted for o in found if not o.wrong]
     print(
-        f"\nWrong: {len(wrong)} of {len(found)} ({share([o.wrong for o in found])} %); doubt given "
-        f"in {sum(wrong)} of these, and in {share(right)} % of the right ones."
+        f"\nWrong: {len(wrong)} of {len(found)} ({share([o.wrong for o in found])} %); "
+        f"doubt given in {sum(wrong)} of these, and in {share(right)} % of the right ones."
     )
 
 

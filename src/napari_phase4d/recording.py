@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from napari_phase4d.axes import PLAIN_AXES, coordinate
 from napari_phase4d.optics import Optics
 
-__all__ = ["Recording", "one_frame", "reader_of", "remember_reader"]
+__all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_reader"]
 
 #: Frames per second assumed where neither the file nor the user says it.
 DEFAULT_FRAME_RATE_HZ = 1.0
@@ -23,6 +23,10 @@ DEFAULT_FRAME_RATE_HZ = 1.0
 LEAST_RATE_HZ, LARGEST_RATE_HZ = 1e-10, 1e15
 #: Larger floating-point pixels overflow in the spectrum's power in single precision.
 LARGEST = 1e12
+
+
+class BrokenFrameError(ValueError):
+    """A frame that holds NaN, infinity or numbers from which no phase can be computed."""
 
 
 class ReadsFrames(Protocol):
@@ -186,7 +190,7 @@ class Recording:
                 f"frame {index} of {self.name} holds {count} NaN or infinite pixels "
                 f"(or beyond {LARGEST:g}); replace them before opening the recording"
             )
-            raise ValueError(msg)
+            raise BrokenFrameError(msg)
         return frame
 
     def frames(self) -> Iterator[NDArray[np.float32]]:

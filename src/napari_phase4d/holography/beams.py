@@ -441,9 +441,8 @@ def profile(half: Half, distance: Values, own: NDArray[np.bool_]) -> tuple[Value
     """Return the power, the pixels and the logarithms of power in each ring, summed."""
     ring = np.minimum((distance[own] / RING).astype(int), RINGS - 1)
     power = half[own]
-    total: Values = np.bincount(ring, power, RINGS)
-    count: Values = np.bincount(ring, np.ones(power.size), RINGS)
-    logs: Values = np.bincount(ring, np.log(power + 1e-30), RINGS)
+    each = (power, np.ones(power.size), np.log(power + 1e-30))
+    total, count, logs = (np.bincount(ring, v, RINGS).astype(np.float64) for v in each)
     return total, count, logs
 
 

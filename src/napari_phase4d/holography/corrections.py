@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.background import Surface, aligned_to
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.lost import LostFrames
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
-from napari_phase4d.recording import Recording
+from napari_phase4d.recording import BrokenFrameError, Recording
 
 __all__ = ["BACKGROUND_ORDERS", "Reference", "background_surface", "corrections", "reference_note"]
 
@@ -40,6 +41,7 @@ def corrections(
     reference: Reference,
     background: str,
     background_order: int,
+    lost: LostFrames,
     cancelled: CancelledCall | None,
 ) -> tuple[NDArray[np.complex64], list[NDArray[np.float64]]]:
     """Return what to multiply the fields of all frames by, and what the background was.
@@ -60,10 +62,10 @@ def corrections(
     if reference is not None and not by_median:
         factor = inverse(demodulate(reference_frame(rec, reference)))
     if by_median:
-        static = np.stack(list(static_fields(rec, demodulate, cancelled)))
+        static = np.stack(list(static_fields(rec, demodulate, lost, cancelled)))
         factor = inverse(median_fields(static))
     if order:
-        each = iter(static) if by_median else static_fields(rec, demodulate, cancelled)
+        each = iter(static) if by_median else static_fields(rec, demodulate, lost, cancelled)
         means = mean_fields(fields * factor for fields in each)
         surface = Surface(kind, order, means.shape[1:])
         watch = Watch(len(means), "fit the background", None, cancelled)
@@ -113,12 +115,21 @@ def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
 
 
 def static_fields(
-    rec: Recording, demodulate: Demodulator, cancelled: CancelledCall | None
+    rec: Recording, demodulate: Demodulator, lost: LostFrames, cancelled: CancelledCall | None
 ) -> Iterator[NDArray[np.complex64]]:
-    """Yield the fields of some frames, spread over the recording, (view, y, x)."""
+    """Yield the fields (view, y, x) of some frames that are not lost, over the recording."""
     indices = rec.sample_indices(STATIC_FRAMES)
     watch = Watch(len(indices), "look at the background", None, cancelled)
-    return in_threads(lambda i: demodulate(rec.raw_frame(i)), indices, watch)
+
+    def fields(index: int) -> NDArray[np.complex64] | None:
+        try:
+            frame = rec.raw_frame(index)
+        except BrokenFrameError:
+            return None
+        found = demodulate(frame)
+        return None if lost.reason(frame, found) else found
+
+    return (found for found in in_threads(fields, indices, watch) if found is not None)
 
 
 def mean_fields(each: Iterator[NDArray[np.complex64]]) -> NDArray[np.complex64]:

@@ -25,6 +25,7 @@ from napari_phase4d.holography.lobes import (
     pair_distance,
     wrapped_distance,
 )
+from napari_phase4d.holography.lost import all_lost
 from napari_phase4d.holography.peaks import MAIN_LOBE, Peak, find_peaks, half_plane, refined
 from napari_phase4d.holography.sign import sign_evidence
 from napari_phase4d.holography.spectrum import windowed_spectra
@@ -37,7 +38,7 @@ __all__ = ["FoundLobes", "find_lobes"]
 #: Frames that the spectrum is made of at most, and the memory that their transforms may take.
 MAX_FRAMES, MAX_BYTES = 16, 512 * 2**20
 #: A choice of views, or their number, with less of a chance than this is in doubt.
-SURE = 0.88
+SURE = 0.86
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
@@ -210,12 +211,15 @@ def plane_of(
     at_most = int(np.clip(MAX_BYTES // (8 * height * (width // 2 + 1)), 1, MAX_FRAMES))
     indices = rec.sample_indices(at_most)
     watch = Watch(len(indices) + 1, "finding the lobes", progress, cancelled)
-    spectra = list(windowed_spectra(rec, indices, watch))
+    spectra, lost = windowed_spectra(rec, indices, watch)
+    if not spectra:
+        raise ValueError(all_lost(rec.name, lost))
     half = mean_power(spectra)
     watch.check()
     peaks = find_peaks(half, rec.frame_shape)
     watch.step()
-    frame = rec.frame(indices[len(indices) // 2])
+    seen = [index for index in indices if index not in lost]
+    frame = rec.frame(seen[len(seen) // 2])
     return Plane(frame, spectra, half, rec.frame_shape, peaks)
 
 

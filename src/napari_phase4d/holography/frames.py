@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import xarray as xr
@@ -16,11 +17,19 @@ from napari_phase4d.holography.background import (
 )
 from napari_phase4d.holography.datasets import as_dataset
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.lost import LostFrames
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
-from napari_phase4d.recording import Recording
+from napari_phase4d.recording import BrokenFrameError, Recording
 
 __all__ = ["FrameReconstructor", "propagator_for"]
+
+
+class ReadsRawFrames(Protocol):
+    """A recording, or what stands for one."""
+
+    def raw_frame(self, index: int) -> NDArray[np.generic]:
+        """Return one frame, shape (y, x)."""
 
 
 @dataclass(frozen=True)
@@ -43,6 +52,8 @@ class FrameReconstructor:
         What to note of it.
     refocus : Propagator, optional
         Carries the fields to another plane.
+    lost : LostFrames, optional
+        Tells frames that the camera lost.
     """
 
     demodulate: Demodulator
@@ -51,6 +62,7 @@ class FrameReconstructor:
     angles: list[float]
     attrs: dict[str, Any]
     refocus: Propagator | None = None
+    lost: LostFrames | None = None
 
     def __call__(
         self,
@@ -63,9 +75,13 @@ class FrameReconstructor:
         Returns
         -------
         float
-            Smallest share, of all views, of pixels that look like background; 1 if not looked at.
+            Smallest share, of all views, of pixels that look like background; 1 if not looked at,
+            NaN if the camera lost the frame, whose phase and amplitude are NaN then.
         """
-        fields = self.fields(frame)
+        fields = self.demodulate(frame)
+        if self.lost is not None and self.lost.reason(frame, fields):
+            return nothing_seen(phase, amplitude)
+        fields = self.corrected(fields)
         np.abs(fields, out=amplitude)
         np.arctan2(fields.imag, fields.real, out=phase)
         if not self.drift:
@@ -74,9 +90,26 @@ class FrameReconstructor:
 
     def fields(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
         """Return the corrected and refocused fields of all views of a frame, (view, y, x)."""
-        fields = self.demodulate(frame)
+        return self.corrected(self.demodulate(frame))
+
+    def corrected(self, fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
+        """Return demodulated fields, corrected in place, and refocused."""
         fields *= self.factor
         return fields if self.refocus is None else self.refocus(fields)
+
+    def read(
+        self,
+        source: ReadsRawFrames,
+        index: int,
+        phase: NDArray[np.float32],
+        amplitude: NDArray[np.float32],
+    ) -> float:
+        """Do the same for a frame of a recording by its number; it may hold NaN."""
+        try:
+            frame = source.raw_frame(index)
+        except BrokenFrameError:
+            return nothing_seen(phase, amplitude)
+        return self(frame, phase, amplitude)
 
     def stack_shape(self, n_frames: int) -> tuple[int, int, int, int]:
         """Return the shape (time, angle, y, x) of the phase of so many frames."""
@@ -84,12 +117,23 @@ class FrameReconstructor:
         return (n_frames, len(self.angles), height, width)
 
     def as_dataset(
-        self, rec: Recording, phase: Any, amplitude: Any, lowest_share: float
+        self, rec: Recording, phase: Any, amplitude: Any, shares: Sequence[float]
     ) -> xr.Dataset:
-        """Return all frames' phase and amplitude, in memory or lazy, with axes and notes."""
-        attrs = {**self.attrs, "background_share": lowest_share}
+        """Return all frames' phase and amplitude, in memory or lazy, with axes and notes.
+
+        The shares are what the work gave for each frame.
+        """
+        lost = [time for time, share in enumerate(shares) if np.isnan(share)]
+        lowest = min((share for share in shares if not np.isnan(share)), default=0.0)
+        attrs = {**self.attrs, "background_share": lowest, "lost_times": lost}
         ratio = self.demodulate.pixel_ratio
         return as_dataset(rec, self.angles, ratio, phase, amplitude, attrs)
+
+
+def nothing_seen(phase: NDArray[np.float32], amplitude: NDArray[np.float32]) -> float:
+    """Leave a lost frame's phase and amplitude unknown."""
+    phase[...] = amplitude[...] = np.nan
+    return float("nan")
 
 
 def remove_offset(field: NDArray[np.complex64], phase: NDArray[np.float32]) -> float:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.recording import Recording
 
 __all__ = ["fringe_contrast", "fringe_visibility"]
 
@@ -41,8 +40,8 @@ def fringe_contrast(frame: NDArray[np.floating]) -> float:
     return float(np.median((high - low)[lit] / (high + low)[lit]))
 
 
-def fringe_visibility(rec: Recording, demodulate: Demodulator) -> list[float]:
-    """Return the visibility of each view's own fringes, in the middle frame of a recording.
+def fringe_visibility(frame: NDArray[np.generic], demodulate: Demodulator) -> list[float]:
+    """Return the visibility of each view's own fringes in a frame.
 
     Fringes I (1 + V cos(2 pi k r)) leave a field of amplitude I V / 2 in their lobe; so V is twice
     the median amplitude over the mean grey value. Noise outside the lobe does not count, nor do
@@ -50,8 +49,8 @@ def fringe_visibility(rec: Recording, demodulate: Demodulator) -> list[float]:
 
     Parameters
     ----------
-    rec : Recording
-        The hologram video.
+    frame : ndarray of shape (y, x)
+        Grey values, 0 where it is dark.
     demodulate : Demodulator
         Gives the fields of all views.
 
@@ -60,7 +59,6 @@ def fringe_visibility(rec: Recording, demodulate: Demodulator) -> list[float]:
     list of float
         One a view, in the order of the demodulator's lobes; 0 for a dark frame.
     """
-    frame = rec.raw_frame(rec.n_frames // 2)
     mean = float(frame.mean(dtype=np.float64))
     fields = demodulate(frame)
     return [2 * float(np.median(np.abs(view))) / mean if mean > 0 else 0.0 for view in fields]

@@ -22,6 +22,7 @@ from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.focusing import Focus, autofocus
 from napari_phase4d.holography.frames import FrameReconstructor, propagator_for
 from napari_phase4d.holography.lobes import Lobe
+from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_visibility
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
@@ -127,11 +128,11 @@ def reconstruct(
     amplitude = np.empty_like(phase)
 
     def into_place(index: int) -> float:
-        return work(rec.raw_frame(index), phase[index], amplitude[index])
+        return work.read(rec, index, phase[index], amplitude[index])
 
     watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)
-    lowest_share = min(in_threads(into_place, range(rec.n_frames), watch))
-    return work.as_dataset(rec, phase, amplitude, lowest_share)
+    shares = list(in_threads(into_place, range(rec.n_frames), watch))
+    return work.as_dataset(rec, phase, amplitude, shares)
 
 
 def frame_reconstructor(
@@ -148,13 +149,16 @@ def frame_reconstructor(
         raise TypeError(msg)
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
-    factor, found = corrections(rec, demodulate, settings.reference, background, order, cancelled)
+    lost, seen = usual_fringes(rec, demodulate, cancelled)
+    factor, found = corrections(
+        rec, demodulate, settings.reference, background, order, lost, cancelled
+    )
     attrs = {
         "wavelength_um": rec.optics.wavelength_um,
         "medium_index": rec.optics.medium_index,
         "recording": rec.name,
         "lobes": [lobe_note(lobe) for lobe in lobes],
-        "fringe_visibility": fringe_visibility(rec, demodulate),
+        "fringe_visibility": fringe_visibility(rec.raw_frame(seen[len(seen) // 2]), demodulate),
         "window": settings.window,
         "background": background,
         "drift_removed": settings.drift,
@@ -165,7 +169,7 @@ def frame_reconstructor(
         attrs["background_order"] = order
     if background == "zernike":
         attrs["aberrations_rad"] = [aberration_note(view) for view in found]
-    work = FrameReconstructor(demodulate, factor, settings.drift, angles, attrs)
+    work = FrameReconstructor(demodulate, factor, settings.drift, angles, attrs, lost=lost)
     if settings.refocus_um is None:
         return work
     return with_refocus(work, rec, settings.refocus_um, cancelled)

@@ -10,6 +10,7 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
@@ -41,9 +42,12 @@ def power_spectrum(
     -------
     xarray.DataArray
         float32, dims ``("ky", "kx")`` in cycles per camera pixel, zero frequency in the middle.
+        ``attrs["lost_frames"]`` are those that were blank, saturated or broken, and left out.
 
     Raises
     ------
+    ValueError
+        If all frames are lost.
     Cancelled
         If ``cancelled()`` returned True.
 
@@ -60,8 +64,11 @@ def power_spectrum(
     {'ky': 512, 'kx': 512}
     """
     indices = rec.sample_indices(max_frames or rec.n_frames)
-    frames = watched(rec, indices, Watch(len(indices), "spectrum", progress, cancelled))
-    half = mean_half_spectrum(frames, rec.frame_shape)
+    watch = Watch(len(indices), "spectrum", progress, cancelled)
+    lost: dict[int, str] = {}
+    half = mean_half_spectrum(watched(rec, indices, lost, watch), rec.frame_shape)
+    if len(lost) == len(indices):
+        raise ValueError(all_lost(rec.name, lost))
     height, width = rec.frame_shape
     return xr.DataArray(
         full_spectrum(half, width).astype(np.float32),
@@ -71,15 +78,29 @@ def power_spectrum(
             "kx": scipy.fft.fftshift(scipy.fft.fftfreq(width)),
         },
         name="power",
-        attrs={"units": "grey value^2", "frames": len(indices)},
+        attrs={
+            "units": "grey value^2",
+            "frames": len(indices) - len(lost),
+            "lost_frames": sorted(lost),
+        },
     )
 
 
-def watched(rec: Recording, indices: list[int], watch: Watch) -> Iterator[NDArray[np.float32]]:
-    """Yield the chosen frames, telling how far it is, until cancelled."""
+def watched(
+    rec: Recording, indices: list[int], lost: dict[int, str], watch: Watch
+) -> Iterator[NDArray[np.float32]]:
+    """Yield the chosen frames, telling how far it is, until cancelled.
+
+    Blank, saturated and broken frames are noted and left out; those whose fringes have collapsed
+    add next to nothing to the power.
+    """
     watch.check()
     for index in indices:
-        yield rec.frame(index)
+        reason = safe_look(rec, index).reason
+        if reason:
+            lost[index] = reason
+        else:
+            yield rec.frame(index)
         watch.step()
 
 
@@ -107,8 +128,8 @@ def frame_window(shape: tuple[int, int]) -> NDArray[np.float32]:
 
 def windowed_spectra(
     rec: Recording, indices: Sequence[int], watch: Watch
-) -> Iterator[NDArray[np.complex64]]:
-    """Yield the transforms of windowed frames on the half plane kx >= 0, on all cores.
+) -> tuple[list[NDArray[np.complex64]], dict[int, str]]:
+    """Return the transforms of windowed frames on the half plane kx >= 0; lost ones are left out.
 
     Parameters
     ----------
@@ -118,9 +139,24 @@ def windowed_spectra(
         Frame numbers.
     watch : Watch
         Is told of each.
+
+    Returns
+    -------
+    list of ndarray of shape (y, x // 2 + 1)
+        complex64, of the frames that are not lost.
+    dict of int to str
+        The frames that are, and why.
     """
     window = frame_window(rec.frame_shape)
-    return in_threads(lambda index: windowed_spectrum(rec.frame(index), window), indices, watch)
+
+    def work(index: int) -> tuple[FrameLook, NDArray[np.complex64] | None]:
+        look = safe_look(rec, index)
+        return look, None if look.reason else windowed_spectrum(rec.frame(index), window)
+
+    found = dict(zip(indices, in_threads(work, indices, watch), strict=True))
+    lost = lost_among({index: look for index, (look, _) in found.items()})
+    kept = [spectrum for index, (_, spectrum) in found.items() if index not in lost]
+    return [spectrum for spectrum in kept if spectrum is not None], lost
 
 
 def windowed_spectrum(

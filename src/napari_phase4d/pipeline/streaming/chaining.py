@@ -17,6 +17,7 @@ from napari_phase4d.pipeline.streaming.spatial import (
     known_phase,
     turns_of,
     with_turns,
+    without_lost,
 )
 from napari_phase4d.pipeline.streaming.stored import Limits, Stored, limits_of
 from napari_phase4d.unwrapping.combined import follow_line, unwrap_line
@@ -94,11 +95,13 @@ class AlongAngle:
             starts = starts_on("angle", time, chain.boundaries)
             unwrap_line(wrapped[i], initial[i], mask[i], starts, split=chain.split, out=found[i])
         back = -chain.shifts[block.start : block.stop]
-        if isinstance(self.result, Stored):
-            self.result.write(block, moved(found, back))
-        else:
+        if not isinstance(self.result, Stored):
             self.result.write(block, moved(chain.turns(found, wrapped, mask), back))
-        return limits_of(found)
+            return limits_of(found)
+        _, known = known_phase(chain.phase, block)
+        unwrapped = without_lost(moved(found, back), known)
+        self.result.write(block, unwrapped)
+        return limits_of(unwrapped)
 
 
 @dataclass(frozen=True)
@@ -207,7 +210,8 @@ class FinishBlock:
 
     def __call__(self, block: Block) -> Limits:
         """Do a block; return its smallest and largest phase."""
-        wrapped, _ = known_phase(self.phase, block)
+        wrapped, known = known_phase(self.phase, block)
         unwrapped = with_turns(wrapped, self.turns.read(block), self.mask.read(block))
+        unwrapped = without_lost(unwrapped, known)
         self.result.write(block, unwrapped)
         return limits_of(unwrapped)

@@ -56,7 +56,8 @@ def reconstruct_to_disk(
     shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
     # The values do not count here: these are the axes and notes.
     empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
-    plan = work.as_dataset(recording, empty, empty, min(shares))
+    each_share = [share for of_block in shares for share in of_block]
+    plan = work.as_dataset(recording, empty, empty, each_share)
     plan["phase"] = shelf.put("wrapped", plan["phase"], (-math.pi, math.pi))
     plan["amplitude"] = shelf.put("amplitude", plan["amplitude"], widest(limits))
     return plan
@@ -81,20 +82,20 @@ class ReconstructBlock:
     phase: Stored
     amplitude: Stored
 
-    def __call__(self, block: Block) -> tuple[float, Limits]:
+    def __call__(self, block: Block) -> tuple[list[float], Limits]:
         """Do a block.
 
         Returns
         -------
-        float, Limits
-            Smallest share of a frame that looks like background; smallest and largest amplitude.
+        list of float, Limits
+            What `FrameReconstructor` tells of each frame; smallest and largest amplitude.
         """
         phase = np.empty((len(block), *self.phase.shape[1:]), dtype=np.float32)
         amplitude = np.empty_like(phase)
         shares = [
-            self.work(self.source.frame(time), phase[i], amplitude[i])
+            self.work.read(self.source, time, phase[i], amplitude[i])
             for i, time in enumerate(block.times)
         ]
         self.phase.write(block, phase)
         self.amplitude.write(block, amplitude)
-        return min(shares), limits_of(amplitude)
+        return shares, limits_of(amplitude)

@@ -36,9 +36,9 @@ class FrameSource:
             content="holograms",
         )
 
-    def frame(self, time: int) -> NDArray[np.generic]:
+    def raw_frame(self, index: int) -> NDArray[np.generic]:
         """Return one frame, shape (y, x), its numbers as they are in the file."""
-        return self.recording.raw_frame(time)
+        return self.recording.raw_frame(index)
 
     def __getstate__(self) -> dict[str, Any]:
         """Leave the frames out where they can be opened anew."""

@@ -31,6 +31,14 @@ def known_phase(stack: Stored, block: Block, angles: slice = slice(None)) -> tup
     return (wrapped if known.all() else np.where(known, wrapped, np.float32(0))), known
 
 
+def without_lost(unwrapped: Phase, known: Mask) -> Phase:
+    """Leave frames unknown of which no pixel was known; in place where there are any."""
+    lost = ~known.any(axis=(2, 3))
+    if lost.any():
+        unwrapped[lost] = np.nan
+    return unwrapped
+
+
 def turns_of(unwrapped: Phase, wrapped: Phase) -> NDArray[np.int16]:
     """Return the whole turns that were added to wrapped phase."""
     turns: NDArray[np.int16] = np.rint((unwrapped - wrapped) / TURN).astype(np.int16)

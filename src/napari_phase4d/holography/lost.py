@@ -1,0 +1,258 @@
+"""Frames that the camera lost: blank, saturated, without fringes, damaged.
+
+Before the lobes are known, frames are held against each other by the strength of their fringes in
+tiles; afterwards by the amplitude of their fields, which also tells fringes from noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.recording import BrokenFrameError, Recording
+from napari_phase4d.words import counted
+
+__all__ = [
+    "FrameLook",
+    "LostFrames",
+    "all_lost",
+    "look_at",
+    "lost_among",
+    "lost_frames",
+    "lost_sentence",
+    "safe_look",
+    "usual_fringes",
+]
+
+#: Tiles across a frame, along y and along x.
+TILES = 8
+#: Fringes are looked at on about so many rows and columns.
+ROWS = 128
+#: A frame is saturated if so large a share of its pixels has the largest value there is.
+SATURATED = 0.75
+#: A tile is bad if the power of its fringes is this small, or this large, next to what it usually
+#: is; a frame is lost if this share of its tiles is bad, or if all of it is a quarter as strong as
+#: usual (a sixteenth in power).
+WEAK, STRONG, BAD_TILES, COLLAPSED = 0.04, 10.0, 0.15, 0.06
+#: A field is compared with itself so many pixels on, on every so-manieth row ...
+APART, THIN = 3, 4
+#: ... and is noise if it is so much less alike than usual.
+INCOHERENT = 0.4
+#: Frames that tell what is usual.
+SAMPLE = 16
+
+Tiles = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class FrameLook:
+    """What one look at a camera frame tells.
+
+    Parameters
+    ----------
+    strength : ndarray of shape (tile, tile)
+        Mean squared difference of neighbouring pixels in each tile.
+    reason : str
+        Why it is lost whatever other frames show; empty if it is not.
+    """
+
+    strength: Tiles
+    reason: str = ""
+
+
+def look_at(frame: NDArray[np.generic]) -> FrameLook:
+    """Look at a camera frame (y, x) of any real type."""
+    height, width = frame.shape
+    rows = frame[:: max(1, height // ROWS)].astype(np.float32)
+    columns = frame[:, :: max(1, width // ROWS)].astype(np.float32)
+    tiles = min(TILES, height - 1, width - 1)
+    across, down = np.diff(rows, axis=1), np.diff(columns, axis=0)
+    strength = tiled(across**2, tiles) + tiled(down**2, tiles)
+    if not strength.any():
+        return FrameLook(strength, "blank")
+    top = rows.max()
+    if float((rows >= top).mean()) > SATURATED:
+        return FrameLook(strength, "saturated")
+    return FrameLook(strength)
+
+
+def tiled(values: NDArray[np.floating], tiles: int = TILES) -> Tiles:
+    """Return the means over tiles of an image."""
+    edges = [np.linspace(0, n, min(tiles, n) + 1).astype(int)[:-1] for n in values.shape]
+    sums = np.add.reduceat(np.add.reduceat(values, edges[0], axis=0), edges[1], axis=1)
+    heights, widths = (np.diff([*edge, n]) for edge, n in zip(edges, values.shape, strict=True))
+    means: Tiles = sums / np.outer(heights, widths)
+    return means
+
+
+def lost_among(looks: Mapping[int, FrameLook]) -> dict[int, str]:
+    """Return which of some frames are lost, and why.
+
+    Parameters
+    ----------
+    looks : mapping of int to FrameLook
+        What each frame shows, by its number.
+    """
+    lost = {index: look.reason for index, look in looks.items() if look.reason}
+    kept = {index: look.strength for index, look in looks.items() if not look.reason}
+    if kept:
+        usual = np.median(list(kept.values()), axis=0)
+        for index, strength in kept.items():
+            if reason := difference(strength, usual):
+                lost[index] = reason
+    return dict(sorted(lost.items()))
+
+
+def difference(power: Tiles, usual: Tiles) -> str:
+    """Say how the power of a frame's fringes differs from what is usual; "" if it does not."""
+    relative = power / np.maximum(usual, np.finfo(float).tiny)
+    if float(np.median(relative)) < COLLAPSED:
+        return "without fringes"
+    bad = (relative < WEAK) | (relative > STRONG)
+    return "damaged" if float(bad.mean()) > BAD_TILES else ""
+
+
+def lost_frames(
+    rec: Recording,
+    at_most: int | None = None,
+    *,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> dict[int, str]:
+    """Return which frames the camera lost, and why.
+
+    Parameters
+    ----------
+    rec : Recording
+        The hologram video.
+    at_most : int, optional
+        Look at so many frames at most, evenly over the recording. Default: all.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    dict of int to str
+        Frame number: "blank", "saturated", "without fringes", "damaged" or "NaN".
+    """
+    indices = rec.sample_indices(at_most or rec.n_frames)
+    watch = Watch(len(indices), "looking for lost frames", progress, cancelled)
+    looks = in_threads(lambda index: safe_look(rec, index), indices, watch)
+    return lost_among(dict(zip(indices, looks, strict=True)))
+
+
+def safe_look(rec: Recording, index: int) -> FrameLook:
+    """Look at a frame that may hold NaN."""
+    try:
+        return look_at(rec.raw_frame(index))
+    except BrokenFrameError:
+        return FrameLook(np.zeros((1, 1)), "NaN")
+
+
+def lost_sentence(lost: Mapping[int, str], looked_at: int) -> str:
+    """Say which frames are lost; "" if none is."""
+    if not lost:
+        return ""
+    named = [f"{index} ({reason})" for index, reason in list(lost.items())[:5]]
+    more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
+    number = counted(len(lost), "frame")
+    verb = "is" if len(lost) == 1 else "are"
+    return f"{number} of {looked_at} {verb} lost and left out: {', '.join(named)}{more}."
+
+
+@dataclass(frozen=True)
+class Fringes:
+    """What the fields of a frame show in each tile.
+
+    Parameters
+    ----------
+    power : ndarray of shape (view, tile, tile)
+        Squared mean amplitude.
+    coherence : ndarray of shape (view,)
+        How alike the field is to itself some pixels on, from 0 for noise to 1; the median over
+        tiles.
+    """
+
+    power: Tiles
+    coherence: Tiles
+
+    def reason(self, usual: Fringes) -> str:
+        """Say why a frame is lost where others are as usual; "" if it is not."""
+        if (self.coherence < INCOHERENT * usual.coherence).any():
+            return "without fringes"
+        pairs = zip(self.power, usual.power, strict=True)
+        return next((said for pair in pairs if (said := difference(*pair))), "")
+
+
+def fringes_of(fields: NDArray[np.complex64]) -> Fringes:
+    """Return what the fields (view, y, x) of a frame show."""
+    power = np.stack([tiled(np.abs(view)) for view in fields]) ** 2
+    return Fringes(power, np.array([coherence(view) for view in fields]))
+
+
+def coherence(field: NDArray[np.complex64]) -> float:
+    """Return how alike a field is to itself some pixels on, the median over tiles."""
+    if field.shape[1] <= 2 * APART:
+        return 1.0  # too small to tell
+    rows = field[::THIN]
+    ahead, here = rows[:, APART:], rows[:, :-APART]
+    product = ahead * here.conj()
+    alike = np.hypot(tiled(product.real), tiled(product.imag))
+    size = tiled(np.abs(product))
+    return float(np.median(alike / np.maximum(size, np.finfo(float).tiny)))
+
+
+@dataclass(frozen=True)
+class LostFrames:
+    """Tells frames that the camera lost by their pixels and their fields.
+
+    Parameters
+    ----------
+    usual : Fringes
+        What the fields of the recording usually show.
+    """
+
+    usual: Fringes
+
+    def reason(self, frame: NDArray[np.generic], fields: NDArray[np.complex64]) -> str:
+        """Say why a frame with some fields (view, y, x) is lost; "" if it is not."""
+        return look_at(frame).reason or fringes_of(fields).reason(self.usual)
+
+
+def usual_fringes(
+    rec: Recording, demodulate: Demodulator, cancelled: CancelledCall | None = None
+) -> tuple[LostFrames, list[int]]:
+    """Return what tells lost frames, and those of the frames looked at that are not lost.
+
+    Raises
+    ------
+    ValueError
+        If every frame that was looked at is lost.
+    """
+    indices = rec.sample_indices(SAMPLE)
+    watch = Watch(len(indices), "looking for lost frames", None, cancelled)
+
+    def look(index: int) -> tuple[str, Fringes | None]:
+        reason = safe_look(rec, index).reason
+        return reason, None if reason else fringes_of(demodulate(rec.raw_frame(index)))
+
+    seen = dict(zip(indices, in_threads(look, indices, watch), strict=True))
+    known = {index: fringes for index, (_, fringes) in seen.items() if fringes is not None}
+    if not known:
+        raise ValueError(all_lost(rec.name, {i: reason for i, (reason, _) in seen.items()}))
+    usual = Fringes(
+        np.median([fringes.power for fringes in known.values()], axis=0),
+        np.median([fringes.coherence for fringes in known.values()], axis=0),
+    )
+    return LostFrames(usual), [i for i, fringes in known.items() if not fringes.reason(usual)]
+
+
+def all_lost(name: str, lost: Mapping[int, str]) -> str:
+    """Say that nothing is left to work on."""
+    index, reason = next(iter(lost.items()))
+    return f"no frame of {name} shows fringes: frame {index} is {reason}"
