@@ -4,7 +4,7 @@ from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.corrections import BACKGROUND_ORDERS
 from napari_phase4d.holography.datasets import recalibrated
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.finding import find_lobes
+from napari_phase4d.holography.finding import FoundLobes, find_lobes
 from napari_phase4d.holography.focusing import (
     FOCUS_OBJECTS,
     Focus,
@@ -13,6 +13,7 @@ from napari_phase4d.holography.focusing import (
 )
 from napari_phase4d.holography.frames import FrameReconstructor
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance
+from napari_phase4d.holography.lost import lost_frames, lost_sentence
 from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
 from napari_phase4d.holography.preview import Preview
 from napari_phase4d.holography.quality import fringe_contrast, fringe_visibility
@@ -37,6 +38,7 @@ __all__ = [
     "WINDOWS",
     "Demodulator",
     "Focus",
+    "FoundLobes",
     "FrameReconstructor",
     "Lobe",
     "PhaseSettings",
@@ -51,6 +53,8 @@ __all__ = [
     "fringe_contrast",
     "fringe_visibility",
     "lobe_warnings",
+    "lost_frames",
+    "lost_sentence",
     "pair_distance",
     "power_spectrum",
     "propagate",

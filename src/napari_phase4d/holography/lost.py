@@ -39,10 +39,10 @@ SATURATED = 0.75
 #: is; a frame is lost if this share of its tiles is bad, or if all of it is a quarter as strong as
 #: usual (a sixteenth in power).
 WEAK, STRONG, BAD_TILES, COLLAPSED = 0.04, 10.0, 0.15, 0.06
-#: A field is compared with itself so many pixels on, on every so-manieth row ...
-APART, THIN = 3, 4
-#: ... and is noise if it is so much less alike than usual.
-INCOHERENT = 0.4
+#: A field is compared with itself so many pixels on, on about so many rows or columns ...
+APART, LINES = 3, 128
+#: ... and a tile is noise if it is so much less alike than usual; so is the frame, if most are.
+INCOHERENT, NOISE = 0.3, 0.4
 #: Frames that tell what is usual.
 SAMPLE = 16
 
@@ -84,7 +84,8 @@ def look_at(frame: NDArray[np.generic]) -> FrameLook:
 def tiled(values: NDArray[np.floating], tiles: int = TILES) -> Tiles:
     """Return the means over tiles of an image."""
     edges = [np.linspace(0, n, min(tiles, n) + 1).astype(int)[:-1] for n in values.shape]
-    sums = np.add.reduceat(np.add.reduceat(values, edges[0], axis=0), edges[1], axis=1)
+    down = np.add.reduceat(values, edges[0], axis=0, dtype=np.float64)
+    sums = np.add.reduceat(down, edges[1], axis=1)
     heights, widths = (np.diff([*edge, n]) for edge, n in zip(edges, values.shape, strict=True))
     means: Tiles = sums / np.outer(heights, widths)
     return means
@@ -173,9 +174,8 @@ class Fringes:
     ----------
     power : ndarray of shape (view, tile, tile)
         Squared mean amplitude.
-    coherence : ndarray of shape (view,)
-        How alike the field is to itself some pixels on, from 0 for noise to 1; the median over
-        tiles.
+    coherence : ndarray of shape (view, tile, tile)
+        How alike the field is to itself some pixels on, from 0 for noise to 1.
     """
 
     power: Tiles
@@ -183,8 +183,11 @@ class Fringes:
 
     def reason(self, usual: Fringes) -> str:
         """Say why a frame is lost where others are as usual; "" if it is not."""
-        if (self.coherence < INCOHERENT * usual.coherence).any():
+        alike = self.coherence / np.maximum(usual.coherence, np.finfo(float).tiny)
+        if (np.median(alike, axis=(1, 2)) < NOISE).any():
             return "without fringes"
+        if ((alike < INCOHERENT).mean(axis=(1, 2)) > BAD_TILES).any():
+            return "damaged"
         pairs = zip(self.power, usual.power, strict=True)
         return next((said for pair in pairs if (said := difference(*pair))), "")
 
@@ -192,19 +195,18 @@ class Fringes:
 def fringes_of(fields: NDArray[np.complex64]) -> Fringes:
     """Return what the fields (view, y, x) of a frame show."""
     power = np.stack([tiled(np.abs(view)) for view in fields]) ** 2
-    return Fringes(power, np.array([coherence(view) for view in fields]))
+    alike = [np.minimum(coherence(view), coherence(view.T).T) for view in fields]
+    return Fringes(power, np.stack(alike))
 
 
-def coherence(field: NDArray[np.complex64]) -> float:
-    """Return how alike a field is to itself some pixels on, the median over tiles."""
-    if field.shape[1] <= 2 * APART:
-        return 1.0  # too small to tell
-    rows = field[::THIN]
-    ahead, here = rows[:, APART:], rows[:, :-APART]
-    product = ahead * here.conj()
+def coherence(field: NDArray[np.complex64]) -> Tiles:
+    """Return how alike a field is to itself some pixels on along x, in each tile."""
+    if min(field.shape) <= 4 * APART:
+        return np.ones((1, 1))  # too small to tell
+    rows = field[:: max(1, len(field) // LINES)]
+    product = rows[:, APART:] * rows[:, :-APART].conj()
     alike = np.hypot(tiled(product.real), tiled(product.imag))
-    size = tiled(np.abs(product))
-    return float(np.median(alike / np.maximum(size, np.finfo(float).tiny)))
+    return alike / np.maximum(tiled(np.abs(product)), np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,116 @@
+"""Frames that the camera lost: found wherever they are, and left out of everything."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import napari_phase4d as p4d
+from napari_phase4d.holography import lost_frames, lost_sentence, pair_distance
+from napari_phase4d.recording import Recording
+from napari_phase4d.simulation import multiplexed_video, swimming_euglena
+
+CARRIERS = ((0.19, 0.21), (-0.21, 0.19))
+Frame = NDArray[np.uint8]
+
+
+@pytest.fixture(scope="module")
+def video() -> Recording:
+    exact = swimming_euglena((256, 256), 9, pixel_um=5.2 / 30)
+    return multiplexed_video(exact["phase"], carriers=CARRIERS)
+
+
+def garbage(frame: Frame) -> Frame:
+    return np.random.default_rng(1).integers(0, 256, frame.shape).astype(frame.dtype)
+
+
+def half_grey(frame: Frame) -> Frame:
+    return np.where(np.arange(len(frame))[:, None] < len(frame) // 2, frame, 128).astype("u1")
+
+
+def quarter_garbage(frame: Frame) -> Frame:
+    return np.where(np.arange(len(frame))[:, None] < len(frame) // 4, garbage(frame), frame)
+
+
+def torn_rows(frame: Frame) -> Frame:
+    rng = np.random.default_rng(2)
+    return np.stack([np.roll(row, rng.integers(len(row))) for row in frame])
+
+
+def faint(frame: Frame) -> Frame:
+    return np.round(frame.mean() + 0.1 * (frame - frame.mean())).astype("u1")
+
+
+LOSSES: dict[str, Callable[[Frame], Frame]] = {
+    "black": np.zeros_like,
+    "white": lambda frame: np.full_like(frame, 255),
+    "garbage": garbage,
+    "half grey": half_grey,
+    "quarter garbage": quarter_garbage,
+    "torn rows": torn_rows,
+    "faint": faint,
+}
+
+
+@pytest.mark.parametrize("place", [0, 4, 8])
+@pytest.mark.parametrize("loss", LOSSES)
+def test_a_lost_frame_is_left_out_wherever_it_is(video: Recording, loss: str, place: int) -> None:
+    frames = video.holograms.values.copy()
+    frames[place] = LOSSES[loss](frames[place])
+    rec = p4d.open_recording(frames)
+    lobes = p4d.find_lobes(rec, 2)
+    for carrier in CARRIERS:
+        assert min(pair_distance(lobe.carrier, carrier) for lobe in lobes) < 0.002
+    data = p4d.reconstruct(rec, lobes, background="none")
+    assert data.attrs["lost_times"] == [place]
+    kept = np.arange(len(frames)) != place
+    without = p4d.reconstruct(p4d.open_recording(frames[kept]), lobes, background="none")
+    for name in ("phase", "amplitude"):
+        assert np.isnan(data[name].values[place]).all()
+        np.testing.assert_array_equal(data[name].values[kept], without[name].values)
+
+
+@pytest.mark.parametrize("loss", ["black", "white", "half grey", "faint"])
+def test_it_is_listed_before_the_lobes_are_known(video: Recording, loss: str) -> None:
+    frames = video.holograms.values.copy()
+    frames[3] = LOSSES[loss](frames[3])
+    lost = lost_frames(p4d.open_recording(frames))
+    assert list(lost) == [3]
+    assert lost_sentence(lost, 9).startswith("1 frame of 9 is lost and left out: 3 (")
+
+
+def test_moving_cells_and_dimmer_light_are_not_lost(video: Recording) -> None:
+    frames = video.holograms.values.copy()
+    frames[5] = frames[5] // 2
+    rec = p4d.open_recording(frames)
+    assert lost_frames(rec) == {}
+    assert lost_sentence({}, 9) == ""
+    assert p4d.reconstruct(rec, p4d.find_lobes(rec, 2)).attrs["lost_times"] == []
+
+
+def test_every_method_goes_on_to_the_end(video: Recording) -> None:
+    frames = video.holograms.values.copy()
+    frames[4] = 0
+    rec = p4d.open_recording(frames)
+    outcome = p4d.run(p4d.Recipe(methods=tuple(p4d.METHODS)), rec)
+    lost = np.arange(len(frames)) == 4
+    for method, result in outcome.comparison.results.items():
+        assert np.isnan(result.values[lost]).all(), method
+        assert np.isfinite(result.values[~lost]).all(), method
+    trust = outcome.comparison.confidence("temporal-angular")
+    assert (trust.values[lost] == 0).all()
+    assert "time 4" in outcome.comparison.verdict
+
+
+def test_references_and_fits_leave_it_out(video: Recording) -> None:
+    """The median and the tilt are those of the other frames."""
+    frames = video.holograms.values.copy()
+    frames[0] = 0
+    lobes = p4d.find_lobes(video, 2)
+    for settings in ({"reference": "median"}, {"background": "curvature"}):
+        there = p4d.reconstruct(p4d.open_recording(frames), lobes, **settings)
+        without = p4d.reconstruct(p4d.open_recording(frames[1:]), lobes, **settings)
+        np.testing.assert_array_equal(there["phase"].values[1:], without["phase"].values)
