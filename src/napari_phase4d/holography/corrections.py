@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +13,18 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.background import Surface, aligned_to
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.leftover import BetterSurface
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["BACKGROUND_ORDERS", "Reference", "background_surface", "corrections", "reference_note"]
+__all__ = [
+    "BACKGROUND_ORDERS",
+    "Corrections",
+    "Reference",
+    "background_surface",
+    "corrections",
+    "reference_note",
+]
 
 #: What to take off the background, and the degree of the surface that does it; None for the
 #: degree that is asked for.
@@ -41,18 +50,15 @@ def corrections(
     background: str,
     background_order: int,
     cancelled: CancelledCall | None,
-) -> tuple[NDArray[np.complex64], list[NDArray[np.float64]]]:
+) -> Corrections:
     """Return what to multiply the fields of all frames by, and what the background was.
 
     It divides by the reference and takes off the phase that the empty field has in all frames.
 
-    Returns
-    -------
-    ndarray of shape (view, y, x) or (1, 1, 1)
-        The factor.
-    list of ndarray
-        For each view the coefficients of the background's terms in radians; empty if none was
-        fitted.
+    Raises
+    ------
+    ValueError
+        If the background is a curvature, and a view does not show enough of its empty field.
     """
     kind, order = background_surface(background, background_order)
     factor = np.ones((1, 1, 1), dtype=np.complex64)
@@ -66,15 +72,46 @@ def corrections(
         each = iter(static) if by_median else static_fields(rec, demodulate, cancelled)
         means = mean_fields(fields * factor for fields in each)
         surface = Surface(kind, order, means.shape[1:])
+        better = BetterSurface(background, means.shape[1:])
         watch = Watch(len(means), "fit the background", None, cancelled)
-        found = []
-        for mean in means:
-            found.append(surface.fitted_to(mean, watch.check))
+        fits, lefts = [], []
+        for view, mean in enumerate(means):
+            fits.append(surface.fit(mean, watch.check))
+            if fits[-1].doubt:
+                raise ValueError(refusal(fits[-1].doubt, view, rec.name, background))
+            lefts.append(better.left_rad(mean, fits[-1].surface))
             watch.step()
-        surfaces = np.stack([surface for surface, _ in found])
+        surfaces = np.stack([fit.surface for fit in fits])
         factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
-        return factor, [coefficients for _, coefficients in found]
-    return factor, []
+        return Corrections(factor, [fit.coefficients for fit in fits], lefts)
+    return Corrections(factor, [], [])
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """What all frames are corrected by.
+
+    Parameters
+    ----------
+    factor : ndarray of shape (view, y, x) or (1, 1, 1)
+        What to multiply the fields by.
+    coefficients : list of ndarray
+        For each view those of the background's terms in radians; empty if none was fitted.
+    left_rad : list of float
+        For each view what is left in its empty field, in radians rms; empty likewise.
+    """
+
+    factor: NDArray[np.complex64]
+    coefficients: list[NDArray[np.float64]]
+    left_rad: list[float]
+
+
+def refusal(doubt: str, view: int, name: str, background: str) -> str:
+    """Say why a background can't be fitted, and what to do."""
+    return (
+        f"{background} can't be fitted to view {view} of {name}: {doubt}; use a reference "
+        'hologram or background="tilt"'
+    )
 
 
 def background_surface(background: str, background_order: int) -> tuple[str, int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
@@ -21,6 +22,7 @@ from napari_phase4d.holography.datasets import aberration_note, focus_note, lobe
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.focusing import Focus, autofocus
 from napari_phase4d.holography.frames import FrameReconstructor, propagator_for
+from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.quality import fringe_visibility
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
@@ -102,9 +104,16 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If an option has no such value or the reference does not fit the frames.
+        If an option has no such value, the reference does not fit the frames, or the background
+        is "curvature" and too little of a view is clearly empty field.
     Cancelled
         If ``cancelled()`` returned True.
+
+    Warns
+    -----
+    UserWarning
+        If more than 0.3 rad rms of the background are left in a view where a surface of a higher
+        degree would take them off. ``attrs["background_left_rad"]`` says what is left.
 
     See Also
     --------
@@ -123,6 +132,8 @@ def reconstruct(
     """
     settings = PhaseSettings(reference, window, background, background_order, refocus_um, drift)
     work = frame_reconstructor(rec, lobes, settings, cancelled)
+    if advice := background_advice(work.attrs):
+        warnings.warn(f"{rec.name}: {advice}", UserWarning, stacklevel=2)
     phase = np.empty(work.stack_shape(rec.n_frames), dtype=np.float32)
     amplitude = np.empty_like(phase)
 
@@ -148,7 +159,7 @@ def frame_reconstructor(
         raise TypeError(msg)
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
-    factor, found = corrections(rec, demodulate, settings.reference, background, order, cancelled)
+    found = corrections(rec, demodulate, settings.reference, background, order, cancelled)
     attrs = {
         "wavelength_um": rec.optics.wavelength_um,
         "medium_index": rec.optics.medium_index,
@@ -161,11 +172,13 @@ def frame_reconstructor(
         "reference": reference_note(settings.reference),
         "pixel_ratio": list(demodulate.pixel_ratio),
     }
+    if found.left_rad:
+        attrs["background_left_rad"] = [round(left, 6) for left in found.left_rad]
     if BACKGROUND_ORDERS[background] is None:
         attrs["background_order"] = order
     if background == "zernike":
-        attrs["aberrations_rad"] = [aberration_note(view) for view in found]
-    work = FrameReconstructor(demodulate, factor, settings.drift, angles, attrs)
+        attrs["aberrations_rad"] = [aberration_note(view) for view in found.coefficients]
+    work = FrameReconstructor(demodulate, found.factor, settings.drift, angles, attrs)
     if settings.refocus_um is None:
         return work
     return with_refocus(work, rec, settings.refocus_um, cancelled)
