@@ -207,7 +207,7 @@ class Surface:
         terms = self.terms_seen(look.step)
         best = look.judged(np.tensordot(first, terms, 1))
         if best.share > CLEAR_SHARE:
-            return first, ""
+            return first, doubt_of(best, 0.0)
         found, tries = first, [(best, first)]
         for start in self._curved(unit, look.step):
             check()

@@ -23,7 +23,7 @@ from napari_phase4d.holography.emptyfield import (
     wrapped,
 )
 
-__all__ = ["Judgement", "Look", "curved_starts", "refined"]
+__all__ = ["LOOK_PIXELS", "Judgement", "Look", "curved_starts", "refined"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -40,6 +40,8 @@ OUTER = 0.6
 EXPLAINED_RAD = 0.4
 #: The end of a quarter of the view is its share farthest from the middle.
 END = 0.1
+#: It is explained if this share of its pixels is.
+END_EXPLAINED = 0.8
 #: While a surface is refined, its pixels deviate by less than this, in radians.
 REFINING_RAD = (1.0, 0.8, 0.6, 0.5, 0.4, 0.4, 0.3, 0.3)
 #: Below this share of such pixels a surface is left as it is.
@@ -127,7 +129,7 @@ class Look:
         smooth = ndimage.uniform_filter(rest, 3)
         near = self.lit & reached(np.abs(smooth) < EXPLAINED_RAD, self.lit)
         close = np.where(near, 1 - (smooth / EXPLAINED_RAD) ** 2, 0)
-        ends = sum(bool(near[end].mean() > 0.5) for end in self._ends)
+        ends = sum(bool(near[end].mean() > END_EXPLAINED) for end in self._ends)
         share = float((close * self.weights).sum())
         return Judgement(share, ends, len(self._ends), near, smooth)
 

@@ -16,6 +16,7 @@ from napari_phase4d.holography.background import (
 )
 from napari_phase4d.holography.datasets import as_dataset
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
@@ -43,6 +44,8 @@ class FrameReconstructor:
         What to note of it.
     refocus : Propagator, optional
         Carries the fields to another plane.
+    tilt : FrameTilt, optional
+        Takes the tilt of each frame off its fields.
     """
 
     demodulate: Demodulator
@@ -51,6 +54,7 @@ class FrameReconstructor:
     angles: list[float]
     attrs: dict[str, Any]
     refocus: Propagator | None = None
+    tilt: FrameTilt | None = None
 
     def __call__(
         self,
@@ -76,6 +80,8 @@ class FrameReconstructor:
         """Return the corrected and refocused fields of all views of a frame, (view, y, x)."""
         fields = self.demodulate(frame)
         fields *= self.factor
+        if self.tilt is not None:
+            self.tilt.take_off(fields)
         return fields if self.refocus is None else self.refocus(fields)
 
     def stack_shape(self, n_frames: int) -> tuple[int, int, int, int]:

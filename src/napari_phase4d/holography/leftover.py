@@ -15,7 +15,7 @@ __all__ = ["MUCH_LEFT_RAD", "BetterSurface", "background_advice"]
 
 #: What to try next, what its surface is fitted with, and what is then left as it is now.
 NEXT: dict[str, tuple[str, str, int, str]] = {
-    "tilt": ("curvature", "powers", 2, "a curvature is"),
+    "tilt": ("curvature", "powers", 2, "curvature is"),
     "curvature": ("polynomial", "polynomial", 4, "aberrations are"),
 }
 #: Another surface counts only if it explains so much more of a view.

@@ -22,13 +22,21 @@ from napari_phase4d.holography.datasets import aberration_note, focus_note, lobe
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.focusing import Focus, autofocus
 from napari_phase4d.holography.frames import FrameReconstructor, propagator_for
+from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.quality import fringe_visibility
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["PhaseSettings", "Refocus", "find_focus", "frame_reconstructor", "reconstruct"]
+__all__ = [
+    "PhaseSettings",
+    "Refocus",
+    "find_focus",
+    "frame_reconstructor",
+    "reconstruct",
+    "reconstruct_frames",
+]
 
 #: Frames that the focus is looked for in at most, and about how many pixels of all views.
 FOCUS_FRAMES, FOCUS_PIXELS = 4, 500_000
@@ -49,6 +57,7 @@ class PhaseSettings:
     background_order: int = 4
     refocus_um: Refocus = None
     drift: bool = True
+    tilt_per_frame: bool = False
 
 
 def reconstruct(
@@ -61,6 +70,7 @@ def reconstruct(
     background_order: int = 4,
     refocus_um: Refocus = None,
     drift: bool = True,
+    tilt_per_frame: bool = False,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
 ) -> xr.Dataset:
@@ -91,6 +101,10 @@ def reconstruct(
         for the focus of some frames, see `autofocus`. Default None: as the camera saw it.
     drift : bool, optional
         Whether to set the phase of the empty field to zero in every frame. Default True.
+    tilt_per_frame : bool, optional
+        Whether to take a tilt off each frame too, fitted to that frame's own empty field after
+        the background of all frames has been taken off; frames with too little of it keep theirs.
+        Default False.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each frame; ``cancelled()`` stops the work.
 
@@ -130,10 +144,22 @@ def reconstruct(
     >>> data.phase.dims, data.phase.shape
     (('time', 'angle', 'y', 'x'), (2, 2, 120, 120))
     """
-    settings = PhaseSettings(reference, window, background, background_order, refocus_um, drift)
+    settings = PhaseSettings(
+        reference, window, background, background_order, refocus_um, drift, tilt_per_frame
+    )
     work = frame_reconstructor(rec, lobes, settings, cancelled)
     if advice := background_advice(work.attrs):
         warnings.warn(f"{rec.name}: {advice}", UserWarning, stacklevel=2)
+    return reconstruct_frames(work, rec, progress, cancelled)
+
+
+def reconstruct_frames(
+    work: FrameReconstructor,
+    rec: Recording,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.Dataset:
+    """Reconstruct all frames in memory by what `frame_reconstructor` measured."""
     phase = np.empty(work.stack_shape(rec.n_frames), dtype=np.float32)
     amplitude = np.empty_like(phase)
 
@@ -169,6 +195,7 @@ def frame_reconstructor(
         "window": settings.window,
         "background": background,
         "drift_removed": settings.drift,
+        "tilt_per_frame": settings.tilt_per_frame,
         "reference": reference_note(settings.reference),
         "pixel_ratio": list(demodulate.pixel_ratio),
     }
@@ -178,7 +205,8 @@ def frame_reconstructor(
         attrs["background_order"] = order
     if background == "zernike":
         attrs["aberrations_rad"] = [aberration_note(view) for view in found.coefficients]
-    work = FrameReconstructor(demodulate, found.factor, settings.drift, angles, attrs)
+    tilt = FrameTilt(demodulate.output_shape) if settings.tilt_per_frame else None
+    work = FrameReconstructor(demodulate, found.factor, settings.drift, angles, attrs, tilt=tilt)
     if settings.refocus_um is None:
         return work
     return with_refocus(work, rec, settings.refocus_um, cancelled)
