@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
-from napari_phase4d.holography.background import Surface, aligned_to
+from napari_phase4d.holography.background import Surface, aligned_to, background_offset
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.leftover import BetterSurface
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
@@ -171,9 +171,22 @@ def mean_fields(each: Iterator[NDArray[np.complex64]]) -> NDArray[np.complex64]:
 
 
 def median_fields(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    """Return the median over time of fields, whose constant phases are aligned in place."""
+    """Return the median over time of fields, whose constant phases are aligned in place.
+
+    A large object moves the overlap of two frames; so they are aligned once more, by what most
+    pixels have in common with a first median.
+    """
     overlap = np.einsum("avyx,vyx->av", stack, stack[0].conj())
     stack *= np.exp(-1j * np.angle(overlap)).astype(np.complex64)[..., None, None]
+    first = median_of_parts(stack)
+    for fields in stack:
+        for field, common in zip(fields, first, strict=True):
+            field *= np.complex64(np.exp(-1j * background_offset(field * common.conj())))
+    return median_of_parts(stack)
+
+
+def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Return the median over time of the real and of the imaginary parts."""
     middle: NDArray[np.complex64] = (
         np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0)
     ).astype(np.complex64)

@@ -85,7 +85,8 @@ def reconstruct(
         angle, the views are numbered instead.
     reference : optional
         What to divide the field by, so that static errors of the optics drop out: ``None`` for
-        nothing, a frame number, ``"median"`` for the median over time, or a hologram without
+        nothing, a frame number, ``"median"`` for the median over time, which is free of the
+        object only where it is away in more than half of the frames, or a hologram without
         the object as an array (y, x) or Recording.
     window : str, optional
         How a lobe is cut out: "disk", "smooth-disk" (default), "gaussian" or "tukey".
