@@ -77,9 +77,10 @@ def corrections(
         fits, lefts = [], []
         for view, mean in enumerate(means):
             fits.append(surface.fit(mean, watch.check))
-            if fits[-1].doubt:
-                raise ValueError(refusal(fits[-1].doubt, view, rec.name, background))
-            lefts.append(better.left_rad(mean, fits[-1].surface))
+            left = better.leaves(mean, fits[-1].surface)
+            if background == "curvature" and fits[-1].doubt and not left.explained:
+                raise ValueError(refusal(fits[-1].doubt, view, rec.name))
+            lefts.append(left.rad)
             watch.step()
         surfaces = np.stack([fit.surface for fit in fits])
         factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
@@ -106,10 +107,10 @@ class Corrections:
     left_rad: list[float]
 
 
-def refusal(doubt: str, view: int, name: str, background: str) -> str:
-    """Say why a background can't be fitted, and what to do."""
+def refusal(doubt: str, view: int, name: str) -> str:
+    """Say why a curvature can't be fitted, and what to do."""
     return (
-        f"{background} can't be fitted to view {view} of {name}: {doubt}; use a reference "
+        f"curvature can't be fitted to view {view} of {name}: {doubt}; use a reference "
         'hologram or background="tilt"'
     )
 

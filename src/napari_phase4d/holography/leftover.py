@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.background import Surface
+from napari_phase4d.holography.background import CLEAR_SHARE, Surface
 from napari_phase4d.holography.choosing import LOOK_PIXELS, Look
 
-__all__ = ["MUCH_LEFT_RAD", "BetterSurface", "background_advice"]
+__all__ = ["MUCH_LEFT_RAD", "BetterSurface", "Left", "background_advice"]
 
 #: What to try next, what its surface is fitted with, and what is then left as it is now.
 NEXT: dict[str, tuple[str, str, int, str]] = {
@@ -22,6 +23,23 @@ NEXT: dict[str, tuple[str, str, int, str]] = {
 CLEARLY_MORE = 1.1
 #: From so many radians rms on it is worth another try.
 MUCH_LEFT_RAD = 0.3
+
+
+@dataclass(frozen=True)
+class Left:
+    """What is left in the empty field of a view.
+
+    Parameters
+    ----------
+    rad : float
+        In radians rms, without the noise.
+    explained : bool
+        Whether the next better surface explains so much of the view that nothing but aberrations
+        can be the reason.
+    """
+
+    rad: float
+    explained: bool
 
 
 class BetterSurface:
@@ -44,8 +62,8 @@ class BetterSurface:
             _, kind, order, _ = NEXT[background]
             self.surface = Surface(kind, order, shape, LOOK_PIXELS)
 
-    def left_rad(self, mean: NDArray[np.complex64], taken: NDArray[np.float32]) -> float:
-        """Return what is left in the empty field of a view, in radians rms, without its noise.
+    def leaves(self, mean: NDArray[np.complex64], taken: NDArray[np.float32]) -> Left:
+        """Return what is left in the empty field of a view.
 
         Parameters
         ----------
@@ -63,8 +81,8 @@ class BetterSurface:
             clear = not better.doubt and judged.ends >= judged.of_ends - 1
             if clear and judged.share > CLEARLY_MORE * own.share:
                 left = (better.surface - taken)[seen][judged.near] + judged.rest[judged.near]
-                return float(np.std(left))
-        return float(np.std(own.rest[own.near])) if own.near.any() else 0.0
+                return Left(float(np.std(left)), judged.share > CLEAR_SHARE)
+        return Left(float(np.std(own.rest[own.near])) if own.near.any() else 0.0, False)
 
 
 def background_advice(attrs: Mapping[str, Any]) -> str:
