@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from levelling import levelling
 from regimes import regimes
 from scipy.stats import rankdata
 from tables import heading, line
@@ -267,7 +268,7 @@ def boundaries() -> None:
     print(f"\nFewest wrong pixels: {sum(right)} of {len(right)} ({share:.1f} %); {each}")
 
 
-QUESTIONS = (ideal, optics, crops, confidence, boundaries, regimes)
+QUESTIONS = (ideal, optics, crops, confidence, boundaries, regimes, levelling)
 
 
 def main() -> None:

@@ -22,7 +22,6 @@ from napari_phase4d.holography.emptyfield import (
 from napari_phase4d.progress import nothing
 
 __all__ = [
-    "CLEAR_SHARE",
     "ENOUGH_BACKGROUND",
     "Fit",
     "Surface",

@@ -41,7 +41,7 @@ EXPLAINED_RAD = 0.4
 #: The end of a quarter of the view is its share farthest from the middle.
 END = 0.1
 #: It is explained if this share of its pixels is.
-END_EXPLAINED = 0.8
+END_EXPLAINED = 0.7
 #: While a surface is refined, its pixels deviate by less than this, in radians.
 REFINING_RAD = (1.0, 0.8, 0.6, 0.5, 0.4, 0.4, 0.3, 0.3)
 #: Below this share of such pixels a surface is left as it is.

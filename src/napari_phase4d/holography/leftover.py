@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.background import CLEAR_SHARE, Surface
+from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.choosing import LOOK_PIXELS, Look
 
 __all__ = ["MUCH_LEFT_RAD", "BetterSurface", "Left", "background_advice"]
@@ -34,8 +34,8 @@ class Left:
     rad : float
         In radians rms, without the noise.
     explained : bool
-        Whether the next better surface explains so much of the view that nothing but aberrations
-        can be the reason.
+        Whether the next better surface explains all corners of the view, so that aberrations are
+        the reason why this one does not.
     """
 
     rad: float
@@ -81,7 +81,7 @@ class BetterSurface:
             clear = not better.doubt and judged.ends >= judged.of_ends - 1
             if clear and judged.share > CLEARLY_MORE * own.share:
                 left = (better.surface - taken)[seen][judged.near] + judged.rest[judged.near]
-                return Left(float(np.std(left)), judged.share > CLEAR_SHARE)
+                return Left(float(np.std(left)), judged.ends == judged.of_ends)
         return Left(float(np.std(own.rest[own.near])) if own.near.any() else 0.0, False)
 
 
