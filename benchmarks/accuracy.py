@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 from layouts import layouts
+from levelling import levelling
 from regimes import regimes
 from scipy.stats import rankdata
 from tables import heading, line
@@ -268,7 +269,7 @@ def boundaries() -> None:
     print(f"\nFewest wrong pixels: {sum(right)} of {len(right)} ({share:.1f} %); {each}")
 
 
-QUESTIONS = (ideal, optics, crops, confidence, boundaries, regimes, layouts)
+QUESTIONS = (ideal, optics, crops, confidence, boundaries, regimes, layouts, levelling)
 
 
 def main() -> None:

@@ -152,6 +152,7 @@ def test_orders_out_of_range_are_refused(small_video) -> None:
 
 
 @pytest.mark.measured
+@pytest.mark.filterwarnings("ignore:.* left in view")  # as it should be, with a tilt
 @pytest.mark.parametrize(
     ("name", "most"),
     [("holobio_40x_Vortex.bmp", 0.7), ("pydhm_RBC.jpg", 0.86), ("holobio_20x_SHPC.bmp", 0.9)],

@@ -64,6 +64,7 @@ def test_cell_agrees_with_qpretrieve() -> None:
     assert rms(error) <= 0.05
 
 
+@pytest.mark.filterwarnings("ignore:.* left in view")  # as it should be, with a tilt
 @pytest.mark.parametrize(("background", "coherence"), [("tilt", 0.93), ("curvature", 0.97)])
 def test_vortex_agrees_with_its_published_phase(background: str, coherence: float) -> None:
     """40x hologram: circular coherence with the phase that its authors published.

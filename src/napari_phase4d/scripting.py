@@ -47,6 +47,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "refocus_um": "How far the fields are carried along the light, in micrometres; "
         '"auto" looks for the focus.',
         "drift": "Whether the phase of the empty field is set to zero in every frame.",
+        "tilt_per_frame": "Whether a tilt is taken off each frame too, fitted to its own empty "
+        "field.",
         "mask": "None: the whole field is unwrapped, not the object alone.",
         "boundary": "Where the object is optically thin, so that unwrapping can start there: "
         '(time, angle) as frame numbers, counted from 0; "auto" looks for the safest frame.',

@@ -20,6 +20,7 @@ __all__ = [
     "Raw",
     "Refocus",
     "Storage",
+    "TiltPerFrame",
     "Views",
     "distance_of",
     "is_recipe",
@@ -52,6 +53,10 @@ Storage = Annotated[
 ]
 Refocus = Annotated[
     str | None, typer.Option(help='How far to refocus in um, or "auto" to find the focus.')
+]
+TiltPerFrame = Annotated[
+    bool,
+    typer.Option("--tilt-per-frame", help="Take a tilt off each frame, by its own empty field."),
 ]
 Confidence = Annotated[
     bool, typer.Option(help="Also write how far to trust each pixel of each result.")
@@ -86,6 +91,7 @@ class Typed(TypedDict, total=False):
     raw: str | None
     storage: str | None
     refocus: str | None
+    tilt_per_frame: bool
 
 
 def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
@@ -102,6 +108,7 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         "dataset": typed.get("dataset"),
         "raw": raw_layout(typed.get("raw")),
         "storage": typed.get("storage"),
+        "tilt_per_frame": typed.get("tilt_per_frame") or None,
         "refocus_um": distance_of(typed.get("refocus")),
     }
     return recipe.changed(**{k: v for k, v in changes.items() if v is not None})

@@ -14,7 +14,7 @@ from rich.table import Table
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.evaluation import comparison_figure, named_results, telling_frames
-from napari_phase4d.holography import Lobe, find_lobes, lobe_warnings
+from napari_phase4d.holography import Lobe, background_advice, find_lobes, lobe_warnings
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.progress import ProgressCall
@@ -64,9 +64,11 @@ def bar() -> Iterator[ProgressCall]:
 
 
 def print_notes(outcome: Outcome) -> None:
-    """Say what had to be assumed."""
+    """Say what had to be assumed, and what is left of the background."""
     if outcome.recording is not None:
         notes = list(outcome.recording.notes)
+        if advice := background_advice(outcome.reconstruction.attrs):
+            notes.append(f"{advice[0].upper()}{advice[1:]}.")
     else:
         notes = list(outcome.reconstruction["phase"].attrs.get("notes", ()))
         unaided = [METHODS[m].label for m in WITH_AMPLITUDE if m in outcome.comparison.results]

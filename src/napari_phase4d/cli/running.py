@@ -21,6 +21,7 @@ from napari_phase4d.cli.options import (
     Raw,
     Refocus,
     Storage,
+    TiltPerFrame,
     Views,
     recipe_and_files,
     with_settings,
@@ -80,6 +81,7 @@ def run_command(
     raw: Raw = None,
     storage: Storage = None,
     refocus: Refocus = None,
+    tilt_per_frame: TiltPerFrame = False,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
     ] = None,
@@ -102,6 +104,7 @@ def run_command(
         raw=raw,
         storage=storage,
         refocus=refocus,
+        tilt_per_frame=tilt_per_frame,
     )
     adapt = partial(
         typed_in,

@@ -12,6 +12,7 @@ from napari_phase4d.holography.focusing import (
     depth_of_focus_um,
 )
 from napari_phase4d.holography.frames import FrameReconstructor
+from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance
 from napari_phase4d.holography.lost import lost_frames, lost_sentence
 from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
@@ -22,6 +23,7 @@ from napari_phase4d.holography.reconstruction import (
     find_focus,
     frame_reconstructor,
     reconstruct,
+    reconstruct_frames,
 )
 from napari_phase4d.holography.refocusing import Propagator, propagate, refocused
 from napari_phase4d.holography.sharpness import FOCUS_METRICS
@@ -46,6 +48,7 @@ __all__ = [
     "Propagator",
     "StrayTerm",
     "autofocus",
+    "background_advice",
     "depth_of_focus_um",
     "find_focus",
     "find_lobes",
@@ -60,6 +63,7 @@ __all__ = [
     "propagate",
     "recalibrated",
     "reconstruct",
+    "reconstruct_frames",
     "refocused",
     "stray_terms",
 ]

@@ -3,43 +3,39 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.holography.aberrations import surface_of, terms_at
+from napari_phase4d.holography.choosing import Judgement, Look, curved_starts, refined
+from napari_phase4d.holography.emptyfield import (
+    fitted,
+    joined_to_the_border,
+    mode_phase,
+    solved,
+    wrapped,
+)
 from napari_phase4d.progress import nothing
 
 __all__ = [
     "ENOUGH_BACKGROUND",
+    "Fit",
     "Surface",
     "aligned_to",
     "background_offset",
     "fit_background",
     "fitted_surface",
     "flat_share",
-    "mode_phase",
 ]
-
-Real = TypeVar("Real", np.float32, np.float64)
 
 #: Background pixels deviate from the fit by less than this, in radians; first a generous limit.
 LIMITS_RAD = (1.5, 1.2, 1.0, 0.8, 0.8, 0.6, 0.6)
 #: The same for the constant phase of one frame.
 OFFSET_LIMITS_RAD = (1.0, 0.6, 0.5)
-#: Bins of the phase histogram whose peak is the background.
-BINS = 72
-#: Finer bins in each of them, in which the median near the peak is found.
-FINE_BINS = 64
-#: How many of them on either side of the peak the median is taken from: 0.5 rad.
-PEAK_REACH = round(0.5 / (2 * np.pi) * BINS * FINE_BINS)
-#: What smooths the histogram.
-KERNEL = np.exp(-0.5 * (np.arange(-4, 5) / 2.0) ** 2)
 #: How far from the background's phase a pixel counts as background, in radians.
 FLAT_RAD = 0.8
 #: Below this share of background pixels nothing is fitted or removed.
@@ -48,6 +44,13 @@ ENOUGH_BACKGROUND = 0.15
 SLOPE_PIXELS, SLOPE_ROUNDS = 40_000, 12
 #: A surface with more terms than a tilt has is fitted to about so many pixels at least.
 SURFACE_PIXELS = 100_000
+#: A surface that explains so much of a view leaves no room for another.
+CLEAR_SHARE = 0.75
+#: Another surface is taken if it explains so much more than the one found first.
+CLEARLY_MORE = 1.1
+#: Which of two surfaces is right can't be told if one explains so much of what the other does and
+#: they differ by so many radians rms.
+RIVAL_SHARE, RIVAL_RAD = 0.7, 0.5
 
 
 def fit_background(
@@ -104,11 +107,14 @@ class Surface:
         The degree; 0 for nothing.
     shape : tuple of int
         Height and width in pixels.
+    pixels : int, optional
+        About how many of them it is fitted to, at least, if it is more than a tilt.
     """
 
     kind: str
     order: int
     shape: tuple[int, ...]
+    pixels: int = SURFACE_PIXELS
 
     @property
     def is_tilt(self) -> bool:
@@ -119,12 +125,12 @@ class Surface:
     def thin(self) -> int:
         """Of so many rows and columns one is fitted to."""
         size = math.prod(self.shape)
-        return 1 if self.is_tilt else max(1, math.isqrt(size // SURFACE_PIXELS))
+        return 1 if self.is_tilt else max(1, math.isqrt(size // self.pixels))
 
     @cached_property
     def terms(self) -> NDArray[np.float64]:
         """The terms on the thinned grid, (term, y, x)."""
-        return self._terms_on(*(slice(None, None, self.thin) for _ in self.shape))
+        return self.terms_seen(self.thin)
 
     @cached_property
     def slopes(self) -> NDArray[np.float64]:
@@ -153,9 +159,30 @@ class Surface:
         check : callable, optional
             Called between rounds; what it raises ends the work.
         """
+        fit = self.fit(mean, check)
+        return fit.surface, fit.coefficients
+
+    def fit(self, mean: NDArray[np.complex64], check: Callable[[], None] = nothing) -> Fit:
+        """Return the same with what speaks against it."""
         if self.order == 0:
-            return np.zeros(mean.shape, dtype=np.float32), np.zeros(0)
+            return Fit(np.zeros(mean.shape, dtype=np.float32), np.zeros(0))
         unit = mean / np.maximum(np.abs(mean), np.finfo(np.float32).tiny)
+        found = self._nearest(unit, check)
+        # With more terms than curvature has, most objects can be fitted.
+        doubt = ""
+        if self.order == 2:
+            found, doubt = self._chosen(mean, unit, found, check)
+        surface = (
+            np.tensordot(found, self.terms, 1)
+            if self.thin == 1
+            else surface_of(found, self.kind, self.order, self.shape)
+        )
+        return Fit((surface - surface.mean()).astype(np.float32), found, doubt)
+
+    def _nearest(
+        self, unit: NDArray[np.complexfloating], check: Callable[[], None]
+    ) -> NDArray[np.float64]:
+        """Return the coefficients fitted to the pixels near the most frequent phase."""
         phase = np.angle(unit[:: self.thin, :: self.thin]).astype(np.float64)
         found = first_tilt(unit) if self.is_tilt else fitted_slopes(unit, self.slopes, check)
         for limit in LIMITS_RAD:
@@ -166,13 +193,79 @@ class Surface:
             if near.mean() < ENOUGH_BACKGROUND:
                 break
             found += fitted(residual, near, self.terms)
-        surface = (
-            np.tensordot(found, self.terms, 1)
-            if self.thin == 1
-            else surface_of(found, self.kind, self.order, self.shape)
-        )
-        centred: NDArray[np.float32] = (surface - surface.mean()).astype(np.float32)
-        return centred, found
+        return found
+
+    def _chosen(
+        self,
+        mean: NDArray[np.complex64],
+        unit: NDArray[np.complexfloating],
+        first: NDArray[np.float64],
+        check: Callable[[], None],
+    ) -> tuple[NDArray[np.float64], str]:
+        """Return the coefficients that explain most of a view, and what speaks against them."""
+        look = Look(mean)
+        terms = self.terms_seen(look.step)
+        best = look.judged(np.tensordot(first, terms, 1))
+        if best.share > CLEAR_SHARE:
+            return first, doubt_of(best, 0.0)
+        found, tries = first, [(best, first)]
+        for start in self._curved(unit, look.step):
+            check()
+            tried = refined(start, look.phase, terms, look.outer, look.lit)
+            tries.append((look.judged(np.tensordot(tried, terms, 1)), tried))
+        most, other = max(tries[1:], key=lambda each: each[0].share, default=tries[0])
+        if most.share > CLEARLY_MORE * best.share:
+            fine = Look(mean, self.thin)
+            best, found = most, refined(other, fine.phase, self.terms, fine.outer, fine.lit)
+        rivals = [each for judged, each in tries if judged.share > RIVAL_SHARE * best.share]
+        off = [float(np.std(np.tensordot(each - found, terms, 1))) for each in rivals]
+        return found, doubt_of(best, max(off, default=0.0))
+
+    def terms_seen(self, step: int) -> NDArray[np.float64]:
+        """Return the terms on every so-manieth row and column, (term, y, x)."""
+        return self._terms_on(*(slice(None, None, step) for _ in self.shape))
+
+    def _curved(
+        self, unit: NDArray[np.complexfloating], step: int
+    ) -> Iterator[NDArray[np.float64]]:
+        """Yield the coefficients of some surfaces to begin with."""
+        y, x = (np.linspace(-1, 1, n)[::step] for n in self.shape)
+        known = terms_at("powers", 2, y, x, self.shape)
+        matrix = self.terms_seen(step).reshape(len(known), -1)
+        for start in curved_starts(unit):
+            values = np.tensordot(start, known, 1).ravel()
+            yield solved(matrix, np.ones(values.size), values)
+
+
+@dataclass(frozen=True)
+class Fit:
+    """A surface fitted to the empty field of a view.
+
+    Parameters
+    ----------
+    surface : ndarray of shape (y, x)
+        Phase in radians with mean 0.
+    coefficients : ndarray of shape (term,)
+        Of its terms, in radians.
+    doubt : str
+        Why it may be the object's surface; empty if nothing speaks for that.
+    """
+
+    surface: NDArray[np.float32]
+    coefficients: NDArray[np.float64]
+    doubt: str = ""
+
+
+def doubt_of(best: Judgement, off_rad: float) -> str:
+    """Say what speaks against the surface that explains most, next to others as good."""
+    share = float(best.near.mean())
+    if share < ENOUGH_BACKGROUND:
+        return f"only {100 * share:.0f} % looks empty"
+    if best.ends < best.of_ends - 1:
+        return "its corners don't look empty"
+    if off_rad > RIVAL_RAD:
+        return "its empty field can't be told from the object"
+    return ""
 
 
 def neighbours(
@@ -216,20 +309,6 @@ def fitted_slopes(
     return found
 
 
-def joined_to_the_border(near: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Keep the pixels that the border can reach.
-
-    Inside a thick object the phase comes back to that of the background at every turn; the
-    object's steep rim keeps those places apart from it.
-    """
-    labels, _ = ndimage.label(near)
-    edges = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    joined = np.zeros(labels.max() + 1, dtype=bool)
-    joined[edges] = True
-    joined[0] = False
-    return joined[labels] if joined.any() else near
-
-
 def aligned_mean(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
     """Return the mean over frames after each has been turned to agree with the first."""
     first = fields[0]
@@ -256,56 +335,6 @@ def slope(unit: NDArray[np.complexfloating], axis: int) -> float:
     steps = np.delete(steps, -1, axis)
     half_width: float = (unit.shape[axis] - 1) / 2
     return float(np.median(steps)) * half_width
-
-
-def mode_phase(phase: NDArray[np.float32] | NDArray[np.float64]) -> float:
-    """Return the most frequent phase: the peak of a smoothed circular histogram.
-
-    The peak is made exact by the median of the phases near it, which is read off a finer
-    histogram: partitioning the pixels would take several times as long.
-    """
-    n_fine = BINS * FINE_BINS
-    width = 2 * np.pi / n_fine
-    places = ((phase + np.pi) * (1 / width)).astype(np.intp)
-    fine = np.bincount(places.ravel(), minlength=n_fine + 1)
-    fine[-2] += fine[-1]  # the phase pi itself
-    counts = fine[:-1].reshape(BINS, FINE_BINS).sum(axis=1)
-    smooth = np.convolve(np.concatenate([counts[-4:], counts, counts[:4]]), KERNEL, "valid")
-    start = int(smooth.argmax()) * FINE_BINS + FINE_BINS // 2 - PEAK_REACH
-    near = fine[:-1].take(np.arange(start, start + 2 * PEAK_REACH), mode="wrap")
-    return (start + middle(near)) * width - np.pi
-
-
-def middle(counts: NDArray[np.integer]) -> float:
-    """Return the bin, and how far into it, at which half of the counts are reached."""
-    below = np.concatenate([[0], np.cumsum(counts)])
-    if not below[-1]:
-        return len(counts) / 2
-    return float(np.interp(below[-1] / 2, below, np.arange(len(below))))
-
-
-def wrapped(phase: NDArray[Real]) -> NDArray[Real]:
-    """Return phases between -pi and pi."""
-    result: NDArray[Real] = phase - 2 * np.pi * np.rint(phase * (0.5 / np.pi))
-    return result
-
-
-def fitted(
-    residual: NDArray[np.floating], near: NDArray[np.bool_], terms: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Return the least-squares coefficients of terms (term, y, x) at the background pixels."""
-    return solved(terms.reshape(len(terms), -1), near.ravel(), residual.ravel())
-
-
-def solved(
-    matrix: NDArray[np.float64], weights: NDArray[Any], values: NDArray[np.floating]
-) -> NDArray[np.float64]:
-    """Return the coefficients of terms (term, pixel) that fit weighted values (pixel) best."""
-    weighed = matrix * weights
-    found: NDArray[np.float64] = np.linalg.lstsq(weighed @ matrix.T, weighed @ values, rcond=None)[
-        0
-    ]
-    return found
 
 
 def background_offset(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
-from napari_phase4d.holography.background import Surface, aligned_to
+from napari_phase4d.holography.background import Surface, aligned_to, background_offset
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.leftover import BetterSurface
 from napari_phase4d.holography.lost import LostFrames
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.recording import BrokenFrameError, Recording
 
-__all__ = ["BACKGROUND_ORDERS", "Reference", "background_surface", "corrections", "reference_note"]
+__all__ = [
+    "BACKGROUND_ORDERS",
+    "Corrections",
+    "Reference",
+    "background_surface",
+    "corrections",
+    "reference_note",
+]
 
 #: What to take off the background, and the degree of the surface that does it; None for the
 #: degree that is asked for.
@@ -43,18 +52,15 @@ def corrections(
     background_order: int,
     lost: LostFrames,
     cancelled: CancelledCall | None,
-) -> tuple[NDArray[np.complex64], list[NDArray[np.float64]]]:
+) -> Corrections:
     """Return what to multiply the fields of all frames by, and what the background was.
 
     It divides by the reference and takes off the phase that the empty field has in all frames.
 
-    Returns
-    -------
-    ndarray of shape (view, y, x) or (1, 1, 1)
-        The factor.
-    list of ndarray
-        For each view the coefficients of the background's terms in radians; empty if none was
-        fitted.
+    Raises
+    ------
+    ValueError
+        If the background is a curvature, and a view does not show enough of its empty field.
     """
     kind, order = background_surface(background, background_order)
     factor = np.ones((1, 1, 1), dtype=np.complex64)
@@ -68,15 +74,47 @@ def corrections(
         each = iter(static) if by_median else static_fields(rec, demodulate, lost, cancelled)
         means = mean_fields(fields * factor for fields in each)
         surface = Surface(kind, order, means.shape[1:])
+        better = BetterSurface(background, means.shape[1:])
         watch = Watch(len(means), "fit the background", None, cancelled)
-        found = []
-        for mean in means:
-            found.append(surface.fitted_to(mean, watch.check))
+        fits, lefts = [], []
+        for view, mean in enumerate(means):
+            fits.append(surface.fit(mean, watch.check))
+            left = better.leaves(mean, fits[-1].surface)
+            if background == "curvature" and fits[-1].doubt and not left.explained:
+                raise ValueError(refusal(fits[-1].doubt, view, rec.name))
+            lefts.append(left.rad)
             watch.step()
-        surfaces = np.stack([surface for surface, _ in found])
+        surfaces = np.stack([fit.surface for fit in fits])
         factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
-        return factor, [coefficients for _, coefficients in found]
-    return factor, []
+        return Corrections(factor, [fit.coefficients for fit in fits], lefts)
+    return Corrections(factor, [], [])
+
+
+@dataclass(frozen=True)
+class Corrections:
+    """What all frames are corrected by.
+
+    Parameters
+    ----------
+    factor : ndarray of shape (view, y, x) or (1, 1, 1)
+        What to multiply the fields by.
+    coefficients : list of ndarray
+        For each view those of the background's terms in radians; empty if none was fitted.
+    left_rad : list of float
+        For each view what is left in its empty field, in radians rms; empty likewise.
+    """
+
+    factor: NDArray[np.complex64]
+    coefficients: list[NDArray[np.float64]]
+    left_rad: list[float]
+
+
+def refusal(doubt: str, view: int, name: str) -> str:
+    """Say why a curvature can't be fitted, and what to do."""
+    return (
+        f"curvature can't be fitted to view {view} of {name}: {doubt}; use a reference "
+        'hologram or background="tilt"'
+    )
 
 
 def background_surface(background: str, background_order: int) -> tuple[str, int]:
@@ -145,9 +183,22 @@ def mean_fields(each: Iterator[NDArray[np.complex64]]) -> NDArray[np.complex64]:
 
 
 def median_fields(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
-    """Return the median over time of fields, whose constant phases are aligned in place."""
+    """Return the median over time of fields, whose constant phases are aligned in place.
+
+    A large object moves the overlap of two frames; so they are aligned once more, by what most
+    pixels have in common with a first median.
+    """
     overlap = np.einsum("avyx,vyx->av", stack, stack[0].conj())
     stack *= np.exp(-1j * np.angle(overlap)).astype(np.complex64)[..., None, None]
+    first = median_of_parts(stack)
+    for fields in stack:
+        for field, common in zip(fields, first, strict=True):
+            field *= np.complex64(np.exp(-1j * background_offset(field * common.conj())))
+    return median_of_parts(stack)
+
+
+def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
+    """Return the median over time of the real and of the imaginary parts."""
     middle: NDArray[np.complex64] = (
         np.median(stack.real, axis=0) + 1j * np.median(stack.imag, axis=0)
     ).astype(np.complex64)

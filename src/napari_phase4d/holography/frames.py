@@ -17,6 +17,7 @@ from napari_phase4d.holography.background import (
 )
 from napari_phase4d.holography.datasets import as_dataset
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.lost import LostFrames
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
@@ -54,6 +55,8 @@ class FrameReconstructor:
         Carries the fields to another plane.
     lost : LostFrames, optional
         Tells frames that the camera lost.
+    tilt : FrameTilt, optional
+        Takes the tilt of each frame off its fields.
     """
 
     demodulate: Demodulator
@@ -63,6 +66,7 @@ class FrameReconstructor:
     attrs: dict[str, Any]
     refocus: Propagator | None = None
     lost: LostFrames | None = None
+    tilt: FrameTilt | None = None
 
     def __call__(
         self,
@@ -95,6 +99,8 @@ class FrameReconstructor:
     def corrected(self, fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Return demodulated fields, corrected in place, and refocused."""
         fields *= self.factor
+        if self.tilt is not None:
+            self.tilt.take_off(fields)
         return fields if self.refocus is None else self.refocus(fields)
 
     def read(

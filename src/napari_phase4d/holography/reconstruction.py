@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
@@ -21,13 +22,22 @@ from napari_phase4d.holography.datasets import aberration_note, focus_note, lobe
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.focusing import Focus, autofocus
 from napari_phase4d.holography.frames import FrameReconstructor, propagator_for
+from napari_phase4d.holography.frametilt import FrameTilt
+from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_visibility
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["PhaseSettings", "Refocus", "find_focus", "frame_reconstructor", "reconstruct"]
+__all__ = [
+    "PhaseSettings",
+    "Refocus",
+    "find_focus",
+    "frame_reconstructor",
+    "reconstruct",
+    "reconstruct_frames",
+]
 
 #: Frames that the focus is looked for in at most, and about how many pixels of all views.
 FOCUS_FRAMES, FOCUS_PIXELS = 4, 500_000
@@ -48,6 +58,7 @@ class PhaseSettings:
     background_order: int = 4
     refocus_um: Refocus = None
     drift: bool = True
+    tilt_per_frame: bool = False
 
 
 def reconstruct(
@@ -60,6 +71,7 @@ def reconstruct(
     background_order: int = 4,
     refocus_um: Refocus = None,
     drift: bool = True,
+    tilt_per_frame: bool = False,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
 ) -> xr.Dataset:
@@ -74,7 +86,8 @@ def reconstruct(
         angle, the views are numbered instead.
     reference : optional
         What to divide the field by, so that static errors of the optics drop out: ``None`` for
-        nothing, a frame number, ``"median"`` for the median over time, or a hologram without
+        nothing, a frame number, ``"median"`` for the median over time, which is free of the
+        object only where it is away in more than half of the frames, or a hologram without
         the object as an array (y, x) or Recording.
     window : str, optional
         How a lobe is cut out: "disk", "smooth-disk" (default), "gaussian" or "tukey".
@@ -90,6 +103,10 @@ def reconstruct(
         for the focus of some frames, see `autofocus`. Default None: as the camera saw it.
     drift : bool, optional
         Whether to set the phase of the empty field to zero in every frame. Default True.
+    tilt_per_frame : bool, optional
+        Whether to take a tilt off each frame too, fitted to that frame's own empty field after
+        the background of all frames has been taken off; frames with too little of it keep theirs.
+        Default False.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each frame; ``cancelled()`` stops the work.
 
@@ -103,9 +120,16 @@ def reconstruct(
     Raises
     ------
     ValueError
-        If an option has no such value or the reference does not fit the frames.
+        If an option has no such value, the reference does not fit the frames, or the background
+        is "curvature" and too little of a view is clearly empty field.
     Cancelled
         If ``cancelled()`` returned True.
+
+    Warns
+    -----
+    UserWarning
+        If more than 0.3 rad rms of the background are left in a view where a surface of a higher
+        degree would take them off. ``attrs["background_left_rad"]`` says what is left.
 
     See Also
     --------
@@ -122,8 +146,22 @@ def reconstruct(
     >>> data.phase.dims, data.phase.shape
     (('time', 'angle', 'y', 'x'), (2, 2, 120, 120))
     """
-    settings = PhaseSettings(reference, window, background, background_order, refocus_um, drift)
+    settings = PhaseSettings(
+        reference, window, background, background_order, refocus_um, drift, tilt_per_frame
+    )
     work = frame_reconstructor(rec, lobes, settings, cancelled)
+    if advice := background_advice(work.attrs):
+        warnings.warn(f"{rec.name}: {advice}", UserWarning, stacklevel=2)
+    return reconstruct_frames(work, rec, progress, cancelled)
+
+
+def reconstruct_frames(
+    work: FrameReconstructor,
+    rec: Recording,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.Dataset:
+    """Reconstruct all frames in memory by what `frame_reconstructor` measured."""
     phase = np.empty(work.stack_shape(rec.n_frames), dtype=np.float32)
     amplitude = np.empty_like(phase)
 
@@ -150,9 +188,7 @@ def frame_reconstructor(
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
     lost, seen = usual_fringes(rec, demodulate, cancelled)
-    factor, found = corrections(
-        rec, demodulate, settings.reference, background, order, lost, cancelled
-    )
+    found = corrections(rec, demodulate, settings.reference, background, order, lost, cancelled)
     attrs = {
         "wavelength_um": rec.optics.wavelength_um,
         "medium_index": rec.optics.medium_index,
@@ -162,14 +198,20 @@ def frame_reconstructor(
         "window": settings.window,
         "background": background,
         "drift_removed": settings.drift,
+        "tilt_per_frame": settings.tilt_per_frame,
         "reference": reference_note(settings.reference),
         "pixel_ratio": list(demodulate.pixel_ratio),
     }
+    if found.left_rad:
+        attrs["background_left_rad"] = [round(left, 6) for left in found.left_rad]
     if BACKGROUND_ORDERS[background] is None:
         attrs["background_order"] = order
     if background == "zernike":
-        attrs["aberrations_rad"] = [aberration_note(view) for view in found]
-    work = FrameReconstructor(demodulate, factor, settings.drift, angles, attrs, lost=lost)
+        attrs["aberrations_rad"] = [aberration_note(view) for view in found.coefficients]
+    tilt = FrameTilt(demodulate.output_shape) if settings.tilt_per_frame else None
+    work = FrameReconstructor(
+        demodulate, found.factor, settings.drift, angles, attrs, lost=lost, tilt=tilt
+    )
     if settings.refocus_um is None:
         return work
     return with_refocus(work, rec, settings.refocus_um, cancelled)

@@ -28,7 +28,14 @@ PAPER_METHODS = ("spatial-2d", "angular", "temporal", "temporal-angular", "angul
 #: Methods that are run if none are chosen.
 DEFAULT_METHODS = (*PAPER_METHODS, "directional-l1")
 #: Settings that wrapped phase depends on, beside the lobes and the reference.
-PHASE_SETTINGS = ("window", "background", "background_order", "refocus_um", "drift")
+PHASE_SETTINGS = (
+    "window",
+    "background",
+    "background_order",
+    "refocus_um",
+    "drift",
+    "tilt_per_frame",
+)
 
 #: No recipe is larger than this, in bytes.
 LARGEST_FILE = 2**20
@@ -74,6 +81,8 @@ class Recipe(BaseModel):
         How far the fields are carried along the light, in micrometres; "auto" to find the focus.
     drift : bool
         Whether the phase of the empty field is set to zero in every frame.
+    tilt_per_frame : bool
+        Whether a tilt is taken off each frame too, fitted to its own empty field.
     mask : str or None
         "auto" (default) to unwrap the object only, as the paper does; None for the whole field.
     boundary : "auto" or tuple of (int, int)
@@ -124,6 +133,7 @@ class Recipe(BaseModel):
     background_order: int = Field(default=4, ge=MIN_ORDER, le=MAX_ORDER)
     refocus_um: Literal["auto"] | FiniteFloat | None = None
     drift: bool = True
+    tilt_per_frame: bool = False
     mask: Literal["auto"] | None = "auto"
     boundary: Literal["auto"] | tuple[tuple[int, int], ...] = "auto"
     methods: tuple[str, ...] = DEFAULT_METHODS

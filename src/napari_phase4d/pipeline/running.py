@@ -17,7 +17,7 @@ from napari_phase4d.holography import (
     find_focus,
     find_lobes,
     frame_reconstructor,
-    reconstruct,
+    reconstruct_frames,
 )
 from napari_phase4d.io import open_recording
 from napari_phase4d.pipeline.needs import needs_of, phase_needs
@@ -217,13 +217,10 @@ def reconstruct_by(
     With a ``place``, phase and amplitude are written there a block at a time.
     """
     reference = opened_reference(recipe, recording)
-    settings = phase_settings(recipe)
-    if place is None:
-        return reconstruct(
-            recording, lobes, reference, **settings, progress=progress, cancelled=cancelled
-        )
-    chosen = PhaseSettings(reference, **settings)
+    chosen = PhaseSettings(reference, **phase_settings(recipe))
     work = frame_reconstructor(recording, lobes, chosen, cancelled)
+    if place is None:
+        return reconstruct_frames(work, recording, progress, cancelled)
     source = FrameSource(recipe, recording)
     return reconstruct_to_disk(source, work, place.shelf, place.workers, progress, cancelled)
 

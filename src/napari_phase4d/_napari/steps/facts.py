@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 
 from napari_phase4d.evaluation import noise_sentence
-from napari_phase4d.holography import Focus
+from napari_phase4d.holography import Focus, background_advice
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted, size_in_words
 
@@ -74,6 +74,8 @@ def facts_of_reconstruction(data: xr.Dataset, noise: pd.DataFrame | None) -> lis
         lines.append(noise_sentence(noise))
     if data.attrs.get("drift_removed") and data.attrs["background_share"] < LITTLE_EMPTY:
         lines.append("⚠ Little empty field is in view; check that the background is at 0.")
+    if advice := background_advice(data.attrs):
+        lines.append(f"⚠ {advice[0].upper()}{advice[1:]}.")
     angles = data["angle"].values
     if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
         listed = ", ".join(f"{a:g}°" for a in angles)

@@ -53,6 +53,7 @@ class PhaseStep(Step):
             self.order,
             self.refocus,
             self.drift,
+            self.tilt,
             self.window,
         ):
             self.when_changed(widget, self._settings_changed)
@@ -93,7 +94,7 @@ class PhaseStep(Step):
         self.form.addRow("", self.choose_file)
 
     def _build_drift_and_window(self) -> None:
-        """Make the tick for drift, and how a lobe is cut out."""
+        """Make the ticks for drift and tilt, and how a lobe is cut out."""
         self.drift = self.field(
             "Drift",
             CheckBox(
@@ -101,6 +102,16 @@ class PhaseStep(Step):
                 value=self.session.recipe.drift,
                 text="set empty field to 0 in every frame",
                 tooltip="Takes off what the interferometer's arms drift against each other.",
+            ),
+        )
+        self.tilt = self.field(
+            "Tilt",
+            CheckBox(
+                name="tilt_per_frame",
+                value=self.session.recipe.tilt_per_frame,
+                text="take a tilt off every frame",
+                tooltip="For arms that tilt against each other during the recording: fitted to "
+                "the empty field of each frame.",
             ),
         )
         self.window = self.field(
@@ -202,6 +213,7 @@ class PhaseStep(Step):
             background_order=self.order.value,
             refocus_um=self._distance(),
             drift=self.drift.value,
+            tilt_per_frame=self.tilt.value,
             window=self.window.value,
         )
 
@@ -220,6 +232,7 @@ class PhaseStep(Step):
             self.order.value = recipe.background_order
             self.refocus.value = shown_distance(recipe.refocus_um)
             self.drift.value = recipe.drift
+            self.tilt.value = recipe.tilt_per_frame
             self.window.value = recipe.window
             if named is None and isinstance(recipe.reference, int):
                 named = f"frame {recipe.reference}"

@@ -1,0 +1,185 @@
+"""What is taken off the empty field, against exact truth: right, or refused in words."""
+
+from __future__ import annotations
+
+import warnings
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import napari_phase4d as p4d
+from helpers import wrap
+from napari_phase4d.holography import Lobe, background_advice
+from napari_phase4d.holography.background import Surface
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.frametilt import FrameTilt
+from napari_phase4d.simulation import multiplexed_video
+
+SIDE = 256
+CARRIER = (0.21, 0.19)
+LOBE = Lobe(CARRIER, 0.089)
+
+
+def from_middle(place: tuple[float, float], shape: tuple[int, int] = (SIDE, SIDE)) -> np.ndarray:
+    y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
+    return np.hypot(y - place[0], x - place[1])
+
+
+def ellipsoid(cover: float, place: tuple[float, float], peak_rad: float) -> np.ndarray:
+    """A thick body that covers a share of the field."""
+    away = from_middle(place)
+    return peak_rad * np.sqrt(np.maximum(1 - (away / np.quantile(away, cover)) ** 2, 0))
+
+
+def stack(maps: list[np.ndarray]) -> xr.DataArray:
+    coords = {"time": np.arange(len(maps), dtype=float), "angle": [0.0]}
+    phase = np.asarray(maps, dtype=np.float32)[:, None]
+    return xr.DataArray(phase, dims=("time", "angle", "y", "x"), coords=coords)
+
+
+def recorded(maps: list[np.ndarray], **camera: float) -> p4d.Recording:
+    return multiplexed_video(stack(maps), carriers=[CARRIER], **camera)
+
+
+def curvature_on(shape: tuple[int, ...], rad: float) -> np.ndarray:
+    """The exact curvature on the coarser grid of the fields."""
+    y, x = (-1 + 2 * np.arange(n) * (SIDE / n) / (SIDE - 1) for n in shape)
+    return rad * (y[:, None] ** 2 + x[None, :] ** 2) / 2
+
+
+def off_by(video: p4d.Recording, rad: float) -> tuple[float, str]:
+    """Return by how much the fitted curvature is off over the whole view, and what is doubted."""
+    field = Demodulator(video.frame_shape, [LOBE])(video.raw_frame(0))[0]
+    fit = Surface("powers", 2, field.shape).fit(field)
+    return float(np.std(fit.surface - curvature_on(field.shape, rad))), fit.doubt
+
+
+@pytest.mark.parametrize("rad", [4.0, 12.0])
+@pytest.mark.parametrize("peak", [3.0, 6.0, 12.0])
+@pytest.mark.parametrize("place", [(0.0, 0.0), (0.3, 0.4)])
+def test_curvature_round_an_object_is_right_or_doubted(
+    place: tuple[float, float], peak: float, rad: float
+) -> None:
+    """The object covers 10 to 75 % of the view; up to 25 % there is no doubt."""
+    for cover in (0.1, 0.25, 0.5, 0.65, 0.75):
+        off, doubt = off_by(recorded([ellipsoid(cover, place, peak)], curvature_rad=rad), rad)
+        assert doubt or off < 0.4, cover
+        if cover <= 0.25:
+            assert not doubt
+            assert off < 0.1
+
+
+def test_curvature_is_found_where_the_object_covers_more_than_the_empty_field() -> None:
+    """Up to 65 %, where the middle of the cell used to be fitted: 1.1 and 3.1 rad off."""
+    for cover, peak, rad in ((0.65, 6.0, 4.0), (0.65, 12.0, 12.0), (0.5, 12.0, 4.0)):
+        off, doubt = off_by(recorded([ellipsoid(cover, (0, 0), peak)], curvature_rad=rad), rad)
+        assert not doubt
+        assert off < 0.1
+
+
+def test_doubtful_curvature_is_refused_in_words_but_tilt_is_not() -> None:
+    video = recorded([ellipsoid(0.85, (0, 0), 6.0)], curvature_rad=4.0)
+    with pytest.raises(
+        ValueError, match=r"view 0 of .*; use a reference .* or background=\"tilt\""
+    ):
+        p4d.reconstruct(video, [LOBE], background="curvature")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        p4d.reconstruct(video, [LOBE])
+
+
+def test_curvature_that_is_left_is_measured_and_told() -> None:
+    """12 rad at the corner; a tilt leaves 2.6 rad rms of them, less the middle behind the cell."""
+    video = recorded([ellipsoid(0.1, (0.2, 0.1), 5.0)], curvature_rad=12.0)
+    with pytest.warns(UserWarning, match=r"curvature is left in view 0 \(2\.\d rad rms\)"):
+        data = p4d.reconstruct(video, [LOBE])
+    truth = curvature_on(data["phase"].shape[2:], 12.0).std()
+    assert data.attrs["background_left_rad"] == [pytest.approx(truth, rel=0.1)]
+    data = p4d.reconstruct(video, [LOBE], background="curvature")  # warnings are errors here
+    assert data.attrs["background_left_rad"][0] < 0.15
+    assert background_advice(data.attrs) == ""
+    data = p4d.reconstruct(video, [LOBE], background="none")
+    assert "background_left_rad" not in data.attrs
+
+
+def test_higher_orders_that_are_left_are_told() -> None:
+    y, x = np.meshgrid(*(np.linspace(-1, 1, SIDE),) * 2, indexing="ij")
+    coma = 5 * (y**2 + x**2) * x
+    video = recorded([coma + ellipsoid(0.1, (0.2, 0.1), 5.0)])
+    with pytest.warns(UserWarning, match="aberrations are left .* try background='polynomial'"):
+        p4d.reconstruct(video, [LOBE], background="curvature")
+
+
+@pytest.mark.parametrize("cover", [0.1, 0.4])
+def test_a_flat_field_is_no_cause_for_advice(cover: float) -> None:
+    video = recorded([ellipsoid(cover, (0.3, -0.2), 6.0)])
+    for background in ("tilt", "curvature"):
+        left = p4d.reconstruct(video, [LOBE], background=background).attrs["background_left_rad"]
+        assert max(left) < 0.3
+
+
+def tilted(n_times: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
+    """A cell that swims, and the same with a tilt of each frame, sd 2 rad from edge to edge."""
+    rng = np.random.default_rng(4)
+    y, x = np.meshgrid(*(np.linspace(-1, 1, SIDE),) * 2, indexing="ij")
+    cells = [ellipsoid(0.2, (-0.3 + 0.6 * t / n_times, 0.1), 6.0) for t in range(n_times)]
+    tilts = rng.normal(0, 1, (n_times, 2))
+    return cells, [
+        cell + a * y + b * x for cell, (a, b) in zip(cells, tilts - tilts.mean(0), strict=True)
+    ]
+
+
+def test_tilt_of_single_frames_is_taken_off_on_request() -> None:
+    """About 0.8 rad rms are left without, below 0.05 with."""
+    cells, moved = tilted(8)
+    exact = p4d.reconstruct(recorded(cells, bits=12), [LOBE], background="none")["phase"].values
+    left = {}
+    for tilt_per_frame in (False, True):
+        data = p4d.reconstruct(recorded(moved), [LOBE], tilt_per_frame=tilt_per_frame)
+        assert data.attrs["tilt_per_frame"] is tilt_per_frame
+        error = wrap(data["phase"].values - exact)[..., 3:-3, 3:-3]
+        error -= np.median(error, axis=(2, 3), keepdims=True)
+        left[tilt_per_frame] = float(np.sqrt(np.mean(wrap(error) ** 2)))
+    assert left[False] > 0.5
+    assert left[True] < 0.05
+
+
+def test_frame_without_empty_field_keeps_the_common_tilt() -> None:
+    rng = np.random.default_rng(0)
+    fields = np.exp(1j * rng.uniform(-np.pi, np.pi, (1, 60, 70))).astype(np.complex64)
+    before = fields.copy()
+    FrameTilt((60, 70)).take_off(fields)
+    np.testing.assert_array_equal(fields, before)
+
+
+def test_tilt_of_a_frame_is_exact_round_an_object() -> None:
+    shape = (96, 120)
+    y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in shape), indexing="ij")
+    away = from_middle((0.1, -0.2), shape)
+    for cover in (0.1, 0.5, 0.65):
+        cell = 6 * np.sqrt(np.maximum(1 - (away / np.quantile(away, cover)) ** 2, 0))
+        field = np.exp(1j * (cell + 1.3 * y - 0.8 * x + 2)).astype(np.complex64)
+        assert FrameTilt(shape).of(field) == pytest.approx((1.3, -0.8), abs=0.05)
+
+
+def test_median_reference_takes_off_a_static_texture() -> None:
+    """1 rad rms of it, where the cell is away in most frames; the surface is fitted after it."""
+    rng = np.random.default_rng(1)
+    waves = rng.normal(0, 4, (12, 2))
+    y, x = np.meshgrid(*(np.linspace(-1, 1, SIDE),) * 2, indexing="ij")
+    texture = sum(np.sin(np.pi * (a * y + b * x) + i) for i, (a, b) in enumerate(waves))
+    texture /= texture.std()
+    n_times = 9
+    cells = [ellipsoid(0.05, (-0.5 + t / (n_times - 1), 0.2), 5.0) for t in range(n_times)]
+    exact = p4d.reconstruct(recorded(cells, bits=12), [LOBE], background="none")["phase"].values
+    video = recorded([cell + texture for cell in cells], drift_rad=0.5)
+    data = p4d.reconstruct(video, [LOBE], "median")
+    error = wrap(data["phase"].values - exact)[..., 3:-3, 3:-3]
+    error = wrap(error - np.median(error, axis=(2, 3), keepdims=True))
+    assert np.sqrt(np.mean(error**2)) < 0.1
+    size = error.shape[2:]
+    slope_y, slope_x = (np.linspace(-1, 1, n) for n in size)
+    mean = error.mean(axis=(0, 1))
+    for slope in (slope_y[:, None], slope_x[None, :]):
+        assert abs((mean * slope).mean() / (slope**2).mean()) < 0.05
