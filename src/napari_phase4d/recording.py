@@ -200,7 +200,10 @@ class Recording:
 
     def first(self, count: int) -> Recording:
         """Return the first frames as a recording of their own."""
-        few = np.stack([self.raw_frame(i) for i in range(min(count, self.n_frames))])
+        # A frame with NaN may be among them; who looks at it finds out.
+        few = np.stack(
+            [one_frame(self.holograms.data, i) for i in range(min(count, self.n_frames))]
+        )
         return Recording.from_frames(
             few, optics=self.optics, times_s=self.times_s[: len(few)], name=self.name
         )

@@ -17,7 +17,14 @@ from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, raw_layout
 from napari_phase4d.cli.printing import NOISE_FRAMES, print_lobes
 from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
-from napari_phase4d.holography import Lobe, find_lobes, reconstruct
+from napari_phase4d.holography import (
+    Lobe,
+    find_lobes,
+    first_seen,
+    lost_frames,
+    lost_sentence,
+    reconstruct,
+)
 from napari_phase4d.pipeline import (
     DEFAULT_METHODS,
     Needs,
@@ -32,6 +39,9 @@ from napari_phase4d.unwrapping import METHODS, SCORED_TIMES, scores_of_some, sco
 from napari_phase4d.words import counted, size_in_words, time_in_words
 
 __all__ = ["info"]
+
+#: Frames that lost ones are looked for among.
+LOST_FRAMES = 1000
 
 
 def info(
@@ -55,7 +65,7 @@ def info(
         print_phase(file, recording)
         return
     height, width = recording.frame_shape
-    first = recording.frame(0)
+    first = first_seen(recording)
     console.print(f"[bold]{escape(recording.name)}[/bold]")
     console.print(
         f"  {counted(recording.n_frames, 'frame')} of {height} x {width} pixels, "
@@ -67,6 +77,8 @@ def info(
         f"wavelength {recording.optics.wavelength_um:.4g} um, {rate_of(recording)}"
     )
     console.print(f"  first frame: {first.min():g} to {first.max():g}, mean {first.mean():.4g}")
+    if said := lost_words(recording):
+        console.print(f"  [yellow]{said}[/yellow]")
     for note in recording.notes:
         console.print(f"  [yellow]{escape(note)}[/yellow]")
     try:
@@ -80,6 +92,12 @@ def info(
         lambda methods: needs_of(Recipe(methods=methods), recording, lobes),
         lambda methods: estimated_seconds(Recipe(methods=methods), recording, lobes),
     )
+
+
+def lost_words(recording: Recording) -> str:
+    """Say which frames the camera lost, of all or of many of them."""
+    number = min(recording.n_frames, LOST_FRAMES)
+    return lost_sentence(lost_frames(recording, number), number)
 
 
 def print_needs(

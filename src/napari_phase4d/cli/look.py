@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
+import numpy as np
 import pandas as pd
 import typer
 import xarray as xr
@@ -15,7 +16,7 @@ from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, Refocus, distance_of, raw_layout
 from napari_phase4d.cli.printing import NOISE_FRAMES, bar, print_lobes
 from napari_phase4d.evaluation import Circle, look_figure, noise_figures, noise_sentence
-from napari_phase4d.holography import Lobe, find_lobes, fringe_contrast, power_spectrum
+from napari_phase4d.holography import Lobe, find_lobes, first_seen, fringe_contrast, power_spectrum
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Recipe, open_by, reconstruct_by, result_folders
 from napari_phase4d.recording import Recording
@@ -64,18 +65,20 @@ def look(
     with bar() as progress:
         lobes = find_lobes(recording, views, progress=progress)
         data = reconstruct_by(recipe, recording, lobes, progress)
-        unwrapped = unwrap(data["phase"][:1], method="spatial-2d", boundary=(0, 0))
-        figures = noise_figures(data.isel(time=slice(NOISE_FRAMES)))
+        seen = np.setdiff1d(np.arange(data.sizes["time"]), data.attrs["lost_times"])
+        shown = data.isel(time=seen)
+        unwrapped = unwrap(shown["phase"][:1], method="spatial-2d", boundary=(0, 0))
+        figures = noise_figures(shown.isel(time=slice(NOISE_FRAMES)))
         spectrum = power_spectrum(recording, max_frames=8, progress=progress)
     print_lobes(lobes)
     words = sentences(recording, data, figures)
     for line in words:
         console.print(escape(line))
     figure = look_figure(
-        recording.frame(0),
+        np.asarray(first_seen(recording), dtype=np.float32),
         spectrum,
-        circles_of(lobes, data),
-        data,
+        circles_of(lobes, shown),
+        shown,
         unwrapped,
         title=recording.name,
         words=words,
@@ -95,13 +98,16 @@ def circles_of(lobes: Sequence[Lobe], data: xr.Dataset) -> list[Circle]:
 
 def sentences(recording: Recording, data: xr.Dataset, figures: pd.DataFrame) -> list[str]:
     """Say in words what the picture can't show."""
-    n_views = len(figures)
-    contrast = fringe_contrast(recording.frame(0))
+    n_views, lost = len(figures), data.attrs["lost_times"]
+    contrast = fringe_contrast(np.asarray(first_seen(recording), dtype=np.float32))
     lines = [
         f"{counted(recording.n_frames, 'frame')} looked at, {counted(n_views, 'view')}, "
         f"pixel in the sample "
         f"{recording.optics.pixel_um:.4g} um, fringe contrast {contrast:.2f}"
     ]
+    if lost:
+        listed = ", ".join(str(time) for time in lost)
+        lines.append(f"Lost and left out: {counted(len(lost), 'frame')}, {listed}.")
     for number, (note, visibility) in enumerate(
         zip(data.attrs["lobes"], figures["fringe_visibility"], strict=True), start=1
     ):

@@ -14,7 +14,13 @@ from rich.table import Table
 
 from napari_phase4d.cli.console import console
 from napari_phase4d.evaluation import comparison_figure, named_results, telling_frames
-from napari_phase4d.holography import Lobe, background_advice, find_lobes, lobe_warnings
+from napari_phase4d.holography import (
+    FoundLobes,
+    Lobe,
+    background_advice,
+    find_lobes,
+    lobe_warnings,
+)
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.progress import ProgressCall
@@ -97,7 +103,8 @@ def print_lobes(lobes: Sequence[Lobe]) -> None:
             str(i), f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}", flip
         )
     console.print(table)
-    for warning in lobe_warnings(lobes):
+    doubts = lobes.doubts if isinstance(lobes, FoundLobes) else ()
+    for warning in (*doubts, *lobe_warnings(lobes)):
         console.print(f"[yellow]{warning}[/yellow]")
 
 

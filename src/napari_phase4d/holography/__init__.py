@@ -14,7 +14,7 @@ from napari_phase4d.holography.focusing import (
 from napari_phase4d.holography.frames import FrameReconstructor
 from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance
-from napari_phase4d.holography.lost import lost_frames, lost_sentence
+from napari_phase4d.holography.lost import first_seen, lost_frames, lost_sentence
 from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
 from napari_phase4d.holography.preview import Preview
 from napari_phase4d.holography.quality import fringe_contrast, fringe_visibility
@@ -52,6 +52,7 @@ __all__ = [
     "depth_of_focus_um",
     "find_focus",
     "find_lobes",
+    "first_seen",
     "frame_reconstructor",
     "fringe_contrast",
     "fringe_visibility",

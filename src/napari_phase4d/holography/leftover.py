@@ -23,6 +23,8 @@ NEXT: dict[str, tuple[str, str, int, str]] = {
 CLEARLY_MORE = 1.1
 #: From so many radians rms on it is worth another try.
 MUCH_LEFT_RAD = 0.3
+#: A view with fewer pixels on a side shows too little to tell.
+LEAST_SIDE = 24
 
 
 @dataclass(frozen=True)
@@ -58,7 +60,7 @@ class BetterSurface:
 
     def __init__(self, background: str, shape: tuple[int, ...]) -> None:
         self.surface: Surface | None = None
-        if background in NEXT:
+        if background in NEXT and min(shape) >= LEAST_SIDE:
             _, kind, order, _ = NEXT[background]
             self.surface = Surface(kind, order, shape, LOOK_PIXELS)
 

@@ -21,6 +21,7 @@ __all__ = [
     "FrameLook",
     "LostFrames",
     "all_lost",
+    "first_seen",
     "look_at",
     "lost_among",
     "lost_frames",
@@ -145,6 +146,14 @@ def lost_frames(
     watch = Watch(len(indices), "looking for lost frames", progress, cancelled)
     looks = in_threads(lambda index: safe_look(rec, index), indices, watch)
     return lost_among(dict(zip(indices, looks, strict=True)))
+
+
+def first_seen(rec: Recording) -> NDArray[np.generic]:
+    """Return the first frame that is not lost by itself; the first of all if none is."""
+    for index in rec.sample_indices(SAMPLE):
+        if not safe_look(rec, index).reason:
+            return rec.raw_frame(index)
+    return rec.raw_frame(0)
 
 
 def safe_look(rec: Recording, index: int) -> FrameLook:

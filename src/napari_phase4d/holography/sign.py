@@ -15,8 +15,9 @@ import scipy.fft
 from numpy.typing import NDArray
 from skimage.restoration import unwrap_phase
 
-from napari_phase4d.holography.background import fit_background, wrapped
+from napari_phase4d.holography.background import fit_background
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.emptyfield import wrapped
 from napari_phase4d.holography.lobes import Lobe
 
 __all__ = ["sign_evidence"]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -12,6 +13,7 @@ from pydantic import (
     Field,
     FiniteFloat,
     ValidationError,
+    field_serializer,
     field_validator,
 )
 
@@ -150,6 +152,17 @@ class Recipe(BaseModel):
             msg = "its characters can't be written as UTF-8; rename the file"
             raise ValueError(msg) from error
         return value
+
+    @field_validator("lobes")
+    @classmethod
+    def _chosen_lobes_have_no_doubt(cls, value: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
+        return tuple(replace(lobe, doubt="") for lobe in value)
+
+    @field_serializer("lobes")
+    def _lobes_without_doubt(self, lobes: tuple[Lobe, ...]) -> list[dict[str, object]]:
+        return [
+            {key: value for key, value in asdict(lobe).items() if key != "doubt"} for lobe in lobes
+        ]
 
     @field_validator("window")
     @classmethod

@@ -18,7 +18,7 @@ from napari_phase4d._napari.session.lobe_history import LobeHistory
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.recalibrating import recalibrate
 from napari_phase4d.evaluation import REFERENCE, Comparison
-from napari_phase4d.holography import Focus, Lobe
+from napari_phase4d.holography import Focus, FoundLobes, Lobe, first_seen
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
 from napari_phase4d.recording import Recording
@@ -62,6 +62,10 @@ class State:
         self.recipe = Recipe()
         self.recording: Recording | None = None
         self.spectrum: xr.DataArray | None = None
+        #: Which frames the camera lost, in a sentence; empty if none is known to be.
+        self.lost = ""
+        #: What was found last, with what is in doubt about it.
+        self.found: FoundLobes | None = None
         self.reconstruction: xr.Dataset | None = None
         #: Exact phase on the grid of the reconstruction, where it is known.
         self.truth: xr.DataArray | None = None
@@ -211,7 +215,7 @@ class State:
         raw : RawLayout, optional
             How the frames of a raw file were told to lie in it.
         """
-        recording.frame(0)  # a frame that can't be read is better found now
+        first_seen(recording)  # a frame that can't be read is better found now
         settings: dict[str, Any] = {
             "recording": recording.source,
             "content": kind,
@@ -284,7 +288,8 @@ class State:
         """Forget what belonged to an earlier recording."""
         self.recording = recording
         self.recipe = recipe
-        self.spectrum = self.focus = None
+        self.spectrum = self.focus = self.found = None
+        self.lost = ""
         self.reconstruction = None
         self.leave_place()
         self.truth = self.known_truth = None

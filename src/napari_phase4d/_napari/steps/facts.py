@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 
 from napari_phase4d.evaluation import noise_sentence
-from napari_phase4d.holography import Focus, background_advice
+from napari_phase4d.holography import Focus, background_advice, first_seen
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted, size_in_words
 
@@ -24,11 +24,14 @@ MANY_SATURATED, WEAK_FRINGES = 0.001, 0.05
 LITTLE_EMPTY = 0.3
 
 
-def facts_of_recording(recording: Recording, contrast: float) -> str:
-    """Return what a recording is: size, pixel, fringe contrast, and what to look after."""
+def facts_of_recording(recording: Recording, contrast: float, lost: str = "") -> str:
+    """Return what a recording is: size, pixel, fringe contrast, and what to look after.
+
+    ``lost`` says which frames the camera lost.
+    """
     height, width = recording.frame_shape
     dtype = recording.holograms.dtype
-    first = recording.frame(0)
+    first = np.asarray(first_seen(recording))
     lines = [
         f"<b>{recording.name}</b>",
         f"{counted(recording.n_frames, 'frame')} of {width} × {height} pixels, {dtype}, "
@@ -38,9 +41,11 @@ def facts_of_recording(recording: Recording, contrast: float) -> str:
     if contrast < WEAK_FRINGES:
         lines.append("⚠ The fringes are weak; the phase will be noisy.")
     if dtype.kind in "iu":
-        share = float((first >= np.iinfo(dtype).max).mean())
+        share = float(np.mean(first == np.iinfo(dtype).max))
         if share > MANY_SATURATED:
             lines.append(f"⚠ {100 * share:.1f} % of the first frame is saturated.")
+    if lost:
+        lines.append(f"⚠ {lost}")
     lines += [f"⚠ {note}" for note in recording.notes]
     return "<br>".join(lines)
 
@@ -76,6 +81,12 @@ def facts_of_reconstruction(data: xr.Dataset, noise: pd.DataFrame | None) -> lis
         lines.append("⚠ Little empty field is in view; check that the background is at 0.")
     if advice := background_advice(data.attrs):
         lines.append(f"⚠ {advice[0].upper()}{advice[1:]}.")
+    if data.attrs.get("lost_times"):
+        count = len(data.attrs["lost_times"])
+        lines.append(
+            f"⚠ {counted(count, 'frame')} of {n_times} left out as lost, first at time "
+            f"{data.attrs['lost_times'][0]}."
+        )
     angles = data["angle"].values
     if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
         listed = ", ".join(f"{a:g}°" for a in angles)

@@ -15,7 +15,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.lobe_table import LobeTable, changed_lobe
 from napari_phase4d._napari.widgets.spectrum_canvas import SpectrumCanvas
 from napari_phase4d._napari.widgets.view_strip import ViewStrip
-from napari_phase4d.holography import MAX_VIEWS, Lobe, Preview, lobe_warnings
+from napari_phase4d.holography import MAX_VIEWS, FoundLobes, Lobe, Preview, lobe_warnings
 from napari_phase4d.recording import Recording
 
 __all__ = ["LobesStep"]
@@ -27,6 +27,8 @@ PREVIEW_WIDTH = 124
 SPECTRUM_HEIGHT = 232
 #: Where a further circle is put, and its radius if it is the first, in cycles per pixel.
 NEW_CARRIER, NEW_RADIUS = (0.25, 0.0), 0.08
+#: Said first of what was in doubt, where the other choice has been taken.
+OTHER_TAKEN = "This is the other choice. Of the first it was said:"
 
 
 class LobesStep(Step):
@@ -41,6 +43,8 @@ class LobesStep(Step):
     def build(self) -> None:
         """Make the widgets."""
         self._drawn: xr.DataArray | None = None
+        #: What was found first, while the other choice is taken.
+        self._first: FoundLobes | None = None
         self._previewed: tuple[Recording, int, Preview] | None = None
         self._build_buttons()
         self.canvas = SpectrumCanvas()
@@ -63,6 +67,14 @@ class LobesStep(Step):
         self.column.addWidget(self.table)
         self.warnings = self.text("", "lobe_warnings")
         self.column.addWidget(self.warnings)
+        self.other = self.button(
+            "Try the other choice",
+            "other_lobes",
+            "Take the next best choice of views; press again to come back.",
+            self.take_other,
+        )
+        self.other.setVisible(False)
+        self.column.addLayout(self.row(self.other))
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(PREVIEW_EVERY_MS)
@@ -125,6 +137,7 @@ class LobesStep(Step):
 
     def find_lobes(self) -> None:
         """Find the views, in a thread."""
+        self._first = None
         self.jobs.start(plan_lobes(self.session))
 
     def add_lobe(self) -> None:
@@ -195,9 +208,31 @@ class LobesStep(Step):
             self.canvas.set_spectrum(self._drawn)
         self.canvas.set_lobes(lobes)
         self.table.fill(lobes)
-        self.warnings.setText("<br>".join(f"⚠ {w}" for w in lobe_warnings(lobes)))
+        doubts = self._doubts(lobes)
+        self.warnings.setText("<br>".join(f"⚠ {w}" for w in (*doubts, *lobe_warnings(lobes))))
         self.warnings.setVisible(bool(self.warnings.text()))
         self._start()
+
+    def _doubts(self, lobes: list[Lobe]) -> tuple[str, ...]:
+        """Return what the finder could not know, while its circles stay as they were found."""
+        found = self.session.found
+        same = found is not None and [k.carrier for k in found] == [k.carrier for k in lobes]
+        self.other.setVisible(same and bool(found and found.other))
+        return found.doubts if same and found else ()
+
+    def take_other(self) -> None:
+        """Take the next best choice of views; the same button comes back."""
+        found = self.session.found
+        if found is None or not found.other:
+            msg = "there is no other choice of views"
+            raise ValueError(msg)
+        first, self._first = self._first, None
+        if first is None:
+            self._first = found
+            doubts = (f"{OTHER_TAKEN} {found.doubts_of_views[-1]}",)
+            first = FoundLobes(found.other, 1 - found.chance, doubts, list(found))
+        self.session.found = first
+        self.session.set_lobes(list(first))
 
     def _start(self) -> None:
         """Show the preview soon; moves that follow each other at once must not put it off."""

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
 from qtpy.QtWidgets import QFileDialog, QWidget
@@ -29,7 +30,7 @@ from napari_phase4d._napari.viewing.sources import (
     stack_of_layer,
     truth_among,
 )
-from napari_phase4d.holography import fringe_contrast
+from napari_phase4d.holography import first_seen, fringe_contrast
 from napari_phase4d.io import READABLE_SUFFIXES, RawLayout, needs_layout
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
@@ -98,6 +99,7 @@ class RecordingStep(Step):
         self.facts = self.text("", "recording_facts")
         self.column.addWidget(self.facts)
         self.session.recording_changed.connect(self._new_recording)
+        self.session.spectrum_changed.connect(self._show)
         self.session.calibration_changed.connect(self._show)
         self.session.reconstruction_changed.connect(self._show_phase)
         self._show()
@@ -334,8 +336,8 @@ class RecordingStep(Step):
         """Show what the recording is, and what to look after."""
         data = recording.holograms.data
         if self._looked_at[0] is not data:  # another microscope leaves the frames as they are
-            self._looked_at = (data, fringe_contrast(recording.frame(0)))
-        words = facts_of_recording(recording, self._looked_at[1])
+            self._looked_at = (data, fringe_contrast(first_seen(recording).astype(np.float32)))
+        words = facts_of_recording(recording, self._looked_at[1], self.session.lost)
         raw = self._raw is not None and self._raw in self.presenter.viewer.layers
         if raw:
             words += (

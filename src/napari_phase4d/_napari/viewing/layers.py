@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d._napari.viewing.on_demand import OnDemand, is_lazy, shown
 from napari_phase4d.axes import AXES
+from napari_phase4d.holography import first_seen
 from napari_phase4d.io import PROGRAM, step_of
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
@@ -122,7 +123,7 @@ def hologram_layer(recording: Recording, sample: str = "") -> LayerTuple:
     sample : str, optional
         Name of the sample that it is, so that what is known of it is found again.
     """
-    first = recording.frame(0)
+    first = first_seen(recording)
     stack = recording.holograms.expand_dims({"angle": [0.0]}, axis=1)
     stack.attrs = optics_note(recording) | ({"sample": sample} if sample else {})
     limits = contrast(first, (0.001, 0.999))
@@ -164,8 +165,9 @@ def some_of(stack: xr.DataArray) -> NDArray[Any]:
 
 
 def contrast(values: NDArray[Any], quantiles: tuple[float, float]) -> tuple[float, float]:
-    """Return contrast limits that leave out a few extreme pixels."""
-    low, high = (float(v) for v in np.quantile(values, quantiles))
+    """Return contrast limits that leave out a few extreme pixels, and unknown ones."""
+    known = values[np.isfinite(values)]
+    low, high = (float(v) for v in np.quantile(known, quantiles)) if known.size else (0.0, 1.0)
     return (low, high) if high > low else (low, low + 1.0)
 
 

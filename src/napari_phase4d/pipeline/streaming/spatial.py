@@ -16,7 +16,16 @@ from napari_phase4d.unwrapping.masks import object_mask
 from napari_phase4d.unwrapping.registration import centre
 from napari_phase4d.unwrapping.spatial import unwrap_frame
 
-__all__ = ["LiftBlock", "Mask", "Phase", "UnwrapBlock", "known_phase", "turns_of", "with_turns"]
+__all__ = [
+    "LiftBlock",
+    "Mask",
+    "Phase",
+    "UnwrapBlock",
+    "known_phase",
+    "turns_of",
+    "with_turns",
+    "without_lost",
+]
 
 TURN = np.float32(2 * np.pi)
 

@@ -10,7 +10,15 @@ import xarray as xr
 from napari_phase4d._napari.session.opening import Opened, open_anything
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.state import State
-from napari_phase4d.holography import Lobe, find_lobes, pair_distance, power_spectrum
+from napari_phase4d.holography import (
+    FoundLobes,
+    Lobe,
+    find_lobes,
+    lost_frames,
+    lost_sentence,
+    pair_distance,
+    power_spectrum,
+)
 from napari_phase4d.io import RawLayout
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
@@ -19,6 +27,8 @@ __all__ = ["plan_lobes", "plan_opening", "plan_spectrum"]
 
 #: Frames averaged for the spectrum on screen.
 SPECTRUM_FRAMES = 32
+#: Frames that lost ones are looked for among.
+LOST_FRAMES = 200
 
 
 def plan_opening(
@@ -45,27 +55,39 @@ def plan_lobes(state: State) -> Plan:
 
     def work(
         progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> tuple[xr.DataArray, list[Lobe] | ValueError]:
-        spectrum = power_spectrum(
-            recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
-        )
+    ) -> tuple[xr.DataArray, str, FoundLobes | ValueError]:
+        spectrum, lost = looked_at(recording, progress, cancelled)
         try:
-            return spectrum, found_lobes(recording, recipe.n_views, angles, progress, cancelled)
+            found = found_lobes(recording, recipe.n_views, angles, progress, cancelled)
         except ValueError as error:
             # The spectrum is needed all the more, to place the lobes by hand.
-            return spectrum, error
+            return spectrum, lost, error
+        return spectrum, lost, found
 
-    def receive(found: tuple[xr.DataArray, list[Lobe] | ValueError]) -> None:
+    def receive(found: tuple[xr.DataArray, str, FoundLobes | ValueError]) -> None:
         state.check_is(recording)
-        state.spectrum, lobes = found
+        state.spectrum, state.lost, lobes = found
         state.spectrum_changed.emit()
         if isinstance(lobes, ValueError):
             raise lobes
         if len(lobes) < state.recipe.n_views:
             state.update(n_views=len(lobes), angles_deg=None)
+        state.found = lobes
         state.set_lobes(with_known_views(lobes, recipe.lobes))
 
     return Plan("Finding the lobes", work, receive)
+
+
+def looked_at(
+    recording: Recording, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> tuple[xr.DataArray, str]:
+    """Return the spectrum of a recording, and which frames the camera lost in a sentence."""
+    spectrum = power_spectrum(
+        recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
+    )
+    number = min(recording.n_frames, LOST_FRAMES)
+    lost = lost_frames(recording, number, progress=progress, cancelled=cancelled)
+    return spectrum, lost_sentence(lost, number)
 
 
 def found_lobes(
@@ -74,7 +96,7 @@ def found_lobes(
     angles_deg: Sequence[float] | None,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
-) -> list[Lobe]:
+) -> FoundLobes:
     """Return so many lobes, or as many as there are where there are fewer."""
     try:
         return find_lobes(
@@ -94,16 +116,16 @@ def plan_spectrum(state: State) -> Plan:
     """Plan to compute the spectrum alone, until something else is asked for."""
     recording = state.needed_recording()
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.DataArray:
-        return power_spectrum(
-            recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
-        )
+    def work(
+        progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> tuple[xr.DataArray, str]:
+        return looked_at(recording, progress, cancelled)
 
-    def receive(spectrum: xr.DataArray) -> None:
+    def receive(found: tuple[xr.DataArray, str]) -> None:
         # Another microscope leaves the frames, and so their spectrum, as they are.
         now = state.recording
         if now is not None and now.holograms.data is recording.holograms.data:
-            state.spectrum = spectrum
+            state.spectrum, state.lost = found
             state.spectrum_changed.emit()
 
     return Plan("Computing the spectrum", work, receive, gives_way=True)
