@@ -41,7 +41,7 @@ FLAT_RAD = 0.8
 #: Below this share of background pixels nothing is fitted or removed.
 ENOUGH_BACKGROUND = 0.15
 #: Slopes are fitted to about so many pixels, so many times over.
-SLOPE_PIXELS, SLOPE_ROUNDS = 40_000, 12
+SLOPE_PIXELS, SLOPE_ROUNDS = 16_000, 12
 #: A surface with more terms than a tilt has is fitted to about so many pixels at least.
 SURFACE_PIXELS = 100_000
 #: A surface that explains so much of a view leaves no room for another.

@@ -225,7 +225,7 @@ def plane_of(
 
 def mean_power(spectra: Sequence[NDArray[np.complex64]]) -> NDArray[np.float64]:
     """Return the mean power of transforms."""
-    total = np.zeros(spectra[0].shape)
+    total = np.zeros(spectra[0].shape, dtype=np.float64)
     for spectrum in spectra:
         total += spectrum.real**2 + spectrum.imag**2
     return total / len(spectra)
@@ -243,9 +243,11 @@ def lobes_of(
     shape = plane.shape
     carriers = [refined(plane.peaks[i].carrier, plane.spectra, shape) for i in choice.views]
     others = [p.carrier for i, p in enumerate(plane.peaks) if i not in choice.views and p.is_plain]
+    # The 10 % quantile of exponential noise, times two.
+    noise = 2 * float(np.quantile(plane.half[::4], 0.1)) / 0.105
     # All views pass one pupil, so one radius serves all.
     radius = radius or min(
-        proposed_radius(k, [*carriers, *others], plane.half, shape) for k in carriers
+        proposed_radius(k, [*carriers, *others], plane, noise) for k in carriers
     )
     lobes = [Lobe(k, radius) for k in carriers]
     evidence = bright(choice, plane, lobes) if orient else [np.inf] * len(lobes)
@@ -334,8 +336,8 @@ def views_doubt(best: Choice, second: Choice, lobes: list[Lobe], other: list[Lob
 def proposed_radius(
     carrier: tuple[float, float],
     all_carriers: Sequence[tuple[float, float]],
-    half: NDArray[np.float64],
-    shape: tuple[int, int],
+    plane: Plane,
+    noise: float,
 ) -> float:
     """Return the radius where the lobe ends, within what neighbours and the zero order allow."""
     distance = float(np.hypot(*carrier))
@@ -345,19 +347,19 @@ def proposed_radius(
     limits = [n / 2 for n in neighbours if n > MIN_RADIUS_SHARE * distance]
     limit = min([MAX_RADIUS_SHARE * distance, conjugate, *limits])
     floor = min(MIN_RADIUS_SHARE * distance, limit)
-    return float(np.clip(lobe_extent(carrier, half, shape, limit), floor, limit))
+    return float(np.clip(lobe_extent(carrier, plane, noise, limit), floor, limit))
 
 
-def lobe_extent(
-    carrier: tuple[float, float], half: NDArray[np.float64], shape: tuple[int, int], limit: float
-) -> float:
+def lobe_extent(carrier: tuple[float, float], plane: Plane, noise: float, limit: float) -> float:
     """Return the distance from the carrier at which the power has sunk to the noise (+3 dB)."""
-    ky, kx = half_plane(shape)
+    ky, kx = half_plane(plane.shape)
     dy, dx = ky - carrier[0], kx - carrier[1]
-    distance = np.hypot(dy - np.round(dy), dx)
-    noise = 2 * float(np.quantile(half, 0.1)) / 0.105  # the 10 % quantile of exponential noise
-    step = max(1.5 / min(shape), 0.004)
-    for inner in np.arange(MAIN_LOBE / min(shape), limit, step):
+    dy -= np.round(dy)
+    step = max(1.5 / min(plane.shape), 0.004)
+    rows, columns = (np.flatnonzero(np.abs(d) < limit + step) for d in (dy[:, 0], dx[0]))
+    half = plane.half[np.ix_(rows, columns)]
+    distance = np.hypot(dy[rows], dx[:, columns])
+    for inner in np.arange(MAIN_LOBE / min(plane.shape), limit, step):
         ring = half[(distance >= inner) & (distance < inner + step)]
         if ring.size and np.median(ring) / np.log(2) < noise:
             return float(inner + step)

@@ -41,11 +41,12 @@ SATURATED = 0.75
 #: usual (a sixteenth in power).
 WEAK, STRONG, BAD_TILES, COLLAPSED = 0.04, 10.0, 0.15, 0.06
 #: A field is compared with itself so many pixels on, on about so many rows or columns ...
-APART, LINES = 3, 128
+APART, LINES = 3, 64
 #: ... and a tile is noise if it is so much less alike than usual; so is the frame, if most are.
 INCOHERENT, NOISE = 0.3, 0.4
+TINY = float(np.finfo(np.float64).tiny)
 #: Frames that tell what is usual.
-SAMPLE = 16
+SAMPLE = 9
 
 Tiles = NDArray[np.float64]
 
@@ -66,6 +67,17 @@ class FrameLook:
     reason: str = ""
 
 
+def plain_reason(frame: NDArray[np.generic]) -> str:
+    """Say whether a frame is blank or saturated, by some of its pixels; "" if neither."""
+    step = max(1, min(frame.shape) // ROWS)
+    # Neighbours among them, so that fringes of any period are seen.
+    some = np.asarray(frame[::step])
+    low, high = some.min(), some.max()
+    if low == high:
+        return "blank"
+    return "saturated" if np.count_nonzero(some == high) > SATURATED * some.size else ""
+
+
 def look_at(frame: NDArray[np.generic]) -> FrameLook:
     """Look at a camera frame (y, x) of any real type."""
     height, width = frame.shape
@@ -74,12 +86,7 @@ def look_at(frame: NDArray[np.generic]) -> FrameLook:
     tiles = min(TILES, height - 1, width - 1)
     across, down = np.diff(rows, axis=1), np.diff(columns, axis=0)
     strength = tiled(across**2, tiles) + tiled(down**2, tiles)
-    if not strength.any():
-        return FrameLook(strength, "blank")
-    top = rows.max()
-    if float((rows >= top).mean()) > SATURATED:
-        return FrameLook(strength, "saturated")
-    return FrameLook(strength)
+    return FrameLook(strength, plain_reason(frame))
 
 
 def tiled(values: NDArray[np.floating], tiles: int = TILES) -> Tiles:
@@ -202,20 +209,34 @@ class Fringes:
 
 
 def fringes_of(fields: NDArray[np.complex64]) -> Fringes:
-    """Return what the fields (view, y, x) of a frame show."""
-    power = np.stack([tiled(np.abs(view)) for view in fields]) ** 2
-    alike = [np.minimum(coherence(view), coherence(view.T).T) for view in fields]
-    return Fringes(power, np.stack(alike))
+    """Return what the fields (view, y, x) of a frame show; some of their pixels are looked at."""
+    views, height, width = fields.shape
+    step = max(1, min(height, width) // LINES)
+    here = fields[:, : height - APART : step, : width - APART : step]
+    if min(here.shape[1:]) <= 4 * APART:
+        return Fringes(np.stack([tiled(np.abs(v)) for v in fields]) ** 2, np.ones((views, 1, 1)))
+    size = np.abs(here)
+    alike = [
+        alike_by_tile(
+            here, size, fields[:, y : height - APART + y : step, x : width - APART + x : step]
+        )
+        for y, x in ((APART, 0), (0, APART))
+    ]
+    return Fringes(np.stack([tiled(v) for v in size]) ** 2, np.minimum(*alike))
 
 
-def coherence(field: NDArray[np.complex64]) -> Tiles:
-    """Return how alike a field is to itself some pixels on along x, in each tile."""
-    if min(field.shape) <= 4 * APART:
-        return np.ones((1, 1))  # too small to tell
-    rows = field[:: max(1, len(field) // LINES)]
-    product = rows[:, APART:] * rows[:, :-APART].conj()
-    alike = np.hypot(tiled(product.real), tiled(product.imag))
-    return alike / np.maximum(tiled(np.abs(product)), np.finfo(float).tiny)
+def alike_by_tile(
+    here: NDArray[np.complex64], size: NDArray[np.float32], there: NDArray[np.complex64]
+) -> Tiles:
+    """Return how alike fields are to themselves some pixels on in each tile, 0 to 1."""
+    product = here.conj()
+    product *= there
+    found = []
+    for view, amplitude in zip(product, size, strict=True):
+        sums = np.hypot(tiled(view.real), tiled(view.imag))
+        # The amplitude hardly changes within some pixels.
+        found.append(np.minimum(sums / np.maximum(tiled(amplitude**2), TINY), 1.0))
+    return np.stack(found)
 
 
 @dataclass(frozen=True)
@@ -232,7 +253,7 @@ class LostFrames:
 
     def reason(self, frame: NDArray[np.generic], fields: NDArray[np.complex64]) -> str:
         """Say why a frame with some fields (view, y, x) is lost; "" if it is not."""
-        return look_at(frame).reason or fringes_of(fields).reason(self.usual)
+        return plain_reason(frame) or fringes_of(fields).reason(self.usual)
 
 
 def usual_fringes(

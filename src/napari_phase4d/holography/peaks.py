@@ -109,7 +109,7 @@ def ring_median(half: Half, shape: tuple[int, int]) -> Half:
     position = np.hypot(ky, kx) / width
     ring = position.astype(int)
     # A few hundred of a ring's pixels give its median well enough; large frames have thousands.
-    thin = (slice(None, None, max(1, shape[0] // 512)), slice(None, None, max(1, shape[1] // 512)))
+    thin = (slice(None, None, max(1, shape[0] // 256)), slice(None, None, max(1, shape[1] // 256)))
     median = np.asarray(ndimage.median(half[thin], ring[thin], np.arange(ring.max() + 1)))
     known = np.flatnonzero(np.isfinite(median))
     levels: Half = np.interp(position - 0.5, known, median[known])
