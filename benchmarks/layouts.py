@@ -192,6 +192,7 @@ def layouts(first: int = 0, count: int = 450) -> None:
         some = [o for o in counted if o.n_views == n]
         line(n, len(some), share([o.wrong for o in some]))
     doubts(counted)
+    signs()
 
 
 def doubts(found: list[Outcome]) -> None:
@@ -207,3 +208,30 @@ def doubts(found: list[Outcome]) -> None:
 def share(found: list[bool]) -> str:
     """Return a share in percent."""
     return f"{100 * sum(found) / max(len(found), 1):.1f}"
+
+
+def signs() -> None:
+    """Whether the sign is right, by how much of the field a cell covers."""
+    columns = "cover-(%) number wrong-(%) wrong-and-sure-(%) doubted-(%)"
+    heading("Sign: cells of 3 to 12 rad", columns)
+    y, x = np.mgrid[:SIDE, :SIDE] / SIDE - 0.5
+    for cover in (0.1, 0.25, 0.5, 0.65, 0.75, 0.85, 0.95):
+        wrong, doubted = [], []
+        for seed in range(24):
+            rng = np.random.default_rng((seed, int(100 * cover)))
+            aspect, centre = np.exp(rng.normal(0, 0.2)), rng.normal(0, 0.05, 2)
+            area = cover / np.pi
+            inside = 1 - ((y - centre[0]) ** 2 * aspect + (x - centre[1]) ** 2 / aspect) / area
+            height = rng.uniform(3, 12) * np.maximum(inside, 0) ** rng.choice((0.5, 1))
+            phase = xr.DataArray(
+                np.float32(height)[None, None],
+                dims=("time", "angle", "y", "x"),
+                coords={"time": [0.0], "angle": [0.0]},
+            )
+            side = rng.choice((-1, 1))
+            carrier = (0.2, float(0.2 * side))
+            (lobe,) = p4d.find_lobes(multiplexed_video(phase, carriers=[carrier], seed=seed), 1)
+            wrong.append(lobe.flip == (side > 0))
+            doubted.append("guess" in lobe.doubt)
+        sure = [w and not d for w, d in zip(wrong, doubted, strict=True)]
+        line(f"{100 * cover:.0f}", len(wrong), share(wrong), share(sure), share(doubted))

@@ -61,6 +61,16 @@ class FoundLobes(list[Lobe]):
         Those among them about which peaks are views, and how many; not about signs.
     other : list of Lobe
         The next best choice of as many views; empty if there is none worth a look.
+
+    See Also
+    --------
+    find_lobes : Makes it.
+
+    Examples
+    --------
+    >>> found = FoundLobes([Lobe((0.19, 0.21), 0.09)], chance=0.7, doubts_of_views=["Unsure."])
+    >>> len(found), found.chance, found.doubts
+    (1, 0.7, ('Unsure.',))
     """
 
     def __init__(

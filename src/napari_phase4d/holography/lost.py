@@ -148,6 +148,19 @@ def lost_frames(
     -------
     dict of int to str
         Frame number: "blank", "saturated", "without fringes", "damaged" or "NaN".
+
+    See Also
+    --------
+    lost_sentence : Says it in words.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> exact = p4d.simulation.swimming_euglena((64, 64), 4, pixel_um=0.7)
+    >>> frames = p4d.simulation.multiplexed_video(exact["phase"]).holograms.values.copy()
+    >>> frames[2] = 0
+    >>> lost_frames(p4d.open_recording(frames))
+    {2: 'blank'}
     """
     indices = rec.sample_indices(at_most or rec.n_frames)
     watch = Watch(len(indices), "looking for lost frames", progress, cancelled)
@@ -156,7 +169,31 @@ def lost_frames(
 
 
 def first_seen(rec: Recording) -> NDArray[np.generic]:
-    """Return the first frame that is not lost by itself; the first of all if none is."""
+    """Return the first frame that is not lost by itself; the first of all if none is.
+
+    Parameters
+    ----------
+    rec : Recording
+        The hologram video; some of its frames are looked at.
+
+    Returns
+    -------
+    ndarray of shape (y, x)
+        Its numbers as they are.
+
+    Raises
+    ------
+    ValueError
+        If no frame looked at shows anything, and the first holds NaN.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> frames = np.random.default_rng(0).integers(0, 255, (3, 16, 16))
+    >>> frames[0] = 0
+    >>> bool((first_seen(Recording.from_frames(frames)) == frames[1]).all())
+    True
+    """
     for index in rec.sample_indices(SAMPLE):
         if not safe_look(rec, index).reason:
             return rec.raw_frame(index)
@@ -172,7 +209,20 @@ def safe_look(rec: Recording, index: int) -> FrameLook:
 
 
 def lost_sentence(lost: Mapping[int, str], looked_at: int) -> str:
-    """Say which frames are lost; "" if none is."""
+    """Say which frames are lost; "" if none is.
+
+    Parameters
+    ----------
+    lost : mapping of int to str
+        What `lost_frames` gave.
+    looked_at : int
+        How many frames were looked at.
+
+    Examples
+    --------
+    >>> lost_sentence({2: "blank"}, 4)
+    '1 frame of 4 is lost and left out: 2 (blank).'
+    """
     if not lost:
         return ""
     named = [f"{index} ({reason})" for index, reason in list(lost.items())[:5]]
