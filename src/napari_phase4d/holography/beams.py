@@ -66,7 +66,7 @@ KEPT = 600
 #: What the clues count, in the order of `Clues.table`. They were fitted, but for the last three,
 #: which few of the simulated recordings need.
 WEIGHTS = np.array(
-    [10.3, -1.5, 2.49, 2.27, 1.0, 0.32, 1.89, -7.86, -3.9, -0.9, -2.02, -0.89, -2.5, -1.0, -4.0]
+    [10.3, -1.5, 2.49, 2.27, 1.0, 0.32, 1.89, -7.86, -3.9, -0.9, -2.02, -0.89, 0, -1.0, -4.0]
 )
 #: The same for the number of views: of those clues, and what `Clues.tally` adds.
 COUNT_WEIGHTS = np.array(
@@ -177,7 +177,7 @@ class Clues:
             return above
 
         edge = over_beats(self.edge)
-        radius = RING * EDGES[edge.argmax(1)]
+        radius = np.maximum(RING * EDGES[edge.argmax(1)], LEAST_APART)
         left_over = ~within & ~explained & ~self.ghost
         left_over &= ~self._structure(views, within, explained, radius)
         weaker, balance = self._powers(views, beats)
@@ -195,7 +195,7 @@ class Clues:
                 self.core[views].std(1),
                 self.width[views].std(1),
                 balance,
-                self._overshadowed(views, radius),
+                self._overshadowed(views),
                 (self.relative[views] < PLAIN).sum(1),
                 self.ghost[views].sum(1),
             ],
@@ -228,11 +228,11 @@ class Clues:
         found: Indices = (beats[:, :, None] == views[:, None, :]).any(2).sum(1)
         return found
 
-    def _overshadowed(self, views: Indices, radius: Values) -> Values:
+    def _overshadowed(self, views: Indices) -> Values:
         """Return how many views of each set lie within the lobe of a much stronger peak."""
         count = np.zeros(len(views))
         for side in views.T:
-            near = self.distance[1:][side] < np.maximum(radius, LEAST_APART)[:, None]
+            near = self.distance[1:][side] < LEAST_APART
             stronger = self.power > self.power[side][:, None] + MUCH_STRONGER
             count += (near & stronger).any(1)
         return count

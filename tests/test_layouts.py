@@ -1,0 +1,101 @@
+"""The finder on random layouts: right, or in doubt; views counted; signs of large cells."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+import scipy.fft
+import xarray as xr
+
+import napari_phase4d as p4d
+from napari_phase4d.holography.peaks import refined
+from napari_phase4d.simulation import multiplexed_video, swimming_euglena
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from layouts import Layout, layout
+
+LAYOUTS = 30
+
+
+@pytest.fixture(scope="module")
+def found() -> list[tuple[Layout, p4d.holography.FoundLobes]]:
+    cases = [layout(seed) for seed in range(LAYOUTS)]
+    return [(case, p4d.find_lobes(case.rec, len(case.carriers))) for case in cases]
+
+
+def test_random_layouts_are_right_or_in_doubt(found) -> None:
+    wrong = [lobes for case, lobes in found if not case.found_by(lobes)]
+    right = [lobes for case, lobes in found if case.found_by(lobes)]
+    assert len(wrong) <= 0.05 * LAYOUTS
+    assert all(lobes.doubts_of_views for lobes in wrong)
+    assert sum(bool(lobes.doubts_of_views) for lobes in right) <= 0.15 * LAYOUTS
+
+
+def test_doubt_comes_with_another_choice_of_as_many_views(found) -> None:
+    for _, lobes in found:
+        assert 0 < lobes.chance <= 1
+        assert set(lobes.doubts) >= {lobe.doubt for lobe in lobes if lobe.doubt}
+        if lobes.other:
+            assert len(lobes.other) == len(lobes)
+            assert "next best choice" in lobes.doubts_of_views[-1]
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6])
+def test_views_are_counted(n: int) -> None:
+    six = ((0.42, 0.05), (0.30, 0.20), (0.12, 0.33), (-0.05, 0.42), (-0.2, 0.3), (-0.35, 0.15))
+    exact = swimming_euglena((256, 256), 4, angles_deg=range(n), pixel_um=5.2 / 30)
+    rec = multiplexed_video(
+        exact["phase"], carriers=six[:n], pupil_radius=0.03, reference_amplitude=3.0
+    )
+    assert len(p4d.find_lobes(rec, None)) == n
+
+
+def test_another_number_of_views_than_asked_for_is_said() -> None:
+    exact = swimming_euglena((256, 256), 4, pixel_um=5.2 / 30, peak_rad=6)
+    rec = multiplexed_video(exact["phase"])
+    assert p4d.find_lobes(rec, 2).doubts == ()
+    assert "the spectrum looks like 2 views" in p4d.find_lobes(rec, 3).doubts[0]
+    assert "the spectrum looks like 2 views" in p4d.find_lobes(rec, 1).doubts[0]
+
+
+@pytest.mark.parametrize("cover", [0.1, 0.5, 0.75, 0.85])
+@pytest.mark.parametrize("side", [-1, 1])
+def test_the_sign_of_a_large_cell_is_right(cover: float, side: int) -> None:
+    """A carrier with kx < 0 is found as its conjugate, so that it must be flipped."""
+    y, x = np.mgrid[:256, :256] / 256 - 0.5
+    inside = 1 - ((y - 0.02) ** 2 + x**2) * np.pi / cover
+    phase = xr.DataArray(
+        np.float32(12 * np.sqrt(np.maximum(inside, 0)))[None, None],
+        dims=("time", "angle", "y", "x"),
+        coords={"time": [0.0], "angle": [0.0]},
+    )
+    (lobe,) = p4d.find_lobes(multiplexed_video(phase, carriers=[(0.2, 0.2 * side)]), 1)
+    assert lobe.flip == (side < 0)
+
+
+def test_signs_of_all_views_go_together() -> None:
+    """One view shows little of the object; the beat tells that it lies on the other one's side."""
+    exact = swimming_euglena((256, 256), 3, pixel_um=5.2 / 30, peak_rad=6)["phase"].copy()
+    exact[:, 1] *= 0.3
+    for carriers in (((0.19, 0.21), (-0.21, 0.19)), ((0.19, 0.21), (0.21, -0.19))):
+        rec = multiplexed_video(exact, carriers=carriers, reference_amplitude=2.5)
+        first, second = p4d.find_lobes(rec, 2)
+        assert (first.flip, second.flip) == (False, carriers[1][1] < 0)
+
+
+def test_carriers_are_refined_from_spectra_as_from_the_frame() -> None:
+    """The transform of a pure carrier between pixels has its maximum at the carrier."""
+    rng = np.random.default_rng(3)
+    shape = (96, 120)
+    y, x = (np.arange(n) for n in shape)
+    window = np.outer(*(np.blackman(n + 2)[1:-1] for n in shape))
+    for _ in range(10):
+        ky, kx = rng.uniform(-0.3, 0.3), rng.uniform(0.1, 0.3)
+        frame = np.cos(2 * np.pi * (ky * y[:, None] + kx * x[None, :]) + rng.uniform(0, 6))
+        spectrum = scipy.fft.rfft2((frame * window).astype(np.float32))
+        coarse = (round(ky * shape[0]) / shape[0], round(kx * shape[1]) / shape[1])
+        near = refined(coarse, [spectrum], shape)
+        assert np.hypot((near[0] - ky) * shape[0], (near[1] - kx) * shape[1]) < 0.02
