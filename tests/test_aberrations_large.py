@@ -13,6 +13,7 @@ from napari_phase4d.holography import Lobe, corrections
 from napari_phase4d.holography.aberrations import surface_of, surface_terms
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.progress import Cancelled
 
 
@@ -65,6 +66,7 @@ def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None
     rec = p4d.open_recording(frames)
     lobes = [Lobe((0.2, 0.2), 0.2)]
     demodulate = Demodulator(rec.frame_shape, lobes)
+    lost, _ = usual_fringes(rec, demodulate)
     alive, most = 0, 0
 
     def ended() -> None:
@@ -81,7 +83,7 @@ def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None
 
     # One after the other: how many the threads have in hand depends on how quick they are.
     monkeypatch.setattr(corrections, "in_threads", lambda work, items, watch: map(work, items))
-    corrections.corrections(rec, counted, None, "tilt", 4, None)
+    corrections.corrections(rec, counted, None, "tilt", 4, lost, None)
     assert most <= 3  # the first, to which the others are turned, the last, and the next
-    corrections.corrections(rec, counted, "median", "tilt", 4, None)
+    corrections.corrections(rec, counted, "median", "tilt", 4, lost, None)
     assert most == 32

@@ -95,6 +95,7 @@ def test_dry_mass(script: Callable[[str], Names]) -> None:
     assert masses["2-D"][-1] < 0.8 * masses["exact"][-1]
 
 
+@pytest.mark.filterwarnings("ignore:.*curvature is left:UserWarning")  # what it shows
 def test_focus_and_aberrations(script: Callable[[str], Names]) -> None:
     names = script("05_focus_and_aberrations.py")
     assert names["found_um"] == pytest.approx(-25, abs=0.5)

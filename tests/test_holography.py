@@ -305,8 +305,8 @@ def test_what_a_finder_accepts_is_without_warning(lobes, small_video) -> None:
     assert lobe_warnings(p4d.find_lobes(small_video, 2)) == []
 
 
-def test_a_single_frame_is_no_trouble(video: p4d.Recording) -> None:
-    one = p4d.open_recording(video.holograms.values[:1])
+def test_a_single_frame_is_no_trouble(small_video) -> None:
+    one = p4d.open_recording(small_video.holograms.values[:1])
     data = p4d.reconstruct(one, p4d.find_lobes(one, 2))
     assert np.isfinite(data["phase"].values).all()
     assert np.isfinite(p4d.power_spectrum(one).values).all()
@@ -427,10 +427,10 @@ def test_frames_without_fringes_are_refused(level: int) -> None:
         p4d.reconstruct(rec, lobes)
 
 
-def test_a_reference_without_fringes_is_refused(video: p4d.Recording) -> None:
-    blank = np.full(video.frame_shape, 100, np.uint16)
+def test_a_reference_without_fringes_is_refused(small_video) -> None:
+    blank = np.full(small_video.frame_shape, 100, np.uint16)
     with pytest.raises(ValueError, match="the reference shows no fringes"):
-        p4d.reconstruct(video, p4d.find_lobes(video, 2), reference=blank)
+        p4d.reconstruct(small_video, p4d.find_lobes(small_video, 2), reference=blank)
 
 
 def test_weak_fringes_on_a_bright_field_keep_their_phase() -> None:

@@ -113,9 +113,9 @@ def test_visibility_of_each_view_and_of_none() -> None:
     )
     lobes = [Lobe((0.25, 0.125), 0.05), Lobe((-0.25, 0.1875), 0.05)]
     demodulate = Demodulator((128, 128), lobes)
-    found = fringe_visibility(p4d.open_recording(frame), demodulate)
+    found = fringe_visibility(frame, demodulate)
     assert found == pytest.approx([0.3, 0.12], rel=1e-4)
-    assert fringe_visibility(p4d.open_recording(0 * frame), demodulate) == [0, 0]
+    assert fringe_visibility(0 * frame, demodulate) == [0, 0]
 
 
 def test_visibility_stays_with_its_view() -> None:

@@ -177,7 +177,7 @@ class Clues:
             return above
 
         edge = over_beats(self.edge)
-        radius = np.maximum(RING * EDGES[edge.argmax(1)], LEAST_APART)
+        radius = RING * EDGES[edge.argmax(1)]
         left_over = ~within & ~explained & ~self.ghost
         left_over &= ~self._structure(views, within, explained, radius)
         weaker, balance = self._powers(views, beats)
@@ -215,7 +215,7 @@ class Clues:
         """
         found: NDArray[np.bool_] = self.distance[0] < 2 * radius[:, None]
         for side in views.T:
-            near = self.distance[1:][side] < radius[:, None]
+            near = self.distance[1:][side] < np.maximum(radius, LEAST_APART)[:, None]
             found |= near & (self.power < self.power[side][:, None])
         for peak in range(len(self)):
             near = self.distance[1 + peak] < 2 * radius[:, None]
@@ -347,9 +347,19 @@ def ranked(
     return found
 
 
-def most_likely(found: Sequence[Sequence[Choice]]) -> tuple[int, Values]:
-    """Return how many views there are, and the chance of every number from 1 on."""
+def most_likely(found: Sequence[Sequence[Choice]], possible: Sequence[bool]) -> tuple[int, Values]:
+    """Return how many views there are, and the chance of every number from 1 on.
+
+    Parameters
+    ----------
+    found : sequence of sequence of Choice
+        What `choices` gave.
+    possible : sequence of bool
+        Whether there may be so many; if none may, all count.
+    """
     score = np.array([each[0].tally @ COUNT_WEIGHTS for each in found])
+    if any(possible):
+        score = np.where(possible, score, -np.inf)
     weight = np.exp(score - score.max())
     chance: Values = weight / weight.sum()
     return int(np.argmax(chance)) + 1, chance

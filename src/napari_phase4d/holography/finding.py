@@ -181,10 +181,9 @@ def find_lobes(
         raise ValueError(too_few(rec.name, plain, n_views or 1))
     clues = clues_of(plane.peaks, plane.half, plane.spectra, plane.shape)
     found = choices(clues, MAX_VIEWS if n_views is None else min(n_views + 1, MAX_VIEWS))
-    likely, chances = most_likely(found)
+    likely, chances = most_likely(found, [can_be(each[0], plane.peaks) for each in found])
     best, *others = found[(n_views or likely) - 1]
-    # A faint peak or a ghost counts as a view if its beat with another shows.
-    if not best.beats_seen and not all(plane.peaks[i].is_plain for i in best.views):
+    if not can_be(best, plane.peaks):
         raise ValueError(too_few(rec.name, plain, len(best.views)))
     lobes, signs = lobes_of(best, plane, angles_deg, radius, orient=orient)
     doubts = list(number_doubts(n_views, likely, chances))
@@ -197,6 +196,11 @@ def find_lobes(
         for lobe, sign in zip(lobes, sign_doubts(signs), strict=True)
     ]
     return FoundLobes(doubted, best.chance, doubts, other)
+
+
+def can_be(choice: Choice, peaks: Sequence[Peak]) -> bool:
+    """Say whether some peaks may be views: a faint one or a ghost only if its beat is seen."""
+    return choice.beats_seen or all(peaks[i].is_plain for i in choice.views)
 
 
 def checked_number(n_views: int | None, angles_deg: Sequence[float] | None) -> int | None:
@@ -319,7 +323,7 @@ def number_doubts(wanted: int | None, likely: int, chances: NDArray[np.float64])
         if chances[likely - 1] < SURE:
             second = int(np.argsort(-chances)[1]) + 1
             yield (
-                f"There seem to be {counted(likely, 'view')} "
+                f"The spectrum looks like {counted(likely, 'view')} "
                 f"(chance {100 * chances[likely - 1]:.0f} %), but there may be {second}."
             )
     elif likely != wanted and chances[likely - 1] > SURE:

@@ -17,7 +17,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from skimage.restoration import unwrap_phase
 
-from napari_phase4d.holography.background import fit_background
+from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import wrapped
 from napari_phase4d.holography.lobes import Lobe
@@ -34,7 +34,10 @@ LARGEST_SIDE = 112
 #: What the clues add to the logarithm of the odds that dense is bright: skewness, and the height
 #: over the border in radians (arsinh of twice it) before and after curvature has been taken off.
 #: Fitted to random cells of 1.5 to 16 rad that cover 3 to 97 % of the field.
-WEIGHTS = (0.5, 1.45, 1.5)
+SKEWNESS, HEIGHT, FLAT_HEIGHT = 0.5, 1.45, 1.5
+#: Where the clues of small and of large cells disagree, the small one's is taken if this share of
+#: the field is within so many radians of its median; in any case it is a guess.
+MOSTLY_EMPTY, FLAT_RAD, GUESS = 0.6, 0.8, 2.5
 #: No more skewness than this counts.
 MOST_SKEWNESS = 5.0
 #: Phase that deviates less than this from its median (rad, rms) shows no object.
@@ -64,7 +67,8 @@ def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
 
 def evidence_of(field: Field) -> float:
     """Return `sign_evidence` of a field, which may still have its tilt."""
-    flat = field * np.exp(-1j * fit_background(field[None], order=2))
+    fit = Surface("powers", 2, field.shape).fit(field)
+    flat = field * np.exp(-1j * fit.surface)
     edge = max(2, min(flat.shape) // 16)
     inner = (slice(edge, -edge), slice(edge, -edge))
     # Where there are no fringes the phase is noise, and may lie far off on either side.
@@ -77,11 +81,15 @@ def evidence_of(field: Field) -> float:
     if scale < LEAST_PHASE_RAD:
         return 0.0
     skewness = float(np.mean(deviation**3)) / scale**3
-    clues = (
-        float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS)),
-        *(float(np.arcsinh(2 * height_over_border(each[inner]))) for each in (field, flat)),
-    )
-    return sum(weight * clue for weight, clue in zip(WEIGHTS, clues, strict=True))
+    small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
+    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner])))
+    large = HEIGHT * float(np.arcsinh(2 * height_over_border(field[inner])))
+    if small * large >= 0:
+        return small + large
+    # A bent field looks like a cell that fills it, and such a cell like a bent field.
+    empty = float((np.abs(deviation) < FLAT_RAD).mean())
+    total = small if empty > MOSTLY_EMPTY and not fit.doubt else small + large
+    return float(np.clip(total, -GUESS, GUESS))
 
 
 def height_over_border(field: Field) -> float:
