@@ -83,7 +83,7 @@ def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None
 
     # One after the other: how many the threads have in hand depends on how quick they are.
     monkeypatch.setattr(corrections, "in_threads", lambda work, items, watch: map(work, items))
-    corrections.corrections(rec, counted, None, "tilt", 4, lost, None)
+    corrections.corrections(rec, counted, None, "tilt", 4, lost, {}, None)
     assert most <= 3  # the first, to which the others are turned, the last, and the next
-    corrections.corrections(rec, counted, "median", "tilt", 4, lost, None)
+    corrections.corrections(rec, counted, "median", "tilt", 4, lost, {}, None)
     assert most == 32

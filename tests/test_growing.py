@@ -14,7 +14,7 @@ from scipy.ndimage import gaussian_filter
 from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
-from napari_phase4d.unwrapping import compiling
+from napari_phase4d import compiling
 from napari_phase4d.unwrapping.growing import (
     Workspace,
     coherence,

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from napari_phase4d.unwrapping import warming
+from napari_phase4d.pipeline import warming
 
 SCRIPT = """
-from napari_phase4d.unwrapping.compiling import is_on_disk
+from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.unwrapping.directional.cut import sink_side
 from napari_phase4d.unwrapping.growing.smooth import integrated
-from napari_phase4d.unwrapping.warming import warm_up_elsewhere
+from napari_phase4d.pipeline.warming import warm_up_elsewhere
 
 assert not is_on_disk(integrated)
 process = warm_up_elsewhere()

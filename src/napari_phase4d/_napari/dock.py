@@ -33,8 +33,7 @@ from napari_phase4d._napari.steps import (
 from napari_phase4d._napari.time_left import TimeLeft, in_words
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Section
-from napari_phase4d.pipeline import start_words
-from napari_phase4d.unwrapping import warm_up_elsewhere
+from napari_phase4d.pipeline import start_words, warm_up_elsewhere
 
 __all__ = ["Phase4DDock"]
 

@@ -19,27 +19,19 @@ from napari_phase4d.holography.emptyfield import (
     solved,
     wrapped,
 )
+from napari_phase4d.holography.polar import ENOUGH_BACKGROUND
 from napari_phase4d.progress import nothing
 
 __all__ = [
-    "ENOUGH_BACKGROUND",
     "Fit",
     "Surface",
     "aligned_to",
-    "background_offset",
     "fit_background",
     "fitted_surface",
-    "flat_share",
 ]
 
 #: Background pixels deviate from the fit by less than this, in radians; first a generous limit.
 LIMITS_RAD = (1.5, 1.2, 1.0, 0.8, 0.8, 0.6, 0.6)
-#: The same for the constant phase of one frame.
-OFFSET_LIMITS_RAD = (1.0, 0.6, 0.5)
-#: How far from the background's phase a pixel counts as background, in radians.
-FLAT_RAD = 0.8
-#: Below this share of background pixels nothing is fitted or removed.
-ENOUGH_BACKGROUND = 0.15
 #: Slopes are fitted to about so many pixels, so many times over.
 SLOPE_PIXELS, SLOPE_ROUNDS = 16_000, 12
 #: A surface with more terms than a tilt has is fitted to about so many pixels at least.
@@ -314,7 +306,7 @@ def aligned_mean(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
     first = fields[0]
     total = first.copy()
     for field in fields[1:]:
-        total += aligned_to(first, field)
+        total += aligned_to(first, field.copy())
     mean: NDArray[np.complex64] = total / np.float32(len(fields))
     return mean
 
@@ -322,10 +314,10 @@ def aligned_mean(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
 def aligned_to(
     first: NDArray[np.complex64], field: NDArray[np.complex64]
 ) -> NDArray[np.complex64]:
-    """Return a field turned so that its constant phase agrees with that of the first."""
+    """Return a field, turned in place so that its constant phase agrees with the first's."""
     overlap = np.vdot(first, field)
-    turned: NDArray[np.complex64] = field * np.complex64(np.exp(-1j * np.angle(overlap)))
-    return turned
+    field *= np.complex64(np.exp(-1j * np.angle(overlap)))
+    return field
 
 
 def slope(unit: NDArray[np.complexfloating], axis: int) -> float:
@@ -335,37 +327,3 @@ def slope(unit: NDArray[np.complexfloating], axis: int) -> float:
     steps = np.delete(steps, -1, axis)
     half_width: float = (unit.shape[axis] - 1) / 2
     return float(np.median(steps)) * half_width
-
-
-def background_offset(
-    field: NDArray[np.complex64], phase: NDArray[np.float32] | None = None
-) -> float:
-    """Return the phase of the background: its complex mean round the most frequent phase.
-
-    Parameters
-    ----------
-    field : ndarray of shape (y, x)
-        Complex field, tilt already removed.
-    phase : ndarray of shape (y, x), optional
-        The field's phase, where it is known already.
-
-    Returns
-    -------
-    float
-        Radians in (-pi, pi].
-    """
-    if phase is None:
-        phase = np.angle(field)
-    start = mode_phase(phase)
-    away, shift = wrapped(phase - start), 0.0
-    for limit in OFFSET_LIMITS_RAD:
-        near = np.abs(away - shift) < limit
-        if not near.any():
-            break
-        shift = float(np.angle(field.sum(where=near) * np.exp(-1j * start)))
-    return math.remainder(start + shift, 2 * math.pi)
-
-
-def flat_share(phase: NDArray[np.float32], offset: float) -> float:
-    """Return the share of pixels within 0.8 rad of the background's phase."""
-    return np.count_nonzero(np.abs(wrapped(phase - offset)) < FLAT_RAD) / phase.size

@@ -11,10 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
-from napari_phase4d.holography.background import Surface, aligned_to, background_offset
+from napari_phase4d.holography.background import Fit, Surface, aligned_to
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.leftover import BetterSurface
-from napari_phase4d.holography.lost import LostFrames
+from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
+from napari_phase4d.holography.polar import background_offset
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.recording import BrokenFrameError, Recording
 
@@ -36,12 +37,11 @@ BACKGROUND_ORDERS: dict[str, int | None] = {
     "polynomial": None,
     "zernike": None,
 }
-#: Frames from which the static background and the median reference are measured.
-STATIC_FRAMES = 32
 #: Below this share of its median the reference's amplitude is not divided by.
 DARKEST_REFERENCE = 0.05
 
 Reference = Any
+Fields = NDArray[np.complex64]
 
 
 def corrections(
@@ -51,11 +51,13 @@ def corrections(
     background: str,
     background_order: int,
     lost: LostFrames,
+    seen: dict[int, Fields],
     cancelled: CancelledCall | None,
 ) -> Corrections:
     """Return what to multiply the fields of all frames by, and what the background was.
 
     It divides by the reference and takes off the phase that the empty field has in all frames.
+    The fields of frames seen already are used up.
 
     Raises
     ------
@@ -67,27 +69,41 @@ def corrections(
     by_median = isinstance(reference, str) and reference == "median"
     if reference is not None and not by_median:
         factor = inverse(demodulate(reference_frame(rec, reference)))
+    each = static_fields(rec, demodulate, lost, seen, cancelled)
     if by_median:
-        static = np.stack(list(static_fields(rec, demodulate, lost, cancelled)))
+        static = np.stack(list(each))
         factor = inverse(median_fields(static))
-    if order:
-        each = iter(static) if by_median else static_fields(rec, demodulate, lost, cancelled)
-        means = mean_fields(fields * factor for fields in each)
-        surface = Surface(kind, order, means.shape[1:])
-        better = BetterSurface(background, means.shape[1:])
-        watch = Watch(len(means), "fit the background", None, cancelled)
-        fits, lefts = [], []
-        for view, mean in enumerate(means):
-            fits.append(surface.fit(mean, watch.check))
-            left = better.leaves(mean, fits[-1].surface)
-            if background == "curvature" and fits[-1].doubt and not left.explained:
-                raise ValueError(refusal(fits[-1].doubt, view, rec.name))
-            lefts.append(left.rad)
-            watch.step()
-        surfaces = np.stack([fit.surface for fit in fits])
-        factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
-        return Corrections(factor, [fit.coefficients for fit in fits], lefts)
-    return Corrections(factor, [], [])
+        each = iter(static)
+    if not order:
+        return Corrections(factor, [], [])
+    means = mean_fields(fields if reference is None else fields * factor for fields in each)
+    fits = fitted_views(
+        rec.name, means, background, Surface(kind, order, means.shape[1:]), cancelled
+    )
+    surfaces = np.stack([fit.surface for fit, _ in fits])
+    factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
+    return Corrections(factor, [fit.coefficients for fit, _ in fits], [left for _, left in fits])
+
+
+def fitted_views(
+    name: str,
+    means: Fields,
+    background: str,
+    surface: Surface,
+    cancelled: CancelledCall | None,
+) -> list[tuple[Fit, float]]:
+    """Return the surface that fits each view, and what is left of its background, in rad rms."""
+    better = BetterSurface(background, means.shape[1:])
+    watch = Watch(len(means), "fit the background", None, cancelled)
+
+    def fitted(view: int) -> tuple[Fit, float]:
+        fit = surface.fit(means[view])
+        left = better.leaves(means[view], fit.surface)
+        if background == "curvature" and fit.doubt and not left.explained:
+            raise ValueError(refusal(fit.doubt, view, name))
+        return fit, left.rad
+
+    return list(in_threads(fitted, range(len(means)), watch))
 
 
 @dataclass(frozen=True)
@@ -153,13 +169,19 @@ def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
 
 
 def static_fields(
-    rec: Recording, demodulate: Demodulator, lost: LostFrames, cancelled: CancelledCall | None
-) -> Iterator[NDArray[np.complex64]]:
+    rec: Recording,
+    demodulate: Demodulator,
+    lost: LostFrames,
+    seen: dict[int, Fields],
+    cancelled: CancelledCall | None,
+) -> Iterator[Fields]:
     """Yield the fields (view, y, x) of some frames that are not lost, over the recording."""
     indices = rec.sample_indices(STATIC_FRAMES)
     watch = Watch(len(indices), "look at the background", None, cancelled)
 
-    def fields(index: int) -> NDArray[np.complex64] | None:
+    def fields(index: int) -> Fields | None:
+        if index in seen:
+            return seen.pop(index)
         try:
             frame = rec.raw_frame(index)
         except BrokenFrameError:
@@ -170,16 +192,19 @@ def static_fields(
     return (found for found in in_threads(fields, indices, watch) if found is not None)
 
 
-def mean_fields(each: Iterator[NDArray[np.complex64]]) -> NDArray[np.complex64]:
-    """Return the mean over frames of every view, turned to agree with the first frame's."""
+def mean_fields(each: Iterator[Fields]) -> Fields:
+    """Return the mean over frames of every view, turned to agree with the first frame's.
+
+    The fields are turned in place.
+    """
     first = next(each)
     total, count = first.copy(), 1
     for fields in each:
         for view, field in enumerate(fields):
             total[view] += aligned_to(first[view], field)
         count += 1
-    mean: NDArray[np.complex64] = total / np.float32(count)
-    return mean
+    total /= np.float32(count)
+    return total
 
 
 def median_fields(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:

@@ -8,7 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-__all__ = ["fitted", "joined_to_the_border", "mode_phase", "solved", "wrapped"]
+__all__ = [
+    "FINE_RAD",
+    "N_FINE",
+    "fitted",
+    "joined_to_the_border",
+    "mode_phase",
+    "peak_of",
+    "solved",
+    "wrapped",
+]
 
 Real = TypeVar("Real", np.float32, np.float64)
 
@@ -16,6 +25,9 @@ Real = TypeVar("Real", np.float32, np.float64)
 BINS = 72
 #: Finer bins in each of them, in which the median near the peak is found.
 FINE_BINS = 64
+#: So many of them in all, each so wide.
+N_FINE = BINS * FINE_BINS
+FINE_RAD = 2 * np.pi / N_FINE
 #: How many of them on either side of the peak the median is taken from: 0.5 rad.
 PEAK_REACH = round(0.5 / (2 * np.pi) * BINS * FINE_BINS)
 #: What smooths the histogram.
@@ -23,21 +35,29 @@ KERNEL = np.exp(-0.5 * (np.arange(-4, 5) / 2.0) ** 2)
 
 
 def mode_phase(phase: NDArray[np.float32] | NDArray[np.float64]) -> float:
-    """Return the most frequent phase: the peak of a smoothed circular histogram.
+    """Return the most frequent phase: the peak of a smoothed circular histogram."""
+    places = ((phase + np.pi) * (1 / FINE_RAD)).astype(np.intp)
+    return peak_of(np.bincount(places.ravel(), minlength=N_FINE + 1))
 
-    The peak is made exact by the median of the phases near it, which is read off a finer
-    histogram: partitioning the pixels would take several times as long.
+
+def peak_of(counts: NDArray[np.integer]) -> float:
+    """Return the most frequent phase of a histogram from -pi to pi.
+
+    The peak is made exact by the median of the phases near it, which is read off the histogram,
+    since its bins are narrow: partitioning the pixels would take several times as long.
+
+    Parameters
+    ----------
+    counts : ndarray of shape (N_FINE + 1,)
+        How many phases lie in each bin; the last is for the phase pi itself.
     """
-    n_fine = BINS * FINE_BINS
-    width = 2 * np.pi / n_fine
-    places = ((phase + np.pi) * (1 / width)).astype(np.intp)
-    fine = np.bincount(places.ravel(), minlength=n_fine + 1)
-    fine[-2] += fine[-1]  # the phase pi itself
-    counts = fine[:-1].reshape(BINS, FINE_BINS).sum(axis=1)
-    smooth = np.convolve(np.concatenate([counts[-4:], counts, counts[:4]]), KERNEL, "valid")
+    fine = counts[:-1].copy()
+    fine[-1] += counts[-1]
+    coarse = fine.reshape(BINS, FINE_BINS).sum(axis=1)
+    smooth = np.convolve(np.concatenate([coarse[-4:], coarse, coarse[:4]]), KERNEL, "valid")
     start = int(smooth.argmax()) * FINE_BINS + FINE_BINS // 2 - PEAK_REACH
-    near = fine[:-1].take(np.arange(start, start + 2 * PEAK_REACH), mode="wrap")
-    return (start + middle(near)) * width - np.pi
+    near = fine.take(np.arange(start, start + 2 * PEAK_REACH), mode="wrap")
+    return (start + middle(near)) * FINE_RAD - np.pi
 
 
 def middle(counts: NDArray[np.integer]) -> float:

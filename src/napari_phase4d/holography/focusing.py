@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.background import background_offset
+from napari_phase4d.holography.polar import background_offset
 from napari_phase4d.holography.refocusing import (
     PixelSize,
     Propagator,

@@ -10,15 +10,11 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.background import (
-    ENOUGH_BACKGROUND,
-    background_offset,
-    flat_share,
-)
 from napari_phase4d.holography.datasets import as_dataset
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.lost import LostFrames
+from napari_phase4d.holography.polar import remove_offset, to_polar
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import BrokenFrameError, Recording
@@ -86,8 +82,8 @@ class FrameReconstructor:
         if self.lost is not None and self.lost.reason(frame, fields):
             return nothing_seen(phase, amplitude)
         fields = self.corrected(fields)
-        np.abs(fields, out=amplitude)
-        np.arctan2(fields.imag, fields.real, out=phase)
+        for view in zip(fields, amplitude, phase, strict=True):
+            to_polar(*view)
         if not self.drift:
             return 1.0
         return min(remove_offset(*view) for view in zip(fields, phase, strict=True))
@@ -140,23 +136,6 @@ def nothing_seen(phase: NDArray[np.float32], amplitude: NDArray[np.float32]) -> 
     """Leave a lost frame's phase and amplitude unknown."""
     phase[...] = amplitude[...] = np.nan
     return float("nan")
-
-
-def remove_offset(field: NDArray[np.complex64], phase: NDArray[np.float32]) -> float:
-    """Set the background of a wrapped phase to zero, if its field shows enough of one.
-
-    Returns
-    -------
-    float
-        Share of the pixels that look like background.
-    """
-    offset = background_offset(field, phase)
-    share = flat_share(phase, offset)
-    if share >= ENOUGH_BACKGROUND:
-        phase -= offset
-        phase[phase <= -np.pi] += 2 * np.pi
-        phase[phase > np.pi] -= 2 * np.pi
-    return share
 
 
 def propagator_for(demodulate: Demodulator, optics: Optics, distance_um: float) -> Propagator:

@@ -7,12 +7,12 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.background import ENOUGH_BACKGROUND
 from napari_phase4d.holography.emptyfield import (
     joined_to_the_border,
     mode_phase,
     wrapped,
 )
+from napari_phase4d.holography.polar import ENOUGH_BACKGROUND
 
 __all__ = ["FrameTilt"]
 

@@ -12,12 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.words import counted
 
 __all__ = [
+    "STATIC_FRAMES",
     "FrameLook",
     "LostFrames",
     "all_lost",
@@ -45,8 +47,8 @@ APART, LINES = 3, 64
 #: ... and a tile is noise if it is so much less alike than usual; so is the frame, if most are.
 INCOHERENT, NOISE = 0.3, 0.4
 TINY = float(np.finfo(np.float64).tiny)
-#: Frames that tell what is usual.
-SAMPLE = 9
+#: Frames from which what all have in common is measured, and some of them that tell what is usual.
+STATIC_FRAMES, SAMPLE = 32, 9
 
 Tiles = NDArray[np.float64]
 
@@ -80,18 +82,18 @@ def plain_reason(frame: NDArray[np.generic]) -> str:
 
 def look_at(frame: NDArray[np.generic]) -> FrameLook:
     """Look at a camera frame (y, x) of any real type."""
-    height, width = frame.shape
-    rows = frame[:: max(1, height // ROWS)].astype(np.float32)
-    columns = frame[:, :: max(1, width // ROWS)].astype(np.float32)
-    tiles = min(TILES, height - 1, width - 1)
-    across, down = np.diff(rows, axis=1), np.diff(columns, axis=0)
-    strength = tiled(across**2, tiles) + tiled(down**2, tiles)
+    step = max(1, len(frame) // ROWS)
+    # Neighbouring rows, so that fringes along either axis are seen.
+    below = frame[1::step].astype(np.float32)
+    rows = frame[::step][: len(below)].astype(np.float32)
+    across, down = np.diff(rows, axis=1), below[:, 1:] - rows[:, 1:]
+    strength = tiled(np.square(across, out=across)) + tiled(np.square(down, out=down))
     return FrameLook(strength, plain_reason(frame))
 
 
-def tiled(values: NDArray[np.floating], tiles: int = TILES) -> Tiles:
+def tiled(values: NDArray[np.floating]) -> Tiles:
     """Return the means over tiles of an image."""
-    edges = [np.linspace(0, n, min(tiles, n) + 1).astype(int)[:-1] for n in values.shape]
+    edges = [np.linspace(0, n, min(TILES, n) + 1).astype(int)[:-1] for n in values.shape]
     down = np.add.reduceat(values, edges[0], axis=0, dtype=np.float64)
     sums = np.add.reduceat(down, edges[1], axis=1)
     heights, widths = (np.diff([*edge, n]) for edge, n in zip(edges, values.shape, strict=True))
@@ -262,31 +264,43 @@ def fringes_of(fields: NDArray[np.complex64]) -> Fringes:
     """Return what the fields (view, y, x) of a frame show; some of their pixels are looked at."""
     views, height, width = fields.shape
     step = max(1, min(height, width) // LINES)
-    here = fields[:, : height - APART : step, : width - APART : step]
-    if min(here.shape[1:]) <= 4 * APART:
-        return Fringes(np.stack([tiled(np.abs(v)) for v in fields]) ** 2, np.ones((views, 1, 1)))
-    size = np.abs(here)
-    alike = [
-        alike_by_tile(
-            here, size, fields[:, y : height - APART + y : step, x : width - APART + x : step]
-        )
-        for y, x in ((APART, 0), (0, APART))
-    ]
-    return Fringes(np.stack([tiled(v) for v in size]) ** 2, np.minimum(*alike))
+    apart = APART if min(height, width) > APART + 4 * APART * step else 0
+    tiles = min(TILES, height, width)
+    power = np.empty((views, tiles, tiles))
+    coherence = np.ones_like(power)
+    for view, field in enumerate(fields):
+        tile_sums(field, step, apart, power[view], coherence[view])
+    return Fringes(power, coherence)
 
 
-def alike_by_tile(
-    here: NDArray[np.complex64], size: NDArray[np.float32], there: NDArray[np.complex64]
-) -> Tiles:
-    """Return how alike fields are to themselves some pixels on in each tile, 0 to 1."""
-    product = here.conj()
-    product *= there
-    found = []
-    for view, amplitude in zip(product, size, strict=True):
-        sums = np.hypot(tiled(view.real), tiled(view.imag))
-        # The amplitude hardly changes within some pixels.
-        found.append(np.minimum(sums / np.maximum(tiled(amplitude**2), TINY), 1.0))
-    return np.stack(found)
+@vectorized
+def tile_sums(
+    field: NDArray[np.complex64], step: int, apart: int, power: Tiles, coherence: Tiles
+) -> None:
+    """Write the squared mean amplitude of tiles, and how alike the field is to itself there.
+
+    Alike means: some pixels on, along y or x, whichever is less, next to the mean squared
+    amplitude, which hardly changes within some pixels.
+    """
+    tiles = len(power)
+    rows, columns = (field.shape[0] - apart) // tiles, (field.shape[1] - apart) // tiles
+    for v in range(tiles):
+        for u in range(tiles):
+            count = size = square = 0.0
+            down = across = 0j
+            for y in range(v * rows, (v + 1) * rows, step):
+                for x in range(u * columns, (u + 1) * columns, step):
+                    here = field[y, x]
+                    squared = here.real**2 + here.imag**2
+                    count += 1
+                    size += np.sqrt(squared)
+                    square += squared
+                    down += here.conjugate() * field[y + apart, x]
+                    across += here.conjugate() * field[y, x + apart]
+            power[v, u] = (size / count) ** 2
+            if apart:
+                least = min(abs(down), abs(across))
+                coherence[v, u] = min(least / max(square, TINY), 1.0)
 
 
 @dataclass(frozen=True)
@@ -308,30 +322,33 @@ class LostFrames:
 
 def usual_fringes(
     rec: Recording, demodulate: Demodulator, cancelled: CancelledCall | None = None
-) -> tuple[LostFrames, list[int]]:
-    """Return what tells lost frames, and those of the frames looked at that are not lost.
+) -> tuple[LostFrames, dict[int, NDArray[np.complex64]]]:
+    """Return what tells lost frames, and the fields of those looked at that are not lost.
 
     Raises
     ------
     ValueError
         If every frame that was looked at is lost.
     """
-    indices = rec.sample_indices(SAMPLE)
+    among = rec.sample_indices(STATIC_FRAMES)
+    indices = among[:: max(1, len(among) // SAMPLE)]
     watch = Watch(len(indices), "looking for lost frames", None, cancelled)
 
-    def look(index: int) -> tuple[str, Fringes | None]:
+    def look(index: int) -> tuple[str, NDArray[np.complex64] | None]:
         reason = safe_look(rec, index).reason
-        return reason, None if reason else fringes_of(demodulate(rec.raw_frame(index)))
+        return reason, None if reason else demodulate(rec.raw_frame(index))
 
     seen = dict(zip(indices, in_threads(look, indices, watch), strict=True))
-    known = {index: fringes for index, (_, fringes) in seen.items() if fringes is not None}
+    known = {index: fields for index, (_, fields) in seen.items() if fields is not None}
     if not known:
         raise ValueError(all_lost(rec.name, {i: reason for i, (reason, _) in seen.items()}))
+    fringes = {index: fringes_of(fields) for index, fields in known.items()}
     usual = Fringes(
-        np.median([fringes.power for fringes in known.values()], axis=0),
-        np.median([fringes.coherence for fringes in known.values()], axis=0),
+        np.median([each.power for each in fringes.values()], axis=0),
+        np.median([each.coherence for each in fringes.values()], axis=0),
     )
-    return LostFrames(usual), [i for i, fringes in known.items() if not fringes.reason(usual)]
+    kept = {i: fields for i, fields in known.items() if not fringes[i].reason(usual)}
+    return LostFrames(usual), kept
 
 
 def all_lost(name: str, lost: Mapping[int, str]) -> str:

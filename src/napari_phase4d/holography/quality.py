@@ -40,7 +40,11 @@ def fringe_contrast(frame: NDArray[np.floating]) -> float:
     return float(np.median((high - low)[lit] / (high + low)[lit]))
 
 
-def fringe_visibility(frame: NDArray[np.generic], demodulate: Demodulator) -> list[float]:
+def fringe_visibility(
+    frame: NDArray[np.generic],
+    demodulate: Demodulator,
+    fields: NDArray[np.complex64] | None = None,
+) -> list[float]:
     """Return the visibility of each view's own fringes in a frame.
 
     Fringes I (1 + V cos(2 pi k r)) leave a field of amplitude I V / 2 in their lobe; so V is twice
@@ -53,6 +57,8 @@ def fringe_visibility(frame: NDArray[np.generic], demodulate: Demodulator) -> li
         Grey values, 0 where it is dark.
     demodulate : Demodulator
         Gives the fields of all views.
+    fields : ndarray of shape (view, y, x), optional
+        What it gives for this frame, where that is known already.
 
     Returns
     -------
@@ -60,5 +66,6 @@ def fringe_visibility(frame: NDArray[np.generic], demodulate: Demodulator) -> li
         One a view, in the order of the demodulator's lobes; 0 for a dark frame.
     """
     mean = float(frame.mean(dtype=np.float64))
-    fields = demodulate(frame)
+    if fields is None:
+        fields = demodulate(frame)
     return [2 * float(np.median(np.abs(view))) / mean if mean > 0 else 0.0 for view in fields]

@@ -188,13 +188,17 @@ def frame_reconstructor(
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
     lost, seen = usual_fringes(rec, demodulate, cancelled)
-    found = corrections(rec, demodulate, settings.reference, background, order, lost, cancelled)
+    middle = list(seen)[len(seen) // 2]
+    visibility = fringe_visibility(rec.raw_frame(middle), demodulate, seen[middle])
+    found = corrections(
+        rec, demodulate, settings.reference, background, order, lost, seen, cancelled
+    )
     attrs = {
         "wavelength_um": rec.optics.wavelength_um,
         "medium_index": rec.optics.medium_index,
         "recording": rec.name,
         "lobes": [lobe_note(lobe) for lobe in lobes],
-        "fringe_visibility": fringe_visibility(rec.raw_frame(seen[len(seen) // 2]), demodulate),
+        "fringe_visibility": visibility,
         "window": settings.window,
         "background": background,
         "drift_removed": settings.drift,

@@ -30,6 +30,7 @@ from napari_phase4d.pipeline.starting import (
     with_start,
 )
 from napari_phase4d.pipeline.trial import estimated_seconds
+from napari_phase4d.pipeline.warming import warm_up_elsewhere
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
 from napari_phase4d.words import size_in_words, time_in_words
 
@@ -68,6 +69,7 @@ __all__ = [
     "start_words",
     "time_in_words",
     "unwrap_by",
+    "warm_up_elsewhere",
     "with_start",
     "working_bytes",
     "write_outcome",

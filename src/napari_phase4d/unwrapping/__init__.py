@@ -27,7 +27,6 @@ from napari_phase4d.unwrapping.running import (
 )
 from napari_phase4d.unwrapping.sharing import SharedSteps
 from napari_phase4d.unwrapping.spatial import border_medians
-from napari_phase4d.unwrapping.warming import warm_up_elsewhere
 
 __all__ = [
     "BUILT_IN",
@@ -58,5 +57,4 @@ __all__ = [
     "scores_of_some",
     "scores_sentence",
     "unwrap",
-    "warm_up_elsewhere",
 ]

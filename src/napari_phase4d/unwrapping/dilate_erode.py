@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.problem import Problem
 
 __all__ = ["dilate_erode"]

@@ -7,7 +7,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.compiling import compiled
+from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.registration import centre
 
 __all__ = ["follow_object", "seams"]

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import on_all_cores
 from napari_phase4d.unwrapping.background import turned
-from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.directional.boxes import change_on_both_sides, known_mean
 from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.ends import ends_along

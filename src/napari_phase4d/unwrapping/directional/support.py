@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.directional.field import Field
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.problem import Problem

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from napari_phase4d.unwrapping.compiling import compiled
+from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.growing.rows import (
     Floats,
     Phase,

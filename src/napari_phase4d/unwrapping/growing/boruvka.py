@@ -10,8 +10,8 @@ from collections.abc import Callable
 
 import numpy as np
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import nothing
-from napari_phase4d.unwrapping.compiling import compiled
 from napari_phase4d.unwrapping.growing.groups import join, number
 from napari_phase4d.unwrapping.growing.rows import Floats, Whole
 

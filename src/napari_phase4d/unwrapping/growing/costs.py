@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.unwrapping import compiling
+from napari_phase4d import compiling
 from napari_phase4d.unwrapping.growing import plain
 from napari_phase4d.unwrapping.growing.reliability import half_stencil, unreliability_of_rows
 from napari_phase4d.unwrapping.growing.rows import Floats, Phase, Shape, full_shape

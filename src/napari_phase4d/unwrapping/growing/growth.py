@@ -7,8 +7,8 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d import compiling
 from napari_phase4d.progress import nothing
-from napari_phase4d.unwrapping import compiling
 from napari_phase4d.unwrapping.growing import boruvka, plain
 from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
 from napari_phase4d.unwrapping.growing.grid import grown_turns

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from napari_phase4d.unwrapping.compiling import compiled
+from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.growing.groups import join, number
 from napari_phase4d.unwrapping.growing.marks import ALONG_X, Marks
 from napari_phase4d.unwrapping.growing.rows import Phase, Shape, Whole, jump, row_before

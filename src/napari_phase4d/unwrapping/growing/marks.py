@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.compiling import compiled
+from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.growing.rows import (
     Floats,
     Shape,

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.compiling import compiled
+from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.growing.rows import Floats, Phase, Shape
 
 __all__ = ["BORDER", "half_stencil", "unreliability_of_rows"]

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import time
 import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-__all__ = ["can_compile", "compiled", "is_on_disk"]
+__all__ = ["can_compile", "compiled", "is_on_disk", "vectorized"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 HERE = Path(__file__).parent
+#: What lets a loop work on several pixels at once: a division by zero gives infinity, and sums may
+#: be taken in another order, always the same on one machine.
+VECTORIZED = {"error_model": "numpy", "fastmath": {"reassoc", "nsz", "contract"}}
 
 
 def compiled(function: F) -> F:
@@ -22,31 +26,47 @@ def compiled(function: F) -> F:
     Compiled functions leave the interpreter's lock, so that frames can be worked on in threads.
     Where nothing can be compiled, the function stays as it is.
     """
+    return compiled_with(function, {})
+
+
+def vectorized(function: F) -> F:
+    """Do the same with a loop over pixels that does not depend on the order of its sums."""
+    return compiled_with(function, VECTORIZED)
+
+
+def compiled_with(function: F, options: dict[str, Any]) -> F:
+    """Compile a function with some options of numba, if anything can be compiled here."""
     if not can_compile():
         return function
-    drop_outdated()
-    return cast("F", jitted(function))
+    drop_outdated(room_of(function))
+    return cast("F", jitted(function, options))
 
 
-def jitted(function: Callable[..., Any]) -> Any:
+def jitted(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Return numba's form of a function; kept on disk where there is a place for it."""
     import numba
 
     try:
-        return numba.njit(cache=True, nogil=True)(function)
+        return numba.njit(cache=True, nogil=True, **options)(function)
     except RuntimeError:  # no folder can be written to
-        return numba.njit(nogil=True)(function)
+        return numba.njit(nogil=True, **options)(function)
+
+
+def room_of(function: Callable[..., Any]) -> Path:
+    """Return the folder right below the package's in which a function is written."""
+    file = Path(inspect.getfile(function))
+    return next((room for room in file.parents if room.parent == HERE), file.parent)
 
 
 @functools.cache
 def can_compile() -> bool:
     """Say whether functions can be compiled here; if not, warn once and say why."""
     try:
-        return bool(jitted(one_more)(1) == 2)
+        return bool(jitted(one_more, {})(1) == 2)
     except Exception as error:  # whatever it is, there is another way
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         warnings.warn(
-            f"numba can't compile here ({reason}); unwrapping takes the slower way round",
+            f"numba can't compile here ({reason}), so all work takes longer",
             RuntimeWarning,
             stacklevel=2,
         )
@@ -54,15 +74,15 @@ def can_compile() -> bool:
 
 
 @functools.cache
-def drop_outdated() -> None:
-    """Delete compiled functions that are older than any of the sources.
+def drop_outdated(room: Path) -> None:
+    """Delete a room's compiled functions that are older than any of its sources.
 
     numba looks at the file of the function itself, not at those of functions that it calls.
     """
-    changed = [path.stat().st_mtime for path in HERE.rglob("*.py")]
+    changed = [path.stat().st_mtime for path in room.rglob("*.py")]
     # Clocks differ between machines: what seems to come from the future says nothing.
     newest = max((time_ for time_ in changed if time_ <= time.time()), default=0.0)
-    for path in HERE.rglob("__pycache__/*.nb[ic]"):
+    for path in room.rglob("__pycache__/*.nb[ic]"):
         try:
             if path.stat().st_mtime < newest:
                 path.unlink()

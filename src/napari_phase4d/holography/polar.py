@@ -1,0 +1,182 @@
+"""From complex fields to amplitude and phase, with the phase of the empty field taken off.
+
+Each loop goes over the pixels once and works on several at a time, which takes a fifth of the time
+of the same in array operations.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.compiling import vectorized
+from napari_phase4d.holography.emptyfield import FINE_RAD, N_FINE, peak_of
+
+__all__ = [
+    "ENOUGH_BACKGROUND",
+    "background_offset",
+    "count_near",
+    "flat_share",
+    "remove_offset",
+    "to_polar",
+]
+
+#: How far from the most frequent phase the empty field is averaged, in radians, round by round.
+OFFSET_LIMITS_RAD = (1.0, 0.6, 0.5)
+#: How far from the background's phase a pixel counts as background, in radians.
+FLAT_RAD = np.float32(0.8)
+#: Below this share of background pixels nothing is fitted or removed.
+ENOUGH_BACKGROUND = 0.15
+
+PI = np.float32(np.pi)
+HALF_PI = np.float32(np.pi / 2)
+TURN = np.float32(2 * np.pi)
+PER_TURN = np.float32(0.5 / np.pi)
+TINY = np.finfo(np.float32).tiny
+#: Of arctan(q) / q in powers of q^2, for q from 0 to 1: wrong by at most 2e-8, a sixth of the
+#: last digit of float32 (Abramowitz & Stegun, Handbook of Mathematical Functions, 4.4.49).
+A2, A4 = np.float32(-0.3333314528), np.float32(0.1999355085)
+A6, A8 = np.float32(-0.1420889944), np.float32(0.1065626393)
+A10, A12 = np.float32(-0.0752896400), np.float32(0.0429096138)
+A14, A16 = np.float32(-0.0161657367), np.float32(0.0028662257)
+A10, A12, A14, A16 = (
+    np.float32(a) for a in (-0.0752896400, 0.0429096138, -0.0161657367, 0.0028662257)
+)
+ZERO, ONE = np.float32(0), np.float32(1)
+BINS_PER_RAD = np.float32(1 / FINE_RAD)
+
+
+Fields = NDArray[np.complex64]
+Image = NDArray[np.float32]
+
+
+def to_polar(field: Fields, amplitude: Image, phase: Image) -> None:
+    """Write the amplitude and the phase in (-pi, pi] of a field, all of shape (y, x).
+
+    Both are as right as float32 can tell: within 5e-7 rad of `numpy.arctan2`.
+    """
+    write_polar(parts_of(field), amplitude, phase)
+
+
+def background_offset(field: Fields, phase: Image | None = None) -> float:
+    """Return the phase of the background: its complex mean round the most frequent phase.
+
+    Parameters
+    ----------
+    field : ndarray of shape (y, x)
+        Complex field, tilt already removed.
+    phase : ndarray of shape (y, x), optional
+        The field's phase, where it is known already.
+
+    Returns
+    -------
+    float
+        Radians in (-pi, pi].
+    """
+    if phase is None:
+        phase = np.angle(field)
+    parts = parts_of(field)
+    start, shift = peak_of(histogram(phase)), 0.0
+    for limit in OFFSET_LIMITS_RAD:
+        total = sum_near(parts, phase, np.float32(start), np.float32(shift), np.float32(limit))
+        if not total:
+            break
+        shift = cmath.phase(total * cmath.exp(-1j * start))
+    return math.remainder(start + shift, 2 * math.pi)
+
+
+def flat_share(phase: Image, offset: float) -> float:
+    """Return the share of pixels within 0.8 rad of the background's phase."""
+    return float(count_near(phase, np.float32(offset), FLAT_RAD)) / phase.size
+
+
+def remove_offset(field: Fields, phase: Image) -> float:
+    """Set the background of a wrapped phase to zero, if its field shows enough of one.
+
+    Returns
+    -------
+    float
+        Share of the pixels that look like background.
+    """
+    offset = background_offset(field, phase)
+    share = flat_share(phase, offset)
+    if share >= ENOUGH_BACKGROUND:
+        take_off(phase, np.float32(offset))
+    return share
+
+
+def parts_of(field: Fields) -> Image:
+    """Return the real and imaginary parts of a field, which take turns along x."""
+    return np.ascontiguousarray(field, dtype=np.complex64).view(np.float32)
+
+
+@vectorized
+def write_polar(parts: Image, amplitude: Image, phase: Image) -> None:
+    """Write the amplitude and phase of real and imaginary parts that take turns along x."""
+    height, width = amplitude.shape
+    for y in range(height):
+        for x in range(width):
+            real, imag = parts[y, 2 * x], parts[y, 2 * x + 1]
+            amplitude[y, x] = np.sqrt(real * real + imag * imag)
+            a, b = abs(real), abs(imag)
+            q = min(a, b) / max(max(a, b), TINY)
+            s = q * q
+            high = A8 + s * (A10 + s * (A12 + s * (A14 + s * A16)))
+            angle = q * (ONE + s * (A2 + s * (A4 + s * (A6 + s * high))))
+            angle = HALF_PI - angle if b > a else angle
+            angle = PI - angle if real < 0 else angle
+            phase[y, x] = -angle if imag < 0 else angle
+
+
+@vectorized
+def histogram(phase: Image) -> NDArray[np.int64]:
+    """Return how many phases lie in each narrow bin from -pi to pi, for `peak_of`."""
+    counts = np.zeros(N_FINE + 1, dtype=np.int64)
+    for row in phase:
+        for value in row:
+            place = int((value + PI) * BINS_PER_RAD)
+            counts[min(max(place, 0), N_FINE)] += 1
+    return counts
+
+
+@vectorized
+def sum_near(
+    parts: Image, phase: Image, start: np.float32, shift: np.float32, limit: np.float32
+) -> complex:
+    """Return the sum of a field where its phase lies within a limit of start + shift."""
+    height, width = phase.shape
+    real = imag = 0.0
+    for y in range(height):
+        for x in range(width):
+            away = phase[y, x] - start
+            away -= TURN * np.rint(away * PER_TURN)
+            near = ONE if abs(away - shift) < limit else ZERO
+            real += near * parts[y, 2 * x]
+            imag += near * parts[y, 2 * x + 1]
+    return complex(real, imag)
+
+
+@vectorized
+def count_near(phase: Image, centre: np.float32, limit: np.float32) -> int:
+    """Return how many phases lie within a limit of one."""
+    count = 0
+    for row in phase:
+        for value in row:
+            away = value - centre
+            away -= TURN * np.rint(away * PER_TURN)
+            count += 1 if abs(away) < limit else 0
+    return count
+
+
+@vectorized
+def take_off(phase: Image, offset: np.float32) -> None:
+    """Subtract a phase from all pixels, and wrap them to (-pi, pi] again."""
+    height, width = phase.shape
+    for y in range(height):
+        for x in range(width):
+            value = phase[y, x] - offset
+            value = value + TURN if value <= -PI else value
+            phase[y, x] = value - TURN if value > PI else value
