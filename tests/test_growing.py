@@ -18,9 +18,11 @@ from napari_phase4d import compiling
 from napari_phase4d.unwrapping.growing import (
     Workspace,
     coherence,
+    costs,
     grid,
     grow_grid,
     grow_list,
+    growth,
     plain,
     second_differences,
 )
@@ -168,6 +170,11 @@ def test_lists_of_steps_with_equal_costs_go_in_their_order() -> None:
 # ---- without a compiler ----------------------------------------------------------------------
 
 
+def compile_here(patch: pytest.MonkeyPatch, possible: bool) -> None:
+    for module in (costs, growth):
+        patch.setattr(module, "can_compile", lambda: possible)
+
+
 @pytest.mark.parametrize(
     "shape", [(40, 50), (5, 20, 24), (4, 3, 12, 14), (6, 1, 9), (3, 2, 1, 4), (5, 2)]
 )
@@ -181,7 +188,7 @@ def test_the_slower_way_is_equal(
     for chosen, costs_of in itertools.product((None, mask), ways):
         turns, parts = grow_grid(wrapped, chosen, costs_of)
         with monkeypatch.context() as patch:
-            patch.setattr(compiling, "can_compile", lambda: False)
+            compile_here(patch, False)
             plain_turns, plain_parts = grow_grid(wrapped, chosen, costs_of)
         if parts is None:
             assert np.ptp(turns - plain_turns) == 0
@@ -195,7 +202,7 @@ def test_all_that_grows_works_without_a_compiler(monkeypatch: pytest.MonkeyPatch
     wrapped = np.stack([[scene("noisy", (24, 30), s) for s in (0, 1)]] * 4)
     methods = ("spatial-2d", "spatial-3d", "region-growing", "directional-growing")
     compiled = {m: p4d.unwrap(wrapped, m).values for m in methods}
-    monkeypatch.setattr(compiling, "can_compile", lambda: False)
+    compile_here(monkeypatch, False)
     for method, expected in compiled.items():
         found = p4d.unwrap(wrapped, method).values
         np.testing.assert_allclose(found, expected, atol=1e-5, err_msg=method)
@@ -253,7 +260,7 @@ def test_stencils_have_the_published_numbers_of_pairs() -> None:
 def test_unreliability_is_the_published_sum(
     compiled: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compiling, "can_compile", lambda: compiled)
+    compile_here(monkeypatch, compiled)
     wrapped = scene("hard", (5, 9, 11))
     mask = np.random.default_rng(1).random(wrapped.shape) > 0.2
     found = second_differences(wrapped, mask, Workspace()).point.reshape(wrapped.shape)

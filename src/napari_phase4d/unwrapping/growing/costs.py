@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d import compiling
+from napari_phase4d.compiling import can_compile
 from napari_phase4d.unwrapping.growing import plain
 from napari_phase4d.unwrapping.growing.reliability import half_stencil, unreliability_of_rows
 from napari_phase4d.unwrapping.growing.rows import Floats, Phase, Shape, full_shape
@@ -83,7 +83,7 @@ def second_differences(
     ends = np.array([axis in bounded for axis in range(3)])
     scaled = sum(n > 1 for n in shape) > 2
     point = work.array("point", rows.shape, np.float64)
-    if compiling.can_compile():
+    if can_compile():
         inside = NO_MASK if mask is None else mask.reshape(rows.shape)
         unreliability_of_rows(rows, inside, shape, pairs, ends, scaled, point)
     else:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d import compiling
+from napari_phase4d.compiling import can_compile
 from napari_phase4d.progress import nothing
 from napari_phase4d.unwrapping.growing import boruvka, plain
 from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
@@ -83,7 +83,7 @@ def grow_through_residues(
     costs = costs_of(wrapped, mask, work)
     check()
     rows = wrapped.reshape(-1, wrapped.shape[-1])
-    if compiling.can_compile():
+    if can_compile():
         turns, parts = grown_turns(rows, costs, work, check)
     else:
         turns, parts = plain.grown_grid(rows, *costs.arguments)
@@ -109,7 +109,7 @@ def smooth_turns(wrapped: Phase, work: Workspace) -> Whole | None:
     work : Workspace
         Memory to work in; the result lies in it until it is used again.
     """
-    if not compiling.can_compile():
+    if not can_compile():
         return plain.integrated(wrapped)
     shape = full_shape(wrapped.shape)
     rows = np.require(wrapped, np.float32, ["C", "W"]).reshape(-1, shape[3])
@@ -154,7 +154,7 @@ def grow_list(
         Number of parts.
     """
     check_size(len(cost))
-    if compiling.can_compile():
+    if can_compile():
         copy = None if overwrite else True
         a, b, turns = (
             np.array(column, dtype=np.int32, copy=copy) for column in (first, second, steps)
