@@ -24,7 +24,8 @@ if TYPE_CHECKING:
     __version__: str
 
     from napari_phase4d import simulation
-    from napari_phase4d.evaluation import Comparison, compare, confidence
+    from napari_phase4d.evaluation import Comparison, compare
+    from napari_phase4d.evaluation.confidence import confidence
     from napari_phase4d.holography import Lobe, find_lobes, power_spectrum, reconstruct
     from napari_phase4d.io import RawLayout, open_recording, read_results, write_phase
     from napari_phase4d.optics import Optics
