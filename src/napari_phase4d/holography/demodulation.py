@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.windows import WINDOWS, window_reach
 
-__all__ = ["Demodulator", "half_spectrum"]
+__all__ = ["Cut", "Demodulator", "cut_of", "field_shape", "half_spectrum"]
 
 #: The grey level is taken from every so manieth row and column.
 LEVEL_STEP = 16
@@ -37,6 +37,18 @@ class Cut:
     window: NDArray[np.float32]
     ramp: NDArray[np.complex64]
     flip: bool
+
+    def field(self, spectrum: NDArray[np.complex64], out: NDArray[np.complex64]) -> None:
+        """Write the lobe's field, of the block's shape, from the columns that were transformed."""
+        block = np.empty_like(out)
+        for place, source in self.pieces:
+            block[place] = spectrum[source]
+        parts = block.view(np.float32)
+        parts *= self.window
+        back = scipy.fft.ifft2(block, overwrite_x=True, norm="forward")
+        np.multiply(back, self.ramp, out=out)
+        if self.flip:
+            np.conjugate(out, out=out)
 
 
 class Demodulator:
@@ -79,15 +91,17 @@ class Demodulator:
             msg = f"window must be one of {', '.join(WINDOWS)}, but is {window!r}"
             raise ValueError(msg)
         self.shape = (int(shape[0]), int(shape[1]))
-        reach = max(lobe.radius for lobe in lobes) * window_reach(window)
-        self.output_shape = (grid_length(reach, self.shape[0]), grid_length(reach, self.shape[1]))
+        self.output_shape = field_shape(self.shape, lobes, window)
         self.pixel_ratio = (
             self.shape[0] / self.output_shape[0],
             self.shape[1] / self.output_shape[1],
         )
-        held = [half_columns(self._frequencies(lobe)[1], self.shape[1]) for lobe in lobes]
-        self._columns: Indices = np.unique([columns for columns, _ in held])
-        self._cuts = [self._cut(lobe, window) for lobe in lobes]
+        blocks = [frequencies(lobe, self.shape, self.output_shape)[1] for lobe in lobes]
+        held = [half_columns(columns, self.shape[1])[0] for columns in blocks]
+        self._columns: Indices = np.unique(held)
+        self._cuts = [
+            cut_of(lobe, window, self.shape, self.output_shape, self._columns) for lobe in lobes
+        ]
 
     def __call__(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
         """Return the fields of all views.
@@ -105,76 +119,80 @@ class Demodulator:
         if frame.shape != self.shape:
             msg = f"the frame is {frame.shape} pixels, but the lobes are set for {self.shape}"
             raise ValueError(msg)
-        return self._cut_out(transformed_columns(frame, self._columns))
-
-    def from_half_spectrum(self, half: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return the fields of all views of a frame that has been transformed already.
-
-        Parameters
-        ----------
-        half : ndarray of shape (y, x // 2 + 1)
-            What `half_spectrum` returns; it stays as it is.
-
-        Returns
-        -------
-        ndarray of shape (view, y, x)
-            complex64, the same numbers as from the frame.
-        """
-        expected = (self.shape[0], self.shape[1] // 2 + 1)
-        if half.shape != expected:
-            msg = f"the half spectrum is {half.shape} pixels, but the lobes need {expected}"
-            raise ValueError(msg)
-        spectrum = np.empty((self.shape[0], len(self._columns)), dtype=np.complex64)
-        for place, source in runs(np.arange(len(self._columns)), self._columns):
-            spectrum[:, place] = half[:, source]
-        return self._cut_out(spectrum)
-
-    def _cut_out(self, spectrum: NDArray[np.complex64]) -> NDArray[np.complex64]:
-        """Return the fields from the columns that hold lobes."""
+        spectrum = transformed_columns(frame, self._columns)
         if self._columns[0] == 0:
             spectrum[0, 0] = 0  # the mean grey value is no part of any fringes
         fields = np.empty((len(self._cuts), *self.output_shape), dtype=np.complex64)
         for field, cut in zip(fields, self._cuts, strict=True):
-            block = np.empty(self.output_shape, dtype=np.complex64)
-            for place, source in cut.pieces:
-                block[place] = spectrum[source]
-            parts = block.view(np.float32)
-            parts *= cut.window
-            back = scipy.fft.ifft2(block, overwrite_x=True, norm="forward")
-            np.multiply(back, cut.ramp, out=field)
-            if cut.flip:
-                np.conjugate(field, out=field)
+            cut.field(spectrum, field)
         return fields
 
-    def _frequencies(self, lobe: Lobe) -> tuple[Indices, Indices]:
-        """Return the rows and columns of the full spectrum that a lobe's block holds."""
-        rows, columns = (
-            (round(k * n) + np.arange(m) - m // 2) % n
-            for k, n, m in zip(lobe.carrier, self.shape, self.output_shape, strict=True)
-        )
-        return rows, columns
 
-    def _cut(self, lobe: Lobe, window: str) -> Cut:
-        """Prepare pieces, window and ramp of one lobe."""
-        offsets, ramps = [], []
-        for k, n, m in zip(lobe.carrier, self.shape, self.output_shape, strict=True):
-            centre = round(k * n)
-            offsets.append((centre + np.arange(m) - m // 2) / n - k)
-            turns = (k - centre / n) * (n / m) + (m // 2) / m
-            ramps.append(np.exp(-2j * np.pi * turns * np.arange(m)) / n)
-        rows, columns = self._frequencies(lobe)
-        sources, mirrored = half_columns(columns, self.shape[1])
-        rho = np.hypot(offsets[0][:, None], offsets[1][None, :]) / lobe.radius
-        factors = np.repeat(WINDOWS[window](rho), 2, axis=1).astype(np.float32)
-        factors[:, 1::2][:, mirrored] *= -1  # F(-k) = F(k)*
-        pieces = []
-        for side in (False, True):
-            across = np.flatnonzero(mirrored == side)
-            for x, from_x in runs(across, np.searchsorted(self._columns, sources[across])):
-                opposite = -rows % self.shape[0] if side else rows
-                for y, from_y in runs(np.arange(len(rows)), opposite):
-                    pieces.append(((y, x), (from_y, from_x)))
-        return Cut(pieces, factors, np.outer(*ramps).astype(np.complex64), lobe.flip)
+def field_shape(
+    shape: tuple[int, int], lobes: Sequence[Lobe], window: str = "smooth-disk"
+) -> tuple[int, int]:
+    """Return the height and width of the grid that all lobes' fields share.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width of the frames.
+    lobes : sequence of Lobe
+        The views, at least one.
+    window : str, optional
+        As in `Demodulator`.
+    """
+    reach = max(lobe.radius for lobe in lobes) * window_reach(window)
+    return grid_length(reach, shape[0]), grid_length(reach, shape[1])
+
+
+def frequencies(
+    lobe: Lobe, shape: tuple[int, int], field: tuple[int, int]
+) -> tuple[Indices, Indices]:
+    """Return the rows and columns of the full spectrum that a lobe's block holds."""
+    rows, columns = (
+        (round(k * n) + np.arange(m) - m // 2) % n
+        for k, n, m in zip(lobe.carrier, shape, field, strict=True)
+    )
+    return rows, columns
+
+
+def cut_of(
+    lobe: Lobe, window: str, shape: tuple[int, int], field: tuple[int, int], held: Indices
+) -> Cut:
+    """Prepare what cuts one lobe out of some columns of the half plane kx >= 0.
+
+    Parameters
+    ----------
+    lobe : Lobe
+        The view.
+    window : str
+        As in `Demodulator`.
+    shape, field : tuple of int
+        Height and width of the frames, and of the fields.
+    held : ndarray of shape (column,)
+        Which columns there are, ascending.
+    """
+    offsets, ramps = [], []
+    for k, n, m in zip(lobe.carrier, shape, field, strict=True):
+        centre = round(k * n)
+        offsets.append((centre + np.arange(m) - m // 2) / n - k)
+        turns = (k - centre / n) * (n / m) + (m // 2) / m
+        ramps.append(np.exp(-2j * np.pi * turns * np.arange(m)) / n)
+    rows, columns = frequencies(lobe, shape, field)
+    sources, mirrored = half_columns(columns, shape[1])
+    rho = np.hypot(offsets[0][:, None], offsets[1][None, :]) / lobe.radius
+    factors = np.repeat(WINDOWS[window](rho).astype(np.float32), 2, axis=1)
+    factors[:, 1::2][:, mirrored] *= -1  # F(-k) = F(k)*
+    pieces = []
+    for side in (False, True):
+        across = np.flatnonzero(mirrored == side)
+        for x, from_x in runs(across, np.searchsorted(held, sources[across])):
+            opposite = -rows % shape[0] if side else rows
+            for y, from_y in runs(np.arange(len(rows)), opposite):
+                pieces.append(((y, x), (from_y, from_x)))
+    ramp = np.outer(*(each.astype(np.complex64) for each in ramps))
+    return Cut(pieces, factors, ramp, lobe.flip)
 
 
 def half_spectrum(frame: NDArray[np.generic]) -> NDArray[np.complex64]:

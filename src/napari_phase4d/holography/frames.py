@@ -138,13 +138,11 @@ def nothing_seen(phase: NDArray[np.float32], amplitude: NDArray[np.float32]) -> 
     return float("nan")
 
 
-def propagator_for(demodulate: Demodulator, optics: Optics, distance_um: float) -> Propagator:
-    """Return what carries demodulated fields over a distance."""
-    height, width = (optics.pixel_um * ratio for ratio in demodulate.pixel_ratio)
+def propagator_for(
+    frame_shape: tuple[int, int], shape: tuple[int, int], optics: Optics, distance_um: float
+) -> Propagator:
+    """Return what carries fields of some height and width, from such frames, over a distance."""
+    height, width = (optics.pixel_um * n / m for n, m in zip(frame_shape, shape, strict=True))
     return Propagator(
-        demodulate.output_shape,
-        distance_um,
-        optics.wavelength_um,
-        (height, width),
-        optics.medium_index,
+        shape, distance_um, optics.wavelength_um, (height, width), optics.medium_index
     )

@@ -233,7 +233,9 @@ def with_refocus(
         focus = find_focus(work, rec, cancelled=cancelled)
         refocus_um, note = focus.distance_um, focus_note(focus)
     distance_um = checked_distance(refocus_um)
-    carry = propagator_for(work.demodulate, rec.optics, distance_um)
+    carry = propagator_for(
+        work.demodulate.shape, work.demodulate.output_shape, rec.optics, distance_um
+    )
     note["refocus_um"] = distance_um
     return replace(work, refocus=carry, attrs=work.attrs | note)
 
