@@ -7,7 +7,7 @@ from typing import Any
 
 import xarray as xr
 from magicgui.widgets import SpinBox
-from qtpy.QtCore import QTimer
+from qtpy.QtCore import QElapsedTimer, QTimer
 from qtpy.QtWidgets import QHBoxLayout
 
 from napari_phase4d._napari.session import plan_lobes
@@ -77,7 +77,7 @@ class LobesStep(Step):
         self.column.addLayout(self.row(self.other))
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
-        self._timer.setInterval(PREVIEW_EVERY_MS)
+        self._since_preview = QElapsedTimer()
         self._timer.timeout.connect(self._show_preview)
         self._listen()
         self._show()
@@ -235,9 +235,14 @@ class LobesStep(Step):
         self.session.set_lobes(list(first))
 
     def _start(self) -> None:
-        """Show the preview soon; moves that follow each other at once must not put it off."""
+        """Show the preview at once, or soon if the last one is too fresh.
+
+        Moves that follow each other must not put it off.
+        """
         if not self._timer.isActive():
-            self._timer.start()
+            shown = self._since_preview
+            passed = shown.elapsed() if shown.isValid() else PREVIEW_EVERY_MS
+            self._timer.start(max(0, PREVIEW_EVERY_MS - int(passed)))
 
     def showEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         """Bring the preview up to date when the step is opened."""
@@ -246,6 +251,7 @@ class LobesStep(Step):
 
     def _show_preview(self) -> None:
         """Show the wrapped phase of the frame on screen, while the step is open."""
+        self._since_preview.start()
         if not self.isVisible():
             return
         lobes, recording = self.session.lobes, self.session.recording
