@@ -115,8 +115,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def say(self, sentence: str, *, wrong: bool = False) -> None:
         """Show one sentence at the foot of the dock."""
         self.status.setText(f"⚠ {sentence}" if wrong else sentence)
-        self.status.setProperty("wrong", wrong)
-        self.status.setStyleSheet(WRONG_STYLE if wrong else "")
+        if self.status.property("wrong") is not wrong:
+            self.status.setProperty("wrong", wrong)
+            self.status.setStyleSheet(WRONG_STYLE if wrong else "")
 
     def show_step(self, number: int) -> None:
         """Open one step (0 to 4), close the others and scroll to it."""

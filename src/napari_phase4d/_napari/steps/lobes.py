@@ -211,7 +211,7 @@ class LobesStep(Step):
         doubts = self._doubts(lobes)
         self.warnings.setText("<br>".join(f"⚠ {w}" for w in (*doubts, *lobe_warnings(lobes))))
         self.warnings.setVisible(bool(self.warnings.text()))
-        self._start()
+        self._follow()
 
     def _doubts(self, lobes: list[Lobe]) -> tuple[str, ...]:
         """Return what the finder could not know, while its circles stay as they were found."""
@@ -235,14 +235,23 @@ class LobesStep(Step):
         self.session.set_lobes(list(first))
 
     def _start(self) -> None:
-        """Show the preview at once, or soon if the last one is too fresh.
-
-        Moves that follow each other must not put it off.
-        """
+        """Show the preview soon; moves that follow each other must not put it off."""
         if not self._timer.isActive():
             shown = self._since_preview
-            passed = shown.elapsed() if shown.isValid() else PREVIEW_EVERY_MS
-            self._timer.start(max(0, PREVIEW_EVERY_MS - int(passed)))
+            passed = int(shown.elapsed()) if shown.isValid() else 0
+            self._timer.start(max(0, PREVIEW_EVERY_MS - passed))
+
+    def _follow(self) -> None:
+        """Show the preview of moved circles with them, in one picture, if the last is old enough.
+
+        Where the window is painted without a graphics card, each picture takes 10 ms.
+        """
+        known = self._previewed
+        old = self._since_preview.isValid() and self._since_preview.hasExpired(PREVIEW_EVERY_MS)
+        if old and known is not None and known[0] is self.session.recording:
+            self._show_preview()
+        else:
+            self._start()
 
     def showEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
         """Bring the preview up to date when the step is opened."""

@@ -56,6 +56,7 @@ class Section(QWidget):  # type: ignore[misc]
         column.setSpacing(0)
         column.addLayout(row)
         column.addWidget(content)
+        self._state = ("", "", "")
         self.set_open(False)
 
     @property
@@ -76,6 +77,9 @@ class Section(QWidget):  # type: ignore[misc]
 
     def set_state(self, colour: str, words: str, tooltip: str) -> None:
         """Say at the heading how far the step is."""
+        if (colour, words, tooltip) == self._state:
+            return  # a style that is set anew is worked out anew
+        self._state = (colour, words, tooltip)
         self.badge.setText(words)
         self.badge.setToolTip(tooltip)
         self.badge.setStyleSheet(f"color: {colour};")
