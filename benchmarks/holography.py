@@ -9,6 +9,7 @@ import tempfile
 import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,16 @@ import xarray as xr
 from measuring import Row, median_seconds, paired, touch_memory
 
 import napari_phase4d as p4d
-from napari_phase4d.holography import WINDOWS, Demodulator, Lobe
+from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, pair_distance
+from napari_phase4d.holography.polar import to_polar
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 SHAPE = (1024, 1280)
 LOBES = [Lobe((0.19, 0.21), 0.103, -7.0), Lobe((-0.21, 0.19), 0.103, 21.0)]  # to 256 x 320
 WORK = "2 views of 1024 x 1280 uint8 to phase"
 N_FRAMES = 600
+#: So many frames at most the finder looks at.
+FINDER_FRAMES = 16
 BATCH = 60
 NUMPY = "FFTFilterNumpy"
 
@@ -38,8 +42,9 @@ def camera_frames() -> np.ndarray:
 
 
 def write_phase(demodulate: Demodulator, frame: np.ndarray, phase: np.ndarray) -> None:
-    fields = demodulate(frame)
-    np.arctan2(fields.imag, fields.real, out=phase)
+    amplitude = np.empty_like(phase)
+    for view in zip(demodulate(frame), amplitude, phase, strict=True):
+        to_polar(*view)
 
 
 def qpretrieve_phases(
@@ -140,10 +145,35 @@ def demodulation_rows(frames: np.ndarray) -> Iterator[Row]:
     yield Row(f"{WORK}, 2 threads over frames", quick / BATCH, peer, slow / BATCH, ">= 1.5", note)
 
 
-def chain_rows(frames: np.ndarray, folder: Path) -> Iterator[Row]:
+def finder_rows(frames: np.ndarray, path: Path) -> Iterator[Row]:
+    """Measure how long the lobes take to be found, in a short and in a long recording."""
+    grey = frames[0].astype(np.float32)
+
+    def transforms() -> None:
+        for _ in range(FINDER_FRAMES):
+            scipy.fft.rfft2(grey)
+
+    short = p4d.open_recording(frames[np.arange(64) % len(frames)])
+    for what, rec, goal in (
+        ("64 frames in memory", short, 0.3),
+        (f"a TIFF of {N_FRAMES} frames", p4d.open_recording(path), 0.4),
+    ):
+        for n_views in (2, None):
+            found = p4d.find_lobes(rec, n_views=n_views)
+            off = max(
+                min(pair_distance(lobe.carrier, other.carrier) for other in LOBES)
+                for lobe in found
+            )
+            find = partial(p4d.find_lobes, rec, n_views=n_views)
+            quick, slow = paired(find, transforms, repeats=(3, 3))
+            peer = f"scipy.fft.rfft2 of {FINDER_FRAMES} float32 frames, 1 thread"
+            note = f"goal {goal} s; furthest carrier off by {off:.0e} cycles/px"
+            counted = "counted" if n_views is None else f"{n_views} views"
+            yield Row(f"find_lobes(), {what}, {counted}", quick, peer, slow, "", note)
+
+
+def chain_rows(frames: np.ndarray, path: Path) -> Iterator[Row]:
     """Measure the way of a long recording from its file to wrapped and to unwrapped phase."""
-    path = folder / "video.tif"
-    tifffile.imwrite(path, frames[np.arange(N_FRAMES) % len(frames)], photometric="minisblack")
 
     def reading() -> None:
         for frame in tifffile.memmap(path, mode="r"):
@@ -172,4 +202,8 @@ def rows() -> Iterator[Row]:
     frames = camera_frames()
     yield from demodulation_rows(frames)
     with tempfile.TemporaryDirectory() as folder:
-        yield from chain_rows(frames, Path(folder))
+        path = Path(folder) / "video.tif"
+        repeated = frames[np.arange(N_FRAMES) % len(frames)]
+        tifffile.imwrite(path, repeated, photometric="minisblack")
+        yield from finder_rows(frames, path)
+        yield from chain_rows(frames, path)

@@ -28,8 +28,8 @@ from napari_phase4d.holography.lobes import (
 from napari_phase4d.holography.lost import all_lost
 from napari_phase4d.holography.peaks import MAIN_LOBE, Peak, find_peaks, half_plane, refined
 from napari_phase4d.holography.sign import sign_evidence
-from napari_phase4d.holography.spectrum import windowed_spectra
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.holography.spectrum import add_power, windowed_spectra
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted
 
@@ -241,7 +241,7 @@ def mean_power(spectra: Sequence[NDArray[np.complex64]]) -> NDArray[np.float64]:
     """Return the mean power of transforms."""
     total = np.zeros(spectra[0].shape, dtype=np.float64)
     for spectrum in spectra:
-        total += spectrum.real**2 + spectrum.imag**2
+        add_power(spectrum, total)
     return total / len(spectra)
 
 
@@ -280,7 +280,8 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
     The beats tell which views lie on the same side, so that there is one question for all views
     together; where no beat is seen, each view answers for itself.
     """
-    evidence = [sign_evidence(plane.frame, lobe) for lobe in lobes]
+    watch = Watch(len(lobes), "telling the signs")
+    evidence = list(in_threads(lambda lobe: sign_evidence(plane.frame, lobe), lobes, watch))
     if not choice.beats_seen:
         return evidence
     sides = [

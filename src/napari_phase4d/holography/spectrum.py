@@ -10,11 +10,12 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["power_spectrum", "windowed_spectra"]
+__all__ = ["add_power", "power_spectrum", "windowed_spectra"]
 
 
 def power_spectrum(
@@ -113,9 +114,19 @@ def mean_half_spectrum(
     count = 0
     for frame in frames:
         field = windowed_spectrum(frame, window)
-        total += field.real**2 + field.imag**2
+        add_power(field, total)
         count += 1
     return total / max(count, 1)
+
+
+@vectorized
+def add_power(spectrum: NDArray[np.complex64], total: NDArray[np.float64]) -> None:
+    """Add the power of a transform to a sum."""
+    height, width = total.shape
+    for y in range(height):
+        for x in range(width):
+            value = spectrum[y, x]
+            total[y, x] += value.real * value.real + value.imag * value.imag
 
 
 @lru_cache(maxsize=4)

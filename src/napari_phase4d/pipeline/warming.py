@@ -10,7 +10,7 @@ import sys
 import numpy as np
 
 from napari_phase4d.compiling import is_on_disk
-from napari_phase4d.holography import Lobe, reconstruct
+from napari_phase4d.holography import Lobe, power_spectrum, reconstruct
 from napari_phase4d.holography.polar import count_near
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import BUILT_IN, unwrap
@@ -26,7 +26,9 @@ def warm_up() -> None:
     """Run everything on a few pixels, which compiles what it needs and keeps it on disk."""
     y, x = np.mgrid[:64, :64]
     fringes = (100 + 50 * np.cos(2 * np.pi * (0.2 * y + 0.25 * x))).astype(np.uint8)
-    reconstruct(Recording.from_frames(fringes[None]), [Lobe((0.2, 0.25), 0.1)])
+    rec = Recording.from_frames(fringes[None])
+    power_spectrum(rec)
+    reconstruct(rec, [Lobe((0.2, 0.25), 0.1)])
     noise = np.random.default_rng(0).uniform(-3, 3, (3, 2, 24, 24)).astype(np.float32)
     for method in BUILT_IN:
         unwrap(noise, method)
