@@ -7,7 +7,7 @@ import signal
 import threading
 import time
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +21,8 @@ from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, ru
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
 from napari_phase4d.pipeline.streaming.blocks import block_at, block_frames, blocks_of
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
-from napari_phase4d.progress import Cancelled
+from napari_phase4d.pipeline.streaming.workers import Threads
+from napari_phase4d.progress import Cancelled, Watch
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
 
@@ -75,6 +76,31 @@ def test_stacks_on_disk_are_those_in_memory(
     assert_same(found, expected)
     names = {"wrapped", "amplitude", *STREAMING}
     assert {p.name for p in tmp_path.iterdir()} == {f"{name}.ome.zarr" for name in names}
+
+
+def test_every_block_may_be_done_twice(
+    video: Recording,
+    recipe: p4d.Recipe,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A cluster does a block again when its worker dies, at whatever moment that was."""
+    expected = p4d.run(recipe, video)
+    done: set[str] = set()
+    once = Threads.map
+
+    def twice(self: Threads, work: Callable, items: Iterable, watch: Watch) -> Iterator:
+        def again(item: object) -> object:
+            done.add(type(work).__name__)
+            work(item)
+            return work(item)
+
+        return once(self, again, items, watch)
+
+    monkeypatch.setattr(Threads, "map", twice)
+    found = p4d.run(recipe.changed(storage="disk"), video, folder=tmp_path)
+    assert_same(found, expected)
+    assert len(done) >= 5, done  # every stage
 
 
 def test_methods_that_need_all_frames_write_to_disk_too(

@@ -34,6 +34,7 @@ from napari_phase4d._napari.time_left import TimeLeft, in_words
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Section
 from napari_phase4d.pipeline import start_words, warm_up_elsewhere
+from napari_phase4d.unwrapping import left_out_advice
 
 __all__ = ["Phase4DDock"]
 
@@ -331,7 +332,11 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._failed_unasked = []
         outcome = self.session.needed_outcome()
         start = start_words(outcome.recipe.start_frames, found=outcome.scores is not None)
-        self._go_on(4, f"Move the sliders: all results follow. {start}")
+        found = next(iter(outcome.comparison.results.values())).attrs
+        if advice := left_out_advice(found):
+            self._go_on(4, f"⚠ {advice} by unticking it. {start}")
+        else:
+            self._go_on(4, f"Move the sliders: all results follow. {start}")
 
     def _go_on(self, step: int, words: str) -> None:
         """Open the next step and say what to do there, also once a job has ended."""

@@ -20,7 +20,9 @@ from napari_phase4d.cli.options import (
     Dataset,
     Raw,
     Refocus,
+    TiltPerFrame,
     Views,
+    WholeField,
     is_recipe,
     recipe_and_files,
     with_settings,
@@ -81,6 +83,8 @@ def compare_command(
     dataset: Dataset = None,
     raw: Raw = None,
     refocus: Refocus = None,
+    tilt_per_frame: TiltPerFrame = False,
+    whole_field: WholeField = False,
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
@@ -95,6 +99,8 @@ def compare_command(
         dataset=dataset,
         raw=raw,
         refocus=refocus,
+        tilt_per_frame=tilt_per_frame,
+        whole_field=whole_field,
     )
     exact = None if truth is None else open_phase(truth)
     if not files and not recipe.recording:

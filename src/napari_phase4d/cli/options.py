@@ -22,6 +22,7 @@ __all__ = [
     "Storage",
     "TiltPerFrame",
     "Views",
+    "WholeField",
     "distance_of",
     "is_recipe",
     "raw_layout",
@@ -58,6 +59,9 @@ TiltPerFrame = Annotated[
     bool,
     typer.Option("--tilt-per-frame", help="Take a tilt off each frame, by its own empty field."),
 ]
+WholeField = Annotated[
+    bool, typer.Option("--whole-field", help="Unwrap the whole field, not the object only.")
+]
 Confidence = Annotated[
     bool, typer.Option(help="Also write how far to trust each pixel of each result.")
 ]
@@ -92,6 +96,7 @@ class Typed(TypedDict, total=False):
     storage: str | None
     refocus: str | None
     tilt_per_frame: bool
+    whole_field: bool
 
 
 def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
@@ -111,7 +116,10 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         "tilt_per_frame": typed.get("tilt_per_frame") or None,
         "refocus_um": distance_of(typed.get("refocus")),
     }
-    return recipe.changed(**{k: v for k, v in changes.items() if v is not None})
+    chosen = {k: v for k, v in changes.items() if v is not None}
+    if typed.get("whole_field"):
+        chosen["mask"] = None
+    return recipe.changed(**chosen)
 
 
 def method_id(named: str) -> str:

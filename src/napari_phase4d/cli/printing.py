@@ -24,7 +24,7 @@ from napari_phase4d.holography import (
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.progress import ProgressCall
-from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.unwrapping import METHODS, left_out_advice
 
 __all__ = [
     "NOISE_FRAMES",
@@ -80,6 +80,10 @@ def print_notes(outcome: Outcome) -> None:
         unaided = [METHODS[m].label for m in WITH_AMPLITUDE if m in outcome.comparison.results]
         if unaided:
             notes.append(f"{' and '.join(unaided)} without the amplitude, which holograms give.")
+    for result in outcome.comparison.results.values():
+        if advice := left_out_advice(result.attrs):
+            notes.append(f"{advice} (--whole-field).")
+            break
     for note in notes:
         console.print(f"[yellow]{escape(note)}[/yellow]")
 

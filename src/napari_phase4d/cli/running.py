@@ -23,6 +23,7 @@ from napari_phase4d.cli.options import (
     Storage,
     TiltPerFrame,
     Views,
+    WholeField,
     recipe_and_files,
     with_settings,
 )
@@ -82,6 +83,7 @@ def run_command(
     storage: Storage = None,
     refocus: Refocus = None,
     tilt_per_frame: TiltPerFrame = False,
+    whole_field: WholeField = False,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
     ] = None,
@@ -105,6 +107,7 @@ def run_command(
         storage=storage,
         refocus=refocus,
         tilt_per_frame=tilt_per_frame,
+        whole_field=whole_field,
     )
     adapt = partial(
         typed_in,

@@ -14,6 +14,7 @@ from napari_phase4d.unwrapping.ends import both_ends, ends_along
 from napari_phase4d.unwrapping.flow import loop_sums
 from napari_phase4d.unwrapping.four_d import ORDERS
 from napari_phase4d.unwrapping.framewise import frame_by_frame
+from napari_phase4d.unwrapping.masks import left_out_advice
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.problem import Problem, is_known
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS
@@ -49,6 +50,7 @@ __all__ = [
     "frame_by_frame",
     "is_known",
     "label_of",
+    "left_out_advice",
     "loop_sums",
     "noted",
     "roughest_on_the_way",

@@ -2,14 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.progress import Watch, in_threads
+from napari_phase4d.progress import Watch, in_threads, on_all_cores
 from napari_phase4d.unwrapping.spatial import border_of
 
-__all__ = ["object_mask", "object_masks"]
+__all__ = [
+    "left_out_advice",
+    "left_out_note",
+    "mean_share_left_out",
+    "object_mask",
+    "object_masks",
+    "smooth_share_left_out",
+]
 
 #: A pixel belongs to the object where its phase exceeds this share of the largest ...
 SHARE_OF_PEAK = 0.1
@@ -21,6 +31,15 @@ SMALLEST_SHARE = 0.002
 LARGEST_BORDER_SHARE = 0.5
 #: Pixels to widen the mask by, so that the object's rim is inside.
 WIDEN = 2
+#: What is left out is looked at on every so-manieth row and column.
+THIN = 2
+#: Phase is not flat so far from the level of what is left out, and smooth where it lies so near to
+#: its surroundings, both in radians ...
+NOT_FLAT_RAD, SMOOTH_RAD = 1.0, 0.5
+#: ... in so large a share of them.
+MOSTLY = 0.8
+#: From so many percent of the field on it is worth a warning.
+MUCH_LEFT_OUT_PERCENT = 10.0
 
 
 def object_masks(unwrapped: NDArray[np.float32], watch: Watch) -> NDArray[np.bool_]:
@@ -56,6 +75,73 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
     above[part] = widened(above[part])
     found: NDArray[np.bool_] = above
     return found
+
+
+def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
+    """Return the share of a frame that a mask leaves out though its phase is smooth and not flat.
+
+    The phase of an empty field is flat, and that of noise is not smooth; what is neither may well
+    be measured.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of shape (y, x)
+        Unwrapped phase in radians.
+    mask : ndarray of bool, shape (y, x)
+        What is kept.
+    """
+    out = ~mask[::THIN, ::THIN]
+    if not out.any():
+        return 0.0
+    phase = unwrapped[::THIN, ::THIN]
+    soft = ndimage.uniform_filter(phase, 3)
+    uneven = out & (np.abs(soft - np.median(soft[out])) > NOT_FLAT_RAD)
+    if not uneven.any():
+        return 0.0
+    near = (np.abs(phase - soft) < SMOOTH_RAD).astype(np.float32)
+    uneven &= ndimage.uniform_filter(near, 5) > MOSTLY
+    return float(uneven.mean())
+
+
+def mean_share_left_out(unwrapped: NDArray[np.float32], masks: NDArray[np.bool_]) -> float:
+    """Return the mean of `smooth_share_left_out` over the frames of (time, angle, y, x)."""
+    n_angles = unwrapped.shape[1]
+    shares = np.zeros(unwrapped.shape[:2])
+
+    def share(number: int) -> None:
+        frame = divmod(number, n_angles)
+        shares[frame] = smooth_share_left_out(unwrapped[frame], masks[frame])
+
+    on_all_cores(share, range(shares.size))
+    return float(shares.mean())
+
+
+def left_out_note(share: float) -> dict[str, Any]:
+    """Return what a result notes of the share left out; nothing if there is none."""
+    percent = round(100 * share, 1)
+    return {"smooth_left_out_percent": percent} if percent else {}
+
+
+def left_out_advice(attrs: Mapping[str, Any]) -> str:
+    """Say that a mask found by itself leaves out much that may be measured; "" if it does not.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a result.
+
+    Examples
+    --------
+    >>> left_out_advice({"smooth_left_out_percent": 31.2})[:46]
+    '"object only" leaves out 31 % of the field tho'
+    """
+    percent = attrs.get("smooth_left_out_percent", 0.0)
+    if percent <= MUCH_LEFT_OUT_PERCENT:
+        return ""
+    return (
+        f'"object only" leaves out {percent:.0f} % of the field though its phase there is smooth '
+        "and not flat: try the whole field"
+    )
 
 
 def part_around(mask: NDArray[np.bool_]) -> tuple[slice, slice]:

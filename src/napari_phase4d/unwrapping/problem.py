@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
 from napari_phase4d.unwrapping.background import Background, find_background, lost_frames
-from napari_phase4d.unwrapping.masks import object_masks
+from napari_phase4d.unwrapping.masks import mean_share_left_out, object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
 from napari_phase4d.unwrapping.spatial import unwrap_frames
@@ -72,6 +72,8 @@ class Problem(SharedSteps):
         #: Pixels that may be looked at, whether the object is still to be found or not.
         self.usable = self._given_mask(mask, values.shape)
         self._object: NDArray[np.bool_] | None = None
+        #: Share of the field that is left out of the object though its phase is smooth, not flat.
+        self.smooth_left_out = 0.0
         # The caller's own array, where it fits: nobody writes into it.
         with np.errstate(over="ignore"):  # it is infinite then, and left out
             self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
@@ -134,7 +136,9 @@ class Problem(SharedSteps):
         found = unwrap_frames(self.wrapped, self.usable, self.first, watch)
         if self.finds_mask:
             watch = Watch(self.n_frames, "finding the object", progress, cancelled)
-            self._object = self.usable & object_masks(found, watch)
+            masks = object_masks(found, watch)
+            self.smooth_left_out = mean_share_left_out(found, masks)
+            self._object = self.usable & masks
             found[~self._object] = 0
         return found
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -11,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.unwrapping.lending import LentProblem
+from napari_phase4d.unwrapping.masks import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.method import Option
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS
@@ -66,6 +68,12 @@ def unwrap(
     Cancelled
         If ``cancelled()`` returned True.
 
+    Warns
+    -----
+    UserWarning
+        If the object that "auto" finds leaves out more than 10 % of the field where the phase is
+        smooth and not flat. ``attrs["smooth_left_out_percent"]`` says how much.
+
     See Also
     --------
     compare : Several methods side by side.
@@ -83,7 +91,10 @@ def unwrap(
     """
     check_method(method, method_options)
     problem = Problem(phase, boundary, mask, amplitude, for_one_method=True)
-    return run_method(problem, method, progress, cancelled, method_options)
+    found = run_method(problem, method, progress, cancelled, method_options)
+    if advice := left_out_advice(found.attrs):
+        warnings.warn(f"{advice}, with mask=None", UserWarning, stacklevel=2)
+    return found
 
 
 def run_method(
@@ -110,6 +121,8 @@ def run_method(
         mask="auto" if problem.finds_mask else "given" if not problem.usable.all() else "none",
         amplitude=problem.amplitude is not None,
     )
+    if problem.finds_mask:
+        attrs |= left_out_note(problem.smooth_left_out)
     if METHODS[method].leaves_out and problem.lost().any():
         attrs["lost_frames"] = np.argwhere(problem.lost()).tolist()
     return problem.result(values, method, attrs)

@@ -28,6 +28,7 @@ from napari_phase4d.unwrapping import (
     run_method,
 )
 from napari_phase4d.unwrapping.growing import coherence
+from napari_phase4d.unwrapping.masks import left_out_note
 from napari_phase4d.unwrapping.problem import Boundary, all_known, checked_boundaries
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.spatial import border_medians
@@ -53,6 +54,8 @@ class Found:
         Centre of the object in pixels, NaN where there is none.
     mask_word : str
         What results note of the mask.
+    smooth_left_out : float
+        Mean share of the field that is no part of the object though its phase is smooth, not flat.
     """
 
     turns: Scratch
@@ -60,6 +63,7 @@ class Found:
     object: Scratch
     centres: NDArray[np.float64]
     mask_word: str
+    smooth_left_out: float
 
 
 class ProblemOnDisk:
@@ -126,13 +130,16 @@ class ProblemOnDisk:
             limits = self._finish(turns, result, progress, cancelled)
         else:
             limits = self._chained(ORDERS[method], result, progress, cancelled, **chosen)
+        found = self._found(progress, cancelled)
         attrs = noted(
             method,
             options,
             self._boundaries,
-            mask=self._found(progress, cancelled).mask_word,
+            mask=found.mask_word,
             amplitude=self._amplitude is not None,
         )
+        if self._finds_mask:
+            attrs |= left_out_note(found.smooth_left_out)
         return self._put(method, attrs, limits)
 
     def _finish(
@@ -196,10 +203,12 @@ class ProblemOnDisk:
         lift = self._lift(self._each(unwrap, "2-D unwrapping", progress, cancelled))
         found = self._scratch("object", "bool")
         mask = found if self._finds_mask else self._scratch("mask", "bool")
-        work = LiftBlock(self._stored, turns, lift, mask, found, self._finds_mask)
+        lifted = self._scratch("lifted", "int16")
+        work = LiftBlock(self._stored, turns, lifted, lift, mask, found, self._finds_mask)
         each = self._each(work, "finding the object", progress, cancelled)
-        word = "auto" if self._finds_mask else "none" if all(k for _, k in each) else "given"
-        return Found(turns, mask, found, np.concatenate([centres for centres, _ in each]), word)
+        centres, shares = (np.concatenate([block[i] for block in each]) for i in (0, 1))
+        word = "auto" if self._finds_mask else "none" if all(k for *_, k in each) else "given"
+        return Found(lifted, mask, found, centres, word, float(shares.mean()))
 
     def _lift(self, borders: list[NDArray[np.float64]]) -> NDArray[np.int16]:
         """Return the turns that bring the borders of all frames together."""

@@ -12,7 +12,7 @@ from napari_phase4d.pipeline.streaming.scratch import Scratch
 from napari_phase4d.pipeline.streaming.stored import Stored
 from napari_phase4d.unwrapping import is_known
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
-from napari_phase4d.unwrapping.masks import object_mask
+from napari_phase4d.unwrapping.masks import object_mask, smooth_share_left_out
 from napari_phase4d.unwrapping.registration import centre
 from napari_phase4d.unwrapping.spatial import unwrap_frame
 
@@ -107,8 +107,9 @@ class LiftBlock:
     ----------
     phase : Stored
         Wrapped phase.
-    turns : Scratch
-        Turns of each frame by itself; the lifted ones go there too.
+    turns, lifted : Scratch
+        Turns of each frame by itself, and where the lifted ones go: were it the same place, a
+        block that is done twice, because a worker died, would be lifted twice.
     lift : ndarray of int, shape (time, angle)
         Whole turns to add to each frame.
     mask, found : Scratch
@@ -119,30 +120,32 @@ class LiftBlock:
 
     phase: Stored
     turns: Scratch
+    lifted: Scratch
     lift: NDArray[np.int16]
     mask: Scratch
     found: Scratch
     finds_mask: bool
 
-    def __call__(self, block: Block) -> tuple[NDArray[np.float64], bool]:
+    def __call__(self, block: Block) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
         """Do a block.
 
         Returns
         -------
-        ndarray of shape (time, angle, 2), bool
-            The object's centre in each frame; whether the phase is known everywhere.
+        ndarray of shape (time, angle, 2), ndarray of shape (time, angle), bool
+            The object's centre in each frame; the share of it that is left out though its phase
+            is smooth and not flat; whether the phase is known everywhere.
         """
         wrapped, known = known_phase(self.phase, block)
         lift = self.lift[block.start : block.stop, :, None, None]
-        turns = self.turns.read(block)
-        if lift.any():
-            turns += lift
-            self.turns.write(block, turns)
+        turns = self.turns.read(block) + lift
+        self.lifted.write(block, turns)
         unwrapped = with_turns(wrapped, turns, known)
         found = np.empty(wrapped.shape, dtype=bool)
         centres = np.empty((*wrapped.shape[:2], 2))
+        shares = np.zeros(wrapped.shape[:2])
         for frame in np.ndindex(*wrapped.shape[:2]):
             found[frame] = object_mask(unwrapped[frame])
+            shares[frame] = smooth_share_left_out(unwrapped[frame], found[frame])
         if self.finds_mask:
             found &= known
         for frame in np.ndindex(*wrapped.shape[:2]):
@@ -150,4 +153,4 @@ class LiftBlock:
         self.found.write(block, found)
         if not self.finds_mask:
             self.mask.write(block, known)
-        return centres, bool(known.all())
+        return centres, shares, bool(known.all())

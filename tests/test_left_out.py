@@ -1,0 +1,89 @@
+"""A warning where "object only" leaves out phase that may be measured."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+import napari_phase4d as p4d
+from helpers import wrap
+from napari_phase4d.cli.app import app
+from napari_phase4d.pipeline import Recipe
+from napari_phase4d.unwrapping import left_out_advice
+from napari_phase4d.unwrapping.masks import smooth_share_left_out
+
+
+def plume(height_rad: float, noise: float = 0.1) -> np.ndarray:
+    """A tall jet that enters at the top, over gas that varies smoothly all over the field."""
+    y, x = np.mgrid[:160, :200] / 100
+    jet = height_rad * np.exp(-(((x - 1) / 0.9) ** 2)) * np.sqrt(np.clip((0.48 - y) / 0.5, 0, 1))
+    gas = 1.8 * np.sin(2.5 * x + 2 * y)
+    return (jet + gas + np.random.default_rng(1).normal(0, noise, y.shape)).astype(np.float32)
+
+
+def test_much_smooth_phase_left_out_is_said_so() -> None:
+    exact = plume(12)
+    with pytest.warns(UserWarning, match=r"leaves out \d+ % .* try the whole field") as said:
+        found = p4d.unwrap(wrap(exact), "spatial-2d", mask="auto")
+    assert len(said) == 1
+    dropped = (found.values == 0) & (np.abs(exact - np.median(exact)) > 1)
+    noted = found.attrs["smooth_left_out_percent"]
+    assert noted == pytest.approx(100 * dropped.mean(), abs=5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3, 0.6])
+@pytest.mark.parametrize("shape", sorted(p4d.simulation.SHAPES))
+def test_cells_in_an_empty_field_give_no_warning(shape: str, noise: float) -> None:
+    exact = p4d.simulation.moving_shape(shape, (96, 128), 3)["phase"].values
+    phase = exact + np.random.default_rng(0).normal(0, noise, exact.shape)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        p4d.unwrap(wrap(phase).astype(np.float32), "spatial-2d", mask="auto")
+
+
+def test_noise_that_is_left_out_does_not_count() -> None:
+    frame = np.random.default_rng(0).uniform(-9, 9, (80, 90)).astype(np.float32)
+    assert smooth_share_left_out(frame, np.zeros(frame.shape, bool)) < 0.01
+    assert smooth_share_left_out(frame, np.ones(frame.shape, bool)) == 0
+
+
+def test_the_share_is_that_of_the_slope_that_is_dropped() -> None:
+    ramp = np.tile(np.linspace(-4, 4, 100, dtype=np.float32), (60, 1))
+    share = smooth_share_left_out(ramp, np.zeros(ramp.shape, bool))
+    assert share == pytest.approx(0.75, abs=0.03)  # all but a quarter is more than 1 rad away
+    assert left_out_advice({"smooth_left_out_percent": 9.9}) == ""
+    assert left_out_advice({}) == ""
+
+
+def test_results_on_disk_note_the_same(tmp_path: Path) -> None:
+    stack = np.stack(
+        [[wrap(plume(12, noise)), wrap(plume(25, noise))] for noise in (0.1, 0.2, 0.3)]
+    )
+    found = [
+        p4d.run(
+            Recipe(
+                recording=str(tmp_path / "wrapped.npy"), methods=("spatial-2d",),
+                boundary=((0, 0),), storage=storage,
+            ),
+            folder=tmp_path if storage == "disk" else None,
+        ).comparison.results["spatial-2d"]
+        for storage in ("memory", "disk")
+        if np.save(tmp_path / "wrapped.npy", stack) is None
+    ]  # fmt: skip
+    in_memory, on_disk = (each.attrs["smooth_left_out_percent"] for each in found)
+    assert in_memory == on_disk > 20
+
+
+def test_the_command_says_it_and_takes_the_whole_field(tmp_path: Path) -> None:
+    np.save(tmp_path / "jet.npy", wrap(plume(12))[None])
+    call = ["compare", str(tmp_path / "jet.npy"), "--method", "spatial-2d", "--out"]
+    said = CliRunner().invoke(app, [*call, str(tmp_path / "a")])
+    assert said.exit_code == 0, said.output
+    assert "leaves out" in " ".join(said.output.split())
+    whole = CliRunner().invoke(app, [*call, str(tmp_path / "b"), "--whole-field"])
+    assert whole.exit_code == 0, whole.output
+    assert "leaves out" not in whole.output
