@@ -79,13 +79,16 @@ def test_stacks_on_disk_are_those_in_memory(
 
 
 def test_every_block_may_be_done_twice(
-    video: Recording,
-    recipe: p4d.Recipe,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    recipe: p4d.Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A cluster does a block again when its worker dies, at whatever moment that was."""
-    expected = p4d.run(recipe, video)
+    exact = p4d.simulation.swimming_euglena((48, 56), 19, pixel_um=0.7, peak_rad=9)["phase"]
+    # Levels that wrap, so that most frames have to be lifted by a turn.
+    drift = xr.DataArray(np.where(np.arange(19) % 2, 2.8, -2.8), dims="time")
+    wrapped = np.angle(np.exp(1j * (exact + drift))).astype(np.float32)
+    p4d.write_phase(tmp_path / "in.ome.zarr", exact.copy(data=wrapped))
+    chosen = recipe.changed(recording=str(tmp_path / "in.ome.zarr"), boundary=((0, 0),))
+    expected = p4d.run(chosen).comparison.results
     done: set[str] = set()
     once = Threads.map
 
@@ -98,9 +101,10 @@ def test_every_block_may_be_done_twice(
         return once(self, again, items, watch)
 
     monkeypatch.setattr(Threads, "map", twice)
-    found = p4d.run(recipe.changed(storage="disk"), video, folder=tmp_path)
-    assert_same(found, expected)
-    assert len(done) >= 5, done  # every stage
+    found = p4d.run(chosen.changed(storage="disk"), folder=tmp_path / "out").comparison.results
+    for method, result in expected.items():
+        xr.testing.assert_identical(found[method].compute(), result)
+    assert len(done) >= 5, done  # every stage but the holograms'
 
 
 def test_methods_that_need_all_frames_write_to_disk_too(
