@@ -10,7 +10,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from helpers import wrap
-from napari_phase4d.holography import Lobe, background_advice
+from napari_phase4d.holography import Lobe, reconstruction_advice
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.frametilt import FrameTilt
@@ -98,7 +98,7 @@ def test_curvature_that_is_left_is_measured_and_told() -> None:
     assert data.attrs["background_left_rad"] == [pytest.approx(truth, rel=0.1)]
     data = p4d.reconstruct(video, [LOBE], background="curvature")  # warnings are errors here
     assert data.attrs["background_left_rad"][0] < 0.15
-    assert background_advice(data.attrs) == ""
+    assert reconstruction_advice(data.attrs) == []
     data = p4d.reconstruct(video, [LOBE], background="none")
     assert "background_left_rad" not in data.attrs
 

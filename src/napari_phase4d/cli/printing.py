@@ -17,9 +17,9 @@ from napari_phase4d.evaluation import comparison_figure, named_results, telling_
 from napari_phase4d.holography import (
     FoundLobes,
     Lobe,
-    background_advice,
     find_lobes,
     lobe_warnings,
+    reconstruction_advice,
 )
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
@@ -73,16 +73,16 @@ def print_notes(outcome: Outcome) -> None:
     """Say what had to be assumed, and what is left of the background."""
     if outcome.recording is not None:
         notes = list(outcome.recording.notes)
-        if advice := background_advice(outcome.reconstruction.attrs):
-            notes.append(f"{advice[0].upper()}{advice[1:]}.")
+        advice = reconstruction_advice(outcome.reconstruction.attrs)
+        notes += [f"{each[0].upper()}{each[1:]}." for each in advice]
     else:
         notes = list(outcome.reconstruction["phase"].attrs.get("notes", ()))
         unaided = [METHODS[m].label for m in WITH_AMPLITUDE if m in outcome.comparison.results]
         if unaided:
             notes.append(f"{' and '.join(unaided)} without the amplitude, which holograms give.")
     for result in outcome.comparison.results.values():
-        if advice := left_out_advice(result.attrs):
-            notes.append(f"{advice} (--whole-field).")
+        if left_out := left_out_advice(result.attrs):
+            notes.append(f"{left_out} (--whole-field).")
             break
     for note in notes:
         console.print(f"[yellow]{escape(note)}[/yellow]")

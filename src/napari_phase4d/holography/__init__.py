@@ -12,18 +12,22 @@ from napari_phase4d.holography.focusing import (
     depth_of_focus_um,
 )
 from napari_phase4d.holography.frames import FrameReconstructor
-from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance
 from napari_phase4d.holography.lost import first_seen, lost_frames, lost_sentence
 from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
 from napari_phase4d.holography.preview import Preview
-from napari_phase4d.holography.quality import fringe_contrast, fringe_visibility
+from napari_phase4d.holography.quality import (
+    fringe_contrast,
+    fringe_mask,
+    fringe_visibility,
+)
 from napari_phase4d.holography.reconstruction import (
     PhaseSettings,
     find_focus,
     frame_reconstructor,
     reconstruct,
     reconstruct_frames,
+    reconstruction_advice,
 )
 from napari_phase4d.holography.refocusing import Propagator, propagate, refocused
 from napari_phase4d.holography.sharpness import FOCUS_METRICS
@@ -48,13 +52,13 @@ __all__ = [
     "Propagator",
     "StrayTerm",
     "autofocus",
-    "background_advice",
     "depth_of_focus_um",
     "find_focus",
     "find_lobes",
     "first_seen",
     "frame_reconstructor",
     "fringe_contrast",
+    "fringe_mask",
     "fringe_visibility",
     "lobe_warnings",
     "lost_frames",
@@ -65,6 +69,7 @@ __all__ = [
     "recalibrated",
     "reconstruct",
     "reconstruct_frames",
+    "reconstruction_advice",
     "refocused",
     "stray_terms",
 ]

@@ -2,15 +2,28 @@
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from collections.abc import Mapping
+from typing import Any
 
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from napari_phase4d.axes import AXES
 from napari_phase4d.holography.demodulation import Demodulator
 
-__all__ = ["fringe_contrast", "fringe_visibility"]
+__all__ = ["fringe_advice", "fringe_contrast", "fringe_mask", "fringe_visibility", "shows_fringes"]
 
 #: Fringes are looked at in squares of so many pixels, so that uneven light does not count.
 BLOCK = 16
+#: A field is compared with itself so many pixels on, over a window of so many pixels a side.
+APART, WINDOW = 3, 11
+#: Noise is less alike to itself than this, from 0 to 1, and darker than this share of what is
+#: bright in the view: its 90 % quantile. What is fainter than another share is noise in any case.
+ALIKE, DARK, FAINT, BRIGHT = 0.5, 0.25, 0.05, 0.9
+#: From so many percent of a view on it is worth a warning.
+MUCH_PERCENT = 5.0
 
 
 def fringe_contrast(frame: NDArray[np.floating]) -> float:
@@ -69,3 +82,87 @@ def fringe_visibility(
     if fields is None:
         fields = demodulate(frame)
     return [2 * float(np.median(np.abs(view))) / mean if mean > 0 else 0.0 for view in fields]
+
+
+def shows_fringes(field: NDArray[np.complex64]) -> NDArray[np.bool_]:
+    """Mark the pixels of a field in which fringes were seen; elsewhere its phase is noise.
+
+    Noise is dark next to what the fringes give, and not alike to itself some pixels on; a dark
+    object is alike to itself, and where its rim is not, it is not that dark.
+
+    Parameters
+    ----------
+    field : ndarray of shape (y, x)
+        Complex field of one view.
+    """
+    size = np.abs(field)
+    bright = float(np.quantile(size, BRIGHT))
+    local = ndimage.uniform_filter(size, WINDOW // 2)
+    seen: NDArray[np.bool_] = local >= DARK * bright
+    if not seen.all():
+        alike = np.minimum(*(alike_along(field, size, axis) for axis in (0, 1)))
+        seen |= (local >= FAINT * bright) & (alike > ALIKE)
+    return seen
+
+
+def alike_along(
+    field: NDArray[np.complex64], size: NDArray[np.float32], axis: int
+) -> NDArray[np.float32]:
+    """Return how alike a field is to itself some pixels on round every pixel, from 0 to 1."""
+    n = field.shape[axis]
+    there = field.take(np.minimum(np.arange(n) + APART, n - 1), axis)
+    product = field.conj() * there
+    mean = [ndimage.uniform_filter(part, WINDOW) for part in (product.real, product.imag)]
+    power = ndimage.uniform_filter(size * np.abs(there), WINDOW)
+    alike: NDArray[np.float32] = np.hypot(*mean) / np.maximum(power, np.finfo(np.float32).tiny)
+    return alike
+
+
+def fringe_mask(data: xr.Dataset) -> xr.DataArray:
+    """Mark the pixels of a reconstruction in which fringes were seen.
+
+    Elsewhere, such as beyond an aperture or where the beams don't meet, the phase is noise; the
+    result may be given to `unwrap` and `compare` as ``mask``.
+
+    Parameters
+    ----------
+    data : Dataset
+        What `reconstruct` gave, in memory.
+
+    Returns
+    -------
+    DataArray of bool
+        (time, angle, y, x); False in frames that were lost.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> exact = p4d.simulation.swimming_euglena((96, 96), 2, pixel_um=0.5)
+    >>> rec = p4d.simulation.multiplexed_video(exact["phase"])
+    >>> data = p4d.reconstruct(rec, p4d.find_lobes(rec, n_views=2))
+    >>> bool(fringe_mask(data).all())
+    True
+    """
+    phase, amplitude = (data[name].transpose(*AXES).values for name in ("phase", "amplitude"))
+    seen = np.zeros(phase.shape, dtype=bool)
+    for frame in np.ndindex(*phase.shape[:2]):
+        if np.isfinite(amplitude[frame]).all():
+            field = amplitude[frame] * np.exp(1j * phase[frame])
+            seen[frame] = shows_fringes(field.astype(np.complex64))
+    return xr.DataArray(seen, data["phase"].coords, AXES, name="fringes")
+
+
+def fringe_advice(attrs: Mapping[str, Any]) -> str:
+    """Say in which views of a reconstruction much shows no fringes; empty if in none.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a reconstruction.
+    """
+    percents = attrs.get("without_fringes_percent", ())
+    much = [(i, percent) for i, percent in enumerate(percents) if percent > MUCH_PERCENT]
+    if not much:
+        return ""
+    views = " and ".join(f"{percent:.0f} % of view {i}" for i, percent in much)
+    return f"{views} shows no fringes: the phase there is noise"

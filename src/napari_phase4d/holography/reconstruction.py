@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
 from napari_phase4d.holography.corrections import (
     BACKGROUND_ORDERS,
@@ -26,7 +27,7 @@ from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import usual_fringes
-from napari_phase4d.holography.quality import fringe_visibility
+from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
@@ -37,12 +38,16 @@ __all__ = [
     "frame_reconstructor",
     "reconstruct",
     "reconstruct_frames",
+    "reconstruction_advice",
 ]
 
 #: Frames that the focus is looked for in at most, and about how many pixels of all views.
 FOCUS_FRAMES, FOCUS_PIXELS = 4, 500_000
 #: So many pixels at most, unless one view alone has more; of more views some are looked at.
 MOST_FOCUS_PIXELS = 4_000_000
+
+#: Frames that are looked at for pixels without fringes.
+FRINGE_FRAMES = 3
 
 #: Micrometres, "auto" to find the focus, None to stay in the camera's plane.
 Refocus = float | Literal["auto"] | None
@@ -130,6 +135,10 @@ def reconstruct(
     UserWarning
         If more than 0.3 rad rms of the background are left in a view where a surface of a higher
         degree would take them off. ``attrs["background_left_rad"]`` says what is left.
+    UserWarning
+        If more than 5 % of a view show no fringes in most frames, so that their phase is noise;
+        `napari_phase4d.holography.fringe_mask` marks them.
+        ``attrs["without_fringes_percent"]`` has the share.
 
     See Also
     --------
@@ -150,9 +159,20 @@ def reconstruct(
         reference, window, background, background_order, refocus_um, drift, tilt_per_frame
     )
     work = frame_reconstructor(rec, lobes, settings, cancelled)
-    if advice := background_advice(work.attrs):
+    for advice in reconstruction_advice(work.attrs):
         warnings.warn(f"{rec.name}: {advice}", UserWarning, stacklevel=2)
     return reconstruct_frames(work, rec, progress, cancelled)
+
+
+def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
+    """Return what is to be looked after in a reconstruction, by its notes; each part a sentence.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a reconstruction.
+    """
+    return [advice for advice in (background_advice(attrs), fringe_advice(attrs)) if advice]
 
 
 def reconstruct_frames(
@@ -190,6 +210,7 @@ def frame_reconstructor(
     lost, seen = usual_fringes(rec, demodulate, cancelled)
     middle = list(seen)[len(seen) // 2]
     visibility = fringe_visibility(rec.raw_frame(middle), demodulate, seen[middle])
+    without = without_fringes_percent(list(seen.values()))
     found = corrections(
         rec, demodulate, settings.reference, background, order, lost, seen, cancelled
     )
@@ -199,6 +220,7 @@ def frame_reconstructor(
         "recording": rec.name,
         "lobes": [lobe_note(lobe) for lobe in lobes],
         "fringe_visibility": visibility,
+        "without_fringes_percent": without,
         "window": settings.window,
         "background": background,
         "drift_removed": settings.drift,
@@ -219,6 +241,21 @@ def frame_reconstructor(
     if settings.refocus_um is None:
         return work
     return with_refocus(work, rec, settings.refocus_um, cancelled)
+
+
+def without_fringes_percent(fields: Sequence[NDArray[np.complex64]]) -> list[float]:
+    """Return how much of each view shows no fringes in most of some frames, in percent."""
+    some = fields[:: max(1, len(fields) // FRINGE_FRAMES)]
+    n_views = len(some[0])
+    seen = list(
+        in_threads(
+            lambda each: shows_fringes(some[each // n_views][each % n_views]),
+            range(len(some) * n_views),
+            Watch(len(some) * n_views, "looking for fringes"),
+        )
+    )
+    shares = (np.mean(seen[view::n_views], axis=0) > 0.5 for view in range(n_views))
+    return [round(100 * float(1 - share.mean()), 1) for share in shares]
 
 
 def with_refocus(

@@ -7,7 +7,7 @@ import pandas as pd
 import xarray as xr
 
 from napari_phase4d.evaluation import noise_sentence
-from napari_phase4d.holography import Focus, background_advice, first_seen
+from napari_phase4d.holography import Focus, first_seen, reconstruction_advice
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted, size_in_words
 
@@ -79,8 +79,8 @@ def facts_of_reconstruction(data: xr.Dataset, noise: pd.DataFrame | None) -> lis
         lines.append(noise_sentence(noise))
     if data.attrs.get("drift_removed") and data.attrs["background_share"] < LITTLE_EMPTY:
         lines.append("⚠ Little empty field is in view; check that the background is at 0.")
-    if advice := background_advice(data.attrs):
-        lines.append(f"⚠ {advice[0].upper()}{advice[1:]}.")
+    advice = reconstruction_advice(data.attrs)
+    lines += [f"⚠ {each[0].upper()}{each[1:]}." for each in advice]
     if data.attrs.get("lost_times"):
         count = len(data.attrs["lost_times"])
         lines.append(
