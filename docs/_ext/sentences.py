@@ -18,6 +18,7 @@ PACKAGE = Path(napari_phase4d.__file__).parent
 #: Room -> its heading, in the order of the page. A room is a folder or a file of the package.
 ROOMS = {
     "optics": "The microscope",
+    "compiling": "Compiling",
     "recording": "Recordings",
     "io": "Files",
     "sample": "Samples",
