@@ -53,10 +53,10 @@ def levelling() -> None:
     columns = " ".join(f"{100 * cover:.0f}%" for cover in COVERS)
     heading(
         "Levelling: rad rms that the fitted surface is off, where the object covers so much of "
-        "the view ('-': refused as doubtful)",
+        "the view ('-': refused as doubtful, '?': told that it may be the object's)",
         f"object place peak fitted curvature {columns}",
     )
-    wrong = {cover: [0, 0, 0] for cover in COVERS}
+    wrong = {cover: [0, 0, 0, 0] for cover in COVERS}
     for kind in OBJECTS:
         for place in PLACES:
             for peak in (3.0, 6.0, 12.0):
@@ -66,12 +66,17 @@ def levelling() -> None:
                         field = seen(kind, cover, place, peak, rad)
                         fit = Surface("powers", order, field.shape).fit(field)
                         off = float(np.std(fit.surface - truth(field.shape, rad)))
-                        cells.append("-" if fit.doubt else f"{off:.2f}")
+                        unsure = "?" if fit.unsure else ""
+                        cells.append("-" if fit.doubt else f"{off:.2f}{unsure}")
                         if order == 2:
-                            sort = 2 if fit.doubt else int(off > 0.3)
+                            bad = 2 if fit.unsure else 1
+                            sort = 3 if fit.doubt else bad if off > 0.3 else 0
                             wrong[cover][sort] += 1
                     line(kind, place, peak, name, rad, *cells)
-    heading("Curvature over all of them", "covered right off-by-more-than-0.3-rad refused")
+    heading(
+        "Curvature over all of them",
+        "covered right off-by-more-than-0.3-rad-in-silence off-but-told refused",
+    )
     for cover, counts in wrong.items():
         line(f"{100 * cover:.0f}%", *counts)
 

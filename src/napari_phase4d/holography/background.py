@@ -161,15 +161,15 @@ class Surface:
         unit = mean / np.maximum(np.abs(mean), np.finfo(np.float32).tiny)
         found = self._nearest(unit, check)
         # With more terms than curvature has, most objects can be fitted.
-        doubt = ""
+        doubt, unsure = "", False
         if self.order == 2:
-            found, doubt = self._chosen(mean, unit, found, check)
+            found, doubt, unsure = self._chosen(mean, unit, found, check)
         surface = (
             np.tensordot(found, self.terms, 1)
             if self.thin == 1
             else surface_of(found, self.kind, self.order, self.shape)
         )
-        return Fit((surface - surface.mean()).astype(np.float32), found, doubt)
+        return Fit((surface - surface.mean()).astype(np.float32), found, doubt, unsure)
 
     def _nearest(
         self, unit: NDArray[np.complexfloating], check: Callable[[], None]
@@ -193,13 +193,16 @@ class Surface:
         unit: NDArray[np.complexfloating],
         first: NDArray[np.float64],
         check: Callable[[], None],
-    ) -> tuple[NDArray[np.float64], str]:
-        """Return the coefficients that explain most of a view, and what speaks against them."""
+    ) -> tuple[NDArray[np.float64], str, bool]:
+        """Return the coefficients that explain most of a view, and what speaks against them.
+
+        Last, whether one corner is not explained.
+        """
         look = Look(mean)
         terms = self.terms_seen(look.step)
         best = look.judged(np.tensordot(first, terms, 1))
         if best.share > CLEAR_SHARE:
-            return first, doubt_of(best, 0.0)
+            return first, doubt_of(best, 0.0), best.ends < best.of_ends
         found, tries = first, [(best, first)]
         for start in self._curved(unit, look.step):
             check()
@@ -211,7 +214,7 @@ class Surface:
             best, found = most, refined(other, fine.phase, self.terms, fine.outer, fine.lit)
         rivals = [each for judged, each in tries if judged.share > RIVAL_SHARE * best.share]
         off = [float(np.std(np.tensordot(each - found, terms, 1))) for each in rivals]
-        return found, doubt_of(best, max(off, default=0.0))
+        return found, doubt_of(best, max(off, default=0.0)), best.ends < best.of_ends
 
     def terms_seen(self, step: int) -> NDArray[np.float64]:
         """Return the terms on every so-manieth row and column, (term, y, x)."""
@@ -240,12 +243,15 @@ class Fit:
     coefficients : ndarray of shape (term,)
         Of its terms, in radians.
     doubt : str
-        Why it may be the object's surface; empty if nothing speaks for that.
+        Why it is likely to be the object's surface; empty if nothing speaks for that.
+    unsure : bool
+        Whether one corner of the view does not look empty, so that it may be the object's.
     """
 
     surface: NDArray[np.float32]
     coefficients: NDArray[np.float64]
     doubt: str = ""
+    unsure: bool = False
 
 
 def doubt_of(best: Judgement, off_rad: float) -> str:

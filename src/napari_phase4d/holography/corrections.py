@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.background import Fit, Surface, aligned_to
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.leftover import BetterSurface
+from napari_phase4d.holography.leftover import MUCH_LEFT_RAD, BetterSurface
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
 from napari_phase4d.holography.polar import background_offset
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
@@ -75,14 +75,19 @@ def corrections(
         factor = inverse(median_fields(static))
         each = iter(static)
     if not order:
-        return Corrections(factor, [], [])
+        return Corrections(factor, [], [], [])
     means = mean_fields(fields if reference is None else fields * factor for fields in each)
     fits = fitted_views(
         rec.name, means, background, Surface(kind, order, means.shape[1:]), cancelled
     )
     surfaces = np.stack([fit.surface for fit, _ in fits])
     factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
-    return Corrections(factor, [fit.coefficients for fit, _ in fits], [left for _, left in fits])
+    return Corrections(
+        factor,
+        [fit.coefficients for fit, _ in fits],
+        [left for _, left in fits],
+        [view for view, (fit, _) in enumerate(fits) if background == "curvature" and fit.unsure],
+    )
 
 
 def fitted_views(
@@ -101,7 +106,9 @@ def fitted_views(
         left = better.leaves(means[view], fit.surface)
         if background == "curvature" and fit.doubt and not left.explained:
             raise ValueError(refusal(fit.doubt, view, name))
-        return fit, left.rad
+        # Aberrations of a higher degree bend a corner too, and are told of then.
+        told = left.explained and left.rad > MUCH_LEFT_RAD
+        return replace(fit, unsure=fit.unsure and not told), left.rad
 
     return list(in_threads(fitted, range(len(means)), watch))
 
@@ -118,11 +125,14 @@ class Corrections:
         For each view those of the background's terms in radians; empty if none was fitted.
     left_rad : list of float
         For each view what is left in its empty field, in radians rms; empty likewise.
+    unsure : list of int
+        The views whose fitted curvature may be the object's.
     """
 
     factor: NDArray[np.complex64]
     coefficients: list[NDArray[np.float64]]
     left_rad: list[float]
+    unsure: list[int]
 
 
 def refusal(doubt: str, view: int, name: str) -> str:

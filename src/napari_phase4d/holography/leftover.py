@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.choosing import LOOK_PIXELS, Look
 
-__all__ = ["MUCH_LEFT_RAD", "BetterSurface", "Left", "background_advice"]
+__all__ = ["MUCH_LEFT_RAD", "BetterSurface", "Left", "background_advice", "curvature_advice"]
 
 #: What to try next, what its surface is fitted with, and what is then left as it is now.
 NEXT: dict[str, tuple[str, str, int, str]] = {
@@ -103,3 +103,21 @@ def background_advice(attrs: Mapping[str, Any]) -> str:
     name, _, _, what = NEXT[background]
     views = " and ".join(f"view {i} ({left:.1f} rad rms)" for i, left in much)
     return f"{what} left in {views}: try background={name!r}"
+
+
+def curvature_advice(attrs: Mapping[str, Any]) -> str:
+    """Say in which views the curvature that was taken off may be the object's; empty if in none.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a reconstruction.
+    """
+    views = attrs.get("curvature_unsure", ())
+    if not views:
+        return ""
+    named = " and ".join(f"view {view}" for view in views)
+    return (
+        f"one corner of {named} does not look empty, so that the curvature taken off may be the "
+        "object's: compare with background='tilt', or use a reference hologram"
+    )

@@ -24,7 +24,7 @@ from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.focusing import Focus, autofocus
 from napari_phase4d.holography.frames import FrameReconstructor, propagator_for
 from napari_phase4d.holography.frametilt import FrameTilt
-from napari_phase4d.holography.leftover import background_advice
+from napari_phase4d.holography.leftover import background_advice, curvature_advice
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
@@ -136,6 +136,9 @@ def reconstruct(
         If more than 0.3 rad rms of the background are left in a view where a surface of a higher
         degree would take them off. ``attrs["background_left_rad"]`` says what is left.
     UserWarning
+        If the background is "curvature" and one corner of a view does not look empty, so that what
+        was fitted may be the object's. ``attrs["curvature_unsure"]`` names the views.
+    UserWarning
         If more than 5 % of a view show no fringes in most frames, so that their phase is noise;
         `napari_phase4d.holography.fringe_mask` marks them.
         ``attrs["without_fringes_percent"]`` has the share.
@@ -172,7 +175,8 @@ def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
     attrs : mapping
         The notes of a reconstruction.
     """
-    return [advice for advice in (background_advice(attrs), fringe_advice(attrs)) if advice]
+    every = (background_advice(attrs), curvature_advice(attrs), fringe_advice(attrs))
+    return [advice for advice in every if advice]
 
 
 def reconstruct_frames(
@@ -230,6 +234,8 @@ def frame_reconstructor(
     }
     if found.left_rad:
         attrs["background_left_rad"] = [round(left, 6) for left in found.left_rad]
+    if found.unsure:
+        attrs["curvature_unsure"] = found.unsure
     if BACKGROUND_ORDERS[background] is None:
         attrs["background_order"] = order
     if background == "zernike":
