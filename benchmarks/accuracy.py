@@ -9,7 +9,6 @@ from __future__ import annotations
 import statistics
 import sys
 from collections.abc import Callable, Iterator
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -17,8 +16,8 @@ import xarray as xr
 from layouts import layouts
 from levelling import levelling
 from regimes import regimes
-from scipy.stats import rankdata
 from tables import heading, line
+from trusting import confidence
 
 import napari_phase4d as p4d
 from napari_phase4d.simulation import (
@@ -202,44 +201,6 @@ def crops() -> None:
         f"\nWL1: {n_good} of {n_cases} at most 0.1; worse than the best of the paper's five: "
         f"{n_worse}"
     )
-
-
-def area_under_curve(score: np.ndarray, wrong: np.ndarray) -> float:
-    """Return how often a wrong pixel scores higher than a right one."""
-    ranks, n = rankdata(score), int(wrong.sum())
-    return float((ranks[wrong].sum() - n * (n + 1) / 2) / (n * (len(wrong) - n)))
-
-
-def confidence() -> None:
-    """How well the maps of confidence find wrong pixels, and whether to take them literally."""
-    areas: dict[str, list[float]] = {}
-    chances: list[np.ndarray] = []
-    outcomes: list[np.ndarray] = []
-    for _, exact in phantoms():
-        for noise in NOISES:
-            data = with_noise(exact, noise, seed=3)
-            inside = exact["phase"].values > 0.05
-            compared = p4d.compare(data["wrapped"], [*PAPER, "region-growing", *OWN])
-            trust = compared.confidences()
-            for method, result in compared.results.items():
-                chance = 1 - trust[method].values[inside]
-                wrong = turns_off(result, data["phase"])[inside] != 0
-                if method == "directional-l1":
-                    chances.append(chance)
-                    outcomes.append(wrong)
-                if wrong.sum() >= 20:
-                    areas.setdefault(method, []).append(area_under_curve(chance, wrong))
-    heading("Confidence: area under the curve", "method volumes mean worst")
-    for method, found in areas.items():
-        line(p4d.METHODS[method].label, len(found), statistics.mean(found), min(found))
-    chance, wrong = np.concatenate(chances), np.concatenate(outcomes)
-    heading("Confidence of WL1", "chance-to-be-wrong pixels wrong-in-truth-(%)")
-    limits = (0, 0.01, 0.03, 0.1, 0.3, 0.5, 0.7, 0.9, 1.0001)
-    for low, high in pairwise(limits):
-        chosen = (chance >= low) & (chance < high)
-        share = f"{100 * wrong[chosen].mean():.3f}" if chosen.any() else ""
-        line(f"{low:g} to {min(high, 1):g}", int(chosen.sum()), share)
-    print(f"\nOf the pixels given less than 0.1: {100 * wrong[chance < 0.1].mean():.4f} % wrong")
 
 
 def harder(exact: xr.Dataset) -> Iterator[tuple[str, xr.Dataset]]:

@@ -133,9 +133,9 @@ def two_far_views(noise: float) -> Iterator[Case]:
         yield noisy(name, exact, noise, f"two{name}{noise}")
 
 
-def faults(noise: float) -> Iterator[Case]:
+def faults(noise: float, names: tuple[str, ...] = FAULTY) -> Iterator[Case]:
     """What goes wrong half way through a recording."""
-    for name in FAULTY:
+    for name in names:
         exact = object_(name)
         for fault in FAULTS:
             words = f"{name}/{fault}"
@@ -177,7 +177,8 @@ def with_axes(phase: Stack) -> xr.Dataset:
     """Return exact phase as simulated objects have it."""
     coords = {"time": np.arange(len(phase)) * 1.0, "angle": np.arange(phase.shape[1]) * 6.0}
     exact = xr.DataArray(phase.astype(np.float32), dims=("time", "angle", "y", "x"), coords=coords)
-    return xr.Dataset({"phase": exact})
+    turned = exact.copy(data=np.angle(np.exp(1j * exact.values)).astype(np.float32))
+    return xr.Dataset({"phase": exact, "wrapped": turned})
 
 
 def sparse_lapses() -> Iterator[Case]:

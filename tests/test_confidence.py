@@ -8,9 +8,9 @@ import xarray as xr
 from scipy.stats import rankdata
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import Verdict, slip_warning
+from napari_phase4d.evaluation import Verdict, slip_warning, slipped_frames
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
-from napari_phase4d.unwrapping import Problem, roughest_on_the_way
+from napari_phase4d.unwrapping import Problem, astray, roughest_on_the_way, support_by_steps
 
 TURN = 2 * np.pi
 
@@ -96,6 +96,67 @@ def test_the_way_to_a_pixel_is_as_rough_as_its_roughest_step() -> None:
     off = flat.copy()
     off[..., 12:28, 12:28] += TURN
     assert roughest_on_the_way(problem, off)[0, 0, 14:26, 14:26].min() == 12
+
+
+@pytest.mark.parametrize(("name", "noise"), [("daughters", 0.7), ("touching", 0.9)])
+def test_noisy_pixels_that_are_wrong_are_found(name: str, noise: float) -> None:
+    """Shapes that the confidence was not fitted to; a smooth way leads to most wrong pixels."""
+    exact = hard_shape(name) if name == "daughters" else moving_shape(name)
+    data = with_noise(exact, noise, seed=8)
+    result = p4d.unwrap(data["wrapped"], "directional-l1")
+    trust = p4d.confidence(result, data["wrapped"]).values
+    inside = exact["phase"].values > 0.05
+    wrong = np.round((result.values - data["phase"].values) / TURN) != 0
+    assert wrong[inside].sum() > 20
+    assert area_under_curve(-trust[inside], wrong[inside]) >= 0.93
+    trusted = inside & (trust > 0.99)
+    assert trusted.sum() > 0.3 * inside.sum()
+    assert wrong[trusted].mean() < 0.001
+
+
+def test_objects_that_slip_in_wl1_are_warned_of() -> None:
+    """A thick cell whose rim is too steep, which the confidence was not fitted to."""
+    exact = moving_shape("returning")
+    data = with_noise(exact.assign(phase=1.5 * exact["phase"]), 0.2, seed=1)
+    problem = Problem(data["wrapped"])
+    result = p4d.unwrap(data["wrapped"], "directional-l1")
+    said = slipped_frames(problem, p4d.confidence(result, data["wrapped"]))
+    inside = exact["phase"].values > 0.05
+    off = np.round((result.values - data["phase"].values) / TURN) != 0
+    slipped = (off & inside).sum((2, 3)) > 0.5 * inside.sum((2, 3))
+    assert slipped.sum() >= 20
+    assert (~slipped).sum() >= 20
+    assert said[slipped].mean() >= 0.9
+    plain = with_noise(exact, 0.2, seed=1)["wrapped"]
+    trust = p4d.confidence(p4d.unwrap(plain, "directional-l1"), plain)
+    assert slipped_frames(Problem(plain), trust).mean() <= 0.02
+
+
+def test_a_pixel_is_held_by_most_of_its_steps() -> None:
+    """The inside of a steep cell is held less than that of a flat one; a turn off, not at all."""
+    y, x = np.mgrid[-24:24, -24:24]
+    held = []
+    for peak in (3.0, 12.0):
+        exact = (peak * np.exp(-(y**2 + x**2) / 60)).astype(np.float32)[None, None]
+        problem = Problem(exact - np.float32(TURN) * np.round(exact / np.float32(TURN)))
+        right = support_by_steps(problem, exact).held[0, 0, 20:28, 20:28]
+        off = exact + np.float32(TURN) * (exact > 0.5 * peak)
+        assert support_by_steps(problem, off).held[0, 0, 20:28, 20:28].max() <= 0
+        held.append(float(right.mean()))
+    assert held[0] > 1.5 * held[1] > 0
+
+
+def test_noise_beyond_half_a_turn_is_a_reason_for_doubt() -> None:
+    exact = moving_shape("swelling")
+    data = with_noise(exact, 0.5, seed=8)
+    wrapped = data["wrapped"].copy()
+    chance = astray(Problem(wrapped))
+    assert chance.max() < 0.2
+    wrapped[4, 1, 32, 32] += 3.1 - (wrapped[4, 1, 32, 32] - exact["phase"][4, 1, 32, 32])
+    wrapped = (wrapped + np.pi) % TURN - np.pi
+    far = astray(Problem(wrapped))
+    assert far[4, 1, 32, 32] > 0.1
+    assert not astray(Problem(exact["wrapped"])).any()
 
 
 def test_a_slipped_object_is_said() -> None:

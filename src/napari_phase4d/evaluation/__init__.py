@@ -6,6 +6,7 @@ from napari_phase4d.evaluation.confidence import (
     REFERENCE,
     confidence,
     slip_warning,
+    slipped_frames,
 )
 from napari_phase4d.evaluation.errors import (
     mean_squared_error,
@@ -59,6 +60,7 @@ __all__ = [
     "region_masks",
     "residues",
     "slip_warning",
+    "slipped_frames",
     "steps_sentence",
     "telling_frames",
     "traces",

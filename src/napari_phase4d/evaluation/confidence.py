@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.unwrapping import Problem, roughest_on_the_way, run_method
+from napari_phase4d.unwrapping import Problem, Support, astray, run_method, support_by_steps
 
 __all__ = [
     "REFERENCE",
@@ -26,16 +26,19 @@ __all__ = [
 TURN = 2 * np.pi
 #: The method that all others are held against.
 REFERENCE = "directional-l1"
-#: Odds (their logarithm) that a wrap count is wrong, as a parabola in log(0.3 + b), b the roughest
-#: step in radians on the smoothest way from the empty field. Fitted once to half of the shapes,
-#: faults and sparse recordings of ``benchmarks/regimes.py``, thick ones and noisy ones among
-#: them; ``benchmarks/accuracy.py confidence`` prints how well it holds on the other half.
-ODDS = (-4.53, 2.20, 1.25)
-SOFTENING = 0.3
+#: Logarithm of the odds that a wrap count is wrong: so much, so much for each radian of the
+#: roughest step on its way up to ROUGHEST, and so much for each unit by which it is held. Fitted
+#: once, to WL1, RGd, T/A and 2-D on one half of the shapes, walls and sparse recordings of
+#: ``benchmarks/regimes.py``, thick and noisy ones among them; ``benchmarks/trusting.py`` prints
+#: how well it holds on the other.
+LEVEL, PER_RADIAN, PER_HOLD = -3.4, 1.0, -9.6
+ROUGHEST = 4.0
+#: No result is held less than this.
+LOOSEST = -0.2
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
 #: ... and may have slipped if at least this share of it is trusted less than so much.
-MOST, FIRM = 0.5, 0.5
+MOST, FIRM = 0.5, 0.8
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -134,11 +137,11 @@ def chance_of_right(
     """
     own = support_of(problem, result, progress, cancelled)
     other = problem.once("support", lambda: support_of(problem, reference, progress, cancelled))
+    noise = problem.once("astray", lambda: astray(problem, progress, cancelled))
     differs = in_full(problem, turns_off(result, reference)) != 0
-    same = ~differs
-    best = np.where(same, np.minimum(own, other), own)
-    weight, rival = odds_of_right(best), odds_of_right(other)
-    chance = weight / (1 + weight + np.where(differs, rival, 0))
+    weight, rival = odds_of_right(own), odds_of_right(other)
+    weight = np.where(differs, weight, np.maximum(weight, rival))
+    chance = (1 - noise) * weight / (1 + weight + np.where(differs, rival, 0))
     chance[problem.lost()] = 0
     found = problem.result(
         chance.astype(np.float32), "confidence", {"of": result.attrs.get("method", "")}
@@ -152,21 +155,22 @@ def support_of(
     result: xr.DataArray,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
-) -> Stack:
-    """Return the roughest step in radians on the smoothest way to each pixel of a result.
+) -> Support:
+    """Return how well the steps support a result, in which masked pixels are empty field.
 
     Faint amplitude counts as roughness, as it does in the steps.
     """
     values = in_full(problem, result.values)
     if result.attrs.get("mask", "none") != "none":
         values = np.where(values == 0, np.float32(np.nan), values)  # taken for empty field
-    return roughest_on_the_way(problem, values, progress, cancelled)
+    return support_by_steps(problem, values, progress, cancelled)
 
 
-def odds_of_right(rough: Stack) -> Stack:
-    """Return the odds, right to wrong, of a wrap count whose way is so rough in radians."""
-    x = np.log(SOFTENING + rough)
-    odds: Stack = np.exp(-(ODDS[0] + ODDS[1] * x + ODDS[2] * x * x))
+def odds_of_right(support: Support) -> Stack:
+    """Return the odds, right to wrong, of wrap counts that are supported so well."""
+    rough = np.minimum(support.roughest, np.float32(ROUGHEST))
+    held = np.maximum(support.held, np.float32(LOOSEST))
+    odds: Stack = np.exp(-(LEVEL + PER_RADIAN * rough + PER_HOLD * held))
     return odds
 
 

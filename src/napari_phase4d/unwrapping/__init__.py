@@ -9,7 +9,12 @@ from napari_phase4d.unwrapping.boundaries import (
     scores_of_some,
     scores_sentence,
 )
-from napari_phase4d.unwrapping.directional.support import roughest_on_the_way
+from napari_phase4d.unwrapping.directional.support import (
+    Support,
+    astray,
+    roughest_on_the_way,
+    support_by_steps,
+)
 from napari_phase4d.unwrapping.ends import both_ends, ends_along
 from napari_phase4d.unwrapping.flow import loop_sums
 from napari_phase4d.unwrapping.four_d import ORDERS
@@ -41,7 +46,9 @@ __all__ = [
     "Option",
     "Problem",
     "SharedSteps",
+    "Support",
     "all_options",
+    "astray",
     "best_frame",
     "border_medians",
     "both_ends",
@@ -58,5 +65,6 @@ __all__ = [
     "score_boundaries",
     "scores_of_some",
     "scores_sentence",
+    "support_by_steps",
     "unwrap",
 ]

@@ -20,7 +20,7 @@ from napari_phase4d.unwrapping.registration import moved
 from napari_phase4d.unwrapping.spatial import border_medians
 from napari_phase4d.unwrapping.volumes import all_of, with_levels
 
-__all__ = ["Field", "finished_phase", "prepare"]
+__all__ = ["NOISY", "Field", "finished_phase", "prepare"]
 
 TURN = np.float32(2 * np.pi)
 #: Pixels of the empty field that are kept round the object.
