@@ -171,7 +171,8 @@ def test_difference_of_two_results(noisy: xr.Dataset, compared: p4d.Comparison) 
     result, reference = (compared.results[m] for m in ("spatial-2d", "directional-l1"))
     found = difference(result, reference)
     assert found.dtype == np.float32
-    assert found.attrs == {"units": "rad", "method": "spatial-2d", "less": "WL1"}
+    told = {"kind": "unwrapped", "units": "rad", "method": "spatial-2d", "less": "WL1"}
+    assert found.attrs == told
     np.testing.assert_array_equal(found.values, result.values - reference.values)
     np.testing.assert_array_equal(found["angle"], result["angle"])
     turns = found.values / TURN

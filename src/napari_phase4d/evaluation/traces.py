@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
 from napari_phase4d.evaluation.loading import in_memory
+from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
 from napari_phase4d.unwrapping import METHODS, label_of
 
 __all__ = ["Traces", "difference", "traces"]
@@ -153,7 +154,8 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     result, reference : xarray.DataArray
-        Unwrapped phase in radians on the same grid; the reference may be exact phase as well.
+        Unwrapped phase in radians of the same frames, which are found by their coordinates;
+        the reference may be exact phase as well.
 
     Returns
     -------
@@ -164,7 +166,7 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     Raises
     ------
     ValueError
-        If the two have not the same dims and shape.
+        If the two have not the same dims, shape and coordinates, or one is wrapped.
 
     Examples
     --------
@@ -172,19 +174,16 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     >>> float(difference(one + 3, one).max())
     3.0
     """
-    if dict(result.sizes) != dict(reference.sizes):
-        msg = (
-            f"the result is {dict(result.sizes)}, but the reference is {dict(reference.sizes)}; "
-            "take two results of one phase"
-        )
-        raise ValueError(msg)
-    result, reference = in_memory(result), in_memory(reference.transpose(*result.dims))
+    result = unwrapped_stack(result, "the result")
+    reference = unwrapped_stack(on_grid_of(reference, result, "the reference"), "the reference")
+    result, reference = in_memory(result), in_memory(reference)
     values = (result.values - reference.values).astype(np.float32, copy=False)
     for stack in (result, reference):
         if stack.attrs.get("mask", "none") != "none":
             values[stack.values == 0] = 0
     found = result.copy(data=values)
     found.attrs = {
+        KIND: UNWRAPPED,
         "units": "rad",
         "method": result.attrs.get("method", ""),
         "less": name_of(reference),

@@ -10,6 +10,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.unwrapping.lending import LentProblem
 from napari_phase4d.unwrapping.method import Option
 from napari_phase4d.unwrapping.problem import Problem
@@ -38,13 +39,15 @@ def unwrap(
     ----------
     phase : DataArray or array_like
         Wrapped phase in radians, dims among (time, angle, y, x); plain arrays are (y, x),
-        (time, y, x) or (time, angle, y, x).
+        (time, y, x) or (time, angle, y, x). Other units that ``attrs`` or coordinates name are
+        converted; times and angles must rise. What is masked in a masked array is left out.
     method : str, optional
         One of `METHODS`, default "temporal-angular" (T/A).
     boundary : tuple of int or sequence of such, optional
         (time, angle) frame numbers of the optically thin frame, or several. Default (0, 0).
     mask : array_like of bool, "auto" or None, optional
-        Pixels to unwrap; the others are 0 in the result. "auto" finds the object.
+        Pixels to unwrap; the others are 0 in the result. "auto" finds the object. Plain masks
+        are (y, x), (time, y, x) or (time, angle, y, x) too, whatever the dims of the phase.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each step; ``cancelled()`` stops the work.
     amplitude : DataArray or array_like, optional
@@ -66,6 +69,11 @@ def unwrap(
     Cancelled
         If ``cancelled()`` returned True.
 
+    Warns
+    -----
+    UserWarning
+        If the phase looks like degrees, turns, camera frames, or unwrapped phase.
+
     See Also
     --------
     compare : Several methods side by side.
@@ -82,7 +90,13 @@ def unwrap(
     ('temporal-angular', [[0, 0]])
     """
     check_method(method, method_options)
-    problem = Problem(phase, boundary, mask, amplitude, for_one_method=True)
+    problem = Problem(
+        wrapped_stack(phase),
+        boundary,
+        without_masked(phase, mask),
+        amplitude,
+        for_one_method=True,
+    )
     return run_method(problem, method, progress, cancelled, method_options)
 
 
@@ -166,6 +180,7 @@ def noted(
 ) -> dict[str, Any]:
     """Return what a result notes of how it was made."""
     found = {
+        KIND: UNWRAPPED,
         "method": method,
         "options": all_options(method, options),
         "boundary": [list(b) for b in boundaries],
