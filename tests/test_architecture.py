@@ -18,6 +18,7 @@ PACKAGE = ROOT / "src" / "napari_phase4d"
 #: Room -> rooms that it may import. Lower rooms never know of higher ones.
 ALLOWED = {
     "axes": set(),
+    "checks": set(),
     "optics": set(),
     "progress": set(),
     "words": set(),
@@ -66,7 +67,7 @@ INNER = {
     "__init__": set(),
 }
 #: Modules that import nothing of ours, so that every room may use them.
-LEAVES = {"axes", "words"}
+LEAVES = {"axes", "checks", "words"}
 #: The place where stacks come in imports leaves only, so that every room above may ask it.
 INTAKE = "stacks"
 GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}

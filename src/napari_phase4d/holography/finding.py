@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.checks import check_type
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
 from napari_phase4d.holography.lobes import (
     MAX_VIEWS,
@@ -174,6 +175,7 @@ def find_lobes(
     >>> lobes.doubts
     ()
     """
+    check_type("rec", rec, Recording, "open_recording() makes one of a file or an array")
     n_views = checked_number(n_views, angles_deg)
     plane = plane_of(rec, progress, cancelled)
     plain = sum(peak.is_plain for peak in plane.peaks)

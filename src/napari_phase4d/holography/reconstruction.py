@@ -11,6 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 
+from napari_phase4d.checks import check_bool, warn
 from napari_phase4d.holography.corrections import (
     BACKGROUND_ORDERS,
     Reference,
@@ -26,6 +27,7 @@ from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.leftover import background_advice
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import usual_fringes
+from napari_phase4d.holography.overlaps import check_lobes, lobe_doubts
 from napari_phase4d.holography.quality import fringe_visibility
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
@@ -128,8 +130,9 @@ def reconstruct(
     Warns
     -----
     UserWarning
-        If more than 0.3 rad rms of the background are left in a view where a surface of a higher
-        degree would take them off. ``attrs["background_left_rad"]`` says what is left.
+        If a lobe reaches beyond the spectrum or over the zero order; if more than 0.3 rad rms of
+        the background are left in a view where a surface of a higher degree would take them off.
+        ``attrs["background_left_rad"]`` says what is left.
 
     See Also
     --------
@@ -150,6 +153,8 @@ def reconstruct(
         reference, window, background, background_order, refocus_um, drift, tilt_per_frame
     )
     work = frame_reconstructor(rec, lobes, settings, cancelled)
+    for doubt in lobe_doubts(lobes):
+        warn(doubt)
     if advice := background_advice(work.attrs):
         warnings.warn(f"{rec.name}: {advice}", UserWarning, stacklevel=2)
     return reconstruct_frames(work, rec, progress, cancelled)
@@ -185,6 +190,9 @@ def frame_reconstructor(
     if not isinstance(rec, Recording) or not all(isinstance(lobe, Lobe) for lobe in lobes):
         msg = "reconstruct() takes a Recording from open_recording() and a list of Lobe"
         raise TypeError(msg)
+    for switch in ("drift", "tilt_per_frame"):
+        check_bool(switch, getattr(settings, switch))
+    check_lobes(lobes)
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
     lost, seen = usual_fringes(rec, demodulate, cancelled)

@@ -4,11 +4,16 @@ What is surely wrong is refused in one sentence that says what to do; what is pr
 warned of once. All public functions that take phase, masks, regions or frames ask here.
 """
 
-from napari_phase4d.stacks.coordinates import check_rising, pixel_um, times_in_s
+from napari_phase4d.stacks.coordinates import (
+    check_rising,
+    pixel_um,
+    spacing,
+    times_in_s,
+    with_coordinates,
+)
 from napari_phase4d.stacks.entry import as_stack, unwrapped_stack, wrapped_stack
 from napari_phase4d.stacks.fitting import mask_on, on_grid_of, without_masked
 from napari_phase4d.stacks.kinds import KIND, UNWRAPPED, WRAPPED, kind_of, looks_wrapped
-from napari_phase4d.stacks.telling import warn
 
 __all__ = [
     "KIND",
@@ -21,9 +26,10 @@ __all__ = [
     "mask_on",
     "on_grid_of",
     "pixel_um",
+    "spacing",
     "times_in_s",
     "unwrapped_stack",
-    "warn",
+    "with_coordinates",
     "without_masked",
     "wrapped_stack",
 ]

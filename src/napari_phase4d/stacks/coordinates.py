@@ -10,10 +10,18 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import UNITS
-from napari_phase4d.stacks.telling import warn
+from napari_phase4d.checks import warn
 from napari_phase4d.stacks.units import factor_to
 
-__all__ = ["check_rising", "pixel_um", "same_places", "some", "times_in_s", "with_coordinates"]
+__all__ = [
+    "check_rising",
+    "pixel_um",
+    "same_places",
+    "some",
+    "spacing",
+    "times_in_s",
+    "with_coordinates",
+]
 
 #: Share of a pixel by which the spacing may vary, as it does where float32 holds it.
 UNEVEN = 0.01
@@ -136,11 +144,21 @@ def pixel_um(stack: xr.DataArray, name: str) -> tuple[float, float]:
     ValueError
         If they have no spacing, or one that light can't resolve.
     """
-    return spacing(stack, "y", name), spacing(stack, "x", name)
+    height, width = (spacing(stack, axis, name) for axis in ("y", "x"))
+    said = f"a pixel of {name} is {height:.4g} x {width:.4g} um wide"
+    advice = 'say the unit along both axes, as in stack["x"].attrs["units"] = '
+    if min(height, width) < NO_PIXEL_UM:
+        msg = f'{said}, which no light resolves; if that is in metres, {advice}"m"'
+        raise ValueError(msg)
+    if min(height, width) < SMALL_PIXEL_UM:
+        warn(f'{said}, which is very small; if that is in millimetres, {advice}"mm"')
+    if max(height, width) > LARGE_PIXEL_UM:
+        warn(f'{said}, which is very large; if that is in nanometres, {advice}"nm"')
+    return height, width
 
 
 def spacing(stack: xr.DataArray, axis: str, name: str) -> float:
-    """Return the spacing along y or x in micrometres, and doubt one that is unusual."""
+    """Return the spacing along y or x in micrometres, or say that there is none."""
     places = np.asarray(stack[axis].values, dtype=np.float64)
     # A single coordinate has no spacing; any guess would be a wrong area.
     step = float(np.abs(np.diff(places[:2])).sum())
@@ -150,13 +168,4 @@ def spacing(stack: xr.DataArray, axis: str, name: str) -> float:
             "micrometres"
         )
         raise ValueError(msg)
-    said = f"a pixel of {name} is {step:.4g} um wide along {axis}"
-    advice = f'say the unit, as in stack[{axis!r}].attrs["units"] = '
-    if step < NO_PIXEL_UM:
-        msg = f'{said}, which no light resolves; if that is in metres, {advice}"m"'
-        raise ValueError(msg)
-    if step < SMALL_PIXEL_UM:
-        warn(f'{said}, which is very small; if that is in millimetres, {advice}"mm"')
-    if step > LARGE_PIXEL_UM:
-        warn(f'{said}, which is very large; if that is in nanometres, {advice}"nm"')
     return step

@@ -9,7 +9,7 @@ import xarray as xr
 
 from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.stacks.coordinates import check_rising, with_coordinates
-from napari_phase4d.stacks.kinds import check_unwrapped, check_wrapped
+from napari_phase4d.stacks.kinds import check_unwrapped, check_wrapped, refuse_counts
 from napari_phase4d.stacks.units import factor_to
 
 __all__ = ["as_stack", "unwrapped_stack", "wrapped_stack"]
@@ -41,6 +41,7 @@ def wrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArra
     """
     stack = as_stack(phase, name)
     check_rising(stack, name)
+    refuse_counts(stack, name)
     check_wrapped(stack, name)
     return stack
 
@@ -51,6 +52,7 @@ def unwrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataAr
     See `wrapped_stack`; its numbers may lie on disk.
     """
     stack = as_stack(phase, name)
+    refuse_counts(stack, name)
     check_unwrapped(stack, name)
     return stack
 
@@ -94,17 +96,12 @@ def with_names(phase: Any, name: str) -> xr.DataArray:
 def check_numbers(stack: xr.DataArray, name: str) -> None:
     """Refuse numbers that are no phase, and say what they seem to be."""
     kind = stack.dtype.kind
-    if kind in "fi":  # signed whole numbers may be radians
+    if kind in "fiu":
         return
     if kind == "c":
         msg = f"{name} is complex; give its angle, numpy.angle(field)"
     elif kind == "b":
         msg = f"{name} is bool, as masks are; it must be real numbers in radians"
-    elif kind == "u":
-        msg = (
-            f"{name} is {stack.dtype}, as camera frames are; phase must be real numbers in "
-            "radians, floating-point: reconstruct() makes it of holograms"
-        )
     else:
         msg = f"{name} must be real numbers in radians, but is {stack.dtype}"
     raise TypeError(msg)

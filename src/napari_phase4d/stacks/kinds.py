@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.stacks.telling import warn
+from napari_phase4d.checks import warn
 
 __all__ = [
     "KIND",
@@ -18,6 +18,7 @@ __all__ = [
     "check_wrapped",
     "kind_of",
     "looks_wrapped",
+    "refuse_counts",
 ]
 
 #: The attribute that notes which of the two phase is.
@@ -42,6 +43,19 @@ def kind_of(stack: xr.DataArray) -> str:
     if noted in (WRAPPED, UNWRAPPED):
         return noted
     return UNWRAPPED if "method" in stack.attrs or stack.attrs.get("exact") else ""
+
+
+def refuse_counts(stack: xr.DataArray, name: str) -> None:
+    """Refuse whole numbers without a sign that are no radians of a turn, but counts of light."""
+    if stack.dtype.kind != "u":
+        return
+    largest = int(sample_of(stack).max(initial=0))
+    if largest > 2 * np.pi:
+        msg = (
+            f"{name} is {stack.dtype} up to {largest}, as camera frames are; phase is in radians: "
+            "reconstruct() makes it of holograms"
+        )
+        raise TypeError(msg)
 
 
 def check_wrapped(stack: xr.DataArray, name: str) -> None:

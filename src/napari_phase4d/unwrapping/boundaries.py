@@ -17,7 +17,7 @@ from napari_phase4d.progress import (
     watched,
 )
 from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
-from napari_phase4d.unwrapping.problem import Boundary, Problem
+from napari_phase4d.unwrapping.problem import Boundary, Problem, checked_boundaries
 from napari_phase4d.unwrapping.registry import METHODS
 from napari_phase4d.unwrapping.running import run_method
 from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
@@ -279,8 +279,13 @@ def look_at(
 
 def first_boundary(known: Problem | None) -> Boundary:
     """Return the boundary frame that a reference was unwrapped from."""
-    noted = [] if known is None else known.template.attrs.get("boundary", [])
-    return (int(noted[0][0]), int(noted[0][1])) if len(noted) else (0, 0)
+    noted = None if known is None else known.template.attrs.get("boundary")
+    if known is None or not noted:
+        return 0, 0
+    try:
+        return checked_boundaries(noted, known.wrapped.shape[:2])[0]
+    except ValueError:  # it was noted by another program
+        return 0, 0
 
 
 def look_of(
