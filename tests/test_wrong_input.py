@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 import warnings
 from collections.abc import Callable
 from typing import Any
@@ -16,10 +17,13 @@ from napari_phase4d.evaluation import (
     difference,
     mean_squared_error,
     measure,
+    polygon_mask,
+    traces,
     wrong_cycle_map,
     wrong_cycle_share,
 )
-from napari_phase4d.simulation import with_noise
+from napari_phase4d.pipeline.streaming import Cluster
+from napari_phase4d.simulation import multiplexed_video, with_noise
 
 #: (time, angle, y, x), wrapped and exact, a peak of three turns.
 DATA = p4d.simulation.swimming_euglena((32, 40), 4, peak_rad=20)
@@ -253,6 +257,18 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "mass without area": (lambda: OPTICS.dry_mass_pg([1.0], -1), "pixel_area_um2 must be"),
     "noise on an array": (lambda: with_noise(PLAIN), "data must be a Dataset"),
     "noise on amplitude": (lambda: with_noise(xr.Dataset({"a": EXACT})), 'no exact "phase"'),
+    "run of a word": (lambda: p4d.run("a.tif"), "recipe must be a Recipe"),
+    "run of frames": (lambda: p4d.run(p4d.Recipe(), FRAMES), "recording must be a Recording"),
+    "video of an array": (lambda: multiplexed_video(PLAIN), "phase must be a DataArray"),
+    "video of a frame": (lambda: multiplexed_video(EXACT[0]), "it must have time, angle, y and x"),
+    "lobes are nothing": (lambda: p4d.reconstruct(RECORDING, None), "a list of Lobe"),
+    "angles are a number": (lambda: p4d.find_lobes(RECORDING, 1, angles_deg=3), "list of degrees"),
+    "path of text": (lambda: OPTICS.optical_path_um("x"), "phase must be real numbers"),
+    "height of nothing": (lambda: OPTICS.height_um([1.0], None), "object_index must be a number"),
+    "traces of a stack": (lambda: traces(EXACT, (0, 0), (1, 1)), "results must be a Mapping"),
+    "traces of no frame": (lambda: traces({"a": EXACT}, 3, (1, 1)), "two whole numbers"),
+    "polygon in no frame": (lambda: polygon_mask([(0, 0), (0, 2), (2, 2)], 3), "height and width"),
+    "polygon of text": (lambda: polygon_mask("x", (4, 4)), "vertices_yx must be real numbers"),
     "recipe with a word": (lambda: p4d.Recipe(boundary="first"), "boundary"),
     "recipe with too much": (lambda: p4d.Recipe(speed=3), "speed"),
     "recipe with optics of text": (lambda: p4d.Recipe(optics="x"), "optics"),
@@ -467,3 +483,13 @@ def test_masked_pixels_of_a_video_are_unknown() -> None:
     frames.mask[1, 5, 5] = True
     with pytest.raises(ValueError, match="frame 1 .* holds 1 NaN"):
         p4d.open_recording(frames).frame(1)
+
+
+@pytest.mark.parametrize(
+    "address", ["tcp://127.0.0.1:9", "nowhere.invalid:8786", "junk", "tcp://127.0.0.1:99999"]
+)
+def test_an_address_without_a_scheduler_is_soon_said(address: str) -> None:
+    began = time.monotonic()
+    with pytest.raises(OSError, match="no dask scheduler answers at"):
+        Cluster(address)
+    assert time.monotonic() - began < 10

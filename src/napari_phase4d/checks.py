@@ -8,7 +8,10 @@ from numbers import Real
 from pathlib import Path
 from typing import Any
 
-__all__ = ["check_bool", "check_number", "check_type", "warn"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["as_numbers", "check_bool", "check_number", "check_type", "shown", "warn"]
 
 PACKAGE = str(Path(__file__).resolve().parent)
 
@@ -16,7 +19,7 @@ PACKAGE = str(Path(__file__).resolve().parent)
 def check_number(name: str, value: Any) -> float:
     """Return a number as float; TypeError if it is none."""
     if isinstance(value, bool) or not isinstance(value, Real):
-        msg = f"{name} must be a number, but is {value!r}"
+        msg = f"{name} must be a number, but is {shown(value)}"
         raise TypeError(msg)
     return float(value)
 
@@ -24,7 +27,7 @@ def check_number(name: str, value: Any) -> float:
 def check_bool(name: str, value: Any) -> None:
     """Raise TypeError for what is neither True nor False: "no" would count as True."""
     if not isinstance(value, bool) and type(value).__name__ not in ("bool", "bool_"):
-        msg = f"{name} must be True or False, but is {value!r}"
+        msg = f"{name} must be True or False, but is {shown(value)}"
         raise TypeError(msg)
 
 
@@ -33,6 +36,27 @@ def check_type(name: str, value: Any, wanted: type, advice: str) -> None:
     if not isinstance(value, wanted):
         msg = f"{name} must be a {wanted.__name__}, but is {type(value).__name__}; {advice}"
         raise TypeError(msg)
+
+
+def as_numbers(name: str, values: Any) -> NDArray[Any]:
+    """Return real numbers as an array; TypeError if they are none."""
+    try:
+        found = np.asarray(values)
+    except ValueError as error:
+        msg = f"{name} must be numbers in rows of one length, but is {shown(values)}"
+        raise TypeError(msg) from error
+    if found.dtype.kind not in "biuf":
+        msg = f"{name} must be real numbers, but is {shown(values)}"
+        raise TypeError(msg)
+    return found
+
+
+def shown(value: Any) -> str:
+    """Return a value in one short line."""
+    if isinstance(value, np.ndarray) or hasattr(value, "dims"):
+        return f"{type(value).__name__} of shape {getattr(value, 'shape', ())}"
+    line = " ".join(repr(value).split())
+    return line if len(line) <= 80 else f"{line[:77]}..."
 
 
 def warn(sentence: str) -> None:

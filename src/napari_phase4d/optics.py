@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.checks import check_number, warn
+from napari_phase4d.checks import as_numbers, check_number, warn
 
 __all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
 
@@ -126,7 +126,7 @@ class Optics:
         >>> round(float(path_um[0]), 4)
         0.6328
         """
-        return np.asarray(phase) * (self.wavelength_um / (2 * np.pi))
+        return as_numbers("phase", phase) * (self.wavelength_um / (2 * np.pi))
 
     def height_um(self, phase: ArrayLike, object_index: float) -> NDArray[Any]:
         """Return the thickness in micrometres of an object of one refractive index.
@@ -149,7 +149,7 @@ class Optics:
         >>> round(float(height_um[0]), 2)
         13.46
         """
-        contrast = object_index - self.medium_index
+        contrast = check_number("object_index", object_index) - self.medium_index
         if contrast == 0:
             msg = (
                 f"object_index must differ from the medium's {self.medium_index}, "

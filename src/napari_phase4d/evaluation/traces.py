@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
+from napari_phase4d.checks import check_type, shown
 from napari_phase4d.evaluation.loading import in_memory
 from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
 from napari_phase4d.unwrapping import METHODS, label_of
@@ -78,6 +79,10 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
     >>> found.over_time["exact"].tolist()
     [7.0, 15.0, 23.0]
     """
+    check_type("results", results, Mapping, "give {method: stack}, as Comparison.results is")
+    if np.shape(frame) != (2,) or np.asarray(frame).dtype.kind not in "iu":
+        msg = f"the frame must be two whole numbers (time, angle), but is {shown(frame)}"
+        raise ValueError(msg)
     if not results:
         msg = "there are no results yet; run a method first"
         raise ValueError(msg)
@@ -128,7 +133,7 @@ def checked_place(where: Any, shape: tuple[int, ...]) -> Place:
         msg = f"the mask is {place.shape} with {place.sum()} pixels; it must mark some of {shape}"
         raise ValueError(msg)
     if place.shape != (2,) or place.dtype.kind not in "iu":
-        msg = f"the place must be a pixel (y, x) or a mask, not {where!r}"
+        msg = f"the place must be a pixel (y, x) or a mask, not {shown(where)}"
         raise ValueError(msg)
     y, x = place.tolist()
     if not (0 <= y < shape[0] and 0 <= x < shape[1]):

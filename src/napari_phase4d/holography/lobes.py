@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.checks import check_bool, check_number
+from napari_phase4d.checks import check_bool, check_number, shown
 
 __all__ = ["MAX_VIEWS", "Lobe", "canonical", "pair_distance", "wrapped_distance"]
 
@@ -86,7 +86,7 @@ def carrier_of(carrier: Any) -> tuple[float, float]:
     try:
         ky, kx = (float(k) for k in carrier)
     except (TypeError, ValueError) as error:
-        msg = f"carrier must be two numbers (ky, kx) in cycles per pixel, but is {carrier!r}"
+        msg = f"carrier must be two numbers (ky, kx) in cycles per pixel, but is {shown(carrier)}"
         raise ValueError(msg) from error
     return ky, kx
 

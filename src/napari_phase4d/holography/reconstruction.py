@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Literal
@@ -11,7 +11,7 @@ from typing import Any, Literal
 import numpy as np
 import xarray as xr
 
-from napari_phase4d.checks import check_bool, warn
+from napari_phase4d.checks import check_bool, shown, warn
 from napari_phase4d.holography.corrections import (
     BACKGROUND_ORDERS,
     Reference,
@@ -152,6 +152,7 @@ def reconstruct(
     settings = PhaseSettings(
         reference, window, background, background_order, refocus_um, drift, tilt_per_frame
     )
+    lobes = list(lobes) if isinstance(lobes, Iterable) else lobes
     work = frame_reconstructor(rec, lobes, settings, cancelled)
     for doubt in lobe_doubts(lobes):
         warn(doubt)
@@ -187,7 +188,8 @@ def frame_reconstructor(
     """Measure what all frames have in common; see `reconstruct` for the arguments."""
     background, order = settings.background, settings.background_order
     background_surface(background, order)  # to refuse first what is quick to see
-    if not isinstance(rec, Recording) or not all(isinstance(lobe, Lobe) for lobe in lobes):
+    listed = isinstance(lobes, Iterable) and all(isinstance(lobe, Lobe) for lobe in lobes)
+    if not isinstance(rec, Recording) or not listed:
         msg = "reconstruct() takes a Recording from open_recording() and a list of Lobe"
         raise TypeError(msg)
     for switch in ("drift", "tilt_per_frame"):
@@ -245,7 +247,7 @@ def with_refocus(
 def checked_distance(refocus_um: object) -> float:
     """Return a distance; ValueError if it is no number."""
     if isinstance(refocus_um, bool) or not isinstance(refocus_um, Real):
-        msg = f'refocus_um must be a number of micrometres or "auto", but is {refocus_um!r}'
+        msg = f'refocus_um must be a number of micrometres or "auto", but is {shown(refocus_um)}'
         raise ValueError(msg)
     return float(refocus_um)
 
