@@ -54,7 +54,7 @@ def test_compare_of_stacks_on_disk_writes_everything(phase_file: Path, tmp_path:
     out = tmp_path / "out"
     words = told("compare", recipe, phase_file, "--out", out)
     results = {"wrapped.ome.zarr", "spatial-2d.ome.zarr", "temporal-angular.ome.zarr"}
-    assert names(out) == results | {"table.csv", "recipe.json", "comparison.png"}
+    assert names(out) == results | {"table.csv", "recipe.json", "run.json", "comparison.png"}
     assert "Steps beyond half a cycle" in words
 
 
