@@ -187,7 +187,7 @@ def test_difference_of_two_results(noisy: xr.Dataset, compared: p4d.Comparison) 
     assert difference(result, named).attrs["less"] == "another"
     coherent = p4d.unwrap(noisy["wrapped"][:1], "spatial-2d", reliability="coherence")
     assert difference(result[:1], coherent).attrs["less"] == "2-D (coherence)"
-    with pytest.raises(ValueError, match="take two results of one phase"):
+    with pytest.raises(ValueError, match="they must be of the same frames"):
         difference(result, reference[:, :1])
 
 
