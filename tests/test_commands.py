@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 from typing import Any
@@ -54,7 +55,7 @@ def test_compare_of_stacks_on_disk_writes_everything(phase_file: Path, tmp_path:
     out = tmp_path / "out"
     words = told("compare", recipe, phase_file, "--out", out)
     results = {"wrapped.ome.zarr", "spatial-2d.ome.zarr", "temporal-angular.ome.zarr"}
-    assert names(out) == results | {"table.csv", "recipe.json", "comparison.png"}
+    assert names(out) == results | {"table.csv", "recipe.json", "run.json", "comparison.png"}
     assert "Steps beyond half a cycle" in words
 
 
@@ -155,3 +156,33 @@ def test_wrapped_phase_that_is_the_input_stays_as_it_is(phase_file: Path, tmp_pa
 def contents(path: Path) -> dict[Path, tuple[bytes, int]]:
     files = [path] if path.is_file() else [p for p in path.rglob("*") if p.is_file()]
     return {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in files}
+
+
+def test_the_demo_without_qt_says_what_to_install(tmp_path: Path) -> None:
+    """Where no binding can be imported, as in an environment that has none."""
+    code = (
+        "import sys; sys.modules.update(dict.fromkeys(['PyQt6', 'PySide6', 'PyQt5', 'PySide2'])); "
+        f"sys.argv = ['p', 'demo', '--headless', '--out', {str(tmp_path / 'out')!r}]; "
+        "from napari_phase4d.cli import main; main()"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert done.stderr.startswith("Error: the demo opens napari's window")
+    assert 'pip install "napari-phase4d[all]"' in done.stderr
+    assert "Traceback" not in done.stderr
+    assert not (tmp_path / "out").exists()
+
+
+def test_doubts_are_said_in_words(tmp_path: Path) -> None:
+    degrees = np.linspace(-179, 179, 4 * 2 * 24 * 32).reshape(4, 2, 24, 32)
+    np.save(tmp_path / "phase.npy", degrees)
+    command = ["-m", "napari_phase4d", "run", tmp_path / "phase.npy", "--boundary", "0,0"]
+    done = subprocess.run(
+        [sys.executable, *command, "--method", "spatial-2d", "--out", tmp_path / "out"],
+        capture_output=True,
+        text=True,
+    )
+    assert done.returncode == 0
+    said = " ".join(done.stderr.split())
+    assert said.count("as degrees do; give radians, with numpy.deg2rad(phase)") == 1
+    assert "UserWarning" not in said

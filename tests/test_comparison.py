@@ -171,7 +171,8 @@ def test_difference_of_two_results(noisy: xr.Dataset, compared: p4d.Comparison) 
     result, reference = (compared.results[m] for m in ("spatial-2d", "directional-l1"))
     found = difference(result, reference)
     assert found.dtype == np.float32
-    assert found.attrs == {"units": "rad", "method": "spatial-2d", "less": "WL1"}
+    told = {"kind": "unwrapped", "units": "rad", "method": "spatial-2d", "less": "WL1"}
+    assert found.attrs == told
     np.testing.assert_array_equal(found.values, result.values - reference.values)
     np.testing.assert_array_equal(found["angle"], result["angle"])
     turns = found.values / TURN
@@ -186,7 +187,7 @@ def test_difference_of_two_results(noisy: xr.Dataset, compared: p4d.Comparison) 
     assert difference(result, named).attrs["less"] == "another"
     coherent = p4d.unwrap(noisy["wrapped"][:1], "spatial-2d", reliability="coherence")
     assert difference(result[:1], coherent).attrs["less"] == "2-D (coherence)"
-    with pytest.raises(ValueError, match="take two results of one phase"):
+    with pytest.raises(ValueError, match="they must be of the same frames"):
         difference(result, reference[:, :1])
 
 

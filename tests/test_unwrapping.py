@@ -151,10 +151,14 @@ def test_parts_of_a_mask_keep_their_levels() -> None:
 def test_mask_follows_the_axes_of_the_phase() -> None:
     data = growing_cell(3, 3)
     turned = data["wrapped"].transpose("angle", "x", "time", "y")
-    mask = data["phase"].transpose("angle", "x", "time", "y").values > 0.5
+    mask = data["phase"].transpose("x", "time", "angle", "y") > 0.5
     expected = p4d.unwrap(data["wrapped"], mask=data["phase"] > 0.5)
     result = p4d.unwrap(turned, mask=mask)
     np.testing.assert_array_equal(result.transpose(*expected.dims).values, expected.values)
+    plain = p4d.unwrap(turned, mask=(data["phase"] > 0.5).values)  # time, angle, y, x
+    np.testing.assert_array_equal(plain.values, result.values)
+    with pytest.raises(ValueError, match="does not fit the phase.* name its axes"):
+        p4d.unwrap(turned, mask=mask.values)
 
 
 @pytest.mark.parametrize("method", FIVE)

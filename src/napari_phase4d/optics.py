@@ -3,17 +3,25 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+
+from napari_phase4d.checks import as_numbers, check_number, warn
 
 __all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
 
 #: Refraction increment of cell material in mL/g, the usual value for protein
 #: (Barer, Nature 169, 366, 1952).
 REFRACTION_INCREMENT_ML_PER_G = 0.18
+#: Beyond these, a wavelength or a camera pixel in micrometres is probably in nanometres.
+LONG_WAVE_UM, LARGE_CAMERA_PIXEL_UM = 100.0, 500.0
+#: Below this, both are probably in metres.
+SHORT_UM = 1e-4
+#: Nothing transparent bends light more.
+LARGE_INDEX = 5.0
 #: Width of a pixel in the sample: from an atomic nucleus to the earth, in micrometres.
 LEAST_PIXEL_UM, LARGEST_PIXEL_UM = 1e-9, 1e13
 
@@ -38,8 +46,15 @@ class Optics:
 
     Raises
     ------
+    TypeError
+        If it is no number.
     ValueError
         If a number is not finite or outside its range, or the pixel in the sample is absurd.
+
+    Warns
+    -----
+    UserWarning
+        If a length is probably in nanometres or metres, or the index is absurd.
 
     Examples
     --------
@@ -53,6 +68,8 @@ class Optics:
     medium_index: float = 1.333
 
     def __post_init__(self) -> None:
+        for field in fields(self):
+            check_number(field.name, getattr(self, field.name))
         for name in ("wavelength_um", "camera_pixel_um", "magnification"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
@@ -73,6 +90,22 @@ class Optics:
         if not (math.isfinite(self.medium_index) and self.medium_index >= 1):
             msg = f"medium_index must be at least 1, but is {self.medium_index!r}"
             raise ValueError(msg)
+        self._doubt()
+
+    def _doubt(self) -> None:
+        """Warn of numbers that are probably in another unit."""
+        for name, most in (
+            ("wavelength_um", LONG_WAVE_UM),
+            ("camera_pixel_um", LARGE_CAMERA_PIXEL_UM),
+        ):
+            value = getattr(self, name)
+            said = f"{name} is {value:g} micrometres; if that is in"
+            if value > most:
+                warn(f"{said} nanometres, give {name}={value / 1000:g}")
+            elif value < SHORT_UM:
+                warn(f"{said} metres, give {name}={value * 1e6:g}")
+        if self.medium_index > LARGE_INDEX:
+            warn(f"medium_index is {self.medium_index:g}, but water has 1.33 and glass 1.5")
 
     @property
     def pixel_um(self) -> float:
@@ -93,7 +126,7 @@ class Optics:
         >>> round(float(path_um[0]), 4)
         0.6328
         """
-        return np.asarray(phase) * (self.wavelength_um / (2 * np.pi))
+        return as_numbers("phase", phase) * (self.wavelength_um / (2 * np.pi))
 
     def height_um(self, phase: ArrayLike, object_index: float) -> NDArray[Any]:
         """Return the thickness in micrometres of an object of one refractive index.
@@ -116,7 +149,7 @@ class Optics:
         >>> round(float(height_um[0]), 2)
         13.46
         """
-        contrast = object_index - self.medium_index
+        contrast = check_number("object_index", object_index) - self.medium_index
         if contrast == 0:
             msg = (
                 f"object_index must differ from the medium's {self.medium_index}, "
@@ -142,6 +175,11 @@ class Optics:
         refraction_increment_ml_per_g : float, optional
             Default 0.18 mL/g (Barer 1952), which is 0.18 um^3/pg.
 
+        Raises
+        ------
+        ValueError
+            If the area or the increment is not above 0.
+
         Examples
         --------
         A hundred pixels of 0.01 um^2, of 1 rad each:
@@ -149,5 +187,12 @@ class Optics:
         >>> round(Optics().dry_mass_pg([1.0] * 100, pixel_area_um2=0.01), 2)
         0.56
         """
+        for name, value in (
+            ("pixel_area_um2", pixel_area_um2),
+            ("refraction_increment_ml_per_g", refraction_increment_ml_per_g),
+        ):
+            if not (math.isfinite(check_number(name, value)) and value > 0):
+                msg = f"{name} must be a number above 0, but is {value!r}"
+                raise ValueError(msg)
         volume_um3 = float(np.nansum(self.optical_path_um(phase))) * pixel_area_um2
         return volume_um3 / refraction_increment_ml_per_g

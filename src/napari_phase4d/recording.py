@@ -13,6 +13,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import PLAIN_AXES, coordinate
+from napari_phase4d.checks import check_type
 from napari_phase4d.optics import Optics
 
 __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_reader"]
@@ -248,8 +249,10 @@ class Recording:
         TypeError, ValueError
             If the array is not a video of one grey value a pixel.
         """
-        video = checked_frames(frames, name)
-        optics = optics or Optics()
+        video = checked_frames(known_pixels(frames), name)
+        if optics is None:
+            optics = Optics()
+        check_type("optics", optics, Optics, "give Optics(wavelength_um=...)")
         n_frames, height, width = video.shape
         if times_s is None:
             rate = DEFAULT_FRAME_RATE_HZ if frame_rate_hz is None else frame_rate_hz
@@ -267,6 +270,16 @@ class Recording:
         }
         holograms = xr.DataArray(video, dims=PLAIN_AXES[3], coords=coords, attrs=attrs or {})
         return cls(holograms, optics, name, source, notes, kind)
+
+
+def known_pixels(frames: Any) -> Any:
+    """Return frames with NaN for what is masked in a masked array."""
+    if not isinstance(frames, np.ma.MaskedArray) or frames.dtype.kind not in "iuf":
+        return frames
+    if not np.ma.is_masked(frames):
+        return frames.data
+    masked: Any = frames.astype(np.result_type(frames.dtype, np.float32))
+    return masked.filled(np.nan)
 
 
 def checked_frames(frames: Any, name: str) -> NDArray[np.generic]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import warnings
 from typing import Annotated
 
 import typer
@@ -58,7 +59,14 @@ app.command("reproduce")(reproduce)
 def main() -> None:
     """Run the command line; a wrong input ends it with one sentence instead of a traceback."""
     try:
-        app()
+        with warnings.catch_warnings():
+            warnings.showwarning = say_doubt
+            app()
     except EXPECTED as error:
         errors.print(f"[red]Error:[/red] {escape(sentence_of(error))}")
         raise SystemExit(1) from None
+
+
+def say_doubt(message: Warning | str, *_: object, **__: object) -> None:
+    """Print what is probably wrong with the input in words, without the line of the program."""
+    errors.print(f"[yellow]{escape(' '.join(str(message).split()))}[/yellow]")

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -43,11 +44,44 @@ def tell(line: str) -> None:
     console.print(escape(line))
 
 
+class ToldToEndError(KeyboardInterrupt):
+    """The system wishes this program to end.
+
+    It is not `KeyboardInterrupt` itself, after which Python may end with a code of its own.
+    """
+
+
 @contextmanager
 def stoppable() -> Iterator[None]:
-    """Let Ctrl-C end the work with one sentence."""
+    """Let Ctrl-C, and the wish of the system to end, stop the work with one sentence."""
+    came: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        came.append(number)
+        raise ToldToEndError
+
+    before = listening(stop)
     try:
         yield
     except KeyboardInterrupt:
-        errors.print("Stopped by Ctrl-C. What is written is whole; --resume goes on with a batch.")
-        raise typer.Exit(STOPPED_BY_USER) from None
+        by = signal.Signals(came[0]).name if came else "Ctrl-C"
+        errors.print(f"Stopped by {by}. What is written is whole; --resume goes on with a batch.")
+        raise typer.Exit(128 + came[0] if came else STOPPED_BY_USER) from None
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def listening(stop: Callable[[int, object], None]) -> dict[int, Any]:
+    """Let the system's wishes to end call a function; return what they did before.
+
+    What is ignored stays so, as under nohup; outside of the main thread nothing is listened to.
+    """
+    before: dict[int, Any] = {}
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is None or signal.getsignal(number) is signal.SIG_IGN:
+            continue
+        with suppress(ValueError):  # not in the main thread
+            before[number] = signal.signal(number, stop)
+    return before

@@ -12,7 +12,6 @@ from rich.markup import escape
 
 from napari_phase4d.cli.batches import batch, stoppable
 from napari_phase4d.cli.console import console
-from napari_phase4d.cli.folders import made
 from napari_phase4d.cli.options import (
     Angles,
     Boundary,
@@ -50,12 +49,16 @@ from napari_phase4d.pipeline import (
     Recipe,
     fingerprinting,
     found_anywhere,
+    result_folder,
     run,
     sentence_of,
     stacks_beside,
     write_outcome,
 )
 from napari_phase4d.unwrapping import METHODS
+
+#: The picture of all results.
+PICTURE = "comparison.png"
 
 __all__ = ["compare_command"]
 
@@ -117,13 +120,14 @@ def compare_command(
 def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
     """Compare the methods on one file, and write what comes out."""
     with (
-        made(out),
+        result_folder(out, recipe, [PICTURE]) as kept,
         fingerprinting(recipe.recording) as hashing,
         stacks_beside(out, None) as place,
         bar() as progress,
     ):
         outcome = run(recipe, truth=exact, progress=progress, folder=place)
         written = write_outcome(outcome, out, progress, source=hashing.result())
+        kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)
     finish(exact, outcome, out)
     console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
@@ -138,7 +142,7 @@ def finish(exact: xr.DataArray | None, outcome: Outcome, folder: Path) -> None:
         print_itoh(outcome, exact)
     except OSError as error:  # results larger than memory
         console.print(f"[yellow]{escape(sentence_of(error))}[/yellow]")
-    write_picture(outcome, exact, folder / "comparison.png")
+    write_picture(outcome, exact, folder / PICTURE)
 
 
 def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:

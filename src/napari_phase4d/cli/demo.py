@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -25,10 +25,9 @@ def demo(
     ] = False,
 ) -> None:
     """Show the whole chain on a simulated hologram video of a swimming euglena."""
+    window = window_of_napari()
     if not headless:
-        from napari_phase4d._napari.demo import open_demo
-
-        open_demo()
+        window.open_demo()
         return
     console.print("Simulating a hologram video: a euglena, two views, 40 frames ...")
     sample = euglena_sample()
@@ -46,9 +45,26 @@ def demo(
     written = write_outcome(outcome, out)
     picture = out / "comparison.png"
     write_picture(outcome, truth, picture)
-    from napari_phase4d._napari.demo import picture_of_the_window
-
-    screenshot = picture_of_the_window(out / "window.png")
+    screenshot = window.picture_of_the_window(out / "window.png")
     console.print(f"\nResults are in [bold]{out.resolve()}[/bold]:")
     for path in [screenshot, picture, *written]:
         console.print(f"  {path.name}")
+
+
+def window_of_napari() -> Any:
+    """Return what opens napari's window; both ways of the demo do.
+
+    Raises
+    ------
+    ImportError
+        If napari or Qt are missing; one sentence says what to install.
+    """
+    try:
+        from napari_phase4d._napari import demo as window
+    except ImportError as error:
+        msg = (
+            "the demo opens napari's window, which needs napari and Qt; run: "
+            'pip install "napari-phase4d[all]"'
+        )
+        raise ImportError(msg) from error
+    return window

@@ -12,7 +12,6 @@ import xarray as xr
 
 from napari_phase4d.cli.batches import batch, stoppable
 from napari_phase4d.cli.console import console
-from napari_phase4d.cli.folders import made
 from napari_phase4d.cli.options import (
     Angles,
     Boundary,
@@ -44,6 +43,7 @@ from napari_phase4d.pipeline import (
     fingerprinting,
     found_anywhere,
     open_by,
+    result_folder,
     run,
     stacks_beside,
     write_outcome,
@@ -138,7 +138,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
     if not recipe.recording:
         run(recipe)  # which says what is missing
     with (
-        made(folder),
+        result_folder(folder, recipe) as kept,
         fingerprinting(recipe.recording) as hashing,
         stacks_beside(folder, form) as place,
     ):
@@ -152,6 +152,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         with bar() as progress:
             source = hashing.result()
             written = write_outcome(outcome, folder, progress, form=form, source=source)
+            kept.settle(written, recipe.recording, source)
         if recipe.confidence:
             print_verdict(outcome)
     console.print(f"{counted(len(written), 'file')} written to [bold]{folder.resolve()}[/bold]")

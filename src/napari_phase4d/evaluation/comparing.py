@@ -14,6 +14,7 @@ from napari_phase4d.evaluation.comparison import Comparison
 from napari_phase4d.evaluation.resources import Measured, measured
 from napari_phase4d.evaluation.table import as_truth, errors, table_of
 from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
+from napari_phase4d.stacks import without_masked, wrapped_stack
 from napari_phase4d.unwrapping import (
     METHODS,
     Problem,
@@ -50,7 +51,7 @@ def compare(
     boundary, mask, amplitude, cancelled
         See `unwrap`.
     truth : DataArray or array_like, optional
-        Exact phase of the same shape.
+        Exact phase of the same frames; they are found by their coordinates, where it has any.
     options : mapping, optional
         Method id to the options of that method.
     progress : callable, optional
@@ -94,7 +95,8 @@ def compare(
     options = options or {}
     for method in (*chosen, *options):
         check_method(method, options.get(method, {}))
-    problem = Problem(phase, boundary, mask, amplitude)
+    mask = without_masked(phase, mask)
+    problem = Problem(wrapped_stack(phase), boundary, mask, amplitude)
     try:
         return compare_on(InMemory(problem), chosen, truth, options, progress, cancelled, finished)
     finally:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
 from napari_phase4d.unwrapping import Problem, Support, astray, run_method, support_by_steps
 
 __all__ = [
@@ -96,14 +97,10 @@ def confidence(
     >>> bool((trust >= 0).all() and (trust <= 1).all())
     True
     """
-    problem = Problem(phase, amplitude=amplitude)
-    values = unwrapped if isinstance(unwrapped, xr.DataArray) else np.asarray(unwrapped)
-    if values.shape != problem.template.shape:
-        msg = f"the unwrapped phase is {values.shape}, but the wrapped is {problem.template.shape}"
-        raise ValueError(msg)
-    if not isinstance(values, xr.DataArray):
-        values = problem.template.copy(data=values)
-    values = values.transpose(*problem.template.dims)
+    mask = without_masked(phase, None)
+    problem = Problem(wrapped_stack(phase), mask=mask, amplitude=amplitude)
+    name = "the unwrapped phase"
+    values = unwrapped_stack(on_grid_of(unwrapped, problem.template, name), name)
     reference = reference_of(problem, progress, cancelled)
     return chance_of_right(problem, values, reference, progress, cancelled)
 

@@ -8,7 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import AXES
 from napari_phase4d.evaluation.loading import parts_over_time
+from napari_phase4d.stacks import mask_on, on_grid_of, unwrapped_stack
 
 __all__ = ["mean_squared_error", "wrong_cycle_map", "wrong_cycle_share"]
 
@@ -29,6 +31,7 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
     >>> mean_squared_error(exact + 0.5, exact)
     0.25
     """
+    unwrapped, truth = both(unwrapped, truth)
     total, count = 0.0, 0
     for part, values in parts_over_time(unwrapped):
         squares = (values.astype(np.float64) - truth.values[part]) ** 2
@@ -39,7 +42,14 @@ def mean_squared_error(unwrapped: xr.DataArray, truth: xr.DataArray) -> float:
 
 def wrong_cycle_map(unwrapped: xr.DataArray, truth: xr.DataArray) -> xr.DataArray:
     """Mark the pixels that are off by at least one turn; none where the truth is NaN."""
+    unwrapped, truth = both(unwrapped, truth)
     return unwrapped.copy(data=off_by_turns(unwrapped.values, truth.values))
+
+
+def both(unwrapped: xr.DataArray, truth: xr.DataArray) -> tuple[xr.DataArray, xr.DataArray]:
+    """Return unwrapped phase and exact phase of the same frames, or say what is wrong."""
+    stack = unwrapped_stack(unwrapped, "the unwrapped phase")
+    return stack, unwrapped_stack(on_grid_of(truth, stack, "truth"), "truth")
 
 
 def off_by_turns(unwrapped: NDArray[Any], truth: NDArray[Any]) -> NDArray[np.bool_]:
@@ -68,12 +78,22 @@ def wrong_cycle_share(
     >>> wrong_cycle_share(one_off, exact)
     0.25
     """
+    unwrapped, truth = both(unwrapped, truth)
+    inside = None if where is None else mask_like(unwrapped, where)
     wrong = count = 0
     for part, values in parts_over_time(unwrapped):
         exact = truth.values[part]
         counted = np.isfinite(exact)
-        if where is not None:
-            counted &= where.values[part]
+        if inside is not None:
+            counted &= inside[part]
         wrong += int(np.count_nonzero(off_by_turns(values, exact)[counted]))
         count += int(np.count_nonzero(counted))
     return wrong / count if count else float("nan")
+
+
+def mask_like(stack: xr.DataArray, where: xr.DataArray) -> NDArray[np.bool_]:
+    """Return a mask in the form of a stack."""
+    full = xr.DataArray(mask_on(where, stack, "where"), dims=AXES)
+    missing = [axis for axis in AXES if axis not in stack.dims]
+    squeezed = full.isel(dict.fromkeys(missing, 0)).transpose(*stack.dims)
+    return np.broadcast_to(squeezed.values, stack.shape)

@@ -16,6 +16,7 @@ from napari_phase4d.evaluation.loading import parts_over_time
 from napari_phase4d.evaluation.regions import Mask
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.stacks import mask_on, pixel_um, unwrapped_stack
 
 __all__ = ["measure"]
 
@@ -43,9 +44,9 @@ def measure(
         Unwrapped phase in radians, dims among (time, angle, y, x), with coordinates in seconds,
         degrees and micrometres.
     regions : mapping of str to array of bool
-        Name to mask, dims (y, x), (time, y, x), which holds at every angle, or (time, angle, y,
-        x); see `region_masks` and `polygon_mask`. Time and angle may be 1 long and then hold
-        always.
+        Name to mask: a DataArray that names its dims, or a plain array (y, x), (time, y, x),
+        which holds at every angle, or (time, angle, y, x); see `region_masks` and
+        `polygon_mask`. Time and angle may be 1 long and then hold always.
     optics : Optics
         The microscope; its wavelength must be that of the phase, where the phase notes one.
     object_index : float, optional
@@ -92,10 +93,7 @@ def measure(
     """
     stack = in_full(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
-    if not regions:
-        msg = "there is no region to measure; draw at least one"
-        raise ValueError(msg)
-    masks = {name: fitted(name, mask, stack.shape) for name, mask in regions.items()}
+    masks = {name: fitted(name, mask, stack) for name, mask in checked_regions(regions).items()}
     pixel_um2 = pixel_area_um2(stack)
     watch = Watch(len(masks), "measuring", progress, cancelled)
     watch.check()
@@ -165,11 +163,7 @@ def in_full(unwrapped: xr.DataArray | Any) -> xr.DataArray:
     if not isinstance(unwrapped, xr.DataArray):
         msg = f"the phase must be a DataArray with coordinates, but is {type(unwrapped).__name__}"
         raise TypeError(msg)
-    unknown = set(unwrapped.dims) - set(AXES)
-    if unknown or not {"y", "x"} <= set(unwrapped.dims):
-        found = tuple(unwrapped.dims)
-        msg = f"the phase has dims {found}; they must be among time, angle, y, x, with y and x"
-        raise ValueError(msg)
+    unwrapped = unwrapped_stack(unwrapped, "the phase")
     bare = [str(dim) for dim in unwrapped.dims if dim not in unwrapped.coords]
     if bare:
         msg = (
@@ -182,41 +176,46 @@ def in_full(unwrapped: xr.DataArray | Any) -> xr.DataArray:
 
 def pixel_area_um2(stack: xr.DataArray) -> float:
     """Return the area of one pixel in square micrometres, from the coordinates."""
-    area = 1.0
-    for dim in ("y", "x"):
-        # A single coordinate has no spacing; any guess would be a wrong area.
-        step = float(np.abs(np.diff(stack[dim].values[:2])).sum())
-        if not (math.isfinite(step) and step > 0):
-            msg = f"the pixel size can't be told: {dim} has no spacing; give it in micrometres"
-            raise ValueError(msg)
-        area *= step
-    return area
+    return math.prod(pixel_um(stack, "the phase"))
 
 
-def fitted(name: str, mask: Any, shape: tuple[int, ...]) -> Mask:
+def fitted(name: str, mask: Any, stack: xr.DataArray) -> Mask:
     """Return a region's mask in the shape of the phase, without a copy."""
-    values = mask if hasattr(mask, "dask") and mask.shape == shape else np.asarray(mask)
-    if values.dtype != np.bool_:
-        msg = f"the mask of {name} is {values.dtype}; make masks of labels with region_masks"
+    dtype = getattr(mask, "dtype", None) or np.asarray(mask).dtype
+    if dtype != np.bool_:
+        msg = f"the mask of {name} is {dtype}; make masks of labels with region_masks"
         raise TypeError(msg)
-    if values.shape == shape:  # lazy ones, as large as the phase, stay so
-        return values
-    full = values[:, None] if values.ndim == 3 else values
-    sizes = (1,) * (4 - full.ndim) + full.shape
-    fits = full.ndim in (2, 4) and sizes[2:] == shape[2:]
-    if not fits or any(n not in (1, m) for n, m in zip(sizes, shape, strict=True)):
-        msg = f"the mask of {name} is {values.shape}, which does not fit the phase {shape}"
+    full = mask_on(mask, stack, f"the mask of {name}")
+    if full.shape == stack.shape:  # lazy ones, as large as the phase, stay so
+        fit: Mask = full
+        return fit
+    return np.broadcast_to(np.asarray(full), stack.shape)
+
+
+def checked_regions(regions: Any) -> Mapping[str, Any]:
+    """Return regions by their names, or say what is wrong with them."""
+    if not isinstance(regions, Mapping):
+        msg = (
+            f"regions must be a mapping of names to masks, but are {type(regions).__name__}; give "
+            '{"cell": mask}, or region_masks(labels)'
+        )
+        raise TypeError(msg)
+    if not regions:
+        msg = "there is no region to measure; draw at least one"
         raise ValueError(msg)
-    return np.broadcast_to(full, shape)
+    return regions
 
 
 def check_numbers(
     stack: xr.DataArray,
-    optics: Optics,
+    optics: Any,
     object_index: float | None,
     refraction_increment_ml_per_g: float,
 ) -> None:
     """Raise ValueError for numbers that can't be, and for optics of another wavelength."""
+    if not isinstance(optics, Optics):
+        msg = f"optics must be an Optics, but is {optics!r}; give Optics(wavelength_um=...)"
+        raise TypeError(msg)
     noted = stack.attrs.get("wavelength_um")
     if noted is not None and not math.isclose(noted, optics.wavelength_um, rel_tol=1e-6):
         msg = (

@@ -9,6 +9,8 @@ import pandas as pd
 from numpy.typing import ArrayLike, NDArray
 from skimage.draw import polygon2mask
 
+from napari_phase4d.checks import as_numbers, shown
+
 __all__ = ["Mask", "polygon_mask", "region_masks"]
 
 Mask = NDArray[np.bool_]
@@ -85,7 +87,10 @@ def polygon_mask(vertices_yx: ArrayLike, shape: tuple[int, int]) -> Mask:
            [1, 1, 1, 0, 0],
            [0, 0, 0, 0, 0]])
     """
-    corners = np.asarray(vertices_yx, dtype=np.float64)
+    if np.shape(shape) != (2,) or np.asarray(shape).dtype.kind not in "iu":
+        msg = f"shape must be the height and width of a frame, but is {shown(shape)}"
+        raise ValueError(msg)
+    corners = as_numbers("vertices_yx", vertices_yx).astype(np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
         msg = f"a polygon needs three or more corners (y, x), but has shape {corners.shape}"
         raise ValueError(msg)

@@ -10,6 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from napari_phase4d.evaluation.errors import mean_squared_error, wrong_cycle_share
+from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
 
 __all__ = [
     "DOUBTFUL",
@@ -43,15 +44,13 @@ def as_truth(truth: xr.DataArray | Any, phase: xr.DataArray) -> xr.DataArray | N
     """Return truth in the form of the phase, or None."""
     if truth is None:
         return None
-    values = (
-        truth.transpose(*phase.dims).values
-        if isinstance(truth, xr.DataArray)
-        else np.asarray(truth)
-    )
-    if values.shape != phase.shape:
-        msg = f"truth is {values.shape}, but the phase is {phase.shape}"
-        raise ValueError(msg)
-    return phase.copy(data=values)
+    fitting = on_grid_of(truth, phase, "truth")
+    if fitting.dtype.kind == "b":
+        msg = "truth is bool, as masks are; give exact phase, or the mask as mask=..."
+        raise TypeError(msg)
+    exact = phase.copy(data=unwrapped_stack(fitting, "truth").values)
+    exact.attrs = {**phase.attrs, KIND: UNWRAPPED}
+    return exact
 
 
 def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]:

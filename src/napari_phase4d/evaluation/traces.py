@@ -11,7 +11,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
+from napari_phase4d.checks import check_type, shown
 from napari_phase4d.evaluation.loading import in_memory
+from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
 from napari_phase4d.unwrapping import METHODS, label_of
 
 __all__ = ["Traces", "difference", "traces"]
@@ -77,6 +79,10 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
     >>> found.over_time["exact"].tolist()
     [7.0, 15.0, 23.0]
     """
+    check_type("results", results, Mapping, "give {method: stack}, as Comparison.results is")
+    if np.shape(frame) != (2,) or np.asarray(frame).dtype.kind not in "iu":
+        msg = f"the frame must be two whole numbers (time, angle), but is {shown(frame)}"
+        raise ValueError(msg)
     if not results:
         msg = "there are no results yet; run a method first"
         raise ValueError(msg)
@@ -127,7 +133,7 @@ def checked_place(where: Any, shape: tuple[int, ...]) -> Place:
         msg = f"the mask is {place.shape} with {place.sum()} pixels; it must mark some of {shape}"
         raise ValueError(msg)
     if place.shape != (2,) or place.dtype.kind not in "iu":
-        msg = f"the place must be a pixel (y, x) or a mask, not {where!r}"
+        msg = f"the place must be a pixel (y, x) or a mask, not {shown(where)}"
         raise ValueError(msg)
     y, x = place.tolist()
     if not (0 <= y < shape[0] and 0 <= x < shape[1]):
@@ -153,7 +159,8 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     Parameters
     ----------
     result, reference : xarray.DataArray
-        Unwrapped phase in radians on the same grid; the reference may be exact phase as well.
+        Unwrapped phase in radians of the same frames, which are found by their coordinates;
+        the reference may be exact phase as well.
 
     Returns
     -------
@@ -164,7 +171,7 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     Raises
     ------
     ValueError
-        If the two have not the same dims and shape.
+        If the two have not the same dims, shape and coordinates, or one is wrapped.
 
     Examples
     --------
@@ -172,19 +179,16 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     >>> float(difference(one + 3, one).max())
     3.0
     """
-    if dict(result.sizes) != dict(reference.sizes):
-        msg = (
-            f"the result is {dict(result.sizes)}, but the reference is {dict(reference.sizes)}; "
-            "take two results of one phase"
-        )
-        raise ValueError(msg)
-    result, reference = in_memory(result), in_memory(reference.transpose(*result.dims))
+    result = unwrapped_stack(result, "the result")
+    reference = unwrapped_stack(on_grid_of(reference, result, "the reference"), "the reference")
+    result, reference = in_memory(result), in_memory(reference)
     values = (result.values - reference.values).astype(np.float32, copy=False)
     for stack in (result, reference):
         if stack.attrs.get("mask", "none") != "none":
             values[stack.values == 0] = 0
     found = result.copy(data=values)
     found.attrs = {
+        KIND: UNWRAPPED,
         "units": "rad",
         "method": result.attrs.get("method", ""),
         "less": name_of(reference),

@@ -14,6 +14,7 @@ from napari_phase4d.holography.aberrations import ABERRATION_NAMES
 from napari_phase4d.holography.focusing import Focus
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.recording import Recording
+from napari_phase4d.stacks import KIND, WRAPPED
 
 __all__ = ["aberration_note", "as_dataset", "focus_note", "lobe_note", "recalibrated"]
 
@@ -100,7 +101,9 @@ def as_dataset(
     }
     return xr.Dataset(
         {
-            "phase": xr.DataArray(phase, dims=AXES, attrs={"units": "rad", **attrs}),
+            "phase": xr.DataArray(
+                phase, dims=AXES, attrs={"units": "rad", KIND: WRAPPED, **attrs}
+            ),
             "amplitude": xr.DataArray(amplitude, dims=AXES, attrs={"units": "a.u.", **attrs}),
         },
         coords=coords,

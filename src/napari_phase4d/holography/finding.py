@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.checks import as_numbers, check_type, shown
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
 from napari_phase4d.holography.lobes import (
     MAX_VIEWS,
@@ -174,6 +175,7 @@ def find_lobes(
     >>> lobes.doubts
     ()
     """
+    check_type("rec", rec, Recording, "open_recording() makes one of a file or an array")
     n_views = checked_number(n_views, angles_deg)
     plane = plane_of(rec, progress, cancelled)
     plain = sum(peak.is_plain for peak in plane.peaks)
@@ -207,8 +209,11 @@ def checked_number(n_views: int | None, angles_deg: Sequence[float] | None) -> i
     """Return how many views to look for; ValueError if that can't be."""
     known = isinstance(n_views, (int, np.integer)) and not isinstance(n_views, bool)
     if n_views is not None and not (known and 1 <= n_views <= MAX_VIEWS):
-        msg = f"n_views must lie between 1 and {MAX_VIEWS}, but is {n_views!r}"
+        msg = f"n_views must lie between 1 and {MAX_VIEWS}, but is {shown(n_views)}"
         raise ValueError(msg)
+    if angles_deg is not None and np.ndim(as_numbers("angles_deg", angles_deg)) != 1:
+        msg = f"angles_deg must be a list of degrees, but is {shown(angles_deg)}"
+        raise TypeError(msg)
     if n_views is None and angles_deg is not None:
         n_views = len(angles_deg)
     if angles_deg is not None and len(angles_deg) != n_views:

@@ -5,9 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from napari_phase4d.checks import check_bool, check_number, shown
 
 __all__ = ["MAX_VIEWS", "Lobe", "canonical", "pair_distance", "wrapped_distance"]
 
@@ -59,7 +62,10 @@ class Lobe:
     doubt: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
-        ky, kx = (float(k) for k in self.carrier)
+        ky, kx = carrier_of(self.carrier)
+        check_number("the lobe radius", self.radius)
+        check_number("angle_deg", self.angle_deg)
+        check_bool("flip", self.flip)
         if not all(math.isfinite(k) and abs(k) <= 0.5 for k in (ky, kx)):
             msg = (
                 f"the carrier ({ky:g}, {kx:g}) lies outside the spectrum, "
@@ -73,6 +79,16 @@ class Lobe:
             msg = f"the viewing angle must be a number of degrees, but is {self.angle_deg!r}"
             raise ValueError(msg)
         object.__setattr__(self, "carrier", (ky, kx))
+
+
+def carrier_of(carrier: Any) -> tuple[float, float]:
+    """Return a carrier as two numbers, or say that it is none."""
+    try:
+        ky, kx = (float(k) for k in carrier)
+    except (TypeError, ValueError) as error:
+        msg = f"carrier must be two numbers (ky, kx) in cycles per pixel, but is {shown(carrier)}"
+        raise ValueError(msg) from error
+    return ky, kx
 
 
 def wrapped_distance(a: Frequency, b: Frequency) -> float:

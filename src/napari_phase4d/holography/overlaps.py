@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -10,7 +11,13 @@ import numpy as np
 
 from napari_phase4d.holography.lobes import Lobe, pair_distance, wrapped_distance
 
-__all__ = ["StrayTerm", "lobe_warnings", "stray_terms"]
+__all__ = [
+    "StrayTerm",
+    "check_lobes",
+    "lobe_doubts",
+    "lobe_warnings",
+    "stray_terms",
+]
 
 #: A stray term is strong up to this share of its radius, where the correlation of two disks has
 #: sunk to a fifth of its peak. Farther out it does little harm; `find_lobes` goes as near as that.
@@ -103,6 +110,41 @@ def lobe_warnings(lobes: Sequence[Lobe]) -> list[str]:
         found += neighbour_warnings(index, lobes)
         found += beat_warnings(index, lobe, terms[1:])
     return found + angle_warnings(lobes)
+
+
+def check_lobes(lobes: Sequence[Lobe]) -> None:
+    """Refuse lobes that hold no view of their own: on the zero order, or the same one twice.
+
+    Raises
+    ------
+    ValueError
+        In one sentence that counts the lobes from 1.
+    """
+    for index, lobe in enumerate(lobes):
+        if math.hypot(*lobe.carrier) < TINY:
+            msg = (
+                f"lobe {index + 1} lies on the zero order, which holds no phase; give the carrier "
+                "of a view, as find_lobes() finds it"
+            )
+            raise ValueError(msg)
+        for number, other in enumerate(lobes[index + 1 :], start=index + 2):
+            if pair_distance(lobe.carrier, other.carrier) < TINY:
+                msg = (
+                    f"lobes {index + 1} and {number} are the same view (or its conjugate); leave "
+                    "one of them out"
+                )
+                raise ValueError(msg)
+
+
+def lobe_doubts(lobes: Sequence[Lobe]) -> list[str]:
+    """Say which lobes reach beyond the spectrum or over the zero order; "lobe 1" is the first."""
+    found = []
+    for index, lobe in enumerate(lobes):
+        if max(abs(k) for k in lobe.carrier) + lobe.radius > 0.5 + TINY:
+            found.append(f"lobe {index + 1} reaches beyond the edge of the spectrum")
+        elif math.hypot(*lobe.carrier) < lobe.radius:
+            found.append(f"lobe {index + 1} reaches over the zero order")
+    return [f"{words}; make its radius smaller" for words in found]
 
 
 def place_warnings(index: int, lobe: Lobe, zero_order: StrayTerm) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Literal
@@ -12,6 +12,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.checks import check_bool, shown, warn
 from napari_phase4d.holography.corrections import (
     BACKGROUND_ORDERS,
     Reference,
@@ -27,6 +28,7 @@ from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.leftover import background_advice, curvature_advice
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import usual_fringes
+from napari_phase4d.holography.overlaps import check_lobes, lobe_doubts
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
@@ -133,6 +135,8 @@ def reconstruct(
     Warns
     -----
     UserWarning
+        If a lobe reaches beyond the spectrum or over the zero order.
+    UserWarning
         If more than 0.3 rad rms of the background are left in a view where a surface of a higher
         degree would take them off. ``attrs["background_left_rad"]`` says what is left.
     UserWarning
@@ -161,7 +165,10 @@ def reconstruct(
     settings = PhaseSettings(
         reference, window, background, background_order, refocus_um, drift, tilt_per_frame
     )
+    lobes = list(lobes) if isinstance(lobes, Iterable) else lobes
     work = frame_reconstructor(rec, lobes, settings, cancelled)
+    for doubt in lobe_doubts(lobes):
+        warn(doubt)
     for advice in reconstruction_advice(work.attrs):
         warnings.warn(f"{rec.name}: {advice}", UserWarning, stacklevel=2)
     return reconstruct_frames(work, rec, progress, cancelled)
@@ -206,9 +213,13 @@ def frame_reconstructor(
     """Measure what all frames have in common; see `reconstruct` for the arguments."""
     background, order = settings.background, settings.background_order
     background_surface(background, order)  # to refuse first what is quick to see
-    if not isinstance(rec, Recording) or not all(isinstance(lobe, Lobe) for lobe in lobes):
+    listed = isinstance(lobes, Iterable) and all(isinstance(lobe, Lobe) for lobe in lobes)
+    if not isinstance(rec, Recording) or not listed:
         msg = "reconstruct() takes a Recording from open_recording() and a list of Lobe"
         raise TypeError(msg)
+    for switch in ("drift", "tilt_per_frame"):
+        check_bool(switch, getattr(settings, switch))
+    check_lobes(lobes)
     lobes, angles = in_order_of_angle(lobes)
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
     lost, seen = usual_fringes(rec, demodulate, cancelled)
@@ -286,7 +297,7 @@ def with_refocus(
 def checked_distance(refocus_um: object) -> float:
     """Return a distance; ValueError if it is no number."""
     if isinstance(refocus_um, bool) or not isinstance(refocus_um, Real):
-        msg = f'refocus_um must be a number of micrometres or "auto", but is {refocus_um!r}'
+        msg = f'refocus_um must be a number of micrometres or "auto", but is {shown(refocus_um)}'
         raise ValueError(msg)
     return float(refocus_um)
 

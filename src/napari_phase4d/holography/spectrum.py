@@ -10,6 +10,7 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.checks import check_type
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
@@ -64,6 +65,7 @@ def power_spectrum(
     >>> dict(p4d.power_spectrum(rec).sizes)
     {'ky': 512, 'kx': 512}
     """
+    check_type("rec", rec, Recording, "open_recording() makes one of a file or an array")
     indices = rec.sample_indices(max_frames or rec.n_frames)
     watch = Watch(len(indices), "spectrum", progress, cancelled)
     lost: dict[int, str] = {}

@@ -10,6 +10,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from napari_phase4d.io.leftovers import own_prefix
+
 __all__ = ["UnreadableError", "folder_written_whole", "put_in_place", "written_whole"]
 
 #: A disk with less room than this is full.
@@ -33,13 +35,15 @@ def written_whole(path: Path) -> Iterator[Path]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(
-            dir=path.parent, prefix=f".{path.stem}-", suffix=path.suffix
+            dir=path.parent, prefix=own_prefix(path.stem), suffix=path.suffix
         )
         os.close(handle)
         temporary = Path(name)
         yield temporary
         temporary.chmod(0o666 & ~umask())
+        onto_disk(temporary)
         temporary.replace(path)
+        onto_disk(path.parent)
     except OSError as error:
         raise not_written(path, error) from error
     finally:
@@ -61,7 +65,7 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
     temporary: Path | None = None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=f".{path.stem}-"))
+        temporary = Path(tempfile.mkdtemp(dir=path.parent, prefix=own_prefix(path.stem)))
         yield temporary
         temporary.chmod(0o777 & ~umask())
         put_in_place(temporary, path, path.with_name(f"{temporary.name}-old"))
@@ -90,6 +94,24 @@ def put_in_place(new: Path, path: Path, old: Path) -> None:
         old.rename(path)
         raise
     shutil.rmtree(old) if old.is_dir() else old.unlink()
+
+
+def onto_disk(path: Path) -> None:
+    """Wait until what was written lies on the disk, so that a crash leaves it whole.
+
+    Folders can't be waited for on every system.
+    """
+    try:
+        handle = os.open(path, os.O_RDONLY)
+    except OSError:
+        return
+    try:
+        os.fsync(handle)
+    except OSError as error:
+        if error.errno not in (errno.EINVAL, errno.EBADF, errno.EACCES, errno.ENOTSUP):
+            raise
+    finally:
+        os.close(handle)
 
 
 def umask() -> int:

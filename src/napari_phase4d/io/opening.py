@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from napari_phase4d.axes import PLAIN_AXES, UNITS
+from napari_phase4d.axes import PLAIN_AXES
+from napari_phase4d.checks import check_type, warn
 from napari_phase4d.io.axes_chosen import axes_in_words, axes_to_choose, choice
 from napari_phase4d.io.grey import colour_sentence
 from napari_phase4d.io.limits import LARGEST_SIDE
@@ -24,6 +24,13 @@ from napari_phase4d.io.results import result_attrs
 from napari_phase4d.io.video import Video
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
+from napari_phase4d.stacks import (
+    check_rising,
+    looks_wrapped,
+    spacing,
+    times_in_s,
+    with_coordinates,
+)
 
 __all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording"]
 
@@ -95,6 +102,8 @@ def open_recording(
     The frame rate is not in the data; 1 frame a second is assumed.
     The microscope is not in the data; that of the paper is assumed.
     """
+    if optics is not None:
+        check_type("optics", optics, Optics, "give Optics(wavelength_um=...)")
     if isinstance(path_or_array, Recording):
         return path_or_array.calibrated(optics, frame_rate_hz)
     if isinstance(path_or_array, (str, Path)):
@@ -115,6 +124,11 @@ def open_recording(
     # In this order, since arrays of dates have no ``data``.
     if hasattr(path_or_array, "axis_labels") and hasattr(path_or_array, "data"):
         return open_layer(path_or_array, optics, frame_rate_hz)
+    if isinstance(path_or_array, np.ndarray) and looks_wrapped(path_or_array):
+        warn(
+            "the array lies between -pi and pi on both sides of zero, as wrapped phase does and "
+            "light does not; give phase to unwrap()"
+        )
     return recording_of(Video(path_or_array), "the array", "", optics, frame_rate_hz)
 
 
@@ -259,40 +273,54 @@ def check_frame_size(frames: Any, name: str) -> None:
 def open_data_array(
     data: xr.DataArray, optics: Optics | None, frame_rate_hz: float | None
 ) -> Recording:
-    """Take frames from an xarray array; its own times are kept."""
-    axes = PLAIN_AXES[3]
+    """Take frames from an xarray array; its own times and pixels are kept."""
+    axes, name = PLAIN_AXES[3], "the array" if data.name is None else str(data.name)
     if data.ndim in (2, 3) and not set(data.dims) <= set(axes):
         msg = f"the array has dims {tuple(data.dims)}; a hologram video has time, y and x"
         raise ValueError(msg)
+    if data.attrs.get("units") == "rad":
+        msg = f"{name} is phase in radians, as it notes, and no hologram; give it to unwrap()"
+        raise ValueError(msg)
     if data.ndim in (2, 3):
-        data = data.transpose(*(d for d in axes if d in data.dims))
-    times = None
-    if frame_rate_hz is None and "time" in data.dims and "time" in data.coords:
-        times = seconds(data["time"].values)
-    if optics is None and "x" in data.coords and data["x"].attrs.get("units") == UNITS["x"]:
-        optics = optics_along(data["x"].values)
-    return Recording.from_frames(
-        data.data,
-        optics=optics,
-        frame_rate_hz=frame_rate_hz,
-        times_s=times,
-        name="the array" if data.name is None else str(data.name),
-        attrs={str(k): v for k, v in data.attrs.items()},
+        data = with_coordinates(data.transpose(*(d for d in axes if d in data.dims)), name)
+        check_rising(data, name)
+    in_time = "time" in data.dims and "time" in data.coords
+    recording = recording_of(
+        Video(
+            data.data,
+            times_s=times_in_s(data["time"].values) if in_time else None,
+            pixel_um=None if optics is not None else square_pixel_um(data, name),
+        ),
+        name,
+        "",
+        optics,
+        frame_rate_hz,
     )
+    recording.holograms.attrs.update({str(k): v for k, v in data.attrs.items()})
+    return recording
 
 
-def seconds(times: NDArray[Any]) -> NDArray[np.float64]:
-    """Return times in seconds; dates count from the first one."""
-    if times.dtype.kind in "mM":
-        since = times - times[0] if times.dtype.kind == "M" else times
-        return np.asarray(since / np.timedelta64(1, "s"), dtype=np.float64)
-    return np.asarray(times, dtype=np.float64)
+def square_pixel_um(data: xr.DataArray, name: str) -> float | None:
+    """Return the width of a pixel by the places along y and x, None where they name no unit.
 
-
-def optics_along(x: NDArray[Any]) -> Optics | None:
-    """Return the microscope by the places of pixels in micrometres, in either direction."""
-    step = abs(float(x[1] - x[0])) if x.size > 1 else 0.0
-    return optics_for_pixel(step) if math.isfinite(step) and step > 0 else None
+    Raises
+    ------
+    ValueError
+        If it is not as high as wide.
+    """
+    known = [
+        axis
+        for axis in ("y", "x")
+        if data.sizes.get(axis, 1) > 1 and axis in data.coords and data[axis].attrs.get("units")
+    ]
+    steps = [spacing(data, axis, name) for axis in known]
+    if len(steps) == 2 and not math.isclose(*steps, rel_tol=0.01):
+        msg = (
+            f"the pixels of {name} are {steps[0]:g} um high and {steps[1]:g} um wide, but must be "
+            "square; correct the coordinates, or give optics"
+        )
+        raise ValueError(msg)
+    return steps[-1] if steps else None
 
 
 def optics_for_pixel(pixel_um: float) -> Optics:

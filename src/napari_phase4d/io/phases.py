@@ -18,13 +18,12 @@ from napari_phase4d.io.results import is_result, read_results, result_attrs
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
+from napari_phase4d.stacks import looks_wrapped
 
 __all__ = ["holds_phase", "open_phase"]
 
 #: Names looked for first in an .npz file with several arrays.
 PHASE_NAMES = ("wrapped", "phase", "unwrapped")
-#: Wrapped phase lies in [-pi, pi], give or take its rounding.
-LARGEST = np.pi + 1e-3
 
 
 def open_phase(
@@ -128,22 +127,12 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
         values = plain_phase(path, dataset).frames
     except (OSError, ValueError):
         return False
-    return looks_wrapped(values)
+    return values.ndim in PLAIN_AXES and (is_stack_of_views(values) or looks_wrapped(values))
 
 
-def looks_wrapped(values: Any) -> bool:
-    """Say whether numbers lie and spread as wrapped phase does."""
-    if values.dtype.kind != "f" or values.ndim not in PLAIN_AXES or 0 in values.shape:
-        return False
-    if values.ndim == 4:
-        return True
-    some = [values] if values.ndim == 2 else [values[i] for i in (0, len(values) // 2, -1)]
-    shown = np.concatenate([np.ravel(np.asarray(frame)) for frame in some])
-    known = shown[np.isfinite(shown)]
-    if len(known) == 0:
-        return False
-    low, high = float(known.min()), float(known.max())
-    return -LARGEST <= low < 0 < high <= LARGEST and high - low > np.pi
+def is_stack_of_views(values: Any) -> bool:
+    """Say whether numbers have four axes, as holograms never do."""
+    return bool(values.dtype.kind == "f" and values.ndim == 4 and 0 not in values.shape)
 
 
 def plain_phase(path: Path, dataset: str | None) -> Video:

@@ -6,6 +6,7 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 from napari_phase4d.pipeline.batch import result_folders, run_batch
 from napari_phase4d.pipeline.faults import EXPECTED, sentence_of
 from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint, fingerprinting
+from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.opening import found_anywhere, open_by
 from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
@@ -59,6 +60,7 @@ __all__ = [
     "open_by",
     "phase_needs",
     "reconstruct_by",
+    "result_folder",
     "result_folders",
     "run",
     "run_batch",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import asdict, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import (
     BaseModel,
@@ -142,6 +142,14 @@ class Recipe(BaseModel):
     options: Options = Field(default_factory=dict)
     confidence: bool = False
     storage: Literal["auto", "memory", "disk"] = "auto"
+
+    if not TYPE_CHECKING:  # type checkers know the settings from the fields
+
+        def __init__(self, **settings: Any) -> None:
+            try:
+                super().__init__(**settings)
+            except ValidationError as error:
+                raise ValueError(first_fault(error)) from error
 
     @field_validator("recording", "dataset", "reference")
     @classmethod
@@ -283,6 +291,8 @@ def settings_in(path: Path) -> Any:
 def first_fault(error: ValidationError) -> str:
     """Return the first thing that is wrong, in one sentence."""
     first = error.errors()[0]
+    if not first["loc"] and first["type"] == "value_error":
+        return first["msg"].removeprefix("Value error, ")  # it names the setting already
     where = ".".join(str(part) for part in first["loc"]) or "the file"
     return f"{where}: {first['msg'].removeprefix('Value error, ')}"
 

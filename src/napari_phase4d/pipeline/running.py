@@ -9,6 +9,7 @@ from typing import Any
 
 import xarray as xr
 
+from napari_phase4d.checks import check_type
 from napari_phase4d.evaluation import Comparison, compare
 from napari_phase4d.holography import (
     Focus,
@@ -118,6 +119,9 @@ def run(
     >>> outcome.comparison.results["spatial-2d"].sizes["time"]
     19
     """
+    check_type("recipe", recipe, Recipe, "give Recipe(...), or Recipe.from_file(path)")
+    if recording is not None:
+        check_type("recording", recording, Recording, "open_recording() makes one of a file")
     if recording is None and not recipe.recording:
         msg = "the recipe names no recording; give run() one, or a recipe with a file"
         raise ValueError(msg)

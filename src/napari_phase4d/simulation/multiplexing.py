@@ -10,6 +10,7 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.checks import check_type
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 
@@ -103,6 +104,10 @@ def multiplexed_video(
     ((2, 512, 512), 'uint16')
     """
     optics = optics or Optics()
+    check_type("phase", phase, xr.DataArray, "give exact phase, as budding_yeast() makes it")
+    if phase.ndim != 4:
+        msg = f"phase has dims {tuple(phase.dims)}; it must have time, angle, y and x"
+        raise ValueError(msg)
     n_times, n_angles, height, width = phase.shape
     amplitudes = [1.0] * n_angles if beam_amplitudes is None else list(beam_amplitudes)
     check_beams(n_angles, carriers, amplitudes, bits, unevenness)

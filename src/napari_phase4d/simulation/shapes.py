@@ -8,6 +8,7 @@ from types import MappingProxyType
 import numpy as np
 import xarray as xr
 
+from napari_phase4d.checks import check_type
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.ellipsoids import Ellipsoid, rotation
 from napari_phase4d.simulation.stacks import phase_stack, wrap
@@ -206,6 +207,10 @@ def with_noise(
         ``phase`` is the exact phase with the same noise and drift, so that an unwrapper that is
         right everywhere leaves no error; ``wrapped`` belongs to it.
     """
+    check_type("data", data, xr.Dataset, 'give one with "phase", as budding_yeast() does')
+    if "phase" not in data:
+        msg = f'data holds {", ".join(map(str, data)) or "nothing"}, but no exact "phase"'
+        raise ValueError(msg)
     rng = np.random.default_rng(seed)
     exact = data["phase"]
     values = exact.values + rng.normal(0, 1, exact.shape).astype(np.float32) * np.float32(
@@ -216,5 +221,5 @@ def with_noise(
     drift = np.cumsum(steps, axis=0).astype(np.float32)
     noisy = exact.copy(data=values + drift[:, :, None, None])
     wrapped = wrap(noisy)
-    wrapped.attrs = dict(data["wrapped"].attrs)
+    wrapped.attrs = dict(data["wrapped"].attrs) if "wrapped" in data else {}
     return xr.Dataset({"phase": noisy, "wrapped": wrapped}, attrs=data.attrs)

@@ -10,6 +10,7 @@ import xarray as xr
 from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.ellipsoids import Ellipsoid, projected_phase
+from napari_phase4d.stacks import KIND, UNWRAPPED, WRAPPED
 
 __all__ = ["phase_stack", "wrap"]
 
@@ -73,7 +74,7 @@ def phase_stack(
     }
     common = {"units": "rad", "wavelength_um": optics.wavelength_um, **attrs}
     exact = xr.DataArray(phase, dims=AXES, coords=coords, attrs=common)
-    exact.attrs["exact"] = True
+    exact.attrs |= {"exact": True, KIND: UNWRAPPED}
     wrapped = wrap(exact)
-    wrapped.attrs = dict(common)
+    wrapped.attrs = {**common, KIND: WRAPPED}
     return xr.Dataset({"phase": exact, "wrapped": wrapped}, attrs=common)

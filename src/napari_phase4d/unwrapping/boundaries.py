@@ -16,9 +16,10 @@ from napari_phase4d.progress import (
     reworded,
     watched,
 )
-from napari_phase4d.unwrapping.problem import Boundary, Problem
+from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
+from napari_phase4d.unwrapping.problem import Boundary, Problem, checked_boundaries
 from napari_phase4d.unwrapping.registry import METHODS
-from napari_phase4d.unwrapping.running import run_method, unwrap
+from napari_phase4d.unwrapping.running import run_method
 from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
 
 __all__ = [
@@ -125,11 +126,12 @@ def score_boundaries(
     ('time', 'angle')
     >>> unwrapped = p4d.unwrap(sample["wrapped"], boundary=tuple(scores.attrs["best"]))
     """
-    given = Problem(phase, mask="auto" if mask is None else mask)
-    known = None if reference is None else Problem(reference, mask="auto")
-    if known is not None and known.wrapped.shape != given.wrapped.shape:
-        msg = f"reference is {known.wrapped.shape}, but the phase is {given.wrapped.shape}"
-        raise ValueError(msg)
+    left = without_masked(phase, mask)
+    given = Problem(wrapped_stack(phase), mask="auto" if left is None else left)
+    known = None
+    if reference is not None:
+        fitting = on_grid_of(reference, given.template, "reference")
+        known = Problem(unwrapped_stack(fitting, "reference"), mask="auto")
     together = known is None and given.n_frames > 1 and given.wrapped.size <= SCORED_PIXELS
     return scored(given, known, progress, cancelled, together=together)
 
@@ -277,8 +279,13 @@ def look_at(
 
 def first_boundary(known: Problem | None) -> Boundary:
     """Return the boundary frame that a reference was unwrapped from."""
-    noted = [] if known is None else known.template.attrs.get("boundary", [])
-    return (int(noted[0][0]), int(noted[0][1])) if len(noted) else (0, 0)
+    noted = None if known is None else known.template.attrs.get("boundary")
+    if known is None or not noted:
+        return 0, 0
+    try:
+        return checked_boundaries(noted, known.wrapped.shape[:2])[0]
+    except ValueError:  # it was noted by another program
+        return 0, 0
 
 
 def look_of(
@@ -302,7 +309,8 @@ def look_of(
     spatial = relative(alone - ground, empty)
     other = reference
     if other is None:
-        grown = unwrap(wrapped, "directional-growing", mask=usable, cancelled=cancelled)
+        alone_again = Problem(wrapped, mask=usable, for_one_method=True)
+        grown = run_method(alone_again, "directional-growing", None, cancelled, {})
         other = relative(grown.values - ground, empty)
     turns = np.round((other - spatial) / TURN)[inside]
     turns = turns[np.isfinite(turns)]

@@ -10,8 +10,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.axes import AXES, PLAIN_AXES
+from napari_phase4d.axes import AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
+from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of
 from napari_phase4d.unwrapping.background import Background, find_background, lost_frames
 from napari_phase4d.unwrapping.masks import mean_share_left_out, object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
@@ -65,7 +66,7 @@ class Problem(SharedSteps):
         for_one_method: bool = False,
     ) -> None:
         super().__init__()
-        self.template = as_phase(phase)
+        self.template = as_stack(phase)
         values = in_full(self.template)
         self.boundaries = checked_boundaries(boundary, values.shape[:2])
         self.finds_mask = isinstance(mask, str)
@@ -194,7 +195,8 @@ class Problem(SharedSteps):
         missing = [d for d in AXES if d not in self.template.dims]
         squeezed = full.isel(dict.fromkeys(missing, 0)).transpose(*self.template.dims)
         result = squeezed.assign_coords(self.template.coords)
-        result.attrs = {**self.template.attrs, "units": "rad", **attrs}
+        known = {key: value for key, value in self.template.attrs.items() if key != KIND}
+        result.attrs = {**known, "units": "rad", **attrs}
         return result.rename(name)
 
     def _given_amplitude(
@@ -203,18 +205,10 @@ class Problem(SharedSteps):
         """Return the amplitude as a share of its view's median, or None."""
         if amplitude is None:
             return None
-        if not isinstance(amplitude, xr.DataArray):
-            amplitude = xr.DataArray(np.asarray(amplitude))
-            if amplitude.ndim == self.template.ndim:
-                amplitude = xr.DataArray(amplitude.values, dims=self.template.dims)
-        fits = set(amplitude.dims) == set(self.template.dims)
-        values = in_full(amplitude) if fits else amplitude.values
-        if values.shape != shape or values.dtype.kind not in "fiu":
-            msg = (
-                f"the amplitude is {amplitude.shape} of {amplitude.dtype}; it must be real "
-                f"numbers of the phase's shape {self.template.shape}"
-            )
-            raise ValueError(msg)
+        values = in_full(on_grid_of(amplitude, self.template, "the amplitude"))
+        if values.dtype.kind not in "fiu":
+            msg = f"the amplitude is of {values.dtype}; give real numbers, as reconstruct() does"
+            raise TypeError(msg)
         return relative_amplitude(values)
 
     def _given_mask(self, mask: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -224,20 +218,7 @@ class Problem(SharedSteps):
         if isinstance(mask, str):
             msg = f'mask must be an array, "auto" or None, but is {mask!r}'
             raise ValueError(msg)
-        if not isinstance(mask, xr.DataArray):
-            mask = np.asarray(mask)
-            if mask.ndim == self.template.ndim:
-                mask = xr.DataArray(mask, dims=self.template.dims)
-        if isinstance(mask, xr.DataArray):
-            if set(mask.dims) - set(AXES):
-                msg = f"the mask has dims {tuple(mask.dims)}; they must be among {', '.join(AXES)}"
-                raise ValueError(msg)
-            mask = in_full(mask)
-        try:
-            found = np.broadcast_to(mask.astype(bool), shape)
-        except ValueError as error:
-            msg = f"the mask is {mask.shape}, which does not fit the phase {shape}"
-            raise ValueError(msg) from error
+        found = np.broadcast_to(np.asarray(mask_on(mask, self.template, "the mask")), shape)
         if not found.any():
             msg = "the mask is empty, so there is nothing to unwrap"
             raise ValueError(msg)
@@ -282,34 +263,6 @@ def in_full(stack: xr.DataArray) -> NDArray[Any]:
     full = stack.expand_dims([d for d in AXES if d not in stack.dims])
     values: NDArray[Any] = full.transpose(*AXES).values
     return values
-
-
-def as_phase(phase: xr.DataArray | Any) -> xr.DataArray:
-    """Return phase as a DataArray with known dims, or say what is wrong with it."""
-    if not isinstance(phase, xr.DataArray):
-        values = np.asarray(phase)
-        if values.ndim not in PLAIN_AXES:
-            msg = (
-                f"phase has {values.ndim} dimensions {values.shape}; it must have two (y, x), "
-                "three (time, y, x) or four (time, angle, y, x)"
-            )
-            raise ValueError(msg)
-        phase = xr.DataArray(values, dims=PLAIN_AXES[values.ndim])
-    unknown = set(phase.dims) - set(AXES)
-    if unknown or not {"y", "x"} <= set(phase.dims):
-        found = tuple(phase.dims)
-        msg = f"phase has dims {found}; they must be among time, angle, y, x, with y and x"
-        raise ValueError(msg)
-    if phase.dtype.kind == "c":
-        msg = "phase is complex; give its angle, numpy.angle(field)"
-        raise TypeError(msg)
-    if phase.dtype.kind not in "fiu":
-        msg = f"phase must be real numbers in radians, but is {phase.dtype}"
-        raise TypeError(msg)
-    if phase.size == 0:
-        msg = f"phase is empty: its shape is {phase.shape}"
-        raise ValueError(msg)
-    return phase
 
 
 def checked_boundaries(

@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.unwrapping.lending import LentProblem
 from napari_phase4d.unwrapping.masks import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.method import Option
@@ -40,13 +41,15 @@ def unwrap(
     ----------
     phase : DataArray or array_like
         Wrapped phase in radians, dims among (time, angle, y, x); plain arrays are (y, x),
-        (time, y, x) or (time, angle, y, x).
+        (time, y, x) or (time, angle, y, x). Other units that ``attrs`` or coordinates name are
+        converted; times and angles must rise. What is masked in a masked array is left out.
     method : str, optional
         One of `METHODS`, default "temporal-angular" (T/A).
     boundary : tuple of int or sequence of such, optional
         (time, angle) frame numbers of the optically thin frame, or several. Default (0, 0).
     mask : array_like of bool, "auto" or None, optional
-        Pixels to unwrap; the others are 0 in the result. "auto" finds the object.
+        Pixels to unwrap; the others are 0 in the result. "auto" finds the object. Plain masks
+        are (y, x), (time, y, x) or (time, angle, y, x) too, whatever the dims of the phase.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each step; ``cancelled()`` stops the work.
     amplitude : DataArray or array_like, optional
@@ -71,6 +74,8 @@ def unwrap(
     Warns
     -----
     UserWarning
+        If the phase looks like degrees, turns, camera frames, or unwrapped phase.
+    UserWarning
         If the object that "auto" finds leaves out more than 10 % of the field where the phase is
         smooth and not flat. ``attrs["smooth_left_out_percent"]`` says how much.
 
@@ -90,7 +95,13 @@ def unwrap(
     ('temporal-angular', [[0, 0]])
     """
     check_method(method, method_options)
-    problem = Problem(phase, boundary, mask, amplitude, for_one_method=True)
+    problem = Problem(
+        wrapped_stack(phase),
+        boundary,
+        without_masked(phase, mask),
+        amplitude,
+        for_one_method=True,
+    )
     found = run_method(problem, method, progress, cancelled, method_options)
     if advice := left_out_advice(found.attrs):
         warnings.warn(f"{advice}, with mask=None", UserWarning, stacklevel=2)
@@ -179,6 +190,7 @@ def noted(
 ) -> dict[str, Any]:
     """Return what a result notes of how it was made."""
     found = {
+        KIND: UNWRAPPED,
         "method": method,
         "options": all_options(method, options),
         "boundary": [list(b) for b in boundaries],

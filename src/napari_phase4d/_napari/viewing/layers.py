@@ -103,10 +103,10 @@ def layer_tuple(
         "visible": visible,
         "metadata": {
             METADATA_KEY: {
+                **stack.attrs,  # whose own kind says only whether it is wrapped
                 "kind": kind,
                 "times_s": coordinates[0].tolist(),
                 "angles_deg": coordinates[1].tolist(),
-                **stack.attrs,
             }
         },
     }

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import shutil
+import zlib
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -18,6 +21,8 @@ __all__ = ["made_whole", "recovered", "result_folders"]
 TAKEN = ("batch.log", "summary.csv", "batch.lock")
 #: What no folder may be called on some system, or would lead out of its parent.
 UNFIT = re.compile(r'[\x00-\x1f<>:"/\\|?*]+')
+#: Bytes of a folder's name; disks take 255, and hidden names are longer.
+LONGEST = 200
 #: What is left of a name like cell.ome.tif or cell.ome.zarr without its ending, and goes too.
 ENDINGS = (".zarr", ".ome")
 
@@ -45,12 +50,24 @@ def told_apart(paths: list[Path]) -> list[str]:
     if len(paths) == 1:
         return [plain_name(paths[0])]
     whole = [path.absolute() for path in paths]
-    names: list[str] = []
+    found: list[list[str]] = []
     for depth in range(max(len(path.parts) for path in whole)):
-        names = [fit("_".join((*p.parts[-1 - depth : -1], dotless(p.name)))) for p in whole]
-        if len({name.casefold() for name in names}) == len(names):
-            break
-    return names
+        found.append([fit("_".join((*p.parts[-1 - depth : -1], dotless(p.name)))) for p in whole])
+        if different(found[-1]) == len(paths):
+            return found[-1]
+    # Names that differ by capitals only: of the shortest that tell most, each gets a number.
+    best = max(found, key=different)
+    return [fit(f"{name}_{checksum(str(p))}") for name, p in zip(best, whole, strict=True)]
+
+
+def different(names: list[str]) -> int:
+    """Return how many names differ on a disk that takes capitals for small letters."""
+    return len({name.casefold() for name in names})
+
+
+def checksum(text: str) -> str:
+    """Return a short number that tells a text from others."""
+    return f"{zlib.crc32(os.fsencode(text)):08x}"
 
 
 def plain_name(path: Path) -> str:
@@ -68,7 +85,13 @@ def dotless(name: str) -> str:
 
 def fit(name: str) -> str:
     """Return a name that is fit for a folder, and never one outside of its parent."""
-    return UNFIT.sub("_", name).strip(" .") or "recording"
+    readable = name.encode("utf-8", errors="replace").decode("utf-8")
+    if readable != name:  # its bytes are no UTF-8: two such names may read the same
+        readable = f"{readable}_{checksum(name)}"
+    fitting = UNFIT.sub("_", readable).strip(" .") or "recording"
+    if len(fitting.encode()) <= LONGEST:
+        return fitting
+    return f"{fitting.encode()[:LONGEST].decode(errors='ignore')}_{checksum(name)}"
 
 
 def numbered(names: list[str]) -> list[str]:
@@ -99,6 +122,7 @@ def made_whole(folder: Path) -> Iterator[Path]:
     partial.mkdir()
     try:
         yield partial
+        set_aside(folder)
         keep_foreign(folder, partial)
         put_in_place(partial, folder, hidden(folder, "old"))
     finally:
@@ -130,12 +154,33 @@ def check_replaceable(folder: Path) -> None:
     if not folder.exists() and not folder.is_symlink():
         return
     empty = folder.is_dir() and not any(folder.iterdir())
-    if folder.is_symlink() or (noted(folder) is None and not empty):
+    own = noted(folder) is not None or damaged_note(folder) or empty
+    if folder.is_symlink() or not own:
         msg = (
             f"{folder} is there already and was not made by a batch; move it away, or choose "
             "another folder for the results"
         )
         raise OSError(msg)
+
+
+def damaged_note(folder: Path) -> bool:
+    """Say whether a folder holds what a crash of the machine has left of a note."""
+    path = folder / NOTE
+    if not path.is_file() or path.is_symlink():
+        return False
+    try:
+        json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return True
+    return False
+
+
+def set_aside(folder: Path) -> None:
+    """Give a folder whose note is damaged another name, as it can't be told what is the user's."""
+    if noted(folder) is not None or not damaged_note(folder):
+        return
+    names = (folder.with_name(f"{folder.name}-damaged{n}") for n in ("", *range(2, 10_000)))
+    folder.rename(next(name for name in names if not name.exists()))
 
 
 def keep_foreign(folder: Path, partial: Path) -> None:
@@ -149,8 +194,11 @@ def keep_foreign(folder: Path, partial: Path) -> None:
     own = {NOTE, *(file["name"] for file in note["files"])}
     for path in folder.iterdir():
         if path.name not in own:
-            copy = shutil.copytree if path.is_dir() else shutil.copy2
-            copy(path, partial / kept_name(path, partial))
+            kept = partial / kept_name(path, partial)
+            if path.is_dir() and not path.is_symlink():
+                shutil.copytree(path, kept, symlinks=True)
+            else:  # a link stays one, wherever it leads
+                shutil.copy2(path, kept, follow_symlinks=False)
 
 
 def kept_name(path: Path, partial: Path) -> str:

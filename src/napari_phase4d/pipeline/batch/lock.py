@@ -18,8 +18,10 @@ __all__ = ["alone"]
 LOCK = "batch.lock"
 #: Seconds after which a lock that was taken over is looked at again: another may have done so too.
 SETTLED_S = 0.1
-#: Seconds by which the clock may have been put right while a batch ran.
-CLOCK_S = 10
+#: Where Linux says which start of the machine this is, and when a process began, in ticks of it.
+BOOT, STAT = Path("/proc/sys/kernel/random/boot_id"), "/proc/{}/stat"
+#: The place of that in what follows the name of the process.
+BEGAN = 19
 
 
 @contextmanager
@@ -102,8 +104,26 @@ def in_use(lock: Path, other: dict[str, Any]) -> str:
 
 def own_mark() -> dict[str, Any]:
     """Return what tells this process from all others."""
-    process = psutil.Process()
-    return {"pid": process.pid, "began": process.create_time(), "host": socket.gethostname()}
+    number = os.getpid()
+    return {"pid": number, "began": began(number), "host": socket.gethostname()}
+
+
+def began(number: int) -> str:
+    """Return when a process began, the same whatever happens to the clock meanwhile.
+
+    Raises
+    ------
+    psutil.Error
+        If there is no such process.
+    """
+    try:
+        stat = Path(STAT.format(number)).read_text(encoding="utf-8", errors="replace")
+        # The name of the process, in brackets, may hold anything.
+        ticks = stat.rpartition(")")[2].split()[BEGAN]
+        return f"{BOOT.read_text(encoding='utf-8').strip()} {ticks}"
+    except (OSError, IndexError):
+        # Other systems note the time once, and leave it when the clock is put right.
+        return repr(psutil.Process(number).create_time())
 
 
 def mark_in(lock: Path) -> dict[str, Any] | None:
@@ -121,9 +141,7 @@ def is_alive(mark: dict[str, Any]) -> bool:
         return True
     try:
         # The number of a process that has ended may be that of another one by now.
-        return bool(
-            abs(psutil.Process(int(mark["pid"])).create_time() - float(mark["began"])) < CLOCK_S
-        )
+        return began(int(mark["pid"])) == str(mark["began"])
     except psutil.AccessDenied:
         return True
     except (psutil.Error, KeyError, TypeError, ValueError):

@@ -50,7 +50,7 @@ class Summary:
     ) -> None:
         self.out, self.files, self._told = out, files, told
         self._rows: list[dict[str, Any]] = [
-            {"file": file, "folder": folder.name, "status": WAITING}
+            {"file": readable(file), "folder": folder.name, "status": WAITING}
             for file, folder in zip(files, folders, strict=True)
         ]
 
@@ -99,7 +99,8 @@ class Summary:
 
     def head(self, number: int) -> str:
         """Return what the lines on a file begin with."""
-        return f"[{number + 1} of {len(self.files)}] {Path(self.files[number]).name}"
+        name = readable(Path(self.files[number]).name)
+        return f"[{number + 1} of {len(self.files)}] {name}"
 
     def reporting(self, number: int, progress: ProgressCall | None) -> ProgressCall | None:
         """Let the progress on a file say which one it is."""
@@ -111,3 +112,8 @@ class Summary:
         counts = [(self.count(status), status) for status in (DONE, COMPLETE, FAILED)]
         said = ", ".join(f"{count} {status}" for count, status in counts if count)
         return f"{counted(len(self.files), 'file')}: {said or 'nothing to do'}"
+
+
+def readable(name: str) -> str:
+    """Return a name as text that can be written; bytes that are no UTF-8 become "?"."""
+    return name.encode(errors="replace").decode()

@@ -3,14 +3,10 @@
 from __future__ import annotations
 
 import os
-import re
-import shutil
 import tempfile
-import zlib
 from pathlib import Path
-from platform import node
 
-import psutil
+from napari_phase4d.io.leftovers import machine, remove_dead
 
 __all__ = ["new_folder"]
 
@@ -32,20 +28,11 @@ def new_folder(parent: Path, prefix: str) -> Path:
     OSError
         If it can't be made.
     """
-    machine = f"{zlib.crc32(node().encode()):08x}"
     try:
         parent.mkdir(parents=True, exist_ok=True)
-        remove_dead(parent, f"{prefix}-{machine}")
-        name = f"{prefix}-{machine}-{os.getpid()}-"
+        remove_dead(parent, prefix)
+        name = f"{prefix}-{machine()}-{os.getpid()}-"
         return Path(tempfile.mkdtemp(prefix=name, dir=parent))
     except OSError as error:
         msg = f"the folder {parent} can't be written ({error.strerror}); choose another one"
         raise OSError(error.errno, msg) from error
-
-
-def remove_dead(parent: Path, prefix: str) -> None:
-    """Remove the folders of processes of this machine that are no more."""
-    for folder in parent.glob(f"{prefix}-*"):
-        owner = re.match(rf"{re.escape(prefix)}-(\d+)-", folder.name)
-        if owner is not None and not psutil.pid_exists(int(owner[1])):
-            shutil.rmtree(folder, ignore_errors=True)

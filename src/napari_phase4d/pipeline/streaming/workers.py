@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import socket
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
 from itertools import islice
 from pathlib import Path
+from threading import Event, Thread
 from typing import Any, Protocol, TypeVar
+from urllib.parse import urlsplit
 
 from napari_phase4d.progress import LOOK_UP_S, Watch, in_threads
 
@@ -22,8 +26,10 @@ AHEAD = 2
 BETWEEN_S = 0.01
 #: Seconds to wait for blocks that are under way when the work is stopped.
 ENDING_S = 30
+#: Where dask's scheduler listens unless told otherwise.
+SCHEDULER_PORT = 8786
 #: Seconds to wait for the scheduler to answer.
-ANSWER_S = 20
+ANSWER_S = 8
 
 
 class Workers(Protocol):
@@ -71,6 +77,8 @@ class Cluster:
             how = {"scheduler_file": address} if address.endswith(".json") else {}
             if how and not Path(address).is_file():
                 raise FileNotFoundError(address)
+            if not how and not answers(address):
+                raise TimeoutError(address)
             # Not for all of dask: what this process reads by itself is its own work.
             self._client: Any = Client(
                 None if how else address, timeout=ANSWER_S, set_as_default=False, **how
@@ -130,6 +138,30 @@ class Cluster:
             times = error.allowed_failures + 1
             msg = f"{watch.message}: {times} workers that did it died; see their logs"
             raise OSError(msg) from error
+
+
+def answers(address: str) -> bool:
+    """Say whether anything takes connections at an address; of other protocols that is unknown.
+
+    Looking a name up can take minutes, so that it is done beside.
+    """
+    place = urlsplit(address if "://" in address else f"tcp://{address}")
+    if place.scheme not in ("tcp", "tls"):
+        return True
+    port = place.port  # ValueError if there can't be such a one
+    found = Event()
+
+    def look() -> None:
+        with (
+            suppress(OSError),
+            socket.create_connection((place.hostname, port or SCHEDULER_PORT), ANSWER_S),
+        ):
+            found.set()
+
+    looking = Thread(target=look, daemon=True)
+    looking.start()
+    looking.join(ANSWER_S)
+    return found.is_set()
 
 
 def keys_under_way(dask_worker: Any) -> list[str]:

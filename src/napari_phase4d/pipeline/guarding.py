@@ -1,0 +1,173 @@
+"""A folder with the results of one run: nothing else in it is touched, nothing old is left."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM
+from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.io.leftovers import remove_dead
+from napari_phase4d.pipeline.batch.complete import NOTE, noted
+from napari_phase4d.pipeline.batch.lock import alone
+from napari_phase4d.pipeline.fingerprint import Fingerprint
+from napari_phase4d.pipeline.places import make_folder
+from napari_phase4d.pipeline.recipe import Recipe
+
+__all__ = ["ResultFolder", "result_folder"]
+
+#: What a run writes beside its methods' results.
+STACKS, FILES = ("wrapped", "amplitude", "exact"), ("table.csv", "recipe.json")
+
+
+class ResultFolder:
+    """A folder that one run writes to, and what earlier runs have made in it.
+
+    Parameters
+    ----------
+    folder : Path
+        The folder.
+    planned : sequence of str
+        Names that the run may write.
+    """
+
+    def __init__(self, folder: Path, planned: Sequence[str]) -> None:
+        self.folder, self.planned = folder, planned
+        note = noted(folder)
+        #: Names of what earlier runs have made.
+        self.own: set[str] = {file["name"] for file in note["files"]} if note else set()
+
+    def check(self, source: str) -> None:
+        """Refuse names that are taken by what no run has made, or by the input.
+
+        Wrapped phase may be the input: it is left as it is.
+        """
+        given = Path(source).resolve() if source else None
+        for name in (*self.planned, NOTE):
+            path = self.folder / name
+            if not (path.exists() or path.is_symlink()):
+                continue
+            is_input = given is not None and path.resolve() == given
+            if is_input and name.startswith("wrapped."):
+                continue
+            if is_input:
+                msg = f"results would be written over the input {path}; choose another folder"
+                raise OSError(msg)
+            if name not in self.own and not (name == NOTE and is_damaged_or_own(path)):
+                msg = (
+                    f"{path} is there already and was not made by a run; move it away, or choose "
+                    "another folder for the results"
+                )
+                raise OSError(msg)
+
+    def announce(self) -> None:
+        """Note what may be written, so that the next run knows it if this one is killed."""
+        self.write_note(self.own | set(self.planned), {})
+
+    def settle(self, written: Iterable[Path], given: str, source: Fingerprint) -> None:
+        """Note what was written; what an earlier run made, and this one did not, goes.
+
+        Parameters
+        ----------
+        written : iterable of Path
+            All files of the run.
+        given : str
+            The input, which stays, wherever it lies.
+        source : Fingerprint
+            That of the input.
+        """
+        names = {path.name for path in written}
+        for name in self.own - names:
+            path = self.folder / name
+            if not given or path.resolve() != Path(given).resolve():
+                remove(path)
+        self.write_note(names, source.as_dict())
+
+    def give_up(self) -> None:
+        """Note what is there after all, where a run has failed."""
+        there = [name for name in self.own | set(self.planned) if (self.folder / name).exists()]
+        with suppress(OSError):
+            if there:
+                self.write_note(there, {})
+            else:
+                (self.folder / NOTE).unlink(missing_ok=True)
+
+    def write_note(self, names: Iterable[str], source: dict[str, Any]) -> None:
+        """Write the note that makes these files those of a run."""
+        files = [{"name": name} for name in sorted(set(names))]
+        note = {"program": PROGRAM, "input": source, "asked": {}, "facts": {}, "files": files}
+        with written_whole(self.folder / NOTE) as temporary:
+            temporary.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")
+
+
+@contextmanager
+def result_folder(
+    folder: str | Path, recipe: Recipe, more: Sequence[str] = ()
+) -> Iterator[ResultFolder]:
+    """Keep a folder for one run, made if it is not there; one made in vain goes again.
+
+    What the user has put there is never written over, nor is the input. When the run ends well,
+    what an earlier one made there and this one did not is removed. ``run.json`` notes the files.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where the results go.
+    recipe : Recipe
+        What is run.
+    more : sequence of str, optional
+        Names of further files that will be written.
+
+    Raises
+    ------
+    OSError
+        If the folder can't be written, another run works there, or a file would be written over
+        that no run has made.
+    """
+    folder = Path(folder)
+    was_there = folder.exists()
+    make_folder(folder)
+    try:
+        with alone(folder):
+            remove_dead(folder)
+            found = ResultFolder(folder, [*planned_names(recipe), *more])
+            found.check(recipe.recording)
+            try:
+                found.announce()
+                yield found
+            except BaseException:
+                found.give_up()
+                raise
+    except BaseException:
+        if not was_there:
+            with suppress(OSError):  # something lies in it
+                folder.rmdir()
+        raise
+
+
+def planned_names(recipe: Recipe) -> list[str]:
+    """Return the names that a run may write."""
+    trust = [f"confidence_{method}" for method in recipe.methods] if recipe.confidence else []
+    stacks = (*STACKS, *recipe.methods, *trust)
+    return [f"{stack}{end}" for stack in stacks for end in (OME_TIFF, OME_ZARR)] + list(FILES)
+
+
+def is_damaged_or_own(note: Path) -> bool:
+    """Say whether a note is one of this program, or what a crash has left of one."""
+    try:
+        found = json.loads(note.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return note.is_file() and not note.is_symlink()
+    return isinstance(found, dict) and found.get("program") == PROGRAM
+
+
+def remove(path: Path) -> None:
+    """Remove a result, file or folder."""
+    if path.is_dir() and not path.is_symlink():
+        shutil.rmtree(path)
+    else:
+        path.unlink(missing_ok=True)

@@ -1,0 +1,35 @@
+"""The one place where a stack comes in: its names, order, units, coordinates, values and kind.
+
+What is surely wrong is refused in one sentence that says what to do; what is probably wrong is
+warned of once. All public functions that take phase, masks, regions or frames ask here.
+"""
+
+from napari_phase4d.stacks.coordinates import (
+    check_rising,
+    pixel_um,
+    spacing,
+    times_in_s,
+    with_coordinates,
+)
+from napari_phase4d.stacks.entry import as_stack, unwrapped_stack, wrapped_stack
+from napari_phase4d.stacks.fitting import mask_on, on_grid_of, without_masked
+from napari_phase4d.stacks.kinds import KIND, UNWRAPPED, WRAPPED, kind_of, looks_wrapped
+
+__all__ = [
+    "KIND",
+    "UNWRAPPED",
+    "WRAPPED",
+    "as_stack",
+    "check_rising",
+    "kind_of",
+    "looks_wrapped",
+    "mask_on",
+    "on_grid_of",
+    "pixel_um",
+    "spacing",
+    "times_in_s",
+    "unwrapped_stack",
+    "with_coordinates",
+    "without_masked",
+    "wrapped_stack",
+]

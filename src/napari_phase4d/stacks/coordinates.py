@@ -1,0 +1,171 @@
+"""Coordinates of time, angle, y and x: numbers, units, order and spacing."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.axes import UNITS
+from napari_phase4d.checks import warn
+from napari_phase4d.stacks.units import factor_to
+
+__all__ = [
+    "check_rising",
+    "pixel_um",
+    "same_places",
+    "some",
+    "spacing",
+    "times_in_s",
+    "with_coordinates",
+]
+
+#: Share of a pixel by which the spacing may vary, as it does where float32 holds it.
+UNEVEN = 0.01
+#: Pixels in the sample that no light resolves, or no microscope has: those are in other units.
+NO_PIXEL_UM, SMALL_PIXEL_UM, LARGE_PIXEL_UM = 1e-5, 1e-3, 50.0
+#: The unit of each axis, in words.
+IN_WORDS = {"time": "seconds", "angle": "degrees", "y": "micrometres", "x": "micrometres"}
+
+
+def with_coordinates(stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a stack whose coordinates are finite, different numbers in the usual units.
+
+    Places along y and x are even as well. What is not so is refused.
+    """
+    for axis in UNITS:
+        if axis not in stack.dims or axis not in stack.coords:
+            continue
+        given = stack.coords[axis]
+        places = in_usual_units(given, axis, name)
+        check_places(places, axis, name)
+        if places is not given.values:
+            units = {**given.attrs, "units": UNITS[axis]}
+            stack = stack.assign_coords({axis: (axis, places, units)})
+    return stack
+
+
+def in_usual_units(given: xr.DataArray, axis: str, name: str) -> NDArray[Any]:
+    """Return the places along an axis in seconds, degrees or micrometres."""
+    places = given.values
+    if axis == "time" and places.dtype.kind in "mM":
+        return times_in_s(places)
+    if places.dtype.kind not in "iuf":
+        msg = (
+            f"the {axis} coordinates of {name} are {places.dtype}, no numbers; give them in "
+            f"{IN_WORDS[axis]}"
+        )
+        raise TypeError(msg)
+    units = given.attrs.get("units") or UNITS[axis]
+    factor = factor_to(str(units), UNITS[axis])
+    if factor is None:
+        msg = (
+            f"the {axis} coordinates of {name} are in {str(units)!r}; give them in "
+            f'{IN_WORDS[axis]}, with attrs["units"] = "{UNITS[axis]}"'
+        )
+        raise ValueError(msg)
+    return places if factor == 1 else places * factor
+
+
+def times_in_s(times: NDArray[Any]) -> NDArray[np.float64]:
+    """Return times in seconds; dates count from the first one, NaT is NaN."""
+    if times.dtype.kind in "mM":
+        since = times - times[0] if times.dtype.kind == "M" else times
+        return np.asarray(since / np.timedelta64(1, "s"), dtype=np.float64)
+    return np.asarray(times, dtype=np.float64)
+
+
+def check_places(places: NDArray[Any], axis: str, name: str) -> None:
+    """Refuse places that are not finite, there twice, or uneven along y and x."""
+    bad = int(np.count_nonzero(~np.isfinite(places)))
+    if bad:
+        msg = (
+            f"{bad} of {len(places)} {axis} coordinates of {name} are NaN or infinite; give them "
+            f"in {IN_WORDS[axis]}, or take them off with drop_vars({axis!r})"
+        )
+        raise ValueError(msg)
+    if len(np.unique(places)) < len(places):
+        msg = (
+            f"two {axis} coordinates of {name} are the same; leave one of them out with "
+            f"drop_duplicates({axis!r}), or correct them"
+        )
+        raise ValueError(msg)
+    if axis in ("y", "x") and not is_even(places):
+        msg = (
+            f"the {axis} coordinates of {name} are not evenly spaced; put the stack on an even "
+            f"grid, as with interp({axis}=...)"
+        )
+        raise ValueError(msg)
+
+
+def is_even(places: NDArray[Any]) -> bool:
+    """Say whether places rise or fall evenly."""
+    steps = np.diff(np.asarray(places, dtype=np.float64))
+    return len(steps) < 2 or bool(np.ptp(steps) <= UNEVEN * abs(float(np.mean(steps))))
+
+
+def check_rising(stack: xr.DataArray, name: str) -> None:
+    """Refuse times and angles that do not rise, where frames are told by their numbers."""
+    for axis in ("time", "angle"):
+        if axis not in stack.dims or axis not in stack.coords:
+            continue
+        places = np.asarray(stack.coords[axis].values, dtype=np.float64)
+        if (np.diff(places) <= 0).any():
+            msg = (
+                f"the {axis} coordinates of {name} do not rise ({some(places)}), so neighbours "
+                f"are none; sort it with its data, as with sortby({axis!r})"
+            )
+            raise ValueError(msg)
+
+
+def some(places: NDArray[Any]) -> str:
+    """Return the first numbers of an axis as they are said."""
+    shown = ", ".join(f"{p:g}" for p in places[:3])
+    return f"{shown}, ..." if len(places) > 3 else shown
+
+
+def same_places(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Say whether two stacks have the same places along an axis, but for rounding."""
+    if len(one) != len(other):
+        return False
+    a, b = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
+    near = UNEVEN * float(np.min(np.abs(np.diff(a)))) if len(a) > 1 else 1e-9
+    return bool(np.all(np.abs(a - b) <= max(near, 1e-9)))
+
+
+def pixel_um(stack: xr.DataArray, name: str) -> tuple[float, float]:
+    """Return the height and width of a pixel in micrometres, from the coordinates.
+
+    Raises
+    ------
+    ValueError
+        If they have no spacing, or one that light can't resolve.
+    """
+    height, width = (spacing(stack, axis, name) for axis in ("y", "x"))
+    said = f"a pixel of {name} is {height:.4g} x {width:.4g} um wide"
+    advice = 'say the unit along both axes, as in stack["x"].attrs["units"] = '
+    if min(height, width) < NO_PIXEL_UM:
+        msg = f'{said}, which no light resolves; if that is in metres, {advice}"m"'
+        raise ValueError(msg)
+    if min(height, width) < SMALL_PIXEL_UM:
+        warn(f'{said}, which is very small; if that is in millimetres, {advice}"mm"')
+    if max(height, width) > LARGE_PIXEL_UM:
+        warn(f'{said}, which is very large; if that is in nanometres, {advice}"nm"')
+    return height, width
+
+
+def spacing(stack: xr.DataArray, axis: str, name: str) -> float:
+    """Return the spacing along y or x in micrometres, or say that there is none."""
+    places = np.asarray(stack[axis].values, dtype=np.float64)
+    # A single coordinate has no spacing; any guess would be a wrong area.
+    step = float(np.abs(np.diff(places[:2])).sum())
+    if not (math.isfinite(step) and step > 0):
+        msg = (
+            f"the pixel size of {name} can't be told: {axis} has no spacing; give it in "
+            "micrometres"
+        )
+        raise ValueError(msg)
+    return step

@@ -1,0 +1,141 @@
+"""Masks, regions and further stacks that belong to one: brought onto its axes, by their names."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+
+from napari_phase4d.axes import AXES, PLAIN_AXES
+from napari_phase4d.stacks.coordinates import same_places, some, with_coordinates
+
+__all__ = ["mask_on", "on_grid_of", "without_masked"]
+
+
+def on_grid_of(other: xr.DataArray | Any, stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a further stack with the dims, order and coordinates of a stack, or refuse it.
+
+    Frames are brought into the order of the stack's times and angles by their coordinates, where
+    both have them. Plain arrays are (y, x), (time, y, x) or (time, angle, y, x).
+    """
+    given = other if isinstance(other, xr.DataArray) else named(other, name)
+    if set(given.dims) != set(stack.dims) or dict(given.sizes) != dict(stack.sizes):
+        msg = (
+            f"{name} is {in_words(given)}, but the phase is {in_words(stack)}; they must be of "
+            "the same frames"
+        )
+        raise ValueError(msg)
+    given = in_order_of(with_coordinates(given, name), stack, name)
+    return given.transpose(*stack.dims)
+
+
+def mask_on(mask: xr.DataArray | Any, stack: xr.DataArray, name: str) -> Any:
+    """Return a mask with the four axes (time, angle, y, x), each as long as the stack's or 1.
+
+    Plain masks are (y, x), (time, y, x) or (time, angle, y, x), whatever their lengths; others
+    give the names of their dims. Lazy ones stay so.
+
+    Raises
+    ------
+    TypeError
+        If it is no mask.
+    ValueError
+        If it does not fit.
+    """
+    given = mask if isinstance(mask, xr.DataArray) else named(mask, name)
+    if set(given.dims) - set(AXES) or not {"y", "x"} <= set(given.dims):
+        msg = (
+            f"{name} has dims {tuple(given.dims)}; they must be among {', '.join(AXES)}, with y "
+            "and x"
+        )
+        raise ValueError(msg)
+    for axis in given.dims:
+        length, there = given.sizes[axis], stack.sizes.get(axis, 1)
+        if length != there and not (length == 1 and axis in ("time", "angle")):
+            msg = (
+                f"{name} is {in_words(given)}, which does not fit the phase, {in_words(stack)}; "
+                "name its axes with an xarray.DataArray if they are others"
+            )
+            raise ValueError(msg)
+    given = in_order_of(with_coordinates(as_bool(given, name), name), stack, name)
+    return given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES).data
+
+
+def without_masked(phase: Any, mask: Any) -> Any:
+    """Return a mask that leaves out what is masked in a masked array too."""
+    if not isinstance(phase, np.ma.MaskedArray) or not np.ma.is_masked(phase):
+        return mask
+    if isinstance(mask, str):
+        return mask  # what is NaN is left out then
+    kept = named(~np.ma.getmaskarray(phase), "phase")
+    if mask is None:
+        return kept
+    full = kept.expand_dims([d for d in AXES if d not in kept.dims]).transpose(*AXES)
+    return full & xr.DataArray(
+        np.broadcast_to(mask_on(mask, kept, "the mask"), full.shape), dims=AXES
+    )
+
+
+def named(values: Any, name: str) -> xr.DataArray:
+    """Return a plain array with the names of its axes."""
+    if isinstance(values, np.ma.MaskedArray):
+        outside: Any = False if values.dtype.kind in "biu" else np.nan
+        values = values.filled(outside)
+    if not hasattr(values, "dask"):
+        try:
+            values = np.asarray(values)
+        except ValueError as error:
+            msg = f"{name} is no array: its rows differ in length"
+            raise ValueError(msg) from error
+    if values.ndim not in PLAIN_AXES:
+        msg = (
+            f"{name} is {values.shape}, which does not fit the phase: plain arrays are (y, x), "
+            "(time, y, x) or (time, angle, y, x)"
+        )
+        raise ValueError(msg)
+    return xr.DataArray(values, dims=PLAIN_AXES[values.ndim])
+
+
+def as_bool(mask: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a mask of bool: of labels what is not 0, of numbers 0 and 1 alone."""
+    kind = mask.dtype.kind
+    if kind == "b":
+        return mask
+    if kind not in "iuf":
+        msg = f"{name} must be of bool, but is {mask.dtype}"
+        raise TypeError(msg)
+    if kind == "f":
+        found = np.unique(mask.values)
+        if not np.isin(found, (0, 1)).all():
+            odd = found[~np.isin(found, (0, 1))][0]
+            msg = f"{name} must be of bool, but holds {odd:g}; make one, as with mask > 0"
+            raise ValueError(msg)
+    return mask != 0
+
+
+def in_order_of(given: xr.DataArray, stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a stack with its frames in the order of another's coordinates, or refuse it."""
+    for axis in given.dims:
+        known = axis in given.coords and axis in stack.coords and axis in stack.dims
+        if not known or given.sizes[axis] != stack.sizes[axis]:
+            continue
+        own, wanted = given[axis].values, stack[axis].values
+        if same_places(wanted, own):
+            continue
+        order, target = np.argsort(own), np.argsort(wanted)
+        if not same_places(wanted[target], own[order]):
+            msg = (
+                f"{name} has other {axis} coordinates ({some(own)}) than the phase "
+                f"({some(wanted)}); take the same frames of both"
+            )
+            raise ValueError(msg)
+        places = np.empty_like(order)
+        places[target] = order
+        given = given.isel({axis: places})
+    return given
+
+
+def in_words(stack: xr.DataArray) -> str:
+    """Return the axes of a stack with their lengths."""
+    return " x ".join(f"{n} {axis}" for axis, n in stack.sizes.items())

@@ -1,0 +1,173 @@
+"""Wrapped or unwrapped: what a stack notes of itself, and what its numbers look like."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.checks import warn
+
+__all__ = [
+    "KIND",
+    "UNWRAPPED",
+    "WRAPPED",
+    "check_unwrapped",
+    "check_wrapped",
+    "kind_of",
+    "looks_wrapped",
+    "refuse_counts",
+]
+
+#: The attribute that notes which of the two phase is.
+KIND, WRAPPED, UNWRAPPED = "kind", "wrapped", "unwrapped"
+#: Wrapped phase lies in [-pi, pi], give or take its rounding.
+LARGEST = np.pi + 1e-3
+#: So near to both ends come the numbers of wrapped phase that has wrapped.
+NEAR = 0.05
+#: Share of numbers that may lie outside of a range.
+FEW = 0.005
+#: Frames, and pixels, that are looked at; of fewer pixels nothing can be told.
+FRAMES, LEAST_PIXELS = 12, 64
+#: Phase beyond this is 50 cycles of light: a path in nanometres, or degrees.
+VERY_LARGE = 314.0
+#: Larger numbers lose their turn in single precision, and count as unknown.
+BEYOND = 1e5
+
+
+def kind_of(stack: xr.DataArray) -> str:
+    """Return "wrapped" or "unwrapped" where a stack notes it, else ""."""
+    noted = str(stack.attrs.get(KIND, ""))
+    if noted in (WRAPPED, UNWRAPPED):
+        return noted
+    return UNWRAPPED if "method" in stack.attrs or stack.attrs.get("exact") else ""
+
+
+def refuse_counts(stack: xr.DataArray, name: str) -> None:
+    """Refuse whole numbers without a sign that are no radians of a turn, but counts of light."""
+    if stack.dtype.kind != "u":
+        return
+    largest = int(sample_of(stack).max(initial=0))
+    if largest > 2 * np.pi:
+        msg = (
+            f"{name} is {stack.dtype} up to {largest}, as camera frames are; phase is in radians: "
+            "reconstruct() makes it of holograms"
+        )
+        raise TypeError(msg)
+
+
+def check_wrapped(stack: xr.DataArray, name: str) -> None:
+    """Refuse what notes to be unwrapped, and is; warn of what looks like no wrapped phase."""
+    known = sample_of(stack)
+    known = known[np.abs(known) <= BEYOND]  # Problem counts the others as unknown
+    if in_most(known, -LARGEST, LARGEST):  # what never wraps is both
+        doubt_turns(name, known)
+        return
+    if kind_of(stack) == UNWRAPPED:
+        by = f" by {stack.attrs['method']}" if stack.attrs.get("method") else ""
+        msg = (
+            f"{name} is unwrapped already{by}, as it notes; give the wrapped phase, or wrap it "
+            "with numpy.angle(numpy.exp(1j * phase))"
+        )
+        raise ValueError(msg)
+    if known.size >= LEAST_PIXELS and not in_most(known, -1e-3, 2 * LARGEST):
+        doubt_beyond(name, known)
+
+
+def doubt_beyond(name: str, known: NDArray[Any]) -> None:
+    """Warn of numbers that span more than a turn."""
+    low, high = float(known.min()), float(known.max())
+    if np.array_equal(known, np.round(known)):
+        warn(
+            f"{name} holds whole numbers from {low:g} to {high:g}, as camera frames do; give "
+            "phase in radians, which reconstruct() makes of holograms"
+        )
+    elif in_degrees(low, high):
+        warn(
+            f"{name} runs from {low:.4g} to {high:.4g}, as degrees do; give radians, with "
+            "numpy.deg2rad(phase)"
+        )
+    else:
+        warn(
+            f"{name} runs from {low:.4g} to {high:.4g} rad, more than a turn, so it seems to be "
+            "unwrapped already; wrapped phase lies between -pi and pi"
+        )
+
+
+def doubt_turns(name: str, known: NDArray[Any]) -> None:
+    """Warn if numbers fill just one turn, as counted in turns."""
+    if known.size < LEAST_PIXELS:
+        return
+    low, high = float(known.min()), float(known.max())
+    centred = -0.501 <= low < -0.49 and 0.49 < high <= 0.501
+    if centred or (-1e-3 <= low < 0.01 and 0.99 < high <= 1.001):
+        warn(
+            f"{name} runs from {low:.3g} to {high:.3g}, as turns do; give radians, with "
+            "2 * numpy.pi * phase"
+        )
+
+
+def check_unwrapped(stack: xr.DataArray, name: str) -> None:
+    """Refuse what notes to be wrapped, and is; warn of what looks like no unwrapped phase."""
+    noted = kind_of(stack)
+    if noted == UNWRAPPED:
+        return
+    known = sample_of(stack)
+    if known.size < LEAST_PIXELS:
+        return
+    low, high = float(known.min()), float(known.max())
+    inside = low >= -LARGEST and high <= LARGEST
+    if inside and noted == WRAPPED and high - low > np.pi:
+        msg = f"{name} is wrapped, as it notes; unwrap it first, with unwrap()"
+        raise ValueError(msg)
+    if inside and low < NEAR - np.pi and np.pi - NEAR < high:
+        warn(
+            f"{name} runs from just -pi to just pi, so it seems to be wrapped; unwrap it first, "
+            "with unwrap()"
+        )
+    elif not in_most(known, -VERY_LARGE, VERY_LARGE):
+        warn(
+            f"{name} runs from {low:.4g} to {high:.4g} rad, more than 50 turns; if that is an "
+            "optical path or degrees, give radians"
+        )
+
+
+def looks_wrapped(values: Any) -> bool:
+    """Say whether numbers lie and spread as wrapped phase does, and light does not."""
+    if values.dtype.kind != "f" or values.ndim < 2 or 0 in values.shape:
+        return False
+    some = [values] if values.ndim == 2 else [values[i] for i in (0, len(values) // 2, -1)]
+    shown = np.concatenate([np.ravel(np.asarray(frame)) for frame in some])
+    known = shown[np.isfinite(shown)]
+    if len(known) == 0:
+        return False
+    low, high = float(known.min()), float(known.max())
+    return -LARGEST <= low < 0 < high <= LARGEST and high - low > np.pi
+
+
+def sample_of(stack: xr.DataArray) -> NDArray[Any]:
+    """Return the finite numbers of some frames, spread over the stack."""
+    frames = [axis for axis in ("time", "angle") if axis in stack.dims]
+    shape = [stack.sizes[axis] for axis in frames]
+    count = int(np.prod(shape, dtype=int))
+    chosen = np.unique(np.linspace(0, count - 1, min(FRAMES, count)).round().astype(int))
+    parts = []
+    for number in chosen:
+        place = dict(zip(frames, np.unravel_index(number, shape), strict=True)) if frames else {}
+        parts.append(np.asarray(stack.isel(place).data).ravel())
+    shown = np.concatenate(parts)
+    known: NDArray[Any] = shown[np.isfinite(shown)]
+    return known
+
+
+def in_most(known: NDArray[Any], low: float, high: float) -> bool:
+    """Say whether all but a few numbers lie between two."""
+    outside = np.count_nonzero((known < low) | (known > high))
+    return bool(outside <= FEW * known.size)
+
+
+def in_degrees(low: float, high: float) -> bool:
+    """Say whether numbers fill a circle of 360 degrees."""
+    return (-181 <= low < -170 and 170 < high <= 181) or (-1 <= low < 10 and 350 < high <= 361)

@@ -1,0 +1,211 @@
+"""What lies in a folder for results is safe from runs that did not make it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+
+import napari_phase4d as p4d
+from napari_phase4d.cli import main
+from napari_phase4d.io.leftovers import machine
+from napari_phase4d.pipeline import run_batch
+from napari_phase4d.pipeline.batch.complete import NOTE
+from napari_phase4d.pipeline.batch.lock import began
+
+#: No process has this number.
+NO_PROCESS = 2**22 + 1
+RECIPE = p4d.Recipe(methods=("spatial-2d",), boundary=((0, 0),))
+
+
+@pytest.fixture
+def phase(tmp_path: Path) -> Path:
+    """Wrapped phase in a file."""
+    path = tmp_path / "cell.npy"
+    np.save(path, p4d.simulation.swimming_euglena((24, 32), 2, peak_rad=9)["wrapped"].values)
+    return path
+
+
+def run(*arguments: object) -> int:
+    """Run the command line as a shell does, and return its code."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["napari-phase4d", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            main()
+    return int(ended.value.code or 0)
+
+
+def run_one(phase: Path, out: Path, *more: str, method: str = "spatial-2d") -> int:
+    """Unwrap one file by one method."""
+    return run("run", phase, "--out", out, "--method", method, "--boundary", "0,0", *more)
+
+
+def names(folder: Path) -> set[str]:
+    return {path.name for path in folder.iterdir()}
+
+
+MADE = {"wrapped.ome.tif", "spatial-2d.ome.tif", "table.csv", "recipe.json", NOTE}
+
+
+@pytest.mark.parametrize("name", ["table.csv", "recipe.json", "wrapped.ome.tif", NOTE])
+def test_what_no_run_has_made_is_not_written_over(
+    phase: Path, tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text('{"mine": 1}')
+    assert run_one(phase, out) == 1
+    said = capsys.readouterr().err
+    assert f"{name} is there already and was not made by a run; move it away" in said
+    assert names(out) == {name}
+    assert (out / name).read_text() == '{"mine": 1}'
+
+
+def test_the_input_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    frames = p4d.simulation.multiplexed_video(p4d.simulation.swimming_euglena(n_times=1)["phase"])
+    path = tmp_path / "amplitude.ome.tif"
+    import tifffile
+
+    tifffile.imwrite(path, np.asarray(frames.holograms))
+    before = path.read_bytes()
+    assert run_one(path, tmp_path) == 1
+    assert "over the input" in capsys.readouterr().err
+    assert path.read_bytes() == before
+    assert names(tmp_path) == {path.name}
+
+
+def test_results_of_an_earlier_run_go_and_all_else_stays(phase: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run_one(phase, out) == 0
+    assert names(out) == MADE
+    (out / "mine.txt").write_text("notes")
+    other = tmp_path / "other.npy"
+    np.save(other, np.load(phase)[:, ::-1])
+    assert run_one(other, out, method="temporal") == 0
+    assert names(out) == MADE - {"spatial-2d.ome.tif"} | {"temporal.ome.tif", "mine.txt"}
+    assert json.loads((out / NOTE).read_text())["input"]["name"] == "other.npy"
+    assert (out / "mine.txt").read_text() == "notes"
+
+
+def test_wrapped_phase_may_lie_where_its_results_go(phase: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    assert run_one(phase, out) == 0
+    wrapped = out / "wrapped.ome.tif"
+    before = wrapped.read_bytes()
+    assert run_one(wrapped, out, method="temporal") == 0
+    assert wrapped.read_bytes() == before
+    assert names(out) == MADE - {"spatial-2d.ome.tif"} | {"temporal.ome.tif"}
+
+
+def test_comparing_is_as_careful(
+    phase: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "comparison.png").write_bytes(b"mine")
+    assert run("compare", phase, "--out", out, "--method", "spatial-2d") == 1
+    assert "comparison.png is there already" in capsys.readouterr().err
+    assert (out / "comparison.png").read_bytes() == b"mine"
+
+
+def test_a_damaged_note_of_a_run_is_replaced(phase: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / NOTE).write_bytes(b"")
+    assert run_one(phase, out) == 0
+    assert json.loads((out / NOTE).read_text())["input"]["name"] == "cell.npy"
+
+
+@pytest.mark.parametrize("damage", [b"", b'{"program": "napari-ph', b"\x00" * 300])
+def test_a_damaged_note_of_a_batch_counts_as_incomplete(
+    phase: Path, tmp_path: Path, damage: bytes
+) -> None:
+    out = tmp_path / "out"
+    run_batch(RECIPE, [phase], out)
+    (out / "cell" / "mine.txt").write_text("notes")
+    (out / "cell" / NOTE).write_bytes(damage)
+    table = run_batch(RECIPE, [phase], out, resume=True)
+    assert table["status"].tolist() == ["done"]
+    assert (out / "cell-damaged" / "mine.txt").read_text() == "notes"
+    table = run_batch(RECIPE, [phase], out, resume=True)
+    assert table["status"].tolist() == ["complete already"]
+
+
+def test_leftovers_of_runs_that_were_killed_go(phase: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    dead = f".wrapped.ome-{machine()}-{NO_PROCESS}-abc_1"
+    (out / f"{dead}.tif").write_bytes(b"half")
+    (out / dead).mkdir()
+    alive = f".wrapped.ome-{machine()}-{os.getpid()}-abc.tif"
+    (out / alive).write_bytes(b"another one's")
+    (out / ".mine-1-2-3").write_bytes(b"")
+    assert run_one(phase, out) == 0
+    assert names(out) == MADE | {alive, ".mine-1-2-3"}
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="not on this system")
+@pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
+def test_a_run_that_is_told_to_end_leaves_nothing_half_written(tmp_path: Path, name: str) -> None:
+    path, out = tmp_path / "long.npy", tmp_path / "out"
+    exact = p4d.simulation.swimming_euglena((96, 128), 40, peak_rad=9)
+    np.save(path, exact["wrapped"].values)
+    command = [sys.executable, "-m", "napari_phase4d", "run", path, "--out", out]
+    process = subprocess.Popen(
+        [*map(str, command), "--method", "directional-l1", "--boundary", "0,0"],
+        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+    )  # fmt: skip
+    until = time.monotonic() + 60
+    while not (out / NOTE).exists() and time.monotonic() < until:
+        time.sleep(0.05)
+    process.send_signal(getattr(signal, name))
+    _, said = process.communicate(timeout=30)
+    assert process.returncode == 128 + getattr(signal, name), said
+    assert f"Stopped by {name}" in said
+    assert "Traceback" not in said
+    assert not out.exists()
+
+
+def test_a_lock_does_not_trust_the_clock(phase: Path, tmp_path: Path) -> None:
+    """The time at which a process began, as wall clocks tell it, moves when they are put right."""
+    parent = os.getppid()
+    mark = {"pid": parent, "began": began(parent), "host": os.uname().nodename}
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "batch.lock").write_text(json.dumps(mark))
+    with pytest.raises(OSError, match="another batch"):
+        run_batch(RECIPE, [phase], tmp_path / "out")
+    clock = psutil.Process(parent).create_time()
+    assert f"{clock:.0f}" not in began(parent)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other disks refuse such names")
+def test_names_of_files_never_stop_a_batch(phase: Path, tmp_path: Path) -> None:
+    deep = tmp_path / ("d" * 100) / ("e" * 100)
+    deep.mkdir(parents=True)
+    odd = Path(os.fsdecode(os.fsencode(tmp_path) + b"/odd\xff\xfe.npy"))
+    files = [odd, tmp_path / f"{'x' * 247}.npy", deep / "A.npy", deep / "a.npy", phase]
+    for file in files[:-1]:
+        file.write_bytes(phase.read_bytes())
+    table = run_batch(RECIPE, files, tmp_path / "out")
+    assert table["status"].tolist()[1:] == ["done"] * 4
+    assert table["status"].tolist()[0] in ("done", "failed")
+    assert table["error"].isna().tolist()[1:] == [True] * 4
+    assert len(set(table["folder"].str.casefold())) == 5
+    again = run_batch(RECIPE, list(reversed(files)), tmp_path / "out", resume=True)
+    assert again["status"].tolist()[:4] == ["complete already"] * 4
+
+
+def test_broken_links_of_the_user_stay(phase: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    run_batch(RECIPE, [phase], out)
+    (out / "cell" / "link").symlink_to(tmp_path / "gone")
+    assert run_batch(RECIPE, [phase], out)["status"].tolist() == ["done"]
+    assert (out / "cell" / "link").is_symlink()
