@@ -19,6 +19,7 @@ PACKAGE = ROOT / "src" / "napari_phase4d"
 ALLOWED = {
     "axes": set(),
     "checks": set(),
+    "machine": set(),
     "compiling": set(),
     "optics": set(),
     "progress": set(),
@@ -68,7 +69,7 @@ INNER = {
     "__init__": set(),
 }
 #: Modules that import nothing of ours, so that every room may use them.
-LEAVES = {"axes", "checks", "compiling", "words"}
+LEAVES = {"axes", "checks", "compiling", "machine", "words"}
 #: The place where stacks come in imports leaves only, so that every room above may ask it.
 INTAKE = "stacks"
 GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}

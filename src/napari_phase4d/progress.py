@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import threading
 import time
 from collections import deque
@@ -11,6 +10,8 @@ from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import islice
 from typing import Generic, TypeVar
+
+from napari_phase4d.machine import cores
 
 __all__ = [
     "LOOK_UP_S",
@@ -118,7 +119,7 @@ def in_threads(
     under way end by themselves and their results are dropped. With ``wait``, for work that leaves
     more than its result, it ends only when these have ended.
     """
-    workers = os.cpu_count() or 1
+    workers = cores()
     waiting: deque[Future[Batch[R]]] = deque()
     source, size = iter(items), 1
     stopped = threading.Event()
@@ -173,7 +174,7 @@ def counted(done: Batch[R], watch: Watch) -> Iterator[R]:
 
 def on_all_cores(work: Callable[[T], object], items: Iterable[T]) -> None:
     """Do some work on every item, on as many threads as there are cores, and wait for all."""
-    with ThreadPoolExecutor(os.cpu_count() or 1, THREADS) as pool:
+    with ThreadPoolExecutor(cores(), THREADS) as pool:
         for _ in pool.map(work, items):
             pass
 

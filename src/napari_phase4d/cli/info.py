@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Annotated
 
-import psutil
 import typer
 import xarray as xr
 from rich.markup import escape
@@ -25,6 +24,7 @@ from napari_phase4d.holography import (
     lost_sentence,
     reconstruct,
 )
+from napari_phase4d.machine import free_memory
 from napari_phase4d.pipeline import (
     DEFAULT_METHODS,
     Needs,
@@ -118,7 +118,7 @@ def print_needs(
         time = time_in_words(seconds(methods)) if len(methods) < len(METHODS) else ""
         table.add_row(name, *sizes, time)
     console.print(table)
-    free = psutil.virtual_memory().available
+    free = free_memory()
     left = shutil.disk_usage(Path.cwd()).free
     console.print(
         f"This machine has {size_in_words(free)} of memory free, and {size_in_words(left)} "

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import psutil
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.machine import free_memory
 from napari_phase4d.words import size_in_words
 
 __all__ = ["frame_of", "in_memory", "parts_over_time"]
@@ -30,7 +30,7 @@ def in_memory(stack: xr.DataArray) -> xr.DataArray:
     """
     if stack.chunks is None:
         return stack
-    needed, free = COPIES * stack.nbytes, psutil.virtual_memory().available
+    needed, free = COPIES * stack.nbytes, free_memory()
     if needed > free:
         msg = (
             f"this looks at all frames at once and needs about {size_in_words(needed)} of memory, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from napari_phase4d.machine import free_memory
 from napari_phase4d.words import size_in_words
 
 __all__ = ["check_fits", "memory_lacks"]
@@ -12,9 +13,7 @@ SHARE_OF_A_FILE = 0.5
 
 def memory_lacks(needed: float, share: float = SHARE_OF_A_FILE) -> str:
     """Say what so many bytes need and what is free; nothing where a share of that is enough."""
-    import psutil
-
-    free = psutil.virtual_memory().available
+    free = free_memory()
     if needed <= share * free:
         return ""
     return f"{size_in_words(needed)}, but {size_in_words(free)} of memory are free"

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import math
-import os
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import psutil
-
 from napari_phase4d.holography import Demodulator, Lobe
+from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming.blocks import block_frames
 from napari_phase4d.recording import Recording
@@ -61,7 +59,7 @@ class Needs:
 
     def fits_in_memory(self) -> bool:
         """Say whether all stacks can be held in memory now."""
-        return bool(self.in_memory <= SHARE_OF_MEMORY * psutil.virtual_memory().available)
+        return bool(self.in_memory <= SHARE_OF_MEMORY * free_memory())
 
     def check(self, folder: Path, *, on_disk: bool) -> None:
         """Raise OSError if the memory, or the disk that holds a folder, is too small.
@@ -71,7 +69,7 @@ class Needs:
         OSError
             In one sentence, with what is needed, what there is, and what to do.
         """
-        free = psutil.virtual_memory().available
+        free = free_memory()
         needed = self.on_disk if on_disk else self.in_memory
         if needed > free:
             why, instead = self._most()
@@ -111,7 +109,7 @@ def needs_of(recipe: Recipe, recording: Recording, lobes: Sequence[Lobe]) -> Nee
     shape = (recording.n_frames, len(lobes), height, width)
     finds_start = recipe.boundary == "auto"
     found = phase_needs(recipe.methods, shape, finds_start=finds_start)
-    camera = (os.cpu_count() or 1) * BYTES_OF_A_CAMERA_PIXEL * math.prod(recording.frame_shape)
+    camera = cores() * BYTES_OF_A_CAMERA_PIXEL * math.prod(recording.frame_shape)
     amplitude = 4 * math.prod(shape)
     return Needs(
         found.methods,
@@ -141,7 +139,7 @@ def phase_needs(
     whole = [m for m in methods if not METHODS[m].streams]
     greediest = max(whole, key=lambda m: METHODS[m].working_stacks, default="")
     at_once = stack + working_bytes(stack, [greediest], frame=frame) if greediest else 0
-    block = (os.cpu_count() or 1) * BYTES_OF_A_PIXEL * block_frames(shape) * math.prod(shape[1:])
+    block = cores() * BYTES_OF_A_PIXEL * block_frames(shape) * math.prod(shape[1:])
     in_memory, on_disk = stack + working_bytes(stack, methods, frame=frame), block + at_once
     start = start_bytes(shape) if finds_start else 0
     return Needs(
@@ -160,7 +158,7 @@ def start_bytes(shape: Sequence[int]) -> int:
     if pixels <= SCORED_PIXELS:
         return 4 * pixels + working_bytes(4 * pixels, [SCORING_METHOD], frame=frame)
     looked_at = max(SCORED_PIXELS, 2 * math.prod(shape[1:]))
-    of_threads = (os.cpu_count() or 1) * METHODS["directional-growing"].working_stacks * frame
+    of_threads = cores() * METHODS["directional-growing"].working_stacks * frame
     return int(4 * looked_at * SCORING_STACKS + of_threads)
 
 
@@ -183,7 +181,7 @@ def working_bytes(stack: int, methods: Sequence[str], *, frame: int) -> int:
         Bytes of one frame of it.
     """
     largest = max((METHODS[m].working_stacks for m in methods), default=0)
-    of_threads = (os.cpu_count() or 1) * STACKS_OF_A_FRAME * frame
+    of_threads = cores() * STACKS_OF_A_FRAME * frame
     # The two-dimensional step and every result stay.
     return int(stack * (2 + len(methods) + largest) + of_threads)
 
