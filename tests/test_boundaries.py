@@ -149,6 +149,6 @@ def test_too_little_memory_for_finding_the_start_is_said(
         available = 10**8
 
     needs = phase_needs(("spatial-2d",), (200, 2, 100, 100), finds_start=True)
-    monkeypatch.setattr("napari_phase4d.pipeline.needs.psutil.virtual_memory", lambda: Little)
+    monkeypatch.setattr("psutil.virtual_memory", lambda: Little)
     with pytest.raises(OSError, match=r"finding the safest frame .* name a frame"):
         needs.check(tmp_path, on_disk=True)

@@ -94,7 +94,7 @@ def test_what_needs_all_frames_says_so(on_disk, monkeypatch: pytest.MonkeyPatch)
         available = 1000
 
     on_disk.session.unwrap(["spatial-2d", "temporal-angular"])
-    monkeypatch.setattr("napari_phase4d.evaluation.loading.psutil.virtual_memory", lambda: Little)
+    monkeypatch.setattr("psutil.virtual_memory", lambda: Little)
     with pytest.raises(ValueError, match="how far to trust a result is judged on all frames"):
         on_disk.session.weigh()
     with pytest.raises(OSError, match="looks at all frames at once and needs about"):
