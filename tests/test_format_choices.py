@@ -171,7 +171,7 @@ def test_a_folder_of_many_files_opens_at_once(tmp_path: Path) -> None:
     assert rec.n_frames == 20_000
     assert any(".bmp files, which are not read" in note for note in rec.notes)
     np.testing.assert_array_equal(rec.raw_frame(19_999), frame)
-    assert took < 1.5  # 0.2 s on a usual machine; a header a file would take a minute
+    assert took < 15  # 0.2 s on a usual machine, more beside other work; a header each: a minute
 
 
 RAW_FAULTS = {

@@ -14,6 +14,7 @@ from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.koala import is_koala_phase, read_koala_phase
 from napari_phase4d.io.memory import check_fits
 from napari_phase4d.io.numpy_files import holds_holograms, read_npy, read_npz
+from napari_phase4d.io.reading import check_there
 from napari_phase4d.io.results import is_result, read_results, result_attrs
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video
@@ -65,9 +66,7 @@ def open_phase(
         If it holds no such stack.
     """
     path = Path(path)
-    if not path.exists():
-        msg = f"there is no file {path}"
-        raise OSError(msg)
+    check_there(path)
     if is_result(path):
         found = read_results(path)
         return found.assign_attrs(source=str(path), object=found.attrs.get("object", path.stem))

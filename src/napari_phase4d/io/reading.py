@@ -25,7 +25,14 @@ from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 
-__all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "needs_layout", "read_list", "read_video"]
+__all__ = [
+    "JOINED_SUFFIXES",
+    "READABLE_SUFFIXES",
+    "check_there",
+    "needs_layout",
+    "read_list",
+    "read_video",
+]
 
 #: Endings of what can be read; folders of them too.
 READABLE_SUFFIXES = (
@@ -58,15 +65,23 @@ def read_video(path: Path, dataset: str | None = None, raw: RawLayout | None = N
     """
     if any(sign in path.name for sign in PATTERN_SIGNS) and not path.exists():
         return read_list(files_of(path), path, dataset, raw)
-    if not path.exists():
-        msg = f"there is no file or folder {path}"
-        raise OSError(msg)
+    check_there(path)
     if path.is_dir():
         return read_folder(path, dataset, raw)
     if path.stat().st_size == 0:
         msg = f"{path.name} is empty (0 bytes)"
         raise OSError(msg)
     return read_file(path, dataset, raw)
+
+
+def check_there(path: Path) -> None:
+    """Raise OSError if there is no file or folder; pipes and devices may have no end."""
+    if not path.exists():
+        msg = f"there is no file or folder {path}"
+        raise OSError(msg)
+    if not (path.is_file() or path.is_dir()):
+        msg = f"{path.name} is neither a file nor a folder, but a pipe or a device"
+        raise OSError(msg)
 
 
 def needs_layout(path: Path) -> bool:

@@ -12,7 +12,7 @@ from napari_phase4d.io.lazy import Unsound
 from napari_phase4d.io.limits import LARGEST_PIECE
 from napari_phase4d.words import size_in_words
 
-__all__ = ["check_pieces", "check_sound"]
+__all__ = ["check_pieces", "check_regular", "check_sound"]
 
 
 def check_sound(path: Path, array: Any) -> None:
@@ -35,6 +35,14 @@ def check_sound(path: Path, array: Any) -> None:
             "unpacked for a frame; save it in pieces of a frame"
         )
         raise Unsound(msg)
+
+
+def check_regular(*files: Path) -> None:
+    """Raise Unsound if one of some files is none, but a pipe or a device: it may have no end."""
+    for file in files:
+        if file.exists() and not file.is_file():
+            msg = f"{file.name} is not a file, but a pipe or a device"
+            raise Unsound(msg)
 
 
 def check_pieces(
@@ -71,7 +79,9 @@ def files_of(path: Path, name: str, array: Any, place: list[int]) -> list[Path]:
         for row in range(counts[0])
         for column in range(counts[1])
     )
-    return [file for key in keys if (file := path / name / key).is_file()]
+    files = [path / name / key for key in keys]
+    check_regular(*files)
+    return [file for file in files if file.is_file()]
 
 
 def goes_on(path: Path, name: str, array: Any, place: list[int], axis: int | None) -> bool:

@@ -15,7 +15,7 @@ from napari_phase4d.io.choosing import Found, chosen_name, other_arrays
 from napari_phase4d.io.lazy import FrameReader, Unsound, in_one_line, lazy_frames
 from napari_phase4d.io.ngff import axes_of, ome_facts, ome_image
 from napari_phase4d.io.video import Facts, Video
-from napari_phase4d.io.zarr_checks import check_pieces, check_sound
+from napari_phase4d.io.zarr_checks import check_pieces, check_regular, check_sound
 
 __all__ = ["is_zarr", "read_zarr"]
 
@@ -161,6 +161,9 @@ def opened(path: Path) -> Any:
     import zarr
 
     if path.is_dir():
+        for depth in ("", "*/", "*/*/"):
+            for mark in MARKS:
+                check_regular(*path.glob(depth + mark))
         return zarr.open(str(path), mode="r")
     return zarr.open(zarr.storage.ZipStore(path, mode="r"), mode="r")
 

@@ -68,6 +68,10 @@ def dilate_erode(
             f"but they are {max_window} and {erode_threshold:g}"
         )
         raise ValueError(msg)
+    side = max(problem.wrapped.shape[2:])
+    if max_window > side:
+        msg = f"max_window is {max_window}, but must be at most {side}, the frames' longer side"
+        raise ValueError(msg)
     watch = Watch(problem.n_frames, "dilating and eroding", progress, cancelled)
     erodes, lags = variant == "textbook", variant == "phasetools"
     wrapped = problem.wrapped.astype(np.float64)

@@ -59,7 +59,7 @@ def installed_methods(own: Mapping[str, Method]) -> dict[str, Method]:
     for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
         try:
             found[point.name] = loaded(point, {*own, *found})
-        except Exception as error:  # whatever the package does wrong
+        except (Exception, SystemExit) as error:  # whatever the package does wrong
             why = " ".join(str(error).split()) or type(error).__name__
             warnings.warn(
                 f"the unwrapping method {point.name!r} of {package_of(point)} is left out: {why}",
