@@ -119,6 +119,7 @@ CLASHES = Method("Mine", "nowhere", "Nothing.", GOOD.function, (Option("mask", 1
     ("entry", "sentence"),
     [
         (point("there_is_no_such_module:METHOD"), "mine.* is left out: No module named"),
+        (point("exits_on_import:METHOD"), "mine.* is left out: nothing to see here"),
         (point("test_own_methods:NOTHING"), "mine.* is left out: .*no attribute 'NOTHING'"),
         (point("test_own_methods:STORY"), "test_own_methods:STORY is a str, not a Method"),
         (point("test_own_methods:CLASHES"), "an option can't be called 'mask'"),
