@@ -1,3 +1,4 @@
 """A package that ends the program when it is imported, to be left out."""
 
-raise SystemExit("nothing to see here")
+message = "nothing to see here"
+raise SystemExit(message)
