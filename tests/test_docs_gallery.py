@@ -122,7 +122,8 @@ def test_larger_than_memory(script: Callable[[str], Names]) -> None:
     exact = p4d.simulation.swimming_euglena(
         names["stack"].shape[2:], 32, peak_rad=7, pixel_um=200 * 0.24 / names["stack"].sizes["y"]
     )["phase"]
-    assert wrong_cycle_share(names["stack"], exact) < 0.001
+    # The object is drawn in other pixels than those of the microscope.
+    assert wrong_cycle_share(names["stack"], exact.values) < 0.001
 
 
 def test_own_unwrapper(script: Callable[[str], Names]) -> None:

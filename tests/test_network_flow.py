@@ -146,6 +146,6 @@ def test_turns_are_dear_where_the_first_stage_closed() -> None:
     assert (found[:, :, :2] == network_flow_module.STEADY).all()
     inner = found[:, :, 4:6, 4:8]
     assert (inner == network_flow_module.MENDED).mean() > 0.5
-    masked = Problem(wrap(w), (0, 0), np.arange(12) < 6)
+    masked = Problem(wrap(w), (0, 0), np.tile(np.arange(12) < 6, (10, 1)))
     _, found = cost(masked, 3, None, None)
     assert (found[..., 6:] == network_flow_module.OUTSIDE).all()

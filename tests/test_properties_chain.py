@@ -201,12 +201,14 @@ lobes = st.builds(
     st.booleans(),
 )
 positive = st.floats(1e-6, 1e6)
+#: Of light, and of cameras and lenses that there could be; others are doubted or refused.
+microscopes = (st.floats(1e-3, 99), st.floats(1e-2, 499), st.floats(1e-2, 1e4), st.floats(1, 3))
 recipes = st.builds(
     p4d.Recipe,
     recording=words,
     dataset=st.none() | words,
     content=st.sampled_from(["auto", "holograms", "phase"]),
-    optics=st.none() | st.builds(p4d.Optics, positive, positive, positive, st.floats(1, 3)),
+    optics=st.none() | st.builds(p4d.Optics, *microscopes),
     frame_rate_hz=st.none() | positive,
     n_views=st.integers(1, 6),
     angles_deg=st.none() | st.lists(st.floats(-90, 90), max_size=6).map(tuple),
