@@ -209,3 +209,41 @@ def test_broken_links_of_the_user_stay(phase: Path, tmp_path: Path) -> None:
     (out / "cell" / "link").symlink_to(tmp_path / "gone")
     assert run_batch(RECIPE, [phase], out)["status"].tolist() == ["done"]
     assert (out / "cell" / "link").is_symlink()
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_an_input_that_lies_among_the_results_stays_the_users(
+    phase: Path, tmp_path: Path, *, fails: bool
+) -> None:
+    """Neither a run that uses it nor one that fails makes it one of its own."""
+    out = tmp_path / "out"
+    out.mkdir()
+    given = out / "wrapped.ome.tif"
+    p4d.write_phase(given, p4d.simulation.swimming_euglena((24, 32), 2)["wrapped"])
+    before = given.read_bytes()
+    more = ("--boundary", "9,9") if fails else ()
+    assert run_one(given, out, *more) == int(fails)
+    assert run_one(phase, out) == 1  # it would be written over
+    assert given.read_bytes() == before
+
+
+def test_what_a_run_made_may_be_its_next_input_and_be_made_again(
+    phase: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "out"
+    assert run_one(phase, out) == 0
+    assert run_one(out / "wrapped.ome.tif", out, "--form", "zarr") == 0
+    assert run_one(phase, out) == 0
+    assert names(out) == MADE
+
+
+def test_results_without_a_note_are_known_by_themselves(phase: Path, tmp_path: Path) -> None:
+    """Version 0.1.0 left none; a folder with anything else of these names is not taken for one."""
+    out = tmp_path / "out"
+    assert run_one(phase, out) == 0
+    (out / NOTE).unlink()
+    assert run_one(phase, out) == 0
+    (out / NOTE).unlink()
+    (out / "spatial-2d.ome.tif").write_bytes(b"mine")
+    assert run_one(phase, out) == 1
+    assert (out / "spatial-2d.ome.tif").read_bytes() == b"mine"

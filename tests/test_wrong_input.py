@@ -480,8 +480,11 @@ def test_videos_take_the_units_that_coordinates_name() -> None:
 
 def test_masked_pixels_of_a_video_are_unknown() -> None:
     frames = np.ma.masked_array(FRAMES, np.zeros(FRAMES.shape, bool))
-    frames.mask[1, 5, 5] = True
-    with pytest.raises(ValueError, match="frame 1 .* holds 1 NaN"):
+    frames.mask[1, 5, 5] = True  # a bad pixel of the camera
+    filled = p4d.open_recording(frames).frame(1)
+    assert filled[5, 5] == pytest.approx(frames[1].mean(), rel=1e-5)
+    frames.mask[1, :, 5:15] = True
+    with pytest.raises(ValueError, match=r"frame 1 .* holds \d+ NaN"):
         p4d.open_recording(frames).frame(1)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import warnings
 from numbers import Real
@@ -69,4 +70,4 @@ def warn(sentence: str) -> None:
 
 def is_ours(file: str) -> bool:
     """Say whether code is of this package, or made by a dataclass."""
-    return file.startswith((PACKAGE, "<string>"))
+    return file.startswith((PACKAGE + os.sep, "<string>"))

@@ -66,7 +66,7 @@ def can_compile() -> bool:
     except Exception as error:  # whatever it is, there is another way
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         warnings.warn(
-            f"numba can't compile here ({reason}), so all work takes longer",
+            f"numba can't compile here ({reason}), so all work takes much longer",
             RuntimeWarning,
             stacklevel=2,
         )

@@ -21,6 +21,8 @@ __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_
 #: Frames per second assumed where neither the file nor the user says it.
 DEFAULT_FRAME_RATE_HZ = 1.0
 #: Frames per second that a recording may have, from less than one a century to light's period.
+#: Share of a frame's pixels that may be masked without its being lost.
+FEW_PIXELS = 0.02
 LEAST_RATE_HZ, LARGEST_RATE_HZ = 1e-10, 1e15
 #: Larger floating-point pixels overflow in the spectrum's power in single precision.
 LARGEST = 1e12
@@ -263,6 +265,9 @@ class Recording:
                 )
                 raise ValueError(msg)
             times_s = np.arange(n_frames) / rate
+        else:
+            times_s, told = apart(np.asarray(times_s, dtype=np.float64), name)
+            notes = (*notes, *told)
         coords = {
             "time": coordinate("time", np.asarray(times_s, dtype=np.float64)),
             "y": coordinate("y", np.arange(height) * optics.pixel_um),
@@ -272,14 +277,48 @@ class Recording:
         return cls(holograms, optics, name, source, notes, kind)
 
 
+def apart(times_s: NDArray[np.float64], name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Return the times of frames, those that have the same stamp spread evenly, and say so.
+
+    Raises
+    ------
+    ValueError
+        If a frame is earlier than the one before.
+    """
+    steps = np.diff(times_s)
+    if not np.isfinite(times_s).all() or len(times_s) < 2 or (steps > 0).all():
+        return times_s, ()
+    if (steps < 0).any():
+        frame = int(np.argmax(steps < 0)) + 1
+        msg = (
+            f"frame {frame} of {name} is earlier than the one before ({times_s[frame]:g} s after "
+            f"{times_s[frame - 1]:g} s); put the frames in order, or give frame_rate_hz"
+        )
+        raise ValueError(msg)
+    first = np.flatnonzero(np.concatenate([[True], steps > 0]))
+    if len(first) == 1:
+        spread = times_s[0] + np.arange(len(times_s)) / DEFAULT_FRAME_RATE_HZ
+    else:
+        # The last stamp lasts as long as the others do on average.
+        rate = (first[-1] - first[0]) / (times_s[first[-1]] - times_s[first[0]])
+        last = times_s[first[-1]] + (len(times_s) - first[-1]) / rate
+        ends = ([*first, len(times_s)], [*times_s[first], last])
+        spread = np.interp(np.arange(len(times_s)), *ends)
+    return spread, ("Several frames have the same time stamp; they are spread evenly.",)
+
+
 def known_pixels(frames: Any) -> Any:
-    """Return frames with NaN for what is masked in a masked array."""
+    """Return frames with NaN for what is masked in a masked array, and the mean for a few."""
     if not isinstance(frames, np.ma.MaskedArray) or frames.dtype.kind not in "iuf":
         return frames
     if not np.ma.is_masked(frames):
         return frames.data
-    masked: Any = frames.astype(np.result_type(frames.dtype, np.float32))
-    return masked.filled(np.nan)
+    known: Any = frames.astype(np.result_type(frames.dtype, np.float32))
+    if known.ndim < 2 or np.ma.getmaskarray(known).mean(axis=(-2, -1)).max() > FEW_PIXELS:
+        return known.filled(np.nan)
+    # Bad pixels of a camera: without the fringes there, but not without the frame.
+    means = known.mean(axis=(-2, -1), keepdims=True)
+    return np.where(np.ma.getmaskarray(known), means, known.data)
 
 
 def checked_frames(frames: Any, name: str) -> NDArray[np.generic]:

@@ -348,6 +348,9 @@ def usual_fringes(
         np.median([each.coherence for each in fringes.values()], axis=0),
     )
     kept = {i: fields for i, fields in known.items() if not fringes[i].reason(usual)}
+    if not kept:
+        reasons = {i: each.reason(usual) for i, each in fringes.items()}
+        raise ValueError(all_lost(rec.name, reasons))
     return LostFrames(usual), kept
 
 

@@ -42,12 +42,8 @@ A2, A4 = np.float32(-0.3333314528), np.float32(0.1999355085)
 A6, A8 = np.float32(-0.1420889944), np.float32(0.1065626393)
 A10, A12 = np.float32(-0.0752896400), np.float32(0.0429096138)
 A14, A16 = np.float32(-0.0161657367), np.float32(0.0028662257)
-A10, A12, A14, A16 = (
-    np.float32(a) for a in (-0.0752896400, 0.0429096138, -0.0161657367, 0.0028662257)
-)
 ZERO, ONE = np.float32(0), np.float32(1)
 BINS_PER_RAD = np.float32(1 / FINE_RAD)
-
 
 Fields = NDArray[np.complex64]
 Image = NDArray[np.float32]

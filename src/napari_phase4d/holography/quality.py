@@ -97,6 +97,8 @@ def shows_fringes(field: NDArray[np.complex64]) -> NDArray[np.bool_]:
     """
     size = np.abs(field)
     bright = float(np.quantile(size, BRIGHT))
+    if bright == 0:
+        return np.zeros(field.shape, dtype=bool)
     local = ndimage.uniform_filter(size, WINDOW // 2)
     seen: NDArray[np.bool_] = local >= DARK * bright
     if not seen.all():
@@ -132,7 +134,7 @@ def fringe_mask(data: xr.Dataset) -> xr.DataArray:
     Returns
     -------
     DataArray of bool
-        (time, angle, y, x); False in frames that were lost.
+        In the form of the phase; False in frames that were lost.
 
     Examples
     --------
@@ -143,13 +145,18 @@ def fringe_mask(data: xr.Dataset) -> xr.DataArray:
     >>> bool(fringe_mask(data).all())
     True
     """
-    phase, amplitude = (data[name].transpose(*AXES).values for name in ("phase", "amplitude"))
+    leading = [axis for axis in AXES[:2] if axis in data["phase"].dims]
+    phase, amplitude = (
+        data[name].transpose(*leading, "y", "x") for name in ("phase", "amplitude")
+    )
     seen = np.zeros(phase.shape, dtype=bool)
-    for frame in np.ndindex(*phase.shape[:2]):
-        if np.isfinite(amplitude[frame]).all():
-            field = amplitude[frame] * np.exp(1j * phase[frame])
-            seen[frame] = shows_fringes(field.astype(np.complex64))
-    return xr.DataArray(seen, data["phase"].coords, AXES, name="fringes")
+    for frame in np.ndindex(*phase.shape[:-2]):
+        size = amplitude.values[frame]
+        known = np.isfinite(size)
+        field = np.where(known, size, 0) * np.exp(1j * np.nan_to_num(phase.values[frame]))
+        seen[frame] = known & shows_fringes(field.astype(np.complex64))
+    found = xr.DataArray(seen, phase.coords, phase.dims, name="fringes")
+    return found.transpose(*data["phase"].dims)
 
 
 def fringe_advice(attrs: Mapping[str, Any]) -> str:

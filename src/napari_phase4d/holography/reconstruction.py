@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
@@ -170,7 +169,7 @@ def reconstruct(
     for doubt in lobe_doubts(lobes):
         warn(doubt)
     for advice in reconstruction_advice(work.attrs):
-        warnings.warn(f"{rec.name}: {advice}", UserWarning, stacklevel=2)
+        warn(f"{rec.name}: {advice}")
     return reconstruct_frames(work, rec, progress, cancelled)
 
 

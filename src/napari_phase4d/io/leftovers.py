@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import zlib
+from contextlib import suppress
 from pathlib import Path
 from platform import node
 
@@ -52,4 +53,5 @@ def remove_dead(parent: Path, begins: str = ".") -> None:
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):  # another user's, or held open
+                path.unlink(missing_ok=True)

@@ -12,6 +12,7 @@ from typing import Any
 from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.io.leftovers import remove_dead
+from napari_phase4d.io.results import is_result
 from napari_phase4d.pipeline.batch.complete import NOTE, noted
 from napari_phase4d.pipeline.batch.lock import alone
 from napari_phase4d.pipeline.fingerprint import Fingerprint
@@ -40,6 +41,10 @@ class ResultFolder:
         note = noted(folder)
         #: Names of what earlier runs have made.
         self.own: set[str] = {file["name"] for file in note["files"]} if note else set()
+        if not (folder / NOTE).exists():
+            self.own = made_before(folder, planned)
+        #: The input, where it lies in the folder, and whether an earlier run made it.
+        self.given, self.foreign = "", set[str]()
 
     def check(self, source: str) -> None:
         """Refuse names that are taken by what no run has made, or by the input.
@@ -52,6 +57,9 @@ class ResultFolder:
             if not (path.exists() or path.is_symlink()):
                 continue
             is_input = given is not None and path.resolve() == given
+            if is_input:
+                self.given = name
+                self.foreign = {name} - self.own
             if is_input and name.startswith("wrapped."):
                 continue
             if is_input:
@@ -66,7 +74,7 @@ class ResultFolder:
 
     def announce(self) -> None:
         """Note what may be written, so that the next run knows it if this one is killed."""
-        self.write_note(self.own | set(self.planned), {})
+        self.write_note((self.own | set(self.planned)) - self.foreign, {})
 
     def settle(self, written: Iterable[Path], given: str, source: Fingerprint) -> None:
         """Note what was written; what an earlier run made, and this one did not, goes.
@@ -80,16 +88,17 @@ class ResultFolder:
         source : Fingerprint
             That of the input.
         """
-        names = {path.name for path in written}
+        names = {path.name for path in written} - self.foreign
         for name in self.own - names:
             path = self.folder / name
             if not given or path.resolve() != Path(given).resolve():
                 remove(path)
-        self.write_note(names, source.as_dict())
+        self.write_note(names | (self.own & {self.given}), source.as_dict())
 
     def give_up(self) -> None:
         """Note what is there after all, where a run has failed."""
-        there = [name for name in self.own | set(self.planned) if (self.folder / name).exists()]
+        ours = (self.own | set(self.planned)) - self.foreign
+        there = [name for name in ours if (self.folder / name).exists()]
         with suppress(OSError):
             if there:
                 self.write_note(there, {})
@@ -147,6 +156,20 @@ def result_folder(
             with suppress(OSError):  # something lies in it
                 folder.rmdir()
         raise
+
+
+def made_before(folder: Path, planned: Sequence[str]) -> set[str]:
+    """Return what a run of version 0.1.0 made in a folder, which left no note of it."""
+    there = {name for name in planned if (folder / name).exists()}
+    stacks = there - set(FILES)
+    if not there >= set(FILES) or not stacks:
+        return set()
+    try:
+        Recipe.from_file(folder / "recipe.json")
+        ours = all(is_result(folder / name) for name in stacks)
+    except (OSError, ValueError):
+        return set()
+    return there if ours else set()
 
 
 def planned_names(recipe: Recipe) -> list[str]:

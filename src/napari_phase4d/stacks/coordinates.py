@@ -132,8 +132,11 @@ def same_places(one: NDArray[Any], other: NDArray[Any]) -> bool:
     if len(one) != len(other):
         return False
     a, b = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
-    near = UNEVEN * float(np.min(np.abs(np.diff(a)))) if len(a) > 1 else 1e-9
-    return bool(np.all(np.abs(a - b) <= max(near, 1e-9)))
+    rounding = 1e-6 * float(np.abs(a).max(initial=0))  # of single precision
+    if len(a) > 1:
+        apart = float(np.min(np.abs(np.diff(a))))
+        rounding = max(UNEVEN * apart, min(rounding, 0.4 * apart))
+    return bool(np.all(np.abs(a - b) <= max(rounding, 1e-9)))
 
 
 def pixel_um(stack: xr.DataArray, name: str) -> tuple[float, float]:

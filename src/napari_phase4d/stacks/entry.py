@@ -16,6 +16,9 @@ __all__ = ["as_stack", "unwrapped_stack", "wrapped_stack"]
 
 #: What phase is given in.
 PHASE_UNITS = "rad"
+#: What programs note of numbers without a unit, as those of an angle are. Amplitudes have "a.u."
+#: or, as a share, "1".
+NO_UNITS = ("dimensionless",)
 
 
 def wrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArray:
@@ -110,6 +113,8 @@ def check_numbers(stack: xr.DataArray, name: str) -> None:
 def in_radians(stack: xr.DataArray, name: str) -> xr.DataArray:
     """Return phase in radians, by the units that it notes."""
     units = str(stack.attrs.get("units") or PHASE_UNITS)
+    if units in NO_UNITS:
+        return stack
     factor = factor_to(units, PHASE_UNITS)
     if factor is None:
         length = factor_to(units, "um") is not None

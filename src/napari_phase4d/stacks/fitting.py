@@ -17,9 +17,9 @@ def on_grid_of(other: xr.DataArray | Any, stack: xr.DataArray, name: str) -> xr.
     """Return a further stack with the dims, order and coordinates of a stack, or refuse it.
 
     Frames are brought into the order of the stack's times and angles by their coordinates, where
-    both have them. Plain arrays are (y, x), (time, y, x) or (time, angle, y, x).
+    both have them. Plain arrays of the stack's shape have its dims.
     """
-    given = other if isinstance(other, xr.DataArray) else named(other, name)
+    given = other if isinstance(other, xr.DataArray) else beside(other, stack, name)
     if set(given.dims) != set(stack.dims) or dict(given.sizes) != dict(stack.sizes):
         msg = (
             f"{name} is {in_words(given)}, but the phase is {in_words(stack)}; they must be of "
@@ -28,6 +28,12 @@ def on_grid_of(other: xr.DataArray | Any, stack: xr.DataArray, name: str) -> xr.
         raise ValueError(msg)
     given = in_order_of(with_coordinates(given, name), stack, name)
     return given.transpose(*stack.dims)
+
+
+def beside(values: Any, stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a plain array with the dims of the stack that it belongs to, if it has its shape."""
+    given = named(values, name)
+    return xr.DataArray(given.data, dims=stack.dims) if given.shape == stack.shape else given
 
 
 def mask_on(mask: xr.DataArray | Any, stack: xr.DataArray, name: str) -> Any:
@@ -105,12 +111,11 @@ def as_bool(mask: xr.DataArray, name: str) -> xr.DataArray:
     if kind not in "iuf":
         msg = f"{name} must be of bool, but is {mask.dtype}"
         raise TypeError(msg)
-    if kind == "f":
-        found = np.unique(mask.values)
-        if not np.isin(found, (0, 1)).all():
-            odd = found[~np.isin(found, (0, 1))][0]
-            msg = f"{name} must be of bool, but holds {odd:g}; make one, as with mask > 0"
-            raise ValueError(msg)
+    # A lazy one is not held in memory for it.
+    if kind == "f" and bool(((mask != 0) & (mask != 1)).any()):
+        odd = mask.values[((mask != 0) & (mask != 1)).values][0]
+        msg = f"{name} must be of bool, but holds {odd:g}; make one, as with mask > 0"
+        raise ValueError(msg)
     return mask != 0
 
 

@@ -65,6 +65,8 @@ def check_wrapped(stack: xr.DataArray, name: str) -> None:
     if in_most(known, -LARGEST, LARGEST):  # what never wraps is both
         doubt_turns(name, known)
         return
+    if in_most(known, -1e-3, 2 * LARGEST):  # wrapped to a turn from zero on
+        return
     if kind_of(stack) == UNWRAPPED:
         by = f" by {stack.attrs['method']}" if stack.attrs.get("method") else ""
         msg = (
@@ -72,7 +74,7 @@ def check_wrapped(stack: xr.DataArray, name: str) -> None:
             "with numpy.angle(numpy.exp(1j * phase))"
         )
         raise ValueError(msg)
-    if known.size >= LEAST_PIXELS and not in_most(known, -1e-3, 2 * LARGEST):
+    if known.size >= LEAST_PIXELS:
         doubt_beyond(name, known)
 
 
@@ -119,10 +121,11 @@ def check_unwrapped(stack: xr.DataArray, name: str) -> None:
         return
     low, high = float(known.min()), float(known.max())
     inside = low >= -LARGEST and high <= LARGEST
-    if inside and noted == WRAPPED and high - low > np.pi:
+    fills = inside and low < NEAR - np.pi and np.pi - NEAR < high
+    if fills and noted == WRAPPED:
         msg = f"{name} is wrapped, as it notes; unwrap it first, with unwrap()"
         raise ValueError(msg)
-    if inside and low < NEAR - np.pi and np.pi - NEAR < high:
+    if fills:
         warn(
             f"{name} runs from just -pi to just pi, so it seems to be wrapped; unwrap it first, "
             "with unwrap()"
@@ -156,7 +159,8 @@ def sample_of(stack: xr.DataArray) -> NDArray[Any]:
     parts = []
     for number in chosen:
         place = dict(zip(frames, np.unravel_index(number, shape), strict=True)) if frames else {}
-        parts.append(np.asarray(stack.isel(place).data).ravel())
+        part = np.asarray(stack.isel(place).data).ravel()
+        parts.append(part.astype(np.float32) if part.dtype == np.float16 else part)
     shown = np.concatenate(parts)
     known: NDArray[Any] = shown[np.isfinite(shown)]
     return known

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -10,6 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.checks import warn
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.unwrapping.lending import LentProblem
@@ -104,7 +104,7 @@ def unwrap(
     )
     found = run_method(problem, method, progress, cancelled, method_options)
     if advice := left_out_advice(found.attrs):
-        warnings.warn(f"{advice}, with mask=None", UserWarning, stacklevel=2)
+        warn(f"{advice}, with mask=None")
     return found
 
 

@@ -64,7 +64,8 @@ def remove_left(out: Path) -> None:
     for left in out.glob(f".{LOCK}-*"):
         number = left.name.rpartition("-")[2]
         if number.isdigit() and not psutil.pid_exists(int(number)):
-            left.unlink(missing_ok=True)
+            with suppress(OSError):  # another user's, or held open
+                left.unlink(missing_ok=True)
 
 
 def take(lock: Path, temporary: Path, mine: dict[str, Any]) -> None:

@@ -132,8 +132,9 @@ class LiftBlock:
         Returns
         -------
         ndarray of shape (time, angle, 2), ndarray of shape (time, angle), bool
-            The object's centre in each frame; the share of it that is left out though its phase
-            is smooth and not flat; whether the phase is known everywhere.
+            The object's centre in each frame; the share of the frame that is left out though its
+            phase is smooth and not flat, where the object is to be found; whether the phase is
+            known everywhere.
         """
         wrapped, known = known_phase(self.phase, block)
         lift = self.lift[block.start : block.stop, :, None, None]
@@ -145,7 +146,8 @@ class LiftBlock:
         shares = np.zeros(wrapped.shape[:2])
         for frame in np.ndindex(*wrapped.shape[:2]):
             found[frame] = object_mask(unwrapped[frame])
-            shares[frame] = smooth_share_left_out(unwrapped[frame], found[frame])
+            if self.finds_mask:
+                shares[frame] = smooth_share_left_out(unwrapped[frame], found[frame])
         if self.finds_mask:
             found &= known
         for frame in np.ndindex(*wrapped.shape[:2]):
