@@ -16,6 +16,7 @@ from napari_phase4d.stacks.units import factor_to
 __all__ = [
     "check_rising",
     "pixel_um",
+    "plain",
     "same_places",
     "some",
     "spacing",
@@ -99,6 +100,17 @@ def check_places(places: NDArray[Any], axis: str, name: str) -> None:
             f"grid, as with interp({axis}=...)"
         )
         raise ValueError(msg)
+
+
+def plain(values: Any, name: str) -> Any:
+    """Return an array of what was given, lazy ones as they are; ValueError if it is none."""
+    if hasattr(values, "dask"):
+        return values
+    try:
+        return np.asarray(values)
+    except ValueError as error:
+        msg = f"{name} is no array: its rows differ in length"
+        raise ValueError(msg) from error
 
 
 def is_even(places: NDArray[Any]) -> bool:

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.axes import AXES, PLAIN_AXES
-from napari_phase4d.stacks.coordinates import check_rising, with_coordinates
+from napari_phase4d.stacks.coordinates import check_rising, plain, with_coordinates
 from napari_phase4d.stacks.kinds import check_unwrapped, check_wrapped, refuse_counts
 from napari_phase4d.stacks.units import factor_to
 
@@ -82,11 +82,7 @@ def with_names(phase: Any, name: str) -> xr.DataArray:
         raise TypeError(msg)
     if isinstance(phase, np.ma.MaskedArray) and phase.dtype.kind == "f":
         phase = phase.filled(np.nan)
-    try:
-        values = np.asarray(phase) if not hasattr(phase, "dask") else phase
-    except ValueError as error:
-        msg = f"{name} is no array: its rows differ in length"
-        raise ValueError(msg) from error
+    values = plain(phase, name)
     if values.ndim not in PLAIN_AXES:
         msg = (
             f"{name} has {values.ndim} dimensions {values.shape}; it must have two (y, x), "

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.axes import AXES, PLAIN_AXES
-from napari_phase4d.stacks.coordinates import same_places, some, with_coordinates
+from napari_phase4d.stacks.coordinates import plain, same_places, some, with_coordinates
 
 __all__ = ["mask_on", "on_grid_of", "without_masked"]
 
@@ -88,12 +88,7 @@ def named(values: Any, name: str) -> xr.DataArray:
     if isinstance(values, np.ma.MaskedArray):
         outside: Any = False if values.dtype.kind in "biu" else np.nan
         values = values.filled(outside)
-    if not hasattr(values, "dask"):
-        try:
-            values = np.asarray(values)
-        except ValueError as error:
-            msg = f"{name} is no array: its rows differ in length"
-            raise ValueError(msg) from error
+    values = plain(values, name)
     if values.ndim not in PLAIN_AXES:
         msg = (
             f"{name} is {values.shape}, which does not fit the phase: plain arrays are (y, x), "
