@@ -23,7 +23,7 @@ from napari_phase4d.unwrapping.background import (
     tilt_of,
     turned,
 )
-from napari_phase4d.unwrapping.directional.boxes import box_mean, change_on_both_sides, known_mean
+from napari_phase4d.unwrapping.boxes import box_mean, change_on_both_sides, known_mean
 from napari_phase4d.unwrapping.directional.filtering import along_slope
 from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.directional.steps import follow_steps
