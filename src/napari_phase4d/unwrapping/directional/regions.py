@@ -25,8 +25,10 @@ __all__ = ["PARTS", "Edges", "Regions", "find_regions", "merged_edges", "root_of
 
 #: Weight of a step: (SOFTENING + roughness)^-POWER, roughness in radians.
 SOFTENING, POWER = 0.5, 6
-#: Weights are whole multiples of one part in so many, so that their sums don't depend on the order.
-PARTS = 2.0**26
+#: Weights are whole multiples, at least 1, of one part in so many, so that their sums do not depend
+#: on the order. It tells steps of up to 40 rad apart, more than fading amplitude stands for, and
+#: leaves room for the sum of some ten million smooth steps.
+PARTS = 2.0**32
 #: Steps smoother and smaller than this, in radians, are never doubted: their ends move together.
 #: The smoother half of them joins first.
 CERTAIN, SMOOTH = 1.0, 0.5
@@ -61,7 +63,7 @@ class Edges:
     turns : ndarray of int
         Turns of the second region minus those of the first.
     weight : ndarray of int
-        What a turn more or less costs, in parts of 2^-26.
+        What a turn more or less costs, in parts of 2^-32.
     ground : ndarray of int
         The share of it that steps between islands of the empty field have.
     rough : ndarray of float
@@ -182,7 +184,7 @@ class Runs:
     ends : ndarray of int, shape (steps, 4)
         First and second group, turns, and how far they may be used.
     costs : ndarray of int, shape (steps, 2)
-        Weight, and that of steps between islands of the empty field, in parts of 2^-26.
+        Weight, and that of steps between islands of the empty field, in parts of 2^-32.
     rough : ndarray of float
         Roughness of the smoothest, radians.
     """
@@ -497,7 +499,7 @@ def list_runs(
                     grade = grade_of(r, True, small[v, y, x], either)
                     ends[count - 1, 3] = max(ends[count - 1, 3], grade)
                     share = 1 / (SOFTENING + np.float64(r)) ** 2
-                    cost = np.int64(np.round(PARTS * share * share * share))
+                    cost = max(np.int64(np.round(PARTS * share * share * share)), 1)
                     costs[count - 1, 0] += cost
                     if not either:
                         costs[count - 1, 1] += cost

@@ -263,7 +263,7 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
             kept = kept & ~steps.bare
         by_axis[axis] = opinion(axis, steps, rough, kept, close.amplitude, own)
         if axis > 1 and n > 1:
-            courses[axis] = courses_of(axis, steps, share, rough, floors, block, near, close)
+            courses[axis] = courses_of(axis, steps, share, rough, floors, near, close)
     return Weighed(block, part_of(seen, block.of(around)), by_axis, {}, courses)
 
 
@@ -366,7 +366,6 @@ def courses_of(
     left: Image | None,
     rough: Image,
     floors: Floors,
-    block: Block,
     near: Block,
     seen: Seen,
 ) -> Courses:
