@@ -14,9 +14,10 @@ from napari_phase4d.holography.datasets import as_dataset
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.frametilt import FrameTilt
 from napari_phase4d.holography.lost import LostFrames
-from napari_phase4d.holography.polar import remove_offset, to_polar
+from napari_phase4d.holography.polar import remove_offset
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
+from napari_phase4d.phasors import to_polar
 from napari_phase4d.recording import BrokenFrameError, Recording
 
 __all__ = ["FrameReconstructor", "propagator_for"]

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.demodulation import cut_of, field_shape, half_spectrum
 from napari_phase4d.holography.frames import propagator_for
 from napari_phase4d.holography.lobes import Lobe
-from napari_phase4d.holography.polar import to_polar
 from napari_phase4d.holography.windows import WINDOWS
 from napari_phase4d.optics import Optics
+from napari_phase4d.phasors import to_polar
 
 __all__ = ["Preview"]
 

@@ -53,7 +53,7 @@ class Recorded(Protocol):
         """Frames that say nothing."""
 
     def background(self) -> Background:
-        """The empty field."""
+        """Return the empty field."""
 
     def amplitude_of(self, block: Block) -> Image | None:
         """Amplitude of a block as a share of its view's median, or None."""
@@ -226,7 +226,7 @@ class Scene:
         )
 
     def islands(self, block: Block) -> NDArray[np.int32]:
-        """Number the islands of the empty field of some frames, each frame from 0; -1 elsewhere."""
+        """Return the number of each island of the empty field in its frame; -1 elsewhere."""
         empty = self.frames.read_empty(block)
         found = np.empty(empty.shape, dtype=np.int32)
         for frame in np.ndindex(*empty.shape[:2]):
