@@ -29,25 +29,26 @@ ALLOWED = {
     "io": {"optics", "recording", "progress"},
     "holography": {"optics", "recording", "progress"},
     "unwrapping": {"progress"},
-    "evaluation": {"optics", "progress", "unwrapping"},
+    "analysis": {"optics", "progress", "unwrapping"},
+    "plotting": {"analysis"},
     "simulation": {"optics", "recording"},
     "sample": {"optics", "recording", "simulation"},
     "pipeline": {
-        "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
+        "optics", "recording", "progress", "io", "holography", "unwrapping", "analysis",
         "sample",
     },
     "scripting": {"optics", "io", "holography", "unwrapping", "pipeline"},
     "reproduction": {
-        "progress", "io", "evaluation", "unwrapping", "pipeline", "sample", "simulation",
+        "progress", "io", "analysis", "plotting", "unwrapping", "pipeline", "sample", "simulation",
     },
     "cli": {
-        "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
-        "pipeline", "sample", "reproduction", "_napari",
+        "optics", "recording", "progress", "io", "holography", "unwrapping", "analysis",
+        "plotting", "pipeline", "sample", "reproduction", "_napari",
     },
     "__main__": {"cli"},
     "_napari": {
-        "optics", "recording", "progress", "io", "holography", "unwrapping", "evaluation",
-        "pipeline", "sample", "scripting",
+        "optics", "recording", "progress", "io", "holography", "unwrapping", "analysis",
+        "plotting", "pipeline", "sample", "scripting",
     },
 }  # fmt: skip
 #: Part of the window -> other parts of it that it may import.

@@ -15,7 +15,7 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation.resources import measured as measured_cost
+from napari_phase4d.analysis.comparison import measured as measured_cost
 from napari_phase4d.io import read_results, tiff_results, write_phase
 from napari_phase4d.io.results import is_result, result_attrs
 from napari_phase4d.io.slabs import SLAB_BYTES, slabs

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 import xarray as xr
 
-from napari_phase4d.evaluation import REFERENCE, with_wavelength
+from napari_phase4d.analysis import REFERENCE, with_wavelength
 from napari_phase4d.holography import recalibrated
 from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.recording import Recording

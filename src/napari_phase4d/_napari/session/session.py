@@ -25,7 +25,7 @@ from napari_phase4d._napari.session.plans import (
 )
 from napari_phase4d._napari.session.plans.measuring import Masks
 from napari_phase4d._napari.session.state import State
-from napari_phase4d.evaluation import REFERENCE
+from napari_phase4d.analysis import REFERENCE
 from napari_phase4d.holography import Focus, Lobe
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.scripting import as_python

@@ -17,7 +17,7 @@ from napari_phase4d._napari.session.frames import checked_frames, moved_frames
 from napari_phase4d._napari.session.lobe_history import LobeHistory
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.recalibrating import recalibrate
-from napari_phase4d.evaluation import REFERENCE, Comparison
+from napari_phase4d.analysis import REFERENCE, Comparison
 from napari_phase4d.holography import Focus, FoundLobes, Lobe, first_seen
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs

@@ -18,7 +18,8 @@ from napari_phase4d._napari.viewing.layers import METADATA_KEY
 from napari_phase4d._napari.viewing.on_demand import lazy_of
 from napari_phase4d._napari.viewing.sources import stack_of_layer
 from napari_phase4d._napari.widgets.low_tabs import LowTabs
-from napari_phase4d.evaluation import EXACT, best_known, order_verdict, steps_sentence
+from napari_phase4d.analysis import best_known, order_verdict, steps_sentence
+from napari_phase4d.plotting import EXACT
 
 __all__ = ["CompareStep"]
 

@@ -6,7 +6,7 @@ import numpy as np
 import pandas as pd
 import xarray as xr
 
-from napari_phase4d.evaluation import noise_sentence
+from napari_phase4d.analysis import noise_sentence
 from napari_phase4d.holography import Focus, first_seen, reconstruction_advice
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted, size_in_words

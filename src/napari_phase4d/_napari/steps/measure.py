@@ -17,7 +17,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
 from napari_phase4d._napari.widgets.curves import CurvePlot
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.evaluation import most_trusted
+from napari_phase4d.analysis import most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.unwrapping import METHODS
 

@@ -11,7 +11,8 @@ from qtpy.QtCore import QTimer
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.regions import newest_region
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
-from napari_phase4d.evaluation import named_results, traces
+from napari_phase4d.analysis import traces
+from napari_phase4d.plotting import named_results
 
 __all__ = ["TracePart"]
 

@@ -27,7 +27,8 @@ from napari_phase4d._napari.viewing.layers import (
     spread_over_angles,
     stack_layer,
 )
-from napari_phase4d.evaluation import EXACT, difference, most_trusted
+from napari_phase4d.analysis import difference, most_trusted
+from napari_phase4d.plotting import EXACT
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["Presenter"]

@@ -9,7 +9,7 @@ import xarray as xr
 from napari.layers import Labels, Shapes
 from numpy.typing import NDArray
 
-from napari_phase4d.evaluation import polygon_mask, region_masks
+from napari_phase4d.analysis import polygon_mask, region_masks
 from napari_phase4d.io import step_of
 
 __all__ = ["is_region_layer", "newest_region", "regions_of_layer"]

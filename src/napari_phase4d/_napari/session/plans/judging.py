@@ -8,12 +8,7 @@ import xarray as xr
 
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.state import Changed, State
-from napari_phase4d.evaluation import (
-    Comparison,
-    best_known,
-    in_memory,
-    itoh_margin,
-)
+from napari_phase4d.analysis import Comparison, best_known, in_memory, itoh_margin
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 
 Judged = tuple[dict[str, xr.DataArray], dict[str, str], str, Comparison]

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.state import Changed, State
-from napari_phase4d.evaluation import Comparison, measure, most_trusted
+from napari_phase4d.analysis import Comparison, measure, most_trusted
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
 

@@ -8,9 +8,7 @@ import xarray as xr
 from napari_phase4d._napari.session.opening import TruthCall
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.state import State
-from napari_phase4d.evaluation import (
-    noise_figures,
-)
+from napari_phase4d.analysis import noise_figures
 from napari_phase4d.holography import Focus
 from napari_phase4d.pipeline import (
     find_place,

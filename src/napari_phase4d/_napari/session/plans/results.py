@@ -13,10 +13,7 @@ import xarray as xr
 from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.state import State
 from napari_phase4d._napari.session.states import phase_is_stale
-from napari_phase4d.evaluation import (
-    REFERENCE,
-    Comparison,
-)
+from napari_phase4d.analysis import REFERENCE, Comparison
 from napari_phase4d.pipeline import (
     Outcome,
     estimated_seconds,

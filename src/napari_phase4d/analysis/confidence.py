@@ -20,7 +20,6 @@ __all__ = [
     "reference_of",
     "slip_warning",
     "slipped_frames",
-    "support_of",
     "turns_off",
 ]
 

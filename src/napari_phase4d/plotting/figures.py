@@ -1,4 +1,4 @@
-"""Pictures of results side by side, after the paper's Figs. 2 and 4."""
+"""Pictures of results side by side, after the paper's Figs. 2 and 4, and of a recording."""
 
 from __future__ import annotations
 
@@ -6,19 +6,28 @@ import math
 import textwrap
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.analysis import Comparison, frame_of, in_memory
+
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
-from napari_phase4d.evaluation.loading import frame_of, in_memory
-
-__all__ = ["comparison_figure", "movie_frames", "phase_limits"]
+__all__ = [
+    "EXACT",
+    "Circle",
+    "comparison_figure",
+    "look_figure",
+    "movie_frames",
+    "named_results",
+    "phase_limits",
+    "telling_frames",
+]
 
 #: Inches that one picture takes.
 CELL = 1.7
@@ -255,3 +264,174 @@ def time_label(stack: xr.DataArray, t: int) -> str:
     if float(stack["time"][-1]) >= 600:
         return f"t = {seconds / 60:.3g} min"
     return f"t = {seconds:.3g} s"
+
+
+#: Inches of one picture, and of the words below them, a line.
+LOOK_CELL, LOOK_LINE = 3.0, 0.2
+#: Inches that stay empty on the left and on the right.
+MARGIN = 0.1
+#: Rows and columns of a hologram that are shown at the camera's own resolution, so that the
+#: fringes can be seen.
+DETAIL = 64
+#: Of the spectrum, this share of the weakest frequencies is black.
+DARKEST = 0.5
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A lobe as it is drawn on the spectrum: ``(ky, kx)`` and radius in cycles per pixel."""
+
+    centre: tuple[float, float]
+    radius: float
+
+
+def look_figure(
+    hologram: NDArray[Any],
+    spectrum: xr.DataArray,
+    circles: Sequence[Circle],
+    data: xr.Dataset,
+    unwrapped: xr.DataArray,
+    *,
+    title: str = "",
+    words: Sequence[str] = (),
+) -> Figure:
+    """Draw a hologram, its spectrum with the lobes, and what each view shows of one frame.
+
+    Parameters
+    ----------
+    hologram : ndarray of shape (y, x)
+        Grey values.
+    spectrum : xarray.DataArray
+        Power, dims (ky, kx) in cycles per pixel.
+    circles : sequence of Circle
+        The lobes, in the order of the views of ``data``.
+    data : xarray.Dataset
+        ``phase`` wrapped and ``amplitude``, dims (time, angle, y, x); the first time is shown.
+    unwrapped : xarray.DataArray
+        Unwrapped phase of the first time, same dims.
+    title : str, optional
+        What stands above.
+    words : sequence of str, optional
+        Lines that stand below.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The first row is the hologram, a detail of it and the spectrum; then one row a view with
+        amplitude, wrapped and unwrapped phase.
+    """
+    from matplotlib.figure import Figure
+
+    n_views = data.sizes["angle"]
+    height, width = hologram.shape
+    cell = LOOK_CELL * min(height / width, 1.4)
+    foot = LOOK_LINE * (len(words) + 1)
+    size = (3 * (LOOK_CELL + 0.7), (1 + n_views) * (cell + 0.35) + foot + 0.3)
+    figure = Figure(figsize=size)
+    bottom = foot / size[1]
+    side = MARGIN / size[0]
+    figure.set_layout_engine("constrained", rect=(side, bottom, 1 - 2 * side, 1 - bottom))
+    axes = figure.subplots(1 + n_views, 3, squeeze=False)
+    for axis in axes.flat:
+        axis.set_xticks([])
+        axis.set_yticks([])
+    show_hologram(axes[0, 0], axes[0, 1], hologram)
+    show_spectrum(axes[0, 2], spectrum, circles)
+    for view, row in enumerate(axes[1:]):
+        show_view(figure, row, data, unwrapped, view)
+    figure.suptitle(title, fontsize=11)
+    figure.text(0.02, 0.3 * LOOK_LINE / size[1], "\n".join(words), fontsize=9, va="bottom")
+    return figure
+
+
+def show_hologram(whole: Any, detail: Any, hologram: NDArray[Any]) -> None:
+    """Draw a hologram, and its middle magnified, in grey."""
+    low, high = np.quantile(hologram, (0.001, 0.999))
+    scale = {"cmap": "gray", "vmin": low, "vmax": max(high, low + 1e-6)}
+    whole.imshow(hologram, **scale)
+    whole.set_title(f"hologram, {hologram.shape[1]} × {hologram.shape[0]}", fontsize=9)
+    part = tuple(slice(max(n // 2 - DETAIL // 2, 0), n // 2 + DETAIL // 2) for n in hologram.shape)
+    detail.imshow(hologram[part], interpolation="nearest", **scale)
+    detail.set_title("its middle, magnified", fontsize=9)
+
+
+def show_spectrum(axis: Any, spectrum: xr.DataArray, circles: Sequence[Circle]) -> None:
+    """Draw the power spectrum on a logarithmic scale, with a numbered circle on each lobe."""
+    from matplotlib.patches import Circle as Patch
+
+    power = 10 * np.log10(np.maximum(spectrum.values, np.finfo(np.float32).tiny))
+    ky, kx = spectrum["ky"].values, spectrum["kx"].values
+    axis.imshow(
+        power,
+        cmap="magma",
+        vmin=float(np.quantile(power, DARKEST)),
+        vmax=float(np.quantile(power, 0.9999)),
+        extent=(kx[0], kx[-1], ky[-1], ky[0]),
+        aspect="auto",
+    )
+    for number, circle in enumerate(circles, start=1):
+        y, x = circle.centre
+        axis.add_patch(Patch((x, y), circle.radius, fill=False, edgecolor="cyan"))
+        top = (x, y - 1.1 * circle.radius)
+        axis.annotate(str(number), top, color="cyan", ha="center", va="bottom", fontsize=10)
+    axis.set_title("spectrum (dB), lobes found", fontsize=9)
+
+
+def show_view(
+    figure: Figure, row: Sequence[Any], data: xr.Dataset, unwrapped: xr.DataArray, view: int
+) -> None:
+    """Draw amplitude, wrapped and unwrapped phase of a view."""
+    amplitude, height = data["amplitude"].values[0, view], unwrapped.values[0, view]
+    low, high = np.nanquantile(height, (0.002, 0.998))
+    angle = float(data["angle"].values[view])
+    pictures: list[tuple[str, NDArray[Any], dict[str, Any]]] = [
+        (
+            "amplitude",
+            amplitude,
+            {"cmap": "gray", "vmin": 0, "vmax": np.quantile(amplitude, 0.99)},
+        ),
+        (
+            "wrapped phase (rad)",
+            data["phase"].values[0, view],
+            {"cmap": "twilight", "vmin": -np.pi, "vmax": np.pi},
+        ),
+        ("unwrapped phase (rad)", height, {"cmap": "turbo", "vmin": low, "vmax": high}),
+    ]
+    for axis, (name, image, scale) in zip(row, pictures, strict=True):
+        shown = axis.imshow(image, **scale)
+        axis.set_title(name, fontsize=9)
+        figure.colorbar(shown, ax=axis, shrink=0.8)
+    row[0].set_ylabel(f"view {view + 1} ({angle:g}°)", fontsize=9)
+
+
+#: Name under which the truth is shown.
+EXACT = "exact"
+
+
+def named_results(
+    comparison: Comparison, truth: xr.DataArray | None = None
+) -> dict[str, xr.DataArray]:
+    """Return the truth, where it is known, and every result by the name of its method."""
+    labels = comparison.table["method"]
+    named = {str(labels[method]): result for method, result in comparison.results.items()}
+    return named if truth is None else {EXACT: truth, **named}
+
+
+def telling_frames(
+    phase: xr.DataArray, boundary: tuple[int, int], also: tuple[int, int] | None = None
+) -> list[tuple[int, int]]:
+    """Return frames worth a picture: the thin one, half way, and the last from both ends.
+
+    Parameters
+    ----------
+    phase : xarray.DataArray
+        Any of the stacks, dims (time, angle, y, x).
+    boundary : tuple of int
+        The optically thin frame (time, angle); negative numbers count from the end.
+    also : tuple of int, optional
+        One more frame, such as the one on screen, instead of the one half way.
+    """
+    last, far = phase.sizes["time"] - 1, phase.sizes["angle"] - 1
+    t, a = boundary
+    frames = [(t % (last + 1), a % (far + 1)), also or (last // 2, 0), (last, 0), (last, far)]
+    return list(dict.fromkeys(frames))

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.evaluation.loading import in_memory
+from napari_phase4d.analysis.loading import in_memory
 from napari_phase4d.unwrapping import both_ends, loop_sums
 
 __all__ = ["itoh_margin", "order_shares", "residues"]

@@ -1,13 +1,4 @@
-"""How noisy phase and amplitude are, where the field is empty: in time and in space.
-
-* In time: the standard deviation of a pixel from frame to frame. It is taken from the differences
-  of neighbouring frames, over sqrt(2), after the constant by which the whole field moves has been
-  taken off; so neither slow drift nor fixed structure counts.
-* In space: the standard deviation over one frame, after a tilt has been taken off; so fixed
-  structure, such as dust and speckle, counts as well.
-
-Both as phase in mrad, and as optical path in nm: phase times wavelength / 2 pi.
-"""
+"""How noisy phase and amplitude are, where the field is empty: in time and in space."""
 
 from __future__ import annotations
 
