@@ -3,23 +3,26 @@
 from __future__ import annotations
 
 import itertools
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
-from scipy import sparse
+from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 import napari_phase4d as p4d
 from napari_phase4d.progress import Watch
 from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_noise
+from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping.background import find_background, noise_of
 from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
-from napari_phase4d.unwrapping.directional.field import islands_of, prepare
-from napari_phase4d.unwrapping.directional.following import follow_object, seams
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
-from napari_phase4d.unwrapping.directional.regions import Regions, regions_of
-from napari_phase4d.unwrapping.directional.steps import Steps, all_steps, roughness
+from napari_phase4d.unwrapping.directional.methods import prepared
+from napari_phase4d.unwrapping.directional.regions import PARTS, merged_edges
+from napari_phase4d.unwrapping.directional.scene import Scene, Seen, follow_object, seams
+from napari_phase4d.unwrapping.directional.steps import Floors, roughness, weighed_steps
+from napari_phase4d.unwrapping.directional.support import islands_of
 from napari_phase4d.unwrapping.problem import Problem
 
 pytestmark = pytest.mark.slow
@@ -28,6 +31,19 @@ TURN = 2 * np.pi
 CYCLE = TURN**2
 OWN = ("directional-growing", "directional-l1")
 PAPER = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
+
+
+class Still:
+    """Frames of an object that are level already; a scene asks them for no more."""
+
+    def __init__(self, phase: np.ndarray, empty: np.ndarray, amplitude: object = None) -> None:
+        self.shape, self.start = phase.shape, (0, 0)
+        self.background = SimpleNamespace(noise=0.0)
+        self._seen = phase, empty, np.ones(phase.shape, bool), amplitude
+
+    def read(self, block: Block) -> Seen:
+        own = slice(block.start, block.stop)
+        return Seen(*(part if part is None else part[own] for part in self._seen))
 
 
 def turns_off(found: xr.DataArray, exact: xr.DataArray) -> np.ndarray:
@@ -210,10 +226,9 @@ def test_noise_is_taken_off_without_background_in_view() -> None:
     """Else no step is certain, and the graph is as large as the recording."""
     exact = moving_shape("swelling", (96, 96)).isel(y=slice(33, 63), x=slice(33, 63))
     problem = Problem(with_noise(exact, 0.2, seed=1)["wrapped"])
-    field = prepare(problem, Watch(3, ""))
-    assert not field.frames.empty.any()
-    regions = regions_of(field.steps, len(field.values), field.n_islands)
-    assert regions.n < 0.01 * len(field.values)
+    field = prepared(problem, None, None)
+    assert not problem.background().mask.any()
+    assert field.regions.n < 0.01 * problem.wrapped.size
 
 
 # ---- the empty field ------------------------------------------------------------------------
@@ -242,14 +257,15 @@ def test_islands_are_numbered_by_frame() -> None:
     empty = np.zeros((2, 1, 4, 6), dtype=bool)
     empty[0, 0, :, :2] = empty[0, 0, :, 3:] = True
     empty[1, 0] = True
-    numbers, count, fields = islands_of(empty, (0, 0))
+    each = np.stack([ndimage.label(frame[0])[0] - 1 for frame in empty])[:, None]
+    numbers, count, fields = islands_of(each, (0, 0))
     assert count == 3
     assert (numbers[~empty] == -1).all()
     assert (numbers[0, 0, :, 3:] == 0).all()  # the largest of the boundary frame
     assert sorted({int(numbers[0, 0, 0, 0]), int(numbers[1, 0, 0, 0])}) == [1, 2]
     # The largest of each frame is the field.
     assert [int(f) for f in fields] == [0, int(numbers[1, 0, 0, 0])]
-    nothing = islands_of(np.zeros((1, 1, 2, 2), dtype=bool), (0, 0))
+    nothing = islands_of(np.full((1, 1, 2, 2), -1), (0, 0))
     assert nothing[1] == 1
     assert len(nothing[2]) == 0
 
@@ -259,7 +275,7 @@ def test_a_moving_object_is_followed() -> None:
     frame[10:16, 4:12] = np.random.default_rng(0).uniform(0.5, 2, (6, 8))
     ways = [(0, 0), (1, 1), (2, 2), (2, 4), (3, 5)]
     stack = np.stack([np.roll(frame, way, (0, 1)) for way in ways])[:, None]
-    shifts = follow_object(stack, stack != 0)
+    shifts = follow_object(Still(stack, stack == 0), Watch(1, ""))
     assert shifts[:, 0].tolist() == [[-dy, -dx] for dy, dx in ways]
 
 
@@ -293,30 +309,30 @@ def test_roughness_by_its_formula() -> None:
             for n, o in zip(step.shape, offset, strict=True)
         ]
         mean += change[np.ix_(*near)] ** 2 / 81
-    np.testing.assert_allclose(roughness(step, 2, none, ~none, 0.0), np.sqrt(mean), rtol=1e-4)
-    all_empty = ~none
+    np.testing.assert_allclose(roughness(step, 2, ~none, 0.0), np.sqrt(mean), rtol=1e-4)
     floor = (change**2).mean()
     expected = np.sqrt(np.maximum(mean - floor, 0))
-    np.testing.assert_allclose(roughness(step, 2, all_empty, all_empty, 0.0), expected, atol=1e-3)
+    np.testing.assert_allclose(roughness(step, 2, ~none, floor), expected, atol=1e-3)
 
 
-def test_steps_join_neighbours_only() -> None:
+@pytest.mark.parametrize("frames", [1, 2])
+def test_steps_join_neighbours_only(frames: int) -> None:
     rng = np.random.default_rng(4)
     phase = rng.uniform(-3, 3, (2, 2, 3, 3)).astype(np.float32)
-    nodes = np.arange(phase.size, dtype=np.int32).reshape(phase.shape)
-    yes = np.ones(phase.shape, dtype=bool)
-    seams = np.zeros(phase.shape, np.int8)
-    steps = all_steps(phase, nodes, ~yes, yes, seams, None, 0.0, None, 0)
-    plain = np.isfinite(steps.size)  # some steps are followed over time as well
-    assert (~plain).sum() % 2 == 0
-    steps = Steps(*(c[plain] for c in vars(steps).values()))
-    assert len(steps.first) == 2 * 9 + 2 * 9 + 4 * 6 + 4 * 6
-    flat = phase.ravel()
-    turns = -np.round((flat[steps.second] - flat[steps.first]) / TURN)
-    np.testing.assert_array_equal(steps.turns, turns)
     faint = np.full(phase.shape, 0.5, dtype=np.float32)
-    dim = all_steps(phase, nodes, ~yes, yes, seams, faint, 0.0, None, 0)
-    np.testing.assert_allclose(dim.roughness, steps.roughness + 2, rtol=1e-5)
+    rough = []
+    for amplitude in (None, faint):
+        still = Still(phase, np.zeros(phase.shape, bool), amplitude)
+        scene = Scene(still, np.zeros((2, 2, 2), np.intp), (slice(0, 3), slice(0, 3)))
+        floors = Floors(dict.fromkeys(range(4), 0.0), dict.fromkeys((2, 3), (0.0, 1.0)))
+        parts = list(weighed_steps(scene, floors, Watch(1, ""), frames=frames))
+        for axis, count in enumerate((2 * 9, 2 * 9, 4 * 6, 4 * 6)):
+            turns = np.concatenate([part.by_axis[axis].turns for part in parts])
+            asked = -np.round(np.diff(phase, axis=axis) / TURN)
+            assert turns.size == count
+            np.testing.assert_array_equal(turns, asked)
+        rough.append(np.concatenate([o.rough.ravel() for p in parts for o in p.by_axis.values()]))
+    np.testing.assert_allclose(rough[1], rough[0] + 2, rtol=1e-5)
 
 
 def test_cut_is_as_small_as_scipys() -> None:
@@ -351,14 +367,16 @@ def test_turns_of_least_cost_are_found() -> None:
         pairs = np.array(list(itertools.combinations(range(n), 2)), dtype=np.int32)
         turns = rng.integers(-2, 3, len(pairs))
         weight = rng.uniform(0.1, 1, len(pairs))
-        numbers = np.arange(n, dtype=np.int32)
-        regions = Regions(
-            numbers, np.zeros(n, np.int32), n, pairs[:, 0], pairs[:, 1], turns, weight
+        costs = np.round(PARTS * weight).astype(np.int64)
+        edges = merged_edges(
+            pairs[:, 0], pairs[:, 1], turns, costs, costs, weight.astype(np.float32)
         )
+        regions = SimpleNamespace(n=n, edges=edges, held=0, held_turns=0)
         limit = None
         if trial % 2:
             lowest = rng.integers(-1, 2, n)
-            limit = Limit(lowest, rng.uniform(0, 2, n), int(rng.choice([-1, 1])))
+            price = PARTS * rng.uniform(0, 2, n)
+            limit = Limit(np.arange(n), lowest, price, int(rng.choice([-1, 1])))
         solver = LeastTurns(regions, lambda: None)
         _, start = solver.start()
         assert start[0] == 0

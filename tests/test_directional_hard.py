@@ -16,6 +16,7 @@ from scipy import ndimage
 import napari_phase4d as p4d
 from helpers import measured
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
+from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping.background import (
     find_background,
     lost_frames,
@@ -23,10 +24,11 @@ from napari_phase4d.unwrapping.background import (
     tilt_of,
     turned,
 )
-from napari_phase4d.unwrapping.directional.boxes import box_mean, change_on_both_sides, known_mean
+from napari_phase4d.unwrapping.boxes import box_mean, change_on_both_sides, known_mean
 from napari_phase4d.unwrapping.directional.filtering import along_slope
 from napari_phase4d.unwrapping.directional.links import link_map
-from napari_phase4d.unwrapping.directional.steps import follow_steps
+from napari_phase4d.unwrapping.directional.scene import Seen
+from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of, follow
 
 TURN = 2 * np.pi
 WL1 = "directional-l1"
@@ -320,8 +322,7 @@ def test_a_step_is_followed_from_where_it_is_small(start: int) -> None:
     times = np.abs(np.arange(12) - start)
     step = np.broadcast_to((1.1 * times)[:, None, None, None], (12, 1, 6, 6)).astype(np.float32)
     yes = np.ones(step.shape, bool)
-    rough = np.zeros(step.shape, np.float32)
-    followed, doubt = follow_steps(turned(step), rough, yes, ~yes, 0.0, None, start)
+    followed, doubt = followed_from(start, turned(step), yes)
     np.testing.assert_allclose(followed, step, atol=1e-5)
     # Its changes on the way are its doubt.
     np.testing.assert_allclose(doubt[start], 0)
@@ -329,6 +330,23 @@ def test_a_step_is_followed_from_where_it_is_small(start: int) -> None:
     # What was not seen in between can't be followed.
     valid = yes.copy()
     valid[start + 2] = False
-    doubt = follow_steps(turned(step), rough, valid, ~yes, 0.0, None, start)[1]
+    doubt = followed_from(start, turned(step), valid)[1]
     assert np.isinf(doubt[start + 2 :]).all()
     assert np.isfinite(doubt[: start + 2]).all()
+
+
+def followed_from(
+    start: int, step: np.ndarray, valid: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Follow steps through all times, first from the start on, then back from there."""
+    every, none = Block(0, len(step)), np.zeros(step.shape, bool)
+    steps = Along(step, step, valid, valid, none)
+    floors = Floors({3: 0.0}, {3: (0.0, 1.0)})
+    seen = Seen(step, none, valid, None)
+    course = courses_of(3, steps, None, np.zeros(step.shape, np.float32), floors, every, seen)
+    ahead = follow(course, Block(start, len(step)), None, forward=True)
+    if start == 0:
+        return ahead
+    first = ahead[0][0], ahead[1][0]
+    behind = follow(course, Block(0, start), first, forward=False)
+    return np.concatenate([behind[0], ahead[0]]), np.concatenate([behind[1], ahead[1]])

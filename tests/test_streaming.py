@@ -19,11 +19,11 @@ from napari_phase4d.analysis.comparison import measured
 from napari_phase4d.io.lazy import FrameReader, lazy_frames
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
-from napari_phase4d.pipeline.streaming.blocks import block_at, block_frames, blocks_of
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.pipeline.streaming.workers import Threads
 from napari_phase4d.progress import Cancelled, Watch
 from napari_phase4d.recording import Recording
+from napari_phase4d.stack import block_at, block_frames, blocks_of
 from napari_phase4d.unwrapping import METHODS
 
 STREAMING = tuple(m for m, method in METHODS.items() if method.streams)

@@ -96,6 +96,10 @@ class Watch:
         self._cancelled = cancelled
         self._done = 0
 
+    def quiet(self, total: int) -> Watch:
+        """Return a watch that heeds the same wish to stop, and tells nothing."""
+        return Watch(total, self.message, None, self._cancelled)
+
     def check(self) -> None:
         """Raise `Cancelled` if the work is to stop."""
         if self._cancelled is not None and self._cancelled():

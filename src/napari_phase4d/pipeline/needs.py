@@ -11,8 +11,8 @@ from pathlib import Path
 from napari_phase4d.holography import Demodulator, Lobe
 from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.pipeline.streaming.blocks import block_frames
 from napari_phase4d.recording import Recording
+from napari_phase4d.stack import block_frames
 from napari_phase4d.unwrapping import METHODS, SCORED_PIXELS, SCORING_METHOD, STACKS_OF_A_FRAME
 from napari_phase4d.words import size_in_words
 

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,9 +11,20 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import on_all_cores
+from napari_phase4d.stack import Block, Memory, Stack, Store
+from napari_phase4d.unwrapping.boxes import box_mean
+from napari_phase4d.unwrapping.given import Given, as_given, working_blocks
 from napari_phase4d.unwrapping.spatial import BORDER, border_of
 
-__all__ = ["Background", "find_background", "lost_frames", "noise_of", "turned"]
+__all__ = [
+    "Background",
+    "background_of",
+    "find_background",
+    "lost_frames",
+    "lost_of",
+    "noise_of",
+    "turned",
+]
 
 TURN = 2 * np.pi
 #: Up to this noise in radians, frames count as free of noise.
@@ -35,7 +47,7 @@ ENOUGH_PIXELS = 1_000_000
 ENOUGH_IN_FRAME = 4_000
 #: Smaller islands at the border, in pixels, are no background.
 SMALLEST = 12
-#: Times and angles that the field of noisy frames is averaged over.
+#: Times and angles that the field of noisy frames is averaged over, where there are so many.
 BOX = 3
 #: Share of the weight of a window below which a mean counts as nothing.
 LEAST_WEIGHT = 1e-3
@@ -56,7 +68,7 @@ WORTH_A_TILT = 0.08
 #: ... and this share of it altogether: a slope may also be that of a cell at the border.
 WHOLE = 0.9
 
-Stack = NDArray[np.float32]
+Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 CROSS = ndimage.generate_binary_structure(2, 1)
 SQUARE = ndimage.generate_binary_structure(2, 2)
@@ -68,8 +80,8 @@ class Background:
 
     Parameters
     ----------
-    mask : ndarray of bool, shape (time, angle, y, x)
-        Empty pixels; none in frames that show no background.
+    empty : Stack
+        Marks empty pixels; none in frames that show no background.
     level : ndarray of float, shape (time, angle)
         Phase of the empty field in radians, which is to be taken off every frame.
     noise : float
@@ -79,30 +91,47 @@ class Background:
         x, about the middle of the frame.
     """
 
-    mask: Mask
+    empty: Stack
     level: NDArray[np.float64]
     noise: float
     tilt: NDArray[np.float64]
 
-    def ground(self, level: NDArray[np.float64]) -> Stack:
+    @property
+    def mask(self) -> Mask:
+        """All empty pixels, in memory."""
+        return self.empty.read(Block(0, self.empty.shape[0]))
+
+    def ground(self, level: NDArray[np.float64], block: Block | None = None) -> Image:
         """Return the phase of the empty field everywhere, for some levels of the frames.
 
         The shape is (time, angle, y, x), or (time, angle, 1, 1) where nothing is tilted.
+
+        Parameters
+        ----------
+        level : ndarray of float, shape (time, angle)
+            Of all frames.
+        block : Block, optional
+            The frames that are asked for; default all.
         """
-        flat: Stack = level[..., None, None].astype(np.float32)
-        return flat + plane(self.tilt, self.mask.shape[2:]) if self.tilt.any() else flat
+        frames = slice(None) if block is None else slice(block.start, block.stop)
+        return self.ground_of(level[frames], self.tilt[frames])
+
+    def ground_of(self, level: NDArray[np.float64], tilt: NDArray[np.float64]) -> Image:
+        """Return the phase of the empty field for some frames' level and tilt."""
+        flat: Image = level[..., None, None].astype(np.float32)
+        return flat + plane(tilt, self.empty.shape[2:]) if self.tilt.any() else flat
 
 
-def plane(tilt: NDArray[np.float64], shape: tuple[int, ...]) -> Stack:
+def plane(tilt: NDArray[np.float64], shape: tuple[int, ...]) -> Image:
     """Return planes of some tilts (..., 2), zero in the middle."""
     y, x = (np.arange(n) - (n - 1) / 2 for n in shape)
-    found: Stack = (tilt[..., 0, None, None] * y[:, None] + tilt[..., 1, None, None] * x).astype(
+    found: Image = (tilt[..., 0, None, None] * y[:, None] + tilt[..., 1, None, None] * x).astype(
         np.float32
     )
     return found
 
 
-def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
+def lost_frames(wrapped: Image, usable: Mask | None = None) -> Mask:
     """Mark the frames that say nothing of the object.
 
     Lost are frames without a usable pixel; those that are the same everywhere between others
@@ -120,20 +149,28 @@ def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
     -------
     ndarray of bool, shape (time, angle)
     """
-    shape = wrapped.shape[:2]
+    return lost_of(as_given(wrapped, usable))
+
+
+def lost_of(given: Given) -> Mask:
+    """Do `lost_frames` for phase that is read a block at a time."""
+    shape = given.shape[:2]
     blind, same = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
     noise = np.zeros(shape)
+    every = 1 + math.prod(given.shape[2:]) // ENOUGH_IN_FRAME
 
-    def look(frame: tuple[int, ...]) -> None:
-        blind[frame] = usable is not None and not usable[frame].any()
-        some = wrapped[frame][:: 1 + wrapped[frame].size // ENOUGH_IN_FRAME]
-        few = None
-        if usable is not None and not usable[frame].all():
-            few = usable[frame][:: 1 + wrapped[frame].size // ENOUGH_IN_FRAME]
-        same[frame] = is_same(some, few)
-        noise[frame] = noise_of(some, few, axes=(-1,))
+    def look(block: Block) -> None:
+        wrapped, usable = given.read(block)
+        for i, angle in np.ndindex(*wrapped.shape[:2]):
+            frame = block.start + i, angle
+            inside = usable[i, angle]
+            blind[frame] = not inside.any()
+            some = wrapped[i, angle, ::every]
+            few = None if inside.all() else inside[::every]
+            same[frame] = is_same(some, few)
+            noise[frame] = noise_of(some, few, axes=(-1,))
 
-    on_all_cores(look, list(np.ndindex(*shape)))
+    on_all_cores(look, working_blocks(given.shape))
     same &= ~blind
     seen = ~blind & ~same
     if not seen.any():
@@ -148,7 +185,7 @@ def lost_frames(wrapped: Stack, usable: Mask | None = None) -> Mask:
     return blind | same | noisy
 
 
-def is_same(frame: Stack, usable: Mask | None) -> bool:
+def is_same(frame: Image, usable: Mask | None) -> bool:
     """Say whether a frame (y, x) shows the same phase everywhere, up to its sign."""
     if frame.shape[1] < 2:
         return False
@@ -159,7 +196,7 @@ def is_same(frame: Stack, usable: Mask | None) -> bool:
 
 
 def noise_of(
-    wrapped: Stack, usable: Mask | None = None, axes: tuple[int, ...] = (-1, -2)
+    wrapped: Image, usable: Mask | None = None, axes: tuple[int, ...] = (-1, -2)
 ) -> float:
     """Return the standard deviation of the noise in radians, from second differences.
 
@@ -197,14 +234,14 @@ def noise_of(
     return min(found, default=0.0)
 
 
-def turned(phase: NDArray[np.floating]) -> Stack:
+def turned(phase: NDArray[np.floating]) -> Image:
     """Wrap phase into [-pi, pi]."""
-    wrapped: Stack = (phase - TURN * np.round(phase / TURN)).astype(np.float32)
+    wrapped: Image = (phase - TURN * np.round(phase / TURN)).astype(np.float32)
     return wrapped
 
 
 def find_background(
-    wrapped: Stack, usable: Mask | None = None, lost: Mask | None = None
+    wrapped: Image, usable: Mask | None = None, lost: Mask | None = None
 ) -> Background:
     """Find the empty field of every frame, and its level.
 
@@ -217,80 +254,252 @@ def find_background(
     lost : ndarray of bool, shape (time, angle), optional
         Frames that say nothing; default those that `lost_frames` marks.
     """
-    if lost is None:
-        lost = lost_frames(wrapped, usable)
-    if lost.any() and not lost.all():
-        every = np.ones(wrapped.shape, dtype=bool) if usable is None else usable
-        usable = every & ~lost[..., None, None]
-    if usable is None or usable.all():
-        usable = None
+    given = as_given(wrapped, usable)
+    return background_of(given, lost_of(given) if lost is None else lost, Memory())
+
+
+def background_of(given: Given, lost: Mask, store: Store) -> Background:
+    """Do `find_background` for phase that is read a block at a time.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase, and the pixels that count.
+    lost : ndarray of bool, shape (time, angle)
+        Frames that say nothing.
+    store : Store
+        Where the empty field is kept.
+    """
+    looked_at = WithoutLost(given, lost)
+    noise = sampled_noise(looked_at)
+    limits = limits_for(noise)
+    levels = levels_of(looked_at, limits)
     seen = ~lost if not lost.all() else lost
-    noise = noise_of(wrapped, usable)
-    width = SMOOTHING[int(noise >= QUIET)]
-    weights = np.float32(1) if usable is None else usable.astype(np.float32)
-    length, phase = smoothed_field(wrapped, usable, width)
-    left = noise / (2 * np.sqrt(np.pi) * width)  # noise that smoothing leaves
-    shortest = np.exp(-(noise**2) / 2) - 2 * left  # length of the field where it is flat
-    within = FLAT + NEAR_LEVEL + 2 * left
-    level, tilt, has_background = levels(phase, length, usable, shortest - SHORTER, within)
-    if has_background[seen].mean() >= FRAME_SHARE:
-        level = filled(level, has_background)
-        found = Background(np.empty(wrapped.shape, dtype=bool), level, noise, tilt)
-        phase = turned(phase - found.ground(level))
+    if levels.found[seen].mean() >= FRAME_SHARE:
+        level, tilt = filled(levels.level, levels.found), levels.tilt
+        shown = levels.found
     else:
         # Too few frames show one: what looks like it in some may lie inside the object.
-        has_background[:] = False
-        level[:] = 0
-        tilt[:] = 0
-    if noise >= QUIET:
-        # The empty field is the same at neighbouring times and angles, a cell that moves or turns
-        # is not; with less noise, a plateau inside the cell is less often taken for empty.
-        sizes = [BOX if n >= BOX else 1 for n in wrapped.shape[:2]] + [1, 1]
-        length, phase = mean_field(
-            weights * length, phase, weights, lambda part: box_mean(part, sizes)
-        )
-        left /= float(np.sqrt(np.prod(sizes)))
-        shortest = np.exp(-(noise**2) / 2) - 2 * left
-    enough = shortest - (SHORTER if noise < QUIET else 0)
-    flat = (np.abs(phase) < FLAT + 2 * left) & (length > enough)
-    mask = np.zeros(wrapped.shape, dtype=bool)
-
-    def work(frame: tuple[int, ...]) -> None:
-        inside = None if usable is None else usable[frame]
-        mask[frame] = joined_to_border(flat[frame], inside, quiet=noise < QUIET)
-
-    on_all_cores(work, list(zip(*np.nonzero(has_background), strict=True)))
-    return Background(mask, level, noise, tilt)
-
-
-def smoothed_field(wrapped: Stack, usable: Mask | None, width: float) -> tuple[Stack, Stack]:
-    """Return length and phase of the field smoothed over y and x, frame by frame."""
-    length, phase = np.empty_like(wrapped), np.empty_like(wrapped)
-
-    def smooth(part: Stack) -> Stack:
-        found: Stack = ndimage.gaussian_filter(part, width, mode="nearest", truncate=2.5)
-        return found
-
-    def work(frame: tuple[int, ...]) -> None:
-        weights = np.float32(1) if usable is None else usable[frame].astype(np.float32)
-        length[frame], phase[frame] = mean_field(weights, wrapped[frame], weights, smooth)
-
-    on_all_cores(work, list(np.ndindex(*wrapped.shape[:2])))
-    return length, phase
-
-
-def box_mean(part: Stack, sizes: Sequence[int]) -> Stack:
-    """Average over a box."""
-    found: Stack = ndimage.uniform_filter(part, sizes, mode="nearest")
+        level, tilt = np.zeros_like(levels.level), np.zeros_like(levels.tilt)
+        shown = np.zeros_like(levels.found)
+    found = Background(store.temporary("empty", given.shape, "bool"), level, noise, tilt)
+    mark = MarkBlock(looked_at, found, shown, limits)
+    on_all_cores(mark, working_blocks(given.shape))
     return found
 
 
+@dataclass(frozen=True)
+class WithoutLost:
+    """Phase of which no pixel of a lost frame counts, unless all are lost."""
+
+    given: Given
+    lost: Mask
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack."""
+        return self.given.shape
+
+    def read(self, block: Block) -> tuple[Image, Mask]:
+        """Return the phase of a block, and which pixels count."""
+        wrapped, usable = self.given.read(block)
+        lost = self.lost[block.start : block.stop]
+        if lost.any() and not self.lost.all():
+            usable = usable & ~lost[..., None, None]
+        return wrapped, usable
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What counts as empty at some noise.
+
+    Parameters
+    ----------
+    noise : float
+        In radians.
+    width : float
+        Of the Gaussian that the field is smoothed with, in pixels.
+    left : float
+        Noise that smoothing leaves, in radians.
+    shortest : float
+        Length of the smoothed field where it is flat, at least.
+    """
+
+    noise: float
+    width: float
+    left: float
+    shortest: float
+
+    @property
+    def quiet(self) -> bool:
+        """Whether there is hardly any noise."""
+        return self.noise < QUIET
+
+
+def limits_for(noise: float) -> Limits:
+    """Return what counts as empty where the noise is so many radians."""
+    width = SMOOTHING[int(noise >= QUIET)]
+    left = noise / (2 * math.sqrt(math.pi) * width)
+    return Limits(noise, width, left, math.exp(-(noise**2) / 2) - 2 * left)
+
+
+def sampled_noise(given: WithoutLost) -> float:
+    """Return `noise_of` phase of which evenly spaced times are looked at."""
+    times = range(0, given.shape[0], 1 + math.prod(given.shape) // ENOUGH_PIXELS)
+    parts = [given.read(Block(t, t + 1)) for t in times]
+    wrapped, usable = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return noise_of(wrapped, None if usable.all() else usable)
+
+
+@dataclass(frozen=True)
+class Levels:
+    """Level and tilt of the empty field of each frame (time, angle), and whether it is in view."""
+
+    level: NDArray[np.float64]
+    tilt: NDArray[np.float64]
+    found: Mask
+
+
+def levels_of(given: WithoutLost, limits: Limits) -> Levels:
+    """Look for the level of each frame's border, and say whether enough of it lies there."""
+    shape = given.shape[:2]
+    found = Levels(np.zeros(shape), np.zeros((*shape, 2)), np.zeros(shape, dtype=bool))
+
+    def look(block: Block) -> None:
+        wrapped, usable = given.read(block)
+        for i, angle in np.ndindex(*wrapped.shape[:2]):
+            inside = None if usable[i, angle].all() else usable[i, angle]
+            t = block.start + i, angle
+            found.level[t], found.tilt[t], found.found[t] = level_of_frame(
+                wrapped[i, angle], inside, limits
+            )
+
+    on_all_cores(look, working_blocks(given.shape))
+    return found
+
+
+def level_of_frame(
+    wrapped: Image, usable: Mask | None, limits: Limits
+) -> tuple[float, NDArray[np.float64], bool]:
+    """Return level and tilt of a frame's border, and whether enough of it lies there."""
+    edge = border_of(wrapped.shape) if usable is None else rim(usable, BORDER)
+    within = FLAT + NEAR_LEVEL + 2 * limits.left
+    length, phase = border_field(wrapped, usable, limits.width)
+    clear = edge & (length > limits.shortest - SHORTER)
+    tilt = np.zeros(2)
+    if not clear.any():
+        return 0.0, tilt, False
+    values = phase[clear].astype(np.float64)
+    level, near = level_of(values, within)
+    if near < (1 - WORTH_A_TILT) * len(values):
+        y, x = np.nonzero(clear)
+        height, width = wrapped.shape
+        found = tilt_of(values, y - (height - 1) / 2, x - (width - 1) / 2, within)
+        if found[2] > max(near + WORTH_A_TILT * len(values), WHOLE * edge.sum()):
+            level, tilt, near = found
+    return level, tilt, near / edge.sum() > BORDER_SHARE
+
+
+def border_field(wrapped: Image, usable: Mask | None, width: float) -> tuple[Image, Image]:
+    """Return length and phase of the smoothed field, of a whole frame at its border alone."""
+    reach = BORDER + int(2.5 * width + 0.5)
+    if usable is not None or min(wrapped.shape) <= 4 * reach:
+        return smoothed_field(wrapped, usable, width)
+    length, phase = np.zeros_like(wrapped), np.zeros_like(wrapped)
+    for strip, kept in (
+        (slice(0, reach), slice(0, BORDER)),
+        (slice(-reach, None), slice(-BORDER, None)),
+    ):
+        rows = smoothed_field(wrapped[strip], None, width)
+        length[kept], phase[kept] = rows[0][kept], rows[1][kept]
+        columns = smoothed_field(wrapped[:, strip], None, width)
+        length[:, kept], phase[:, kept] = columns[0][:, kept], columns[1][:, kept]
+    return length, phase
+
+
+@dataclass(frozen=True)
+class MarkBlock:
+    """Marks the empty pixels of a block.
+
+    Parameters
+    ----------
+    given : WithoutLost
+        Wrapped phase, and the pixels that count.
+    found : Background
+        Level and tilt; where the empty field goes.
+    shown : ndarray of bool, shape (time, angle)
+        Frames that show one.
+    limits : Limits
+        What counts as empty.
+    """
+
+    given: WithoutLost
+    found: Background
+    shown: Mask
+    limits: Limits
+
+    def __call__(self, block: Block) -> None:
+        """Do a block."""
+        n_times, n_angles = self.given.shape[:2]
+        limits, mask = self.limits, np.zeros((len(block), *self.given.shape[1:]), dtype=bool)
+        if self.shown[block.start : block.stop].any():
+            around = block if limits.quiet else block.with_neighbours(n_times)
+            wrapped, usable = self.given.read(around)
+            length, phase = self._levelled(around, wrapped, usable)
+            left, shortest = limits.left, limits.shortest - SHORTER
+            if not limits.quiet:
+                # The empty field is the same at neighbouring times and angles, a cell that moves
+                # or turns is not; with less noise, a plateau inside the cell is less often taken
+                # for empty.
+                length, phase = averaged(length, phase, usable)
+                averaged_over = [BOX for n in (n_times, n_angles) if n >= BOX]
+                left /= math.sqrt(math.prod(averaged_over))
+                shortest = math.exp(-(limits.noise**2) / 2) - 2 * left
+            own = block.of(around)
+            flat = (np.abs(phase[own]) < FLAT + 2 * left) & (length[own] > shortest)
+            for i, angle in zip(*np.nonzero(self.shown[block.start : block.stop]), strict=True):
+                inside = usable[own][i, angle]
+                mask[i, angle] = joined_to_border(
+                    flat[i, angle], None if inside.all() else inside, quiet=limits.quiet
+                )
+        self.found.empty.write(block, mask)
+
+    def _levelled(self, block: Block, wrapped: Image, usable: Mask) -> tuple[Image, Image]:
+        """Return length and phase of the smoothed field, at the level of the empty field."""
+        length, phase = np.empty_like(wrapped), np.empty_like(wrapped)
+        for frame in np.ndindex(*wrapped.shape[:2]):
+            inside = None if usable[frame].all() else usable[frame]
+            length[frame], phase[frame] = smoothed_field(wrapped[frame], inside, self.limits.width)
+        return length, turned(phase - self.found.ground(self.found.level, block))
+
+
+def averaged(length: Image, phase: Image, usable: Mask) -> tuple[Image, Image]:
+    """Return length and phase of the field averaged over three times and angles."""
+
+    def mean(part: Image) -> Image:
+        return box_mean(part, (0, 1))
+
+    weights = np.float32(1) if usable.all() else usable.astype(np.float32)
+    return mean_field(weights * length, phase, weights, mean)
+
+
+def smoothed_field(wrapped: Image, usable: Mask | None, width: float) -> tuple[Image, Image]:
+    """Return length and phase of the field of a frame (y, x), smoothed."""
+
+    def smooth(part: Image) -> Image:
+        found: Image = ndimage.gaussian_filter(part, width, mode="nearest", truncate=2.5)
+        return found
+
+    weights = np.float32(1) if usable is None else usable.astype(np.float32)
+    return mean_field(weights, wrapped, weights, smooth)
+
+
 def mean_field(
-    length: Stack | np.float32,
-    phase: Stack,
-    weights: Stack | np.float32,
-    smooth: Callable[[Stack], Stack],
-) -> tuple[Stack, Stack]:
+    length: Image | np.float32,
+    phase: Image,
+    weights: Image | np.float32,
+    smooth: Callable[[Image], Image],
+) -> tuple[Image, Image]:
     """Return length and phase of a smoothed field, over the pixels that have a weight only."""
     real, imaginary = smooth(length * np.cos(phase)), smooth(length * np.sin(phase))
     mean = np.hypot(real, imaginary)
@@ -304,31 +513,6 @@ def filled(level: NDArray[np.float64], known: Mask) -> NDArray[np.float64]:
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     found: NDArray[np.float64] = level[tuple(nearest)]
     return found
-
-
-def levels(
-    phase: Stack, length: Stack, usable: Mask | None, shortest: float, within: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64], Mask]:
-    """Return level and tilt of each frame's border, and whether enough of it lies there."""
-    shape = phase.shape[2:]
-    edge = border_of(shape)
-    level, share = np.zeros(phase.shape[:2]), np.zeros(phase.shape[:2])
-    tilt = np.zeros((*phase.shape[:2], 2))
-    for frame in np.ndindex(*level.shape):
-        if usable is not None:
-            edge = rim(usable[frame], BORDER)
-        clear = edge & (length[frame] > shortest)
-        if not clear.any():
-            continue
-        values = phase[frame][clear].astype(np.float64)
-        level[frame], near = level_of(values, within)
-        if near < (1 - WORTH_A_TILT) * len(values):
-            y, x = np.nonzero(clear)
-            found = tilt_of(values, y - (shape[0] - 1) / 2, x - (shape[1] - 1) / 2, within)
-            if found[2] > max(near + WORTH_A_TILT * len(values), WHOLE * edge.sum()):
-                level[frame], tilt[frame], near = found
-        share[frame] = near / edge.sum()
-    return level, tilt, share > BORDER_SHARE
 
 
 def level_of(values: NDArray[np.floating], within: float) -> tuple[float, int]:

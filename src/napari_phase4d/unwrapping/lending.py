@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.stack import InMemory
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.problem import Problem
 
@@ -57,7 +58,8 @@ class LentProblem(Problem):
     def background(self) -> Background:
         """Return the empty field of every frame, and its level."""
         found = self._owner.background()
-        return replace(found, mask=read_only(found.mask), level=read_only(found.level))
+        empty = InMemory(read_only(found.mask))
+        return replace(found, empty=empty, level=read_only(found.level))
 
 
 def read_only(values: NDArray[Any]) -> NDArray[Any]:

@@ -12,8 +12,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
+from napari_phase4d.stack import Block, InMemory, Memory, Store
 from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of
-from napari_phase4d.unwrapping.background import Background, find_background, lost_frames
+from napari_phase4d.unwrapping.background import Background, background_of, lost_of
+from napari_phase4d.unwrapping.given import LARGEST, Given, is_known
 from napari_phase4d.unwrapping.masks import mean_share_left_out, object_masks
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
@@ -21,8 +23,8 @@ from napari_phase4d.unwrapping.spatial import unwrap_frames
 
 __all__ = ["Boundary", "Problem", "all_known", "checked_boundaries", "is_known"]
 
-#: Beyond so many radians, single precision no longer tells the parts of a turn.
-LARGEST = 1e5
+#: Times at which the usual amplitude is looked at.
+BRIGHTNESS_TIMES = 24
 
 Boundary = tuple[int, int]
 
@@ -84,6 +86,8 @@ class Problem(SharedSteps):
             self._leave_out(~is_known(self.wrapped))
         self.amplitude = self._given_amplitude(amplitude, values.shape)
         self.for_one_method = for_one_method
+        #: Where stacks lie that are needed on the way.
+        self.store: Store = Memory()
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
@@ -173,21 +177,38 @@ class Problem(SharedSteps):
         return centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
 
     @property
+    def given(self) -> Given:
+        """The wrapped phase, 0 where it is not known, and the pixels that count."""
+        return Given(InMemory(self.wrapped), InMemory(self.usable))
+
+    @property
     def relative_amplitude(self) -> xr.DataArray | None:
         """Amplitude as a share of its view's median, in the form of the phase, or None."""
         if self.amplitude is None:
             return None
         return self.result(self.amplitude, "amplitude", {"units": "1"})
 
+    def amplitude_of(self, block: Block) -> NDArray[np.float32] | None:
+        """Return the amplitude of a block as a share of its view's median, or None."""
+        return None if self.amplitude is None else self.amplitude[block.start : block.stop]
+
+    def settle_frames(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> None:
+        """Unwrap each frame by itself, if that has not been done."""
+        self.spatial(progress, cancelled)
+
+    def frame_by_frame(self, block: Block) -> NDArray[np.float32]:
+        """Return the phase of a block as each frame is unwrapped by itself."""
+        return self.spatial()[block.start : block.stop]
+
     def lost(self) -> NDArray[np.bool_]:
         """Mark the frames (time, angle) that say nothing of the object, see `lost_frames`."""
-        return self.once("lost", lambda: lost_frames(self.wrapped, self.usable))
+        return self.once("lost", lambda: lost_of(self.given))
 
     def background(self) -> Background:
         """Return the empty field of every frame, and its level."""
-        return self.once(
-            "background", lambda: find_background(self.wrapped, self.usable, self.lost())
-        )
+        return self.once("background", lambda: background_of(self.given, self.lost(), self.store))
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""
@@ -209,7 +230,7 @@ class Problem(SharedSteps):
         if values.dtype.kind not in "fiu":
             msg = f"the amplitude is of {values.dtype}; give real numbers, as reconstruct() does"
             raise TypeError(msg)
-        return relative_amplitude(values)
+        return relative_amplitude(values, brightness_of(values))
 
     def _given_mask(self, mask: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Return the mask as given, or all pixels where it is still to be found."""
@@ -225,12 +246,6 @@ class Problem(SharedSteps):
         return found
 
 
-def is_known(phase: NDArray[np.floating]) -> NDArray[np.bool_]:
-    """Mark the pixels that are neither NaN nor infinite, nor so large that a turn is lost."""
-    known: NDArray[np.bool_] = np.abs(phase) <= LARGEST
-    return known
-
-
 def all_known(stack: NDArray[np.float32]) -> bool:
     """Say whether `is_known` holds everywhere in a stack."""
     bad = threading.Event()
@@ -243,18 +258,31 @@ def all_known(stack: NDArray[np.float32]) -> bool:
     return not bad.is_set()
 
 
-def relative_amplitude(values: NDArray[Any]) -> NDArray[np.float32]:
+def brightness_of(values: Any) -> NDArray[np.float64]:
+    """Return the median amplitude of each view of (time, angle, y, x); 0 where it has none.
+
+    It is looked at in no more than 24 evenly spaced times, so that a long recording takes no
+    longer. NaN and what is not positive do not count.
+    """
+    some = np.asarray(values[:: -(-values.shape[0] // BRIGHTNESS_TIMES)])
+    found = np.zeros(some.shape[1])
+    for angle in range(len(found)):
+        view = some[:, angle]
+        bright = view[np.isfinite(view) & (view > 0)]
+        if bright.size:
+            found[angle] = np.median(bright)
+    return found
+
+
+def relative_amplitude(values: NDArray[Any], bright: NDArray[np.float64]) -> NDArray[np.float32]:
     """Return amplitude (time, angle, y, x) as a share of its view's median.
 
     NaN counts as no amplitude; a view without any is taken as bright everywhere.
     """
     share = np.ones(values.shape, dtype=np.float32)
-    for angle in range(values.shape[1]):
+    for angle in np.flatnonzero(bright):
         view = values[:, angle]
-        known = np.isfinite(view)
-        bright = view[known & (view > 0)]
-        if bright.size:
-            share[:, angle] = np.where(known, view, 0) / np.median(bright)
+        share[:, angle] = np.where(np.isfinite(view), view, 0) / bright[angle]
     return share
 
 

@@ -154,6 +154,7 @@ BUILT_IN: dict[str, Method] = {
         working_stacks=50.0,
         finds_object=True,
         leaves_out=True,
+        streams=True,
     ),
     "directional-l1": Method(
         "WL1",
@@ -171,6 +172,7 @@ BUILT_IN: dict[str, Method] = {
         working_stacks=45.0,
         finds_object=True,
         leaves_out=True,
+        streams=True,
     ),
 }
 

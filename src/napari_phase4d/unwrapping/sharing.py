@@ -6,10 +6,12 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-__all__ = ["FIELD", "SharedSteps"]
+__all__ = ["FIELD", "GRAPH", "SharedSteps"]
 
 #: Name of what the directional methods start from.
 FIELD = "field"
+#: Name of the graph of all pixels, which confidence goes along.
+GRAPH = "graph"
 
 T = TypeVar("T")
 
@@ -40,6 +42,10 @@ class SharedSteps:
         found: T = self._known[name]
         return found
 
+    def knows(self, name: str) -> bool:
+        """Say whether something has been computed by this name."""
+        return name in self._known
+
     def forget(self, name: str) -> None:
         """Let go of what was computed by this name."""
         self._known.pop(name, None)
@@ -47,3 +53,4 @@ class SharedSteps:
     def forget_field(self) -> None:
         """Let go of what the directional methods share: it is as large as many results."""
         self.forget(FIELD)
+        self.forget(GRAPH)

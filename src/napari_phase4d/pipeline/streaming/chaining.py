@@ -9,8 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.pipeline.streaming.blocks import Block, block_at
-from napari_phase4d.pipeline.streaming.scratch import Scratch
 from napari_phase4d.pipeline.streaming.spatial import (
     Mask,
     Phase,
@@ -20,6 +18,7 @@ from napari_phase4d.pipeline.streaming.spatial import (
     without_lost,
 )
 from napari_phase4d.pipeline.streaming.stored import Limits, Stored, limits_of
+from napari_phase4d.stack import Block, FileStack, block_at
 from napari_phase4d.unwrapping.combined import follow_line, unwrap_line
 from napari_phase4d.unwrapping.four_d import starts_on
 from napari_phase4d.unwrapping.pieces import thickness
@@ -39,7 +38,7 @@ class Chain:
     ----------
     phase : Stored
         Wrapped phase.
-    mask : Scratch
+    mask : FileStack
         Pixels to unwrap.
     shifts : ndarray of int, shape (time, angle, 2)
         How frames are moved, so that the object stays in place.
@@ -50,12 +49,14 @@ class Chain:
     """
 
     phase: Stored
-    mask: Scratch
+    mask: FileStack
     shifts: NDArray[np.intp]
     boundaries: list[Boundary]
     split: bool
 
-    def read(self, block: Block, turns: Scratch, angles: slice = ALL) -> tuple[Phase, Phase, Mask]:
+    def read(
+        self, block: Block, turns: FileStack, angles: slice = ALL
+    ) -> tuple[Phase, Phase, Mask]:
         """Return a block of wrapped and initial phase and mask, moved into place."""
         wrapped, _ = known_phase(self.phase, block, angles)
         mask = self.mask.read(block, angles)
@@ -76,15 +77,15 @@ class AlongAngle:
     ----------
     chain : Chain
         What all passes need.
-    initial : Scratch
+    initial : FileStack
         Turns of the initial method.
-    result : Scratch or Stored
+    result : FileStack or Stored
         Where the turns of the result go; or, of the last pass, unwrapped phase itself.
     """
 
     chain: Chain
-    initial: Scratch
-    result: Scratch | Stored
+    initial: FileStack
+    result: FileStack | Stored
 
     def __call__(self, block: Block) -> Limits:
         """Do a block; return its smallest and largest phase."""
@@ -112,15 +113,15 @@ class AlongTime:
     ----------
     chain : Chain
         What all passes need.
-    initial, result : Scratch
+    initial, result : FileStack
         Turns of the initial method, and where those of the result go.
     check : callable
         Called before every map; may raise to stop the work.
     """
 
     chain: Chain
-    initial: Scratch
-    result: Scratch
+    initial: FileStack
+    result: FileStack
     check: Callable[[], None]
 
     def __call__(self, angle: int) -> None:
@@ -197,15 +198,15 @@ class FinishBlock:
     ----------
     phase : Stored
         Wrapped phase.
-    turns, mask : Scratch
+    turns, mask : FileStack
         What was found, and where.
     result : Stored
         Where unwrapped phase goes.
     """
 
     phase: Stored
-    turns: Scratch
-    mask: Scratch
+    turns: FileStack
+    mask: FileStack
     result: Stored
 
     def __call__(self, block: Block) -> Limits:

@@ -10,13 +10,17 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.pipeline.streaming.blocks import Block, blocks_of
 from napari_phase4d.pipeline.streaming.chaining import AlongAngle, AlongTime, Chain, FinishBlock
-from napari_phase4d.pipeline.streaming.scratch import KeptFrames, Scratch
-from napari_phase4d.pipeline.streaming.spatial import LiftBlock, UnwrapBlock
-from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, widest
+from napari_phase4d.pipeline.streaming.spatial import (
+    LiftBlock,
+    UnwrapBlock,
+    with_turns,
+    without_lost,
+)
+from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, limits_of, widest
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.stack import Block, FileStack, KeptFrames, blocks_of
 from napari_phase4d.unwrapping import (
     METHODS,
     ORDERS,
@@ -27,9 +31,18 @@ from napari_phase4d.unwrapping import (
     noted,
     run_method,
 )
+from napari_phase4d.unwrapping.background import Background, background_of, lost_of
+from napari_phase4d.unwrapping.directional import OWN
+from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import coherence
 from napari_phase4d.unwrapping.masks import left_out_note
-from napari_phase4d.unwrapping.problem import Boundary, all_known, checked_boundaries
+from napari_phase4d.unwrapping.problem import (
+    Boundary,
+    all_known,
+    brightness_of,
+    checked_boundaries,
+    relative_amplitude,
+)
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.spatial import border_medians
 
@@ -46,9 +59,9 @@ class Found:
 
     Parameters
     ----------
-    turns : Scratch
+    turns : FileStack
         Whole turns of each pixel.
-    mask, object : Scratch
+    mask, object : FileStack
         Pixels to unwrap, and the object.
     centres : ndarray of shape (time, angle, 2)
         Centre of the object in pixels, NaN where there is none.
@@ -58,9 +71,9 @@ class Found:
         Mean share of the field that is no part of the object though its phase is smooth, not flat.
     """
 
-    turns: Scratch
-    mask: Scratch
-    object: Scratch
+    turns: FileStack
+    mask: FileStack
+    object: FileStack
     centres: NDArray[np.float64]
     mask_word: str
     smooth_left_out: float
@@ -125,6 +138,8 @@ class ProblemOnDisk:
             return self._in_memory(method, progress, cancelled, options)
         chosen = all_options(method, options)
         result = self._shelf.new(method, self._stored.shape)
+        if method in OWN:
+            return self._own(method, result, progress, cancelled, options)
         if method == "spatial-2d":
             turns = self._frame_by_frame(progress, cancelled, **chosen)
             limits = self._finish(turns, result, progress, cancelled)
@@ -142,9 +157,89 @@ class ProblemOnDisk:
             attrs |= left_out_note(found.smooth_left_out)
         return self._put(method, attrs, limits)
 
+    def _own(
+        self,
+        method: str,
+        result: Stored,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+        options: Mapping[str, Any],
+    ) -> xr.DataArray:
+        """Unwrap by one of the directional methods."""
+        written = Written(result, self.given)
+        OWN[method](self, written, progress, cancelled, **all_options(method, options))
+        attrs = noted(
+            method,
+            options,
+            self._boundaries,
+            mask="auto" if self._finds_mask else "none" if written.all_known else "given",
+            amplitude=self._amplitude is not None,
+        )
+        if self._finds_mask and self.steps.knows("spatial"):
+            attrs |= left_out_note(self._found(progress, cancelled).smooth_left_out)
+        if self.lost().any():
+            attrs["lost_frames"] = np.argwhere(self.lost()).tolist()
+        return self._put(method, attrs, widest(written.limits))
+
+    # ---- what the directional methods ask for ----
+
+    @property
+    def given(self) -> Given:
+        """The wrapped phase, 0 where it is not known, and the pixels that count."""
+        return Given(self._stored)
+
+    @property
+    def store(self) -> Shelf:
+        """Where stacks lie that are needed on the way."""
+        return self._shelf
+
+    @property
+    def first(self) -> Boundary:
+        """The first boundary frame."""
+        return self._boundaries[0]
+
+    @property
+    def finds_mask(self) -> bool:
+        """Whether the object is what is to be unwrapped."""
+        return self._finds_mask
+
+    def once(self, name: str, work: Callable[[], R]) -> R:
+        """Return what ``work()`` returned when it was first asked for by this name."""
+        return self.steps.once(name, work)
+
+    def lost(self) -> NDArray[np.bool_]:
+        """Mark the frames (time, angle) that say nothing of the object."""
+        return self.once("lost", lambda: lost_of(self.given))
+
+    def background(self) -> Background:
+        """Return the empty field of every frame, and its level."""
+        return self.once("background", lambda: background_of(self.given, self.lost(), self._shelf))
+
+    def amplitude_of(self, block: Block) -> NDArray[np.float32] | None:
+        """Return the amplitude of a block as a share of its view's median, or None."""
+        if self._amplitude is None:
+            return None
+        data = self._amplitude.data
+        bright = self.once("brightness", lambda: brightness_of(data))
+        return relative_amplitude(np.asarray(data[block.start : block.stop]), bright)
+
+    def settle_frames(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> None:
+        """Unwrap each frame by itself, if that has not been done."""
+        self._found(progress, cancelled)
+
+    def frame_by_frame(self, block: Block) -> NDArray[np.float32]:
+        """Return the phase of a block as each frame is unwrapped by itself."""
+        found = self._found(None, None)
+        wrapped, _ = self.given.read(block)
+        return with_turns(wrapped, found.turns.read(block), found.mask.read(block))
+
+    # ---- the paper's methods ----
+
     def _finish(
         self,
-        turns: Scratch,
+        turns: FileStack,
         result: Stored,
         progress: ProgressCall | None,
         cancelled: CancelledCall | None,
@@ -223,7 +318,7 @@ class ProblemOnDisk:
         cancelled: CancelledCall | None,
         *,
         reliability: str,
-    ) -> Scratch:
+    ) -> FileStack:
         """Return the turns of each frame by itself."""
         found = self._found(progress, cancelled)
         if reliability == "herraez":
@@ -289,8 +384,8 @@ class ProblemOnDisk:
     def _along_time(
         self,
         chain: Chain,
-        before: Scratch,
-        after: Scratch,
+        before: FileStack,
+        after: FileStack,
         message: str,
         progress: ProgressCall | None,
         cancelled: CancelledCall | None,
@@ -302,9 +397,40 @@ class ProblemOnDisk:
         for _ in Threads().map(along, angles, watch):
             pass
 
-    def _scratch(self, name: str, dtype: str) -> Scratch:
+    def _scratch(self, name: str, dtype: str) -> FileStack:
         """Return a stack that is needed on the way only."""
         return self._shelf.temporary(name, self._stored.shape, dtype)
+
+
+class Written:
+    """A result on disk: frames of which nothing is known are NaN; notes its limits.
+
+    Parameters
+    ----------
+    stored : Stored
+        Where it lies.
+    given : Given
+        The wrapped phase.
+    """
+
+    def __init__(self, stored: Stored, given: Given) -> None:
+        self.shape = stored.shape
+        self.limits: list[Limits] = []
+        self.all_known = True
+        self._stored = stored
+        self._given = given
+
+    def read(self, block: Block, angles: slice = slice(None)) -> NDArray[np.float32]:
+        """Return the frames of a block, or some of its views."""
+        return self._stored.read(block, angles)
+
+    def write(self, block: Block, values: NDArray[np.float32]) -> None:
+        """Write the frames of a block."""
+        _, known = self._given.read(block)
+        self.all_known &= bool(known.all())
+        values = without_lost(values, known)
+        self._stored.write(block, values)
+        self.limits.append(limits_of(values))
 
 
 class KnownFrames(KeptFrames):

@@ -10,11 +10,11 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.holography import FrameReconstructor
-from napari_phase4d.pipeline.streaming.blocks import Block, blocks_of
 from napari_phase4d.pipeline.streaming.source import FrameSource
 from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, limits_of, widest
 from napari_phase4d.pipeline.streaming.workers import Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.stack import Block, blocks_of
 
 __all__ = ["reconstruct_to_disk"]
 

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.pipeline.streaming.blocks import Block
-from napari_phase4d.pipeline.streaming.scratch import Scratch
 from napari_phase4d.pipeline.streaming.stored import Stored
+from napari_phase4d.stack import Block, FileStack
 from napari_phase4d.unwrapping import is_known
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
 from napari_phase4d.unwrapping.masks import object_mask, smooth_share_left_out
@@ -71,17 +70,17 @@ class UnwrapBlock:
     ----------
     phase : Stored
         Wrapped phase.
-    turns : Scratch
+    turns : FileStack
         Where the turns go.
-    mask : Scratch, optional
+    mask : FileStack, optional
         Pixels to unwrap; default: all that are known.
     costs_of : callable, optional
         What is joined first, see `grow_grid`.
     """
 
     phase: Stored
-    turns: Scratch
-    mask: Scratch | None = None
+    turns: FileStack
+    mask: FileStack | None = None
     costs_of: CostsOf = second_differences
 
     def __call__(self, block: Block) -> NDArray[np.float64]:
@@ -107,23 +106,23 @@ class LiftBlock:
     ----------
     phase : Stored
         Wrapped phase.
-    turns, lifted : Scratch
+    turns, lifted : FileStack
         Turns of each frame by itself, and where the lifted ones go: were it the same place, a
         block that is done twice, because a worker died, would be lifted twice.
     lift : ndarray of int, shape (time, angle)
         Whole turns to add to each frame.
-    mask, found : Scratch
+    mask, found : FileStack
         Where the pixels to unwrap go, and the object.
     finds_mask : bool
         Whether the object is what is to be unwrapped, so that both are one.
     """
 
     phase: Stored
-    turns: Scratch
-    lifted: Scratch
+    turns: FileStack
+    lifted: FileStack
     lift: NDArray[np.int16]
-    mask: Scratch
-    found: Scratch
+    mask: FileStack
+    found: FileStack
     finds_mask: bool
 
     def __call__(self, block: Block) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:

@@ -18,10 +18,9 @@ from napari_phase4d.io import OME_ZARR, read_results
 from napari_phase4d.io.atomic import put_in_place
 from napari_phase4d.io.zarr_blocks import ALL_CHUNKS, ARRAY, create_blocks, finish_blocks
 from napari_phase4d.io.zarr_results import path_of
-from napari_phase4d.pipeline.streaming.blocks import Block, block_frames, blocks_of
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
-from napari_phase4d.pipeline.streaming.scratch import Scratch
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.stack import Block, FileStack, block_frames, blocks_of
 
 __all__ = ["Limits", "Shelf", "Stored", "limits_of", "stored_at", "widest"]
 
@@ -119,9 +118,9 @@ class Shelf:
         shutil.rmtree(group, ignore_errors=True)
         return Stored(create_blocks(group, shape, block_frames(shape)), shape)
 
-    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Scratch:
+    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> FileStack:
         """Return a stack of zeros that is needed on the way only."""
-        return Scratch(self.scratch / name, shape, dtype).created()
+        return FileStack(self.scratch / name, shape, dtype).created()
 
     def put(self, name: str, stack: xr.DataArray, limits: Limits) -> xr.DataArray:
         """Give a stack that is whole now its name, with its axes and notes; return it as it lies.

@@ -10,16 +10,19 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import on_all_cores
-from napari_phase4d.unwrapping.directional.boxes import known_mean
+from napari_phase4d.unwrapping.boxes import known_mean
 from napari_phase4d.unwrapping.ends import ends_along
 
-__all__ = ["along_slope"]
+__all__ = ["HALO", "along_slope"]
 
 #: A neighbour counts s^2 / (s^2 + STEADY v), s^2 the noise and v the variance of the slope.
 #: Anything from 3 to 25 does as well; below 1 fast motion is smeared.
 STEADY = 6.0
 #: The square of a mean is no less than this, so that its logarithm is finite.
 SHORTEST = 1e-12
+#: Frames before and after a frame that its average depends on: two, and one more so that at an
+#: end of the recording there are three steps, over which slopes are averaged.
+HALO = 3
 
 Stack = NDArray[np.float32]
 Fields = NDArray[np.complex64]

@@ -23,26 +23,29 @@ Numbers = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class Limit:
-    """What nodes pay for fewer turns than some, or for more.
+    """What pixels of some regions pay for fewer turns than some, or for more.
 
     Parameters
     ----------
+    region : ndarray of int
+        Region of every pixel that pays.
     turns : ndarray of int
-        Turns of every node that cost nothing.
+        Turns of its region that cost nothing.
     weight : ndarray of float
         What each turn beyond costs.
     side : int
         1 if fewer turns cost, -1 if more do.
     """
 
+    region: Turns
     turns: Turns
     weight: Numbers
     side: int
 
-    def paid(self, turns: Turns) -> Numbers:
-        """Return what every node pays."""
-        beyond: Numbers = self.weight * np.maximum(self.side * (self.turns - turns), 0)
-        return beyond
+    def paid(self, turns: Turns, n: int) -> Numbers:
+        """Return what every region pays for its turns."""
+        beyond = self.weight * np.maximum(self.side * (self.turns - turns[self.region]), 0)
+        return np.bincount(self.region, beyond, n).astype(np.float64)
 
 
 class LeastTurns:
@@ -55,7 +58,7 @@ class LeastTurns:
     Parameters
     ----------
     regions : Regions
-        With the steps between them. The region of node 0 never moves.
+        With the edges between them. The region that is held never moves.
     check : callable
         Called before every cut; may raise to stop.
     """
@@ -63,9 +66,10 @@ class LeastTurns:
     def __init__(self, regions: Regions, check: Callable[[], None]) -> None:
         self.regions = regions
         self.check = check
-        self.held = int(regions.of_node[0])
+        self.held = regions.held
         self.limit: Limit | None = None
-        pair = regions.first.astype(np.int64) * regions.n + regions.second
+        self.weight = regions.edges.weight.astype(np.float64)
+        pair = regions.edges.first.astype(np.int64) * regions.n + regions.edges.second
         pairs, self.pair = np.unique(pair, return_inverse=True)
         self.first = (pairs // regions.n).astype(np.int32)
         self.second = (pairs % regions.n).astype(np.int32)
@@ -73,10 +77,13 @@ class LeastTurns:
         self.graph = graph_of_pairs(self.first[self.free], self.second[self.free], regions.n)
 
     def start(self) -> tuple[NDArray[np.int32], Turns]:
-        """Return the part of each region, and turns to start with: heaviest steps first."""
-        r = self.regions
-        parts, turns, _ = grow_list(r.first, r.second, r.turns, -r.weight, r.n)
-        level = turns[self.held] + r.relative[0]  # node 0 is to have none
+        """Return the part of each region, and turns to start with: heaviest edges first."""
+        edges = self.regions.edges
+        parts, turns, _ = grow_list(
+            edges.first, edges.second, edges.turns, -self.weight, self.regions.n
+        )
+        # The island that is held is to have none.
+        level = turns[self.held] + self.regions.held_turns
         return parts, turns.astype(np.int64) - level
 
     def descend(self, turns: Turns, limit: Limit | None = None) -> Turns:
@@ -95,31 +102,27 @@ class LeastTurns:
                 up = -up
         return turns
 
-    def of_nodes(self, turns: Turns) -> Turns:
-        """Return the turns of every node."""
-        return (turns[self.regions.of_node] + self.regions.relative).astype(np.int64)
-
     def residual(self, turns: Turns) -> Turns:
-        """Return by how many turns each step is off."""
-        r = self.regions
-        return (turns[r.second] - turns[r.first] - r.turns).astype(np.int64)
+        """Return by how many turns each edge is off."""
+        edges = self.regions.edges
+        return (turns[edges.second] - turns[edges.first] - edges.turns).astype(np.int64)
 
     def cost(self, turns: Turns) -> float:
         """Return the cost of some turns."""
-        steps = (self.regions.weight * np.abs(self.residual(turns))).sum()
+        steps = (self.weight * np.abs(self.residual(turns))).sum()
         return float(steps + self.beyond(turns).sum())
 
     def beyond(self, turns: Turns) -> Numbers:
-        """Return what the nodes of each region pay beyond their limit."""
-        r = self.regions
-        if self.limit is None:
-            return np.zeros(r.n)
-        paid = np.bincount(r.of_node, self.limit.paid(self.of_nodes(turns)), r.n)
-        return paid.astype(np.float64)
+        """Return what each region pays beyond its limit."""
+        return (
+            np.zeros(self.regions.n)
+            if self.limit is None
+            else self.limit.paid(turns, self.regions.n)
+        )
 
     def best_move(self, turns: Turns, up: int) -> NDArray[np.bool_]:
         """Return the regions whose move by ``up`` (1 or -1) makes the cost smallest."""
-        n, weight, off = self.regions.n, self.regions.weight, self.residual(turns)
+        n, weight, off = self.regions.n, self.weight, self.residual(turns)
         now = self.summed(weight * np.abs(off))
         second_moves = self.summed(weight * np.abs(off + up)) - now
         first_moves = self.summed(weight * np.abs(off - up)) - now

@@ -2,21 +2,44 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
-from napari_phase4d.unwrapping.directional.field import Field, finished_phase, prepare
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, watched
+from napari_phase4d.stack import Block, InMemory, Stack
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
-from napari_phase4d.unwrapping.directional.regions import grown, regions_of, weight_of
-from napari_phase4d.unwrapping.directional.steps import fading
+from napari_phase4d.unwrapping.directional.regions import (
+    PARTS,
+    Regions,
+    find_regions,
+    weight_of,
+)
+from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
+from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of, weighed_steps
+from napari_phase4d.unwrapping.given import working_blocks
+from napari_phase4d.unwrapping.growing import grow_list
+from napari_phase4d.unwrapping.masks import object_mask
 from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.registration import moved
 from napari_phase4d.unwrapping.sharing import FIELD
+from napari_phase4d.unwrapping.spatial import border_medians
 
-__all__ = ["directional_growing", "directional_l1", "prepared"]
+__all__ = [
+    "OWN",
+    "Field",
+    "Unwraps",
+    "directional_growing",
+    "directional_l1",
+    "growing_into",
+    "l1_into",
+    "prepared",
+]
 
 TURN = np.float32(2 * np.pi)
-Stack = NDArray[np.float32]
+Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
 Turns = NDArray[np.int64]
 
@@ -32,30 +55,68 @@ MOST = 0.5
 NEARLY_ALL = 0.9
 
 
-def directional_growing(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Stack:
-    """Join pixels over time, angle, y and x, first where steps change least along themselves.
+class Unwraps(Recorded, Protocol):
+    """What the directional methods ask of a problem, to write a result."""
 
-    A step is trusted by how little it differs from the steps before and behind it in its own
-    direction, so that a slope counts as smooth however steep it is.
-    Region growing (Abdul-Rahman et al. 2007) trusts pixels by second differences in all
-    directions instead.
+    finds_mask: bool
+
+    def once(self, name: str, work: object) -> Field:
+        """Return what ``work()`` returned when it was first asked for by this name."""
+
+    def settle_frames(
+        self, progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> None:
+        """Unwrap each frame by itself, if that has not been done."""
+
+    def frame_by_frame(self, block: Block) -> Image:
+        """Return the phase of a block as each frame is unwrapped by itself."""
+
+
+@dataclass(frozen=True)
+class Field:
+    """What both methods start from.
+
+    Parameters
+    ----------
+    scene : Scene
+        The frames, the object held in place.
+    floors : Floors
+        What noise alone makes of the weights.
+    regions : Regions
+        Pixels that certain steps join, and the edges between them.
     """
-    field = prepared(problem, progress, cancelled)
-    watch = Watch(1, "directional growing", progress, cancelled)
-    n = len(field.values)
-    parts, turns = watched(lambda: grown(field.steps, n, field.n_islands), watch)
-    watch.step()
-    return finished_phase(field, turns, parts, problem, progress, cancelled)
+
+    scene: Scene
+    floors: Floors
+    regions: Regions
 
 
 def prepared(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+    problem: Unwraps, progress: ProgressCall | None, cancelled: CancelledCall | None
 ) -> Field:
     """Return what both methods start from, computed once for a problem."""
-    watch = Watch(3, "weighing the steps", progress, cancelled)
-    return problem.once(FIELD, lambda: prepare(problem, watch))
+
+    def prepare() -> Field:
+        watch = Watch(3, "finding the object", progress, cancelled)
+        scene = find_scene(problem, watch)
+        watch = Watch(1, "weighing the steps", progress, cancelled)
+        floors = floors_of(scene, watch)
+        steps = weighed_steps(scene, floors, watch)
+        return Field(scene, floors, find_regions(scene, steps, problem.store, watch))
+
+    return problem.once(FIELD, prepare)
+
+
+def directional_growing(
+    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> Image:
+    """Join pixels over time, angle, y and x, first where steps change least along themselves.
+
+    See `growing_into`.
+    """
+    result = InMemory(np.empty_like(problem.wrapped))
+    growing_into(problem, result, progress, cancelled)
+    return result.values
 
 
 def directional_l1(
@@ -64,7 +125,63 @@ def directional_l1(
     cancelled: CancelledCall | None,
     *,
     one_sided: bool = True,
-) -> Stack:
+) -> Image:
+    """Find the turns that disagree least with all steps, each weighted by its smoothness.
+
+    See `l1_into`.
+    """
+    result = InMemory(np.empty_like(problem.wrapped))
+    l1_into(problem, result, progress, cancelled, one_sided=one_sided)
+    return result.values
+
+
+def growing_into(
+    problem: Unwraps,
+    result: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> None:
+    """Join pixels over time, angle, y and x, first where steps change least along themselves.
+
+    A step is trusted by how little it differs from the steps before and behind it in its own
+    direction, so that a slope counts as smooth however steep it is. Pixels that certain steps
+    join come first, then the islands of the empty field, those first whose majority is largest:
+    one step that looks smooth by accident is not to tie an island to a cell. Then come all
+    others.
+
+    Region growing (Abdul-Rahman et al. 2007) trusts pixels by second differences in all
+    directions instead.
+    """
+    field = prepared(problem, progress, cancelled)
+    watch = Watch(1, "directional growing", progress, cancelled)
+    parts, turns = watched(lambda: grown(field.regions), watch)
+    watch.step()
+    finish(problem, field, turns, parts, result, progress, cancelled)
+
+
+def grown(regions: Regions) -> tuple[Whole, Turns]:
+    """Go along the edges, smoothest first, as Kruskal does; return part and turns of regions."""
+    edges = regions.edges
+    votes = edges.ground > 0
+    columns = (edges.first, edges.second, edges.turns)
+    parts, turns, _ = grow_list(
+        *(np.concatenate([column[votes], column]) for column in columns),
+        np.concatenate([-edges.ground[votes] / PARTS, edges.rough]),
+        regions.n,
+        overwrite=True,
+    )
+    level = turns[regions.held] + regions.held_turns
+    return parts, turns.astype(np.int64) - np.where(parts == parts[regions.held], level, 0)
+
+
+def l1_into(
+    problem: Unwraps,
+    result: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    one_sided: bool = True,
+) -> None:
     """Find the turns that disagree least with all steps, each weighted by its smoothness.
 
     With J the turns of a step that Itoh's condition would give and D its roughness in radians,
@@ -72,8 +189,10 @@ def directional_l1(
 
     Parameters
     ----------
-    problem : Problem
+    problem : Unwraps
         What to unwrap.
+    result : Stack
+        Where the unwrapped phase goes.
     progress, cancelled : callable or None
         See `unwrap`.
     one_sided : bool, optional
@@ -81,57 +200,273 @@ def directional_l1(
         field: nowhere thinner optically, or nowhere denser. Default True.
     """
     field = prepared(problem, progress, cancelled)
-    watch = Watch(3, "directional L1", progress, cancelled)
-    regions = watched(lambda: regions_of(field.steps, len(field.values), field.n_islands), watch)
-    watch.step()
-    solver = watched(lambda: LeastTurns(regions, watch.check), watch)
+    watch = Watch(2, "directional L1", progress, cancelled)
+    solver = watched(lambda: LeastTurns(field.regions, watch.check), watch)
     parts, start = watched(solver.start, watch)
-    plain = watched(lambda: solver.descend(start), watch)
+    turns = watched(lambda: solver.descend(start), watch)
     watch.step()
-    of_node = parts[regions.of_node]
-    turns = solver.of_nodes(plain)
     if one_sided:
-        turns = watched(lambda: on_one_side(field, solver, plain, of_node), watch)
+        turns = on_one_side(field, solver, turns, parts, watch)
     watch.step()
-    return finished_phase(field, turns.astype(np.int32), of_node, problem, progress, cancelled)
+    finish(problem, field, turns, parts, result, progress, cancelled)
 
 
-def on_one_side(field: Field, solver: LeastTurns, plain: Turns, parts: Whole) -> Turns:
-    """Return the turns of every node, after lying on the wrong side has had its price."""
-    before = solver.of_nodes(plain)
-    sizes = np.bincount(solver.regions.of_node)
-    small = sizes[solver.regions.of_node] <= RIM
-    limit = side_of_object(field, before, parts, small)
+# ---- on one side of the empty field ----------------------------------------------------------
+
+
+def on_one_side(
+    field: Field, solver: LeastTurns, plain: Turns, parts: Whole, watch: Watch
+) -> Turns:
+    """Return the turns of every region, after lying on the wrong side has had its price."""
+    limit = side_of_object(field, plain, parts, watch)
     if limit is None:
-        return before
-    after = solver.of_nodes(solver.descend(plain, limit))
-    object_ = parts == parts[0]
-    object_[: field.n_islands] = False
-    moved = (after != before)[object_]
+        return plain
+    after = watched(lambda: solver.descend(plain, limit), watch)
+    regions = field.regions
+    object_ = np.where(parts == parts[regions.held], regions.size, 0)
+    moved_ = object_[after != plain].sum() / max(object_.sum(), 1)
     # If most of it moves, the side was mistaken.
-    return before if moved.mean() > MOST else after
+    return plain if moved_ > MOST else after
 
 
-def side_of_object(
-    field: Field, turns: Turns, parts: Whole, small: NDArray[np.bool_]
-) -> Limit | None:
+@dataclass(frozen=True)
+class Rims:
+    """Pixels of the smallest regions, and how many of all lie on which side.
+
+    Parameters
+    ----------
+    positive, clear : int
+        Pixels that are more than a turn above the empty field; that are above or below it.
+    region, relative : ndarray of int
+        Region of each pixel of small regions, and its turns relative to it.
+    phase : ndarray of float
+        Its wrapped phase in radians.
+    rough : ndarray of float
+        As how rough a step its price counts, radians.
+    """
+
+    positive: int
+    clear: int
+    region: Turns
+    relative: Turns
+    phase: NDArray[np.float64]
+    rough: NDArray[np.float64]
+
+
+def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block) -> Rims:
+    """Look at a block for `side_of_object`."""
+    regions = field.regions
+    seen = field.scene.read(block)
+    free = seen.free
+    region, relative = (part[free] for part in regions.read(block))
+    phase = seen.phase[free]
+    unwrapped = phase + TURN * (turns[region] + relative).astype(np.float32)
+    clear = joined[region] & (np.abs(unwrapped) > TURN)
+    small = joined[region] & (regions.size[region] <= RIM)
+    rough = np.full(int(small.sum()), AS_ROUGH_AS)
+    if seen.amplitude is not None:
+        rough += fading(seen.amplitude[free][small])
+    return Rims(
+        int((unwrapped[clear] > 0).sum()),
+        int(clear.sum()),
+        region[small].astype(np.int64),
+        relative[small].astype(np.int64),
+        phase[small].astype(np.float64),
+        rough,
+    )
+
+
+def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Limit | None:
     """Return the price of lying on the other side of the empty field than nearly all else.
 
     Nearly all cells are denser than what they lie in, everywhere. At a rim that is steeper than
     half a turn a pixel, the steps alone can't tell a phase of 5 rad from one of 5 - 2 pi.
     """
-    joined = parts == parts[0]
-    unwrapped = field.values + TURN * turns.astype(np.float32)
-    clear = joined & (np.abs(unwrapped) > TURN)
-    positive = float((unwrapped[clear] > 0).mean()) if clear.any() else 0.5
+    joined = parts == parts[field.regions.held]
+    blocks = working_blocks(field.scene.shape)
+
+    def work(block: Block) -> Rims:
+        return rims_of(field, turns, joined, block)
+
+    rims = list(in_threads(work, blocks, watch.quiet(len(blocks))))
+    clear = sum(rim.clear for rim in rims)
+    positive = sum(rim.positive for rim in rims) / clear if clear else 0.5
     if 1 - NEARLY_ALL < positive < NEARLY_ALL:
         return None
     side = 1 if positive > 0.5 else -1
-    allowed = BEYOND + 2 * field.frames.noise
-    free = side * np.ceil((-allowed - side * field.values.astype(np.float64)) / (2 * np.pi))
-    rough = np.full(len(field.values), AS_ROUGH_AS, dtype=np.float32)
-    if field.amplitude is not None:
-        rough += fading(field.amplitude)
-    weight = np.where(joined & small, weight_of(rough), 0.0)
-    weight[: field.n_islands] = 0.0
-    return Limit(free.astype(np.int64), weight, side)
+    region, relative, phase, rough = (
+        np.concatenate([getattr(rim, name) for rim in rims])
+        for name in ("region", "relative", "phase", "rough")
+    )
+    allowed = BEYOND + 2 * field.scene.noise
+    free = (side * np.ceil((-allowed - side * phase) / (2 * np.pi))).astype(np.int64)
+    return Limit(region, free - relative, np.round(PARTS * weight_of(rough)), side)
+
+
+# ---- the result ------------------------------------------------------------------------------
+
+
+def finish(
+    problem: Unwraps,
+    field: Field,
+    turns: Turns,
+    parts: Whole,
+    result: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> None:
+    """Write the unwrapped phase, congruent with the wrapped phase; 0 where it is not wanted.
+
+    Parts that no edge joins to the empty field take their level from the two-dimensional
+    unwrapping of the boundary frame. A mask that was to be found is found in this result.
+    """
+    level = border_medians(problem.background().level, problem.first)
+    blocks = working_blocks(problem.given.shape)
+    lift = np.zeros(field.regions.n, dtype=np.int64)
+    if (parts != parts[field.regions.held]).any():
+        problem.settle_frames(progress, cancelled)
+        watch = Watch(len(blocks), "placing loose parts", progress, cancelled)
+        look = LooseBlock(problem, field, turns, parts, level)
+        lift = lifts(list(in_threads(look, blocks, watch)), parts)
+    watch = Watch(len(blocks), "writing", progress, cancelled)
+    write = FinishBlock(problem, field, turns + lift, level, result)
+    for _ in in_threads(write, blocks, watch, wait=True):
+        pass
+
+
+def lifted(
+    problem: Unwraps, field: Field, turns: Turns, level: NDArray[np.float64], block: Block
+) -> tuple[Image, Whole]:
+    """Return the unwrapped phase of a block of all times, and the region of every pixel."""
+    scene = field.scene
+    which = scene.frames.all_times(block)
+    kept = Block(int(which[0]), int(which[-1]) + 1)
+    region, relative = field.regions.read(kept)
+    estimate = scene.read(kept).phase + TURN * (turns[region] + relative).astype(np.float32)
+    back = -scene.shifts[kept.start : kept.stop]
+    own = which - kept.start
+    ground = problem.background().ground(level, block)
+    wrapped, _ = problem.given.read(block)
+    return congruent(moved(estimate, back)[own] + ground, wrapped), moved(region, back)[own]
+
+
+def congruent(estimate: Image, wrapped: Image) -> Image:
+    """Return the wrapped phase plus the whole turns that bring it nearest to an estimate."""
+    turns = np.round((estimate - wrapped) / TURN).astype(np.float32)
+    result: Image = wrapped + TURN * turns
+    return result
+
+
+@dataclass(frozen=True)
+class FinishBlock:
+    """Writes the unwrapped phase of a block.
+
+    Parameters
+    ----------
+    problem : Unwraps
+        What was to be unwrapped.
+    field : Field
+        What the method started from.
+    turns : ndarray of int
+        Turns of every region.
+    level : ndarray of float, shape (time, angle)
+        Phase of the empty field of every frame, radians.
+    result : Stack
+        Where the phase goes.
+    """
+
+    problem: Unwraps
+    field: Field
+    turns: Turns
+    level: NDArray[np.float64]
+    result: Stack
+
+    def __call__(self, block: Block) -> None:
+        """Do a block."""
+        unwrapped, _ = lifted(self.problem, self.field, self.turns, self.level, block)
+        _, wanted = self.problem.given.read(block)
+        if self.problem.finds_mask:
+            # Each frame about zero, so that an aperture's outside, which is 0, is no step.
+            ground = self.problem.background().ground(self.level, block)
+            about_zero = np.where(wanted, unwrapped - ground, np.float32(0))
+            found = np.empty(wanted.shape, dtype=bool)
+            for frame in np.ndindex(*wanted.shape[:2]):
+                found[frame] = object_mask(about_zero[frame])
+            wanted = wanted & found
+        self.result.write(block, np.where(wanted, unwrapped, np.float32(0)))
+
+
+#: Part, turns that it is off, and how many pixels say so.
+Votes = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class LooseBlock:
+    """Looks how many turns parts are off the frames unwrapped one by one.
+
+    Parameters
+    ----------
+    problem, field, turns, level
+        See `FinishBlock`.
+    parts : ndarray of int
+        Part of every region.
+    """
+
+    problem: Unwraps
+    field: Field
+    turns: Turns
+    parts: Whole
+    level: NDArray[np.float64]
+
+    def __call__(self, block: Block) -> tuple[Votes, Votes, Votes]:
+        """Return what the boundary frame says of the block, then its time, then all."""
+        unwrapped, region = lifted(self.problem, self.field, self.turns, self.level, block)
+        _, usable = self.problem.given.read(block)
+        part = self.parts[region]
+        loose = usable & (part != self.parts[self.field.regions.held])
+        flat = self.problem.frame_by_frame(block)
+        off = np.round((flat - unwrapped) / TURN).astype(np.int64)
+        time, angle = self.problem.first
+        none = np.zeros(loose.shape, dtype=bool)
+        of_frame, of_time = none, none.copy()
+        if time in block.times:
+            at = time - block.start
+            of_frame[at, angle] = loose[at, angle]
+            of_time[at] = loose[at]
+        first, second, third = (
+            votes(part[asked], off[asked]) for asked in (of_frame, of_time, loose)
+        )
+        return first, second, third
+
+
+def votes(part: Whole, off: Turns) -> Votes:
+    """Count which parts are how many turns off, shape (kinds, 3)."""
+    pairs, counts = np.unique(np.stack([part, off], axis=1), axis=0, return_counts=True)
+    return np.concatenate([pairs, counts[:, None]], axis=1).astype(np.int64)
+
+
+def lifts(looks: list[tuple[Votes, Votes, Votes]], parts: Whole) -> Turns:
+    """Return the turns to add to each region: the median of what is said first of its part."""
+    of_part = np.zeros(int(parts.max()) + 1, dtype=np.int64)
+    known = np.zeros(len(of_part), dtype=bool)
+    for kind in zip(*looks, strict=True):
+        said = np.concatenate(kind)
+        for part in np.unique(said[:, 0]):
+            if not known[part]:
+                of_part[part] = median_of(said[said[:, 0] == part])
+                known[part] = True
+    return of_part[parts]
+
+
+def median_of(said: Votes) -> int:
+    """Return the median of turns, each of which is counted so often, rounded to an even one."""
+    said = said[np.argsort(said[:, 1])]
+    until = np.cumsum(said[:, 2])
+    low, high = (
+        np.searchsorted(until, k, side="right") for k in ((until[-1] - 1) // 2, until[-1] // 2)
+    )
+    return int(np.round((said[low, 1] + said[high, 1]) / 2))
+
+
+#: The methods by their ids, for results that lie anywhere.
+OWN = {"directional-growing": growing_into, "directional-l1": l1_into}

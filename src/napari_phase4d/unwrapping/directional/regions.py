@@ -1,48 +1,49 @@
-"""Pixels joined along their steps: all of them greedily, or only where no step is in doubt."""
+"""Pixels that certain steps join, frame by frame, and what the steps between them ask for.
+
+Pixels of one frame are joined first, then frames to each other from the start outwards. Only the
+labels of the last frame are needed on the way, so that a recording may have any length; what is
+left, some regions for a hundred pixels, is one problem over the whole recording.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.directional.steps import Steps
-from napari_phase4d.unwrapping.growing import grow_list
+from napari_phase4d.compiling import compiled
+from napari_phase4d.progress import Watch, in_threads
+from napari_phase4d.stack import Block, Stack, Store
+from napari_phase4d.unwrapping.directional.scene import Scene
+from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
+from napari_phase4d.unwrapping.ends import ends_along
 
-__all__ = ["Regions", "grown", "regions_of", "weight_of"]
+__all__ = ["PARTS", "Edges", "Regions", "find_regions", "merged_edges", "root_of", "weight_of"]
 
 #: Weight of a step: (SOFTENING + roughness)^-POWER, roughness in radians.
 SOFTENING, POWER = 0.5, 6
+#: Weights are whole multiples, at least 1, of one part in so many, so that their sums do not depend
+#: on the order. It tells steps of up to 40 rad apart, more than fading amplitude stands for, and
+#: leaves room for the sum of some ten million smooth steps.
+PARTS = 2.0**32
 #: Steps smoother and smaller than this, in radians, are never doubted: their ends move together.
-CERTAIN = 1.0
+#: The smoother half of them joins first.
+CERTAIN, SMOOTH = 1.0, 0.5
+#: An island of the empty field that takes at least this share of the frame holds its level.
+FIELD_SHARE = 0.05
+#: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
+FIRM = -0.268
+#: Edges that are collected before those that ask for the same are put together.
+MANY_EDGES = 2_000_000
+#: How far steps may be used: in doubt, certain, certain and smooth.
+DOUBTED, SURE, SUREST = 1, 2, 3
 
-Whole = NDArray[np.int32]
-
-
-@dataclass(frozen=True)
-class Regions:
-    """Nodes that move together, and the steps between them.
-
-    Parameters
-    ----------
-    of_node : ndarray of int
-        Region of every node.
-    relative : ndarray of int
-        Turns of every node relative to its region.
-    n : int
-        Number of regions.
-    first, second, turns, weight : ndarray
-        Steps between regions: both ends, turns between them, and what a turn less or more costs.
-    """
-
-    of_node: Whole
-    relative: Whole
-    n: int
-    first: Whole
-    second: Whole
-    turns: NDArray[np.int64]
-    weight: NDArray[np.float64]
+Index = NDArray[np.int32]
+Whole = NDArray[np.int64]
+Mask = NDArray[np.bool_]
 
 
 def weight_of(roughness: NDArray[np.floating]) -> NDArray[np.float64]:
@@ -51,102 +52,700 @@ def weight_of(roughness: NDArray[np.floating]) -> NDArray[np.float64]:
     return weight
 
 
-def grown(steps: Steps, n: int, n_islands: int) -> tuple[Whole, Whole]:
-    """Go along the steps, smoothest first, as Kruskal does.
-
-    Before all others come the steps between islands of the empty field, those first whose
-    majority is largest: one step that looks smooth by accident is not to tie an island to a cell.
+@dataclass(frozen=True)
+class Edges:
+    """What steps between regions ask for; those that ask for the same count as one.
 
     Parameters
     ----------
-    steps : Steps
-        Steps between nodes.
+    first, second : ndarray of int
+        The regions at both ends.
+    turns : ndarray of int
+        Turns of the second region minus those of the first.
+    weight : ndarray of int
+        What a turn more or less costs, in parts of 2^-32.
+    ground : ndarray of int
+        The share of it that steps between islands of the empty field have.
+    rough : ndarray of float
+        Roughness of the smoothest step, radians.
+    """
+
+    first: Index
+    second: Index
+    turns: Index
+    weight: Whole
+    ground: Whole
+    rough: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        """Return the number of edges."""
+        return len(self.first)
+
+
+@dataclass(frozen=True)
+class Regions:
+    """Pixels that move together, and the edges between them.
+
+    Parameters
+    ----------
     n : int
-        Number of nodes.
+        How many there are.
+    edges : Edges
+        Between them.
+    held : int
+        The region of the island of the empty field that has no turns.
+    held_turns : int
+        Turns of that island relative to its region.
+    size : ndarray of int
+        How many pixels of the object each one has.
+    of_group : ndarray of int
+        Region of each group of pixels that are joined within a frame, and ...
+    offset : ndarray of int
+        ... the group's turns relative to the region.
+    groups : Stack
+        Group of every pixel (kept time, angle, y, x) of the moved frames, counted from ``base``;
+        -1 where there is none.
+    relative : Stack
+        Turns of every pixel relative to its group.
+    base : ndarray of int, shape (kept time,)
+        Number of the first group of every time.
+    """
+
+    n: int
+    edges: Edges
+    held: int
+    held_turns: int
+    size: Whole
+    of_group: Index
+    offset: Index
+    groups: Stack
+    relative: Stack
+    base: Whole
+
+    def read(self, block: Block) -> tuple[Index, Index]:
+        """Return region and relative turns of every pixel of some frames.
+
+        Where there is no group it is the region that is held.
+        """
+        group = self.groups.read(block)
+        outside = group < 0
+        here = group + self.base[block.start : block.stop, None, None, None]
+        here[outside] = 0
+        region = self.of_group[here]
+        turns = self.offset[here] + self.relative.read(block)
+        region[outside], turns[outside] = self.held, self.held_turns
+        return region, turns
+
+
+def find_regions(scene: Scene, steps: Iterator[Weighed], store: Store, watch: Watch) -> Regions:
+    """Join pixels along certain steps.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is unwrapped.
+    steps : iterator of Weighed
+        All its steps, see `weighed_steps`.
+    store : Store
+        Where the groups of all pixels are kept.
+    watch : Watch
+        Stops the work.
+    """
+    groups = store.temporary("groups", scene.shape, "int32")
+    relative = store.temporary("relative", scene.shape, "int16")
+
+    def work(weighed: Weighed) -> Grouped:
+        return grouped(scene, weighed, groups, relative)
+
+    joining = Joining(scene)
+    for found in in_threads(work, steps, watch.quiet(0), wait=True):
+        joining.add(found)
+    return joining.regions(groups, relative)
+
+
+# ---- within a frame --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The box of the frames of one time, as the steps to the next time need it."""
+
+    groups: Index
+    relative: NDArray[np.int16]
+    free: Mask
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Steps between groups; those that follow each other and ask for the same count as one.
+
+    Parameters
+    ----------
+    ends : ndarray of int, shape (steps, 4)
+        First and second group, turns, and how far they may be used.
+    costs : ndarray of int, shape (steps, 2)
+        Weight, and that of steps between islands of the empty field, in parts of 2^-32.
+    rough : ndarray of float
+        Roughness of the smoothest, radians.
+    """
+
+    ends: Index
+    costs: Whole
+    rough: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Grouped:
+    """What certain steps join in the frames of a block, and the steps between.
+
+    Parameters
+    ----------
+    block : Block
+        The frames.
+    sizes : list of ndarray of int
+        Of every time, the pixels of the object that each group has.
+    fields : ndarray of int, shape (time, angle, 3)
+        Group of the largest island of the empty field of each frame (-1 if there is none), its
+        turns relative to the group, and its number of pixels.
+    within : list of Runs
+        Steps between groups of one time.
+    ahead : list of Runs
+        Steps from each time but the last to the next one.
+    first, last : Frame
+        The first and the last time.
+    later : Opinion or None
+        Steps from the block's last time to the one after.
+    """
+
+    block: Block
+    sizes: list[Whole]
+    fields: Index
+    within: list[list[Runs]]
+    ahead: list[Runs]
+    first: Frame
+    last: Frame
+    later: Opinion | None
+
+
+def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack) -> Grouped:
+    """Join the pixels of each frame of a block, and list the steps between what is joined."""
+    block = weighed.block
+    islands = scene.islands(block)
+    groups = np.full(islands.shape, -1, dtype=np.int32)
+    relative = np.zeros(islands.shape, dtype=np.int16)
+    free = np.ascontiguousarray(weighed.seen.free)
+    fields = np.full((*islands.shape[:2], 3), -1, dtype=np.int32)
+    sizes = []
+    corner = scene.box[0].start, scene.box[1].start
+    none = Opinion(*(np.zeros((len(block), free.shape[1], 0, 0), d) for d in DTYPES))
+    down, right = (weighed.by_axis.get(axis, none) for axis in (2, 3))
+    for i in range(len(block)):
+        of_time: list[Whole] = []
+        count = 0
+        for angle in range(islands.shape[1]):
+            frame = i, angle
+            n_islands = int(islands[frame].max(initial=-1)) + 1
+            of_island, size = group_frame(
+                islands[frame],
+                n_islands,
+                corner,
+                free[frame],
+                tuple(part[frame] for part in parts_of(down)),
+                tuple(part[frame] for part in parts_of(right)),
+                groups[frame],
+                relative[frame],
+                count,
+            )
+            if n_islands:
+                pixels = np.bincount(islands[frame].ravel() + 1, minlength=n_islands + 1)[1:]
+                largest = int(np.argmax(pixels))
+                fields[frame] = (*of_island[largest], pixels[largest])
+            of_time.append(size)
+            count += len(size)
+        sizes.append(np.concatenate(of_time))
+    groups_to.write(block, groups)
+    relative_to.write(block, relative)
+    inside = (slice(None), slice(None), *scene.box)
+    part = [Frame(*arrays) for arrays in zip(groups[inside], relative[inside], free, strict=True)]
+    within = [
+        [
+            runs_along(part[i], axis, opinions[axis], i)
+            for axis in (1, 2, 3)
+            for opinions in (weighed.by_axis, weighed.followed)
+            if axis in opinions
+        ]
+        for i in range(len(block))
+    ]
+    link = weighed.by_axis.get(0)
+    ahead = [
+        runs_between(part[i], part[i + 1], link, i)
+        for i in range(len(block) - 1)
+        if link is not None
+    ]
+    later = link if link is not None and len(link.turns) == len(block) else None
+    return Grouped(block, sizes, fields, within, ahead, part[0], part[-1], later)
+
+
+DTYPES = ("int16", "float32", "bool", "bool")
+
+
+def parts_of(opinion: Opinion) -> tuple[NDArray[Any], ...]:
+    """Return the arrays of an opinion."""
+    return opinion.turns, opinion.rough, opinion.kept, opinion.small
+
+
+def runs_along(frame: Frame, axis: int, opinion: Opinion, i: int) -> Runs:
+    """List the steps between the groups of one time, along angle, y or x."""
+    head, tail = ends_along(axis - 1, 3)
+    return runs_of(
+        tuple(part[head] for part in vars(frame).values()),
+        tuple(part[tail] for part in vars(frame).values()),
+        tuple(part[i] for part in parts_of(opinion)),
+        same=True,
+    )
+
+
+def runs_between(frame: Frame, following: Frame, opinion: Opinion, i: int) -> Runs:
+    """List the steps from one time to the next."""
+    return runs_of(
+        tuple(vars(frame).values()),
+        tuple(vars(following).values()),
+        tuple(part[i] for part in parts_of(opinion)),
+        same=False,
+    )
+
+
+def runs_of(
+    head: tuple[NDArray[Any], ...],
+    tail: tuple[NDArray[Any], ...],
+    asked: tuple[NDArray[Any], ...],
+    *,
+    same: bool,
+) -> Runs:
+    """List the steps between two maps of groups (angle, y, x), of the same time or not."""
+    nothing = Runs(np.empty((0, 4), np.int32), np.empty((0, 2), np.int64), np.empty(0, np.float32))
+    count = list_runs(head, tail, asked, *vars(nothing).values(), same)
+    found = Runs(
+        np.empty((count, 4), np.int32), np.empty((count, 2), np.int64), np.empty(count, np.float32)
+    )
+    list_runs(head, tail, asked, *vars(found).values(), same)
+    return found
+
+
+@compiled
+def root_of(parent: Index, offset: Index, i: int) -> tuple[int, int]:
+    """Return the root that something is joined to, and its turns relative to the root."""
+    total = 0
+    while parent[i] != i:
+        above = parent[i]
+        offset[i] += offset[above]
+        parent[i] = parent[above]
+        total += offset[i]
+        i = parent[i]
+    return i, total
+
+
+@compiled
+def join(parent: Index, offset: Index, a: int, b: int, turns: int) -> None:
+    """Join b to a so that it has so many turns more, unless they are joined already."""
+    root_a, of_a = root_of(parent, offset, a)
+    root_b, of_b = root_of(parent, offset, b)
+    if root_a == root_b:
+        return
+    more = turns + of_a - of_b
+    # The first of all is the root, so that what the roots are does not depend on the order.
+    if root_a < root_b:
+        parent[root_b], offset[root_b] = root_a, more
+    else:
+        parent[root_a], offset[root_a] = root_b, -more
+
+
+@compiled
+def grade_of(rough: float, kept: bool, small: bool, free: bool) -> int:
+    """Return how far a step may be used; between two islands it is never certain.
+
+    Of the many steps between two islands one may look certain by accident.
+    """
+    if not kept:
+        return 0
+    if not (small and free and rough < CERTAIN):
+        return DOUBTED
+    return SUREST if rough < SMOOTH else SURE
+
+
+@compiled
+def group_frame(
+    islands: Index,
+    n_islands: int,
+    corner: tuple[int, int],
+    free: Mask,
+    down: tuple[Any, ...],
+    right: tuple[Any, ...],
+    groups: Index,
+    relative: NDArray[np.int16],
+    before: int,
+) -> tuple[Index, Whole]:
+    """Join the pixels of a frame along certain steps.
+
+    Parameters
+    ----------
+    islands : ndarray of int, shape (y, x)
+        Number of the island of the empty field; -1 elsewhere.
     n_islands : int
-        How many of the first nodes are islands of the empty field.
+        How many there are.
+    corner : tuple of int
+        Where the box of the object begins.
+    free : ndarray of bool
+        The object in the box.
+    down, right : tuple of ndarray
+        Steps along y and x in the box, see `parts_of`.
+    groups, relative : ndarray of int, shape (y, x)
+        Where the group of every pixel goes, and its turns relative to the group.
+    before : int
+        Number of the first group.
 
     Returns
     -------
-    parts : ndarray of int
-        Number of the part that each node belongs to.
-    turns : ndarray of int
-        Turns of every node; 0 for node 0.
+    of_island : ndarray of int, shape (islands, 2)
+        Group of every island, and its turns.
+    sizes : ndarray of int
+        Pixels of the object in each group.
     """
-    between = np.flatnonzero(np.maximum(steps.first, steps.second) < n_islands)
-    a, b = steps.first[between], steps.second[between]
-    turns = steps.turns[between].astype(np.int64)
-    nodes = np.arange(n, dtype=np.int32)
-    votes = merged(nodes, nodes * 0, n, (a, b, turns, weight_of(steps.roughness[between])))
-    parts, turns_of, _ = grow_list(
-        np.concatenate([votes.first, steps.first]),
-        np.concatenate([votes.second, steps.second]),
-        np.concatenate([votes.turns.astype(np.int32), steps.turns]),
-        np.concatenate([-votes.weight, steps.roughness]),
-        n,
-        overwrite=True,
-    )
-    return parts, turns_of - np.where(parts == parts[0], turns_of[0], 0).astype(np.int32)
+    height, width = free.shape
+    top, left = corner
+    node = np.full((height, width), -1, dtype=np.int32)
+    n = n_islands
+    for y in range(height):
+        for x in range(width):
+            if free[y, x]:
+                node[y, x] = n
+                n += 1
+            else:
+                node[y, x] = islands[top + y, left + x]
+    parent, offset = np.arange(n).astype(np.int32), np.zeros(n, dtype=np.int32)
+    for least in (SUREST, SURE):
+        for axis, asked in enumerate((down, right)):
+            turns, rough, kept, small = asked
+            for y in range(turns.shape[0]):
+                for x in range(turns.shape[1]):
+                    y2, x2 = y + 1 - axis, x + axis
+                    either = free[y, x] or free[y2, x2]
+                    if grade_of(rough[y, x], kept[y, x], small[y, x], either) >= least:
+                        join(parent, offset, node[y, x], node[y2, x2], turns[y, x])
+    number = np.empty(n, dtype=np.int32)
+    count = 0
+    for i in range(n):
+        root, turn = root_of(parent, offset, i)
+        if root == i:
+            number[i] = before + count
+            count += 1
+        else:
+            number[i] = number[root]
+        offset[i], parent[i] = turn, root
+    sizes = np.zeros(count, dtype=np.int64)
+    for y in range(islands.shape[0]):
+        for x in range(islands.shape[1]):
+            if islands[y, x] >= 0:
+                groups[y, x], relative[y, x] = number[islands[y, x]], offset[islands[y, x]]
+    for y in range(height):
+        for x in range(width):
+            if free[y, x]:
+                i = node[y, x]
+                groups[top + y, left + x], relative[top + y, left + x] = number[i], offset[i]
+                sizes[number[i] - before] += 1
+    of_island = np.empty((n_islands, 2), dtype=np.int32)
+    for i in range(n_islands):
+        of_island[i, 0], of_island[i, 1] = number[i], offset[i]
+    return of_island, sizes
 
 
-def regions_of(steps: Steps, n: int, n_islands: int) -> Regions:
-    """Put the nodes together that certain steps join.
+@compiled
+def list_runs(
+    head: tuple[Any, ...],
+    tail: tuple[Any, ...],
+    asked: tuple[Any, ...],
+    ends: Index,
+    costs: Whole,
+    least: NDArray[np.float32],
+    same: bool,
+) -> int:
+    """List the steps between two maps of groups; only count them where there is no room."""
+    groups, relative, free = head
+    groups_2, relative_2, free_2 = tail
+    turns, rough, kept, small = asked
+    count = 0
+    fill = len(ends) > 0
+    for v in range(turns.shape[0]):
+        for y in range(turns.shape[1]):
+            a0, b0, j0 = -1, -1, 0
+            for x in range(turns.shape[2]):
+                if not kept[v, y, x]:
+                    continue
+                a, b = groups[v, y, x], groups_2[v, y, x]
+                if same and a == b:
+                    continue
+                j = turns[v, y, x] - relative_2[v, y, x] + relative[v, y, x]
+                if a != a0 or b != b0 or j != j0:
+                    a0, b0, j0 = a, b, j
+                    if fill:
+                        ends[count, 0], ends[count, 1], ends[count, 2] = a, b, j
+                        ends[count, 3] = 0
+                        costs[count, 0] = costs[count, 1] = 0
+                        least[count] = np.float32(np.inf)
+                    count += 1
+                if fill:
+                    either = free[v, y, x] or free_2[v, y, x]
+                    r = rough[v, y, x]
+                    grade = grade_of(r, True, small[v, y, x], either)
+                    ends[count - 1, 3] = max(ends[count - 1, 3], grade)
+                    share = 1 / (SOFTENING + np.float64(r)) ** 2
+                    cost = max(np.int64(np.round(PARTS * share * share * share)), 1)
+                    costs[count - 1, 0] += cost
+                    if not either:
+                        costs[count - 1, 1] += cost
+                    least[count - 1] = min(least[count - 1], r)
+    return count
 
-    Islands of the empty field, the first nodes, are not joined to each other: of the many steps
-    between two of them, one may look certain by accident.
+
+# ---- from frame to frame ---------------------------------------------------------------------
+
+
+class Joining:
+    """Joins groups of one frame after the other, from the start outwards.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is unwrapped.
     """
-    certain = np.flatnonzero(
-        (steps.roughness < CERTAIN)
-        & (steps.size < CERTAIN)
-        & (np.maximum(steps.first, steps.second) >= n_islands)
-    )
-    region, relative, n_regions = grow_list(
-        steps.first[certain],
-        steps.second[certain],
-        steps.turns[certain],
-        steps.roughness[certain],
-        n,
-        overwrite=True,
-    )
-    a, b = region[steps.first], region[steps.second]
-    across = np.flatnonzero(a != b)
-    first, second = steps.first[across], steps.second[across]
-    turns = steps.turns[across].astype(np.int64) - relative[second] + relative[first]
-    return merged(
-        region,
-        relative,
-        n_regions,
-        (a[across], b[across], turns, weight_of(steps.roughness[across])),
+
+    def __init__(self, scene: Scene) -> None:
+        self._start = scene.frames.start
+        self._pixels = scene.shape[2] * scene.shape[3]
+        self._parent = np.zeros(0, dtype=np.int32)
+        self._offset = np.zeros(0, dtype=np.int32)
+        self._sizes: list[Whole] = []
+        self._n = 0
+        self._base = np.zeros(scene.shape[0], dtype=np.int64)
+        self._fields = np.full((*scene.shape[:2], 3), -1, dtype=np.int64)
+        self._edges: list[Edges] = []
+        #: The start's first time; the last time so far and the steps to the one after.
+        self._first: Frame | None = None
+        self._last: tuple[Frame, Opinion | None] | None = None
+
+    def add(self, found: Grouped) -> None:
+        """Take the next block: those from the start on, then those before it."""
+        forward = found.block.start >= self._start[0]
+        times = list(found.block.times)
+        link = self._to_last(found) if forward else self._to_first(found)
+        for t in times if forward else times[::-1]:
+            i = t - found.block.start
+            self._make_room(t, found.sizes[i])
+            for runs in found.within[i]:
+                self._join(runs, t, t)
+            if link is not None:
+                self._join(link, *((t - 1, t) if forward else (t, t + 1)))
+            link = None
+            if forward and i + 1 < len(times):
+                link = found.ahead[i]
+            elif not forward and i > 0:
+                link = found.ahead[i - 1]
+            some = found.fields[i].astype(np.int64)
+            some[:, 0] += np.where(some[:, 0] >= 0, self._base[t], 0)
+            self._fields[t] = some
+        if self._first is None or not forward:
+            self._first = found.first
+        if forward:
+            self._last = found.last, found.later
+        if sum(len(edges) for edges in self._edges) > MANY_EDGES:
+            self._edges = [self._together()]
+
+    def regions(self, groups: Stack, relative: Stack) -> Regions:
+        """Return what has been joined."""
+        edges = self._together()
+        region = np.empty(self._n, dtype=np.int32)
+        offset = self._offset[: self._n]
+        n = number_roots(self._parent[: self._n], offset, region)
+        held, others = self._islands()
+        if held is None:  # no empty field is in view, so that nothing is held at zero
+            at, turns, n = n, 0, n + 1
+        else:
+            at, turns = int(region[held[0]]), int(offset[held[0]] + held[1])
+        of_others = region[others[:, 0]], offset[others[:, 0]] + others[:, 1]
+        edges = merged_edges(
+            np.concatenate([region[edges.first], np.full(len(others), at, dtype=np.int32)]),
+            np.concatenate([region[edges.second], of_others[0]]),
+            np.concatenate([edges.turns, turns - of_others[1]]),
+            *with_ties(edges, len(others)),
+        )
+        sizes = np.concatenate(self._sizes)
+        return Regions(
+            n,
+            edges,
+            at,
+            turns,
+            np.bincount(region, sizes, n).astype(np.int64),
+            region,
+            offset,
+            groups,
+            relative,
+            self._base,
+        )
+
+    def _make_room(self, time: int, sizes: Whole) -> None:
+        """Number the groups of one more time."""
+        self._base[time] = self._n
+        self._n += len(sizes)
+        self._sizes.append(sizes)
+        if self._n > len(self._parent):
+            room = max(self._n, 2 * len(self._parent))
+            more = np.arange(len(self._parent), room, dtype=np.int32)
+            self._parent = np.concatenate([self._parent, more])
+            self._offset = np.concatenate([self._offset, np.zeros(len(more), dtype=np.int32)])
+
+    def _to_last(self, found: Grouped) -> Runs | None:
+        """Return the steps to a block from the time before it."""
+        if self._last is None or self._last[1] is None:
+            return None
+        return runs_between(self._last[0], found.first, self._last[1], -1)
+
+    def _to_first(self, found: Grouped) -> Runs | None:
+        """Return the steps from a block to the time after it."""
+        if self._first is None or found.later is None:
+            return None
+        return runs_between(found.last, self._first, found.later, -1)
+
+    def _join(self, runs: Runs, time: int, time_2: int) -> None:
+        """Join groups along certain steps, and keep the others."""
+        if not len(runs.rough):
+            return
+        first = runs.ends[:, 0] + np.int32(self._base[time])
+        second = runs.ends[:, 1] + np.int32(self._base[time_2])
+        join_runs(self._parent, self._offset, first, second, runs.ends)
+        doubted = runs.ends[:, 3] < SURE
+        self._edges.append(
+            Edges(
+                first[doubted],
+                second[doubted],
+                runs.ends[doubted, 2],
+                runs.costs[doubted, 0],
+                runs.costs[doubted, 1],
+                runs.rough[doubted],
+            )
+        )
+
+    def _together(self) -> Edges:
+        """Return the edges so far, between roots; those that ask for the same as one."""
+        columns = [vars(edges).values() for edges in [no_edges(), *self._edges]]
+        first, second, turns, *rest = (np.concatenate(c) for c in zip(*columns, strict=True))
+        turns = turns + resolved(self._parent, self._offset, first)
+        turns = turns - resolved(self._parent, self._offset, second)
+        return merged_edges(first, second, turns, *rest)
+
+    def _islands(self) -> tuple[tuple[int, int] | None, Whole]:
+        """Return group and turns of the island that is held, and those of the other fields."""
+        fields = self._fields.reshape(-1, 3)
+        if not (fields[:, 0] >= 0).any():
+            return None, np.zeros((0, 3), dtype=np.int64)
+        held = self._fields[self._start]
+        if held[0] < 0:
+            held = fields[np.argmax(fields[:, 2])]
+        others = fields[(fields[:, 0] >= 0) & (fields[:, 2] >= FIELD_SHARE * self._pixels)]
+        same = (others[:, 0] == held[0]) & (others[:, 1] == held[1])
+        return (int(held[0]), int(held[1])), others[~same]
+
+
+@compiled
+def join_runs(parent: Index, offset: Index, first: Index, second: Index, ends: Index) -> None:
+    """Join groups along certain steps, the smoother ones first."""
+    for least in (SUREST, SURE):
+        for i in range(len(first)):
+            if ends[i, 3] >= least:
+                join(parent, offset, first[i], second[i], ends[i, 2])
+
+
+@compiled
+def number_roots(parent: Index, offset: Index, number: Index) -> int:
+    """Give what is joined one number, in the order of the roots; return how many there are.
+
+    Turns become those relative to the root.
+    """
+    count = 0
+    for i in range(len(parent)):
+        root, turns = root_of(parent, offset, i)
+        parent[i], offset[i] = root, turns
+        if root == i:
+            number[i] = count
+            count += 1
+        else:
+            number[i] = number[root]
+    return count
+
+
+@compiled
+def resolved(parent: Index, offset: Index, ids: Index) -> Index:
+    """Replace groups by their roots, in place; return their turns relative to these."""
+    turns = np.empty(len(ids), dtype=np.int32)
+    for i in range(len(ids)):
+        ids[i], turns[i] = root_of(parent, offset, ids[i])
+    return turns
+
+
+def no_edges() -> Edges:
+    """Return none."""
+    none = np.zeros(0, dtype=np.int32)
+    cost = np.zeros(0, dtype=np.int64)
+    return Edges(none, none, none, cost, cost, np.zeros(0, dtype=np.float32))
+
+
+def with_ties(edges: Edges, count: int) -> tuple[Whole, Whole, NDArray[np.float32]]:
+    """Return what edges cost, with as many more as hold the empty field of every frame level.
+
+    The level of a frame hangs on its own empty field then, not on its neighbours; but not
+    beyond doubt, since a plateau inside a cell may be taken for the field.
+    """
+    cost = int(np.round(PARTS * weight_of(np.array([FIRM]))[0]))
+    firm = np.full(count, cost, dtype=np.int64)
+    rough = np.full(count, FIRM, dtype=np.float32)
+    return (
+        np.concatenate([edges.weight, firm]),
+        np.concatenate([edges.ground, firm]),
+        np.concatenate([edges.rough, rough]),
     )
 
 
-def merged(
-    region: Whole,
-    relative: Whole,
-    n: int,
-    between: tuple[Whole, Whole, NDArray[np.int64], NDArray[np.float64]],
-) -> Regions:
-    """Count steps between the same two regions that ask for the same turns as one."""
-    a, b, turns, weight = between
+def merged_edges(
+    first: Index,
+    second: Index,
+    turns: Index,
+    weight: Whole,
+    ground: Whole,
+    rough: NDArray[np.float32],
+) -> Edges:
+    """Count edges between the same two regions that ask for the same turns as one.
+
+    Edges from a region to itself are left out. For the parameters see `Edges`.
+    """
+    across = first != second
+    a, b, turns = first[across], second[across], turns[across].astype(np.int64)
     swapped = a > b
-    a, b = np.where(swapped, b, a), np.where(swapped, a, b)
+    a, b = np.where(swapped, b, a).astype(np.int64), np.where(swapped, a, b)
     turns = np.where(swapped, -turns, turns)
-    lowest = int(turns.min(initial=0))
-    span = int(turns.max(initial=0)) - lowest + 1
-    key = (a.astype(np.int64) * n + b) * span + (turns - lowest)
-    # As numpy.unique does, which holds Python's lock over its sum of booleans.
+    if not len(a):
+        return no_edges()
+    n = int(b.max()) + 1
+    lowest = int(turns.min())
+    span = int(turns.max()) - lowest + 1
+    key = (a * n + b) * span + (turns - lowest)
     order = np.argsort(key, kind="stable")
-    ordered = key[order]
-    begins = np.append(True, ordered[1:] != ordered[:-1])[: len(key)]
-    keys, place = ordered[begins], np.empty(len(key), dtype=np.intp)
-    place[order] = np.cumsum(begins.astype(np.intp)) - 1
-    pair = keys // span
-    return Regions(
-        region,
-        relative,
-        n,
+    key = key[order]
+    begins = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
+    pair = key[begins] // span
+    return Edges(
         (pair // n).astype(np.int32),
         (pair % n).astype(np.int32),
-        keys % span + lowest,
-        np.bincount(place, weight, len(keys)).astype(np.float64),
+        (key[begins] % span + lowest).astype(np.int32),
+        np.add.reduceat(weight[across][order], begins),
+        np.add.reduceat(ground[across][order], begins),
+        np.minimum.reduceat(rough[across][order], begins),
     )

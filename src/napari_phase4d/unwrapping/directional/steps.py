@@ -3,24 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Any
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import on_all_cores
+from napari_phase4d.progress import Watch, in_threads
+from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.unwrapping.background import turned
-from napari_phase4d.unwrapping.directional.boxes import change_on_both_sides, known_mean
+from napari_phase4d.unwrapping.boxes import change_on_both_sides, known_mean
 from napari_phase4d.unwrapping.directional.links import link_map
+from napari_phase4d.unwrapping.directional.scene import Scene, Seen
 from napari_phase4d.unwrapping.ends import ends_along
+from napari_phase4d.unwrapping.given import working_frames
 
-__all__ = ["Steps", "all_steps", "fading"]
+__all__ = ["Floors", "Opinion", "Weighed", "fading", "floors_of", "roughness", "weighed_steps"]
 
 TURN = np.float32(2 * np.pi)
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
+#: The noise floor is measured at no more times than this, evenly spaced.
+FLOOR_TIMES = 24
 #: Mean of D^2 for white noise of one radian: 12 + 2 * 4.7 where there are two changes, which share
 #: two thirds of their noise, and 4 * 2 where there is a single step.
 OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
@@ -32,227 +37,475 @@ HALF_A_TURN = np.float32(np.pi)
 FOLLOWED = 3.0
 #: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
 STEEP = 1.5
+#: Frames before and after a frame that the weights of its steps depend on.
+BEFORE, AFTER = 2, 3
 
-Stack = NDArray[np.float32]
+Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class Steps:
-    """Steps between nodes, from all four axes.
+class Opinion:
+    """What the steps along one axis ask for.
 
     Parameters
     ----------
-    first, second : ndarray of int
-        The nodes at both ends.
-    turns : ndarray of int
-        Turns of the second minus those of the first, if the step is less than half a turn.
-    size : ndarray of float
-        The step in radians, without its sign; infinite where two opinions on it differ.
-    roughness : ndarray of float
+    turns : ndarray of int16
+        Turns of the second end minus those of the first.
+    rough : ndarray of float32
         How much steps change along their own direction here, radians.
+    kept : ndarray of bool
+        Which steps there are.
+    small : ndarray of bool
+        Steps of less than one radian on which there is no other opinion.
     """
 
-    first: NDArray[np.int32]
-    second: NDArray[np.int32]
-    turns: NDArray[np.int32]
-    size: Stack
-    roughness: Stack
+    turns: NDArray[np.int16]
+    rough: Image
+    kept: Mask
+    small: Mask
 
 
-def all_steps(
-    phase: Stack,
-    nodes: NDArray[np.int32],
-    empty: Mask,
-    usable: Mask,
-    seams: NDArray[np.int8],
-    amplitude: Stack | None,
-    noise: float,
-    left: Stack | None,
-    start: int,
-) -> Steps:
-    """Return the steps along time, angle, y and x whose ends are not the same node.
+@dataclass(frozen=True)
+class Weighed:
+    """All steps of a block of frames, and those to the frame after each.
 
     Parameters
     ----------
-    phase : ndarray of shape (time, angle, y, x)
-        Wrapped phase in radians.
-    nodes : ndarray of int, same shape
-        Number of the node that each pixel belongs to.
-    empty : ndarray of bool, same shape
-        Pixels of the empty field, from which the noise floor is taken.
-    usable : ndarray of bool, same shape
-        Pixels that count.
-    seams : ndarray of int, same shape
-        Neighbours of different numbers are none.
-    amplitude : ndarray of float or None
-        Amplitude as a share of its median.
-    noise : float
-        Standard deviation of the phase's noise in radians, for where no empty field is in view.
-    left : ndarray of float, same shape, or None
-        Share of the noise's variance that is left at each pixel; None where it is all.
-    start : int
-        Time from which spatial steps are followed.
+    block : Block
+        The kept frames.
+    seen : Seen
+        These frames, the object's box of them.
+    by_axis : dict of int to Opinion
+        Steps along time (to the next frame), angle, y and x; none along an axis of one.
+    followed : dict of int to Opinion
+        A second opinion on some steps along y and x: what they have become since the start.
+    along : dict of int to Courses
+        What the second opinion follows from.
     """
-    parts: dict[int, list[tuple[Any, ...]]] = {}
 
-    def work(axis: int) -> None:
-        head, tail = ends_along(axis, 4)
-        difference = phase[tail] - phase[head]
-        inside = usable[head] & usable[tail]
-        valid = inside & (seams[head] == seams[tail])
-        bare = empty[head] & empty[tail]
-        step = turned(difference)
-        if axis < 2:
-            step = link_map(step, inside, bare)
-        faint = 0 if amplitude is None else fading(np.minimum(amplitude[head], amplitude[tail]))
-        rough = roughness(step, axis, bare, valid, noise) + faint
-        kept = valid & (nodes[head] != nodes[tail])
-        size = np.abs(step)
-        parts[axis] = [listed(nodes, difference, step, size, rough, kept, axis)]
-        if axis >= 2 and len(phase) > 1:
-            share = None if left is None else 0.5 * (left[head] + left[tail])
-            followed, doubt = follow_steps(step, rough, valid, bare, noise, share, start)
-            other = kept & (np.abs(followed - step) > HALF_A_TURN) & (doubt + faint < FOLLOWED)
-            if other.any():
-                size[other] = np.inf
-                parts[axis] = [
-                    listed(nodes, difference, step, size, rough, kept, axis),
-                    listed(nodes, difference, followed, size, doubt + faint, other, axis),
-                ]
-
-    on_all_cores(work, [axis for axis in range(4) if phase.shape[axis] > 1])
-    if not parts:
-        none = np.zeros(0, dtype=np.int32)
-        return Steps(none, none, none, none.astype(np.float32), none.astype(np.float32))
-    in_order = [columns for axis in sorted(parts) for columns in parts[axis]]
-    return Steps(*(np.concatenate(columns) for columns in zip(*in_order, strict=True)))
+    block: Block
+    seen: Seen
+    by_axis: dict[int, Opinion]
+    followed: dict[int, Opinion] = field(default_factory=dict)
+    along: dict[int, Courses] = field(default_factory=dict)
 
 
-def listed(
-    nodes: NDArray[np.int32],
-    difference: Stack,
-    step: Stack,
-    size: Stack,
-    rough: Stack,
-    kept: Mask,
-    axis: int,
-) -> tuple[Any, ...]:
-    """Return the columns of `Steps` for those steps of one axis that are kept."""
+@dataclass(frozen=True)
+class Floors:
+    """What noise alone makes of the squares that steps are weighed by.
+
+    Parameters
+    ----------
+    rough : dict of int to float
+        For each axis, of the squared roughness.
+    change : dict of int to (float, float)
+        For y and x, of the squared change over time, and which share of the noise was left there.
+    """
+
+    rough: dict[int, float]
+    change: dict[int, tuple[float, float]]
+
+
+@dataclass(frozen=True)
+class Along:
+    """Steps along one axis before they are weighed.
+
+    Parameters
+    ----------
+    difference, step : ndarray of float32
+        Difference of the wrapped phases in radians, and the step that it stands for.
+    inside, valid, bare : ndarray of bool
+        Where both ends count; where they are neighbours too; where both are empty field.
+    """
+
+    difference: Image
+    step: Image
+    inside: Mask
+    valid: Mask
+    bare: Mask
+
+
+def along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> Along:
+    """Return the steps along an axis."""
     head, tail = ends_along(axis, 4)
-    turns = np.round((step[kept] - difference[kept]) / TURN).astype(np.int32)
-    return nodes[head][kept], nodes[tail][kept], turns, size[kept], rough[kept]
+    difference = seen.phase[tail] - seen.phase[head]
+    inside = seen.usable[head] & seen.usable[tail]
+    valid = inside & (seams[head] == seams[tail])
+    bare = seen.empty[head] & seen.empty[tail]
+    step = turned(difference)
+    if axis < 2:
+        step = link_map(step, inside, bare)
+    return Along(difference, step, inside, valid, bare)
 
 
-def follow_steps(
-    step: Stack,
-    rough: Stack,
-    valid: Mask,
-    bare: Mask,
-    noise: float,
-    left: Stack | None,
-    start: int,
-) -> tuple[Stack, Stack]:
-    """Follow spatial steps along time from a frame where they are small.
+def boxed(scene: Scene, block: Block) -> tuple[Seen, NDArray[np.int8], Image | None]:
+    """Return the box of some frames, their seams, and the share of noise that is left there."""
+    seen, inside = scene.read(block), (slice(None), slice(None), *scene.box)
+    cut = Seen(
+        np.ascontiguousarray(seen.phase[inside]),
+        seen.empty[inside],
+        seen.usable[inside],
+        None if seen.amplitude is None else seen.amplitude[inside],
+    )
+    return cut, scene.seams(block), None if scene.left is None else scene.left.read(block)
 
-    A wall that grows through half a turn looks smooth again near a whole one. Its step a moment
-    before was smaller and is known; what it has changed since is small and is known as well.
+
+def part_of(seen: Seen, frames: slice) -> Seen:
+    """Return some of the frames."""
+    amplitude = None if seen.amplitude is None else seen.amplitude[frames]
+    return Seen(seen.phase[frames], seen.empty[frames], seen.usable[frames], amplitude)
+
+
+# ---- noise floors ----------------------------------------------------------------------------
+
+
+def floors_of(scene: Scene, watch: Watch) -> Floors:
+    """Measure on the empty field what noise alone makes of the squares."""
+    n = scene.shape[0]
+    times = range(0, n, -(-n // FLOOR_TIMES))
+
+    def work(time: int) -> dict[tuple[str, int], tuple[float, float, int]]:
+        return ground_squares(scene, time)
+
+    total: dict[tuple[str, int], list[float]] = {}
+    for found in in_threads(work, times, watch.quiet(len(times))):
+        for name, sums in found.items():
+            old = total.setdefault(name, [0.0, 0.0, 0.0])
+            total[name] = [a + b for a, b in zip(old, sums, strict=True)]
+    rough, change = {}, {}
+    for axis in (axis for axis in range(4) if scene.part[axis] > 1):
+        of_noise = OF_ONE_STEP if scene.part[axis] == 2 else OF_TWO_CHANGES
+        squares, _, count = total.get(("rough", axis), (0.0, 0.0, 0))
+        rough[axis] = squares / count if count >= ENOUGH else of_noise * scene.noise**2
+        squares, shares, count = total.get(("change", axis), (0.0, 0.0, 0))
+        floor = squares / count if count >= ENOUGH else 4 * scene.noise**2
+        change[axis] = floor, shares / count if count else 1.0
+    return Floors(rough, change)
+
+
+def ground_squares(scene: Scene, time: int) -> dict[tuple[str, int], tuple[float, float, int]]:
+    """Return sums of squares on the empty field at a time, of the noise left, and their number."""
+    n = scene.shape[0]
+    own = Block(time, time + 1)
+    around = own.wider(1, 2, n)
+    seen, seams, left = boxed(scene, around)
+    found = {}
+    for axis in (axis for axis in range(4) if seen.phase.shape[axis] > 1):
+        if axis == 0 and time + 1 == n:
+            continue
+        frames = slice(None) if axis == 0 else own.of(around)
+        steps = along(axis, part_of(seen, frames), seams[frames])
+        here = own.of(around) if axis == 0 else slice(None)
+        squares = change_on_both_sides(steps.step, axis, steps.valid)[here]
+        ground = (steps.bare & steps.valid)[here]
+        found["rough", axis] = float(squares[ground].sum(dtype=np.float64)), 0.0, int(ground.sum())
+        if axis >= 2 and time + 1 < n:
+            both = Block(time, time + 2).of(around)
+            steps = along(axis, part_of(seen, both), seams[both])
+            squares, known, share = changes(steps, None if left is None else left[both], axis)
+            ground = steps.bare[1:] & steps.bare[:-1] & known
+            shares = 0.0 if share is None else float(share[ground].sum(dtype=np.float64))
+            total = float(squares[ground].sum(dtype=np.float64))
+            found["change", axis] = total, shares, int(ground.sum())
+    return found
+
+
+# ---- weights ---------------------------------------------------------------------------------
+
+
+def weighed_steps(
+    scene: Scene, floors: Floors, watch: Watch, *, frames: int = 0
+) -> Iterator[Weighed]:
+    """Yield the steps of all frames in blocks: from the start on, then those before it.
 
     Parameters
     ----------
-    step : ndarray of shape (time, angle, y, x)
-        Wrapped steps along y or x, radians.
-    rough : ndarray, same shape
-        Their roughness in radians.
-    valid, bare : ndarray of bool, same shape
-        Steps that count; those of the empty field.
-    noise : float
-        Standard deviation of the phase's noise in radians.
-    start : int
-        Time at which the object is thin.
-
-    Returns
-    -------
-    followed : ndarray
-        The step at ``start`` plus all its changes since, radians.
-    doubt : ndarray
-        The largest roughness met on the way, radians: of the step itself at the start, and
-        twice the root mean square change, over 3 x 3 steps, of every change since, less the noise.
+    scene : Scene
+        What is unwrapped.
+    floors : Floors
+        What noise alone makes.
+    watch : Watch
+        Counts blocks.
+    frames : int, optional
+        How many frames to work on at a time.
     """
-    known = valid[1:] & valid[:-1]
-    squares = turned(step[1:] - step[:-1])
-    squares *= squares * known
-    ground = bare[1:] & bare[:-1] & known
-    floor = float(squares[ground].mean()) if np.count_nonzero(ground) >= ENOUGH else 4 * noise**2
-    mean = known_mean(squares, known, axes=(2, 3))
-    if left is not None:
-        # Where things move fast less noise was averaged out than on the empty field.
-        share = 0.5 * (left[1:] + left[:-1])
-        usual = float(share[ground].mean()) if ground.any() else 1.0
-        mean -= np.float32(floor / usual) * share
-        floor = 0.0
-    followed, doubt = np.empty_like(step), np.empty_like(step)
-    followed[start] = step[start]
-    doubt[start] = rough[start] + np.maximum(np.abs(step[start]) - np.float32(STEEP), 0)
+    start = scene.frames.start[0]
+    ahead, behind = blocks_outwards(scene.shape[0], start, frames or working_frames(scene.part))
+    watch.total = len(ahead) + len(behind)
 
-    def lines(part: NDArray[Any]) -> NDArray[Any]:
-        return part.reshape(len(part), -1)
+    def work(block: Block) -> Weighed:
+        return weigh(scene, floors, block)
 
-    follow_lines(
-        lines(step), lines(mean), lines(known), lines(followed), lines(doubt), start, floor
+    return with_followed(in_threads(work, [*ahead, *behind], watch), start)
+
+
+def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
+    """Weigh the steps of a block of frames."""
+    n = scene.shape[0]
+    around = block.wider(BEFORE, AFTER, n)
+    seen, seams, left = boxed(scene, around)
+    near = block.with_neighbours(n)
+    frames, own = near.of(around), block.of(near)
+    close, close_seams = part_of(seen, frames), seams[frames]
+    share = None if left is None else left[frames]
+    by_axis, courses = {}, {}
+    if n > 1:
+        steps = along(0, seen, seams)
+        rough = roughness(steps.step, 0, steps.valid, floors.rough[0])
+        here = block.of(around)
+        by_axis[0] = opinion(0, steps, rough, steps.valid, seen.amplitude, here)
+    for axis in (axis for axis in (1, 2, 3) if scene.part[axis] > 1):
+        steps = along(axis, close, close_seams)
+        rough = roughness(steps.step, axis, steps.valid, floors.rough[axis])
+        kept = steps.valid
+        if axis > 1:  # within an island of the empty field there is nothing to ask
+            kept = kept & ~steps.bare
+        by_axis[axis] = opinion(axis, steps, rough, kept, close.amplitude, own)
+        if axis > 1 and n > 1:
+            courses[axis] = courses_of(axis, steps, share, rough, floors, near, close)
+    return Weighed(block, part_of(seen, block.of(around)), by_axis, {}, courses)
+
+
+def opinion(
+    axis: int, steps: Along, rough: Image, kept: Mask, amplitude: Image | None, own: slice
+) -> Opinion:
+    """Return what the weighed steps of some frames ask for."""
+    step = steps.step[own]
+    turns = np.round((step - steps.difference[own]) / TURN).astype(np.int16)
+    return Opinion(
+        turns, rough[own] + faint(axis, amplitude, own), kept[own], np.abs(step) < np.float32(1)
     )
-    return followed, doubt
 
 
-@compiled
-def follow_lines(
-    step: Stack,
-    square: Stack,
-    known: Mask,
-    followed: Stack,
-    doubt: Stack,
-    start: int,
-    floor: float,
-) -> None:
-    """Do `follow_steps` for steps (time, place), away from the start in both directions."""
-    n = len(step)
-    turn = np.float32(2 * np.pi)
-    for way in (1, -1):
-        t = start
-        while 0 <= t + way < n:
-            link = min(t, t + way)
-            for i in range(step.shape[1]):
-                change = step[t + way, i] - step[t, i]
-                change -= turn * np.round(change / turn)
-                followed[t + way, i] = followed[t, i] + change
-                unsteady = np.float32(2 * math.sqrt(max(square[link, i] - floor, 0.0)))
-                if not known[link, i]:
-                    unsteady = np.float32(np.inf)
-                doubt[t + way, i] = max(doubt[t, i], unsteady)
-            t += way
+def faint(axis: int, amplitude: Image | None, own: slice) -> Image | np.float32:
+    """Return the roughness that stands for amplitude that fades at either end of a step."""
+    if amplitude is None:
+        return np.float32(0)
+    head, tail = ends_along(axis, 4)
+    return fading(np.minimum(amplitude[head], amplitude[tail])[own])
 
 
-def fading(amplitude: Stack) -> Stack:
+def fading(amplitude: Image) -> Image:
     """Return the roughness in radians that counts for amplitude below its median."""
-    faint = np.clip(amplitude, np.float32(FAINTEST), np.float32(1))
-    return (FADING * (1 / faint - 1)).astype(np.float32)
+    share = np.clip(amplitude, np.float32(FAINTEST), np.float32(1))
+    return (FADING * (1 / share - 1)).astype(np.float32)
 
 
-def roughness(step: Stack, axis: int, bare: Mask, valid: Mask, noise: float) -> Stack:
+def roughness(step: Image, axis: int, valid: Mask, floor: float) -> Image:
     """Return how much steps change along their own axis, averaged over a box, less the noise.
 
     D = |g(j+1) - g(j)| + |g(j) - g(j-1)|, where a missing neighbour counts as the other one, and
     2 |g| where there is none; the root of the mean of D^2 over the valid steps of the box, less
-    what noise alone makes of it: its mean over the empty field, else that of white noise.
+    what noise alone makes of it.
+
+    Parameters
+    ----------
+    step : ndarray of float32, shape (time, angle, y, x)
+        Steps g along the axis, radians.
+    axis : int
+        Which axis.
+    valid : ndarray of bool, same shape
+        Steps that count.
+    floor : float
+        Mean of D^2 where there is nothing but noise.
     """
-    of_noise = OF_ONE_STEP if step.shape[axis] == 1 else OF_TWO_CHANGES
-    squares = change_on_both_sides(step, axis, valid)
-    known = bare & valid
-    floor = of_noise * noise**2
-    if np.count_nonzero(known) >= ENOUGH:
-        floor = float(squares[known].mean())
-    rough = known_mean(squares, valid)
+    rough = known_mean(change_on_both_sides(step, axis, valid), valid)
     rough -= np.float32(floor)
     np.maximum(rough, 0, out=rough)
     np.sqrt(rough, out=rough)
     return rough
+
+
+# ---- following steps over time ---------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Courses:
+    """What the steps of a block along y or x do over time.
+
+    Parameters
+    ----------
+    near : Block
+        The frames: those of the block, and the one before and after.
+    step, rough, fade : ndarray of float32
+        The steps in radians, their roughness, and that which fading amplitude stands for.
+    difference : ndarray of float32
+        Difference of the wrapped phases in radians.
+    kept : ndarray of bool
+        Which steps there are.
+    unsteady : ndarray of float32
+        From each of the frames to the next: twice the root mean square change over 3 x 3 steps,
+        less the noise, in radians; infinite where it is not known.
+    """
+
+    near: Block
+    step: Image
+    rough: Image
+    fade: Image | np.float32
+    difference: Image
+    kept: Mask
+    unsteady: Image
+
+
+def changes(steps: Along, left: Image | None, axis: int) -> tuple[Image, Mask, Image | None]:
+    """Return squared changes of steps over time, which are known, and the share of noise left."""
+    known = steps.valid[1:] & steps.valid[:-1]
+    squares = turned(steps.step[1:] - steps.step[:-1])
+    squares *= squares * known
+    if left is None:
+        return squares, known, None
+    head, tail = ends_along(axis, 4)
+    share = np.float32(0.5) * (left[head] + left[tail])
+    return squares, known, np.float32(0.5) * (share[1:] + share[:-1])
+
+
+def courses_of(
+    axis: int,
+    steps: Along,
+    left: Image | None,
+    rough: Image,
+    floors: Floors,
+    near: Block,
+    seen: Seen,
+) -> Courses:
+    """Return how steady the steps of a block are over time."""
+    squares, known, share = changes(steps, left, axis)
+    mean = known_mean(squares, known, axes=(2, 3))
+    floor, usual = floors.change[axis]
+    if share is None:
+        mean -= np.float32(floor)
+    else:
+        # Where things move fast less noise was averaged out than on the empty field.
+        mean -= np.float32(floor / usual if usual else floor) * share
+    unsteady = 2 * np.sqrt(np.maximum(mean, 0))
+    unsteady[~known] = np.inf
+    fade = faint(axis, seen.amplitude, slice(None))
+    return Courses(
+        near,
+        steps.step,
+        rough + fade,
+        fade,
+        steps.difference,
+        steps.valid & ~steps.bare,
+        unsteady.astype(np.float32),
+    )
+
+
+def with_followed(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
+    """Add the second opinions: steps followed along time from a frame where they are small.
+
+    A wall that grows through half a turn looks smooth again near a whole one. Its step a moment
+    before was smaller and is known; what it has changed since is small and is known as well. So a
+    step may be that at the start plus all its changes since; it is as doubtful as the roughest
+    that was met on the way.
+
+    Parameters
+    ----------
+    blocks : iterable of Weighed
+        From the start on, then those before it.
+    start : int
+        Frame at which the object is thin.
+    """
+    first: dict[int, tuple[Image, Image]] = {}
+    last: dict[int, tuple[Image, Image]] = {}
+    for weighed in blocks:
+        block = weighed.block
+        for axis, course in weighed.along.items():
+            forward = block.start >= start
+            before = None
+            if block.start > start:
+                before = last[axis]
+            elif not forward:
+                before = first[axis]
+            followed, doubt = follow(course, block, before, forward=forward)
+            if block.start == start:
+                first[axis] = followed[0].copy(), doubt[0].copy()
+            edge = -1 if forward else 0
+            ends = followed[edge].copy(), doubt[edge].copy()
+            if forward:
+                last[axis] = ends
+            else:
+                first[axis] = ends
+            second_opinion(weighed, axis, course, followed, doubt)
+        weighed.along.clear()
+        yield weighed
+
+
+def follow(
+    course: Courses, block: Block, before: tuple[Image, Image] | None, *, forward: bool
+) -> tuple[Image, Image]:
+    """Return followed steps of a block and their doubt, see `with_followed`.
+
+    Parameters
+    ----------
+    course : Courses
+        What the steps do over time.
+    block : Block
+        Frames to follow through.
+    before : tuple of ndarray, or None
+        Followed steps and doubt of the frame next to the block; None at the start itself.
+    forward : bool
+        Whether that frame lies before the block.
+    """
+    own = block.of(course.near)
+    shape = (len(block), math.prod(course.step.shape[1:]))
+    followed, doubt = np.empty(shape, np.float32), np.empty(shape, np.float32)
+    lines = [part.reshape(len(part), -1) for part in (course.step, course.unsteady)]
+    k = own.start if forward else own.stop - 1
+    if before is None:
+        step = lines[0][k]
+        steep = np.maximum(np.abs(step) - np.float32(STEEP), 0)
+        now = step, course.rough[k].ravel() + steep
+        followed[0], doubt[0] = now
+        k += 1
+    else:
+        now = before[0].ravel(), before[1].ravel()
+    follow_lines(*lines, *now, followed, doubt, k, own.start, own.stop, 1 if forward else -1)
+    whole = (len(block), *course.step.shape[1:])
+    return followed.reshape(whole), doubt.reshape(whole)
+
+
+@compiled
+def follow_lines(
+    step: Image,
+    unsteady: Image,
+    before: Image,
+    doubt_before: Image,
+    followed: Image,
+    doubt: Image,
+    k: int,
+    first: int,
+    stop: int,
+    way: int,
+) -> None:
+    """Follow steps (time, place) from frame k on, one way; what was before is given."""
+    turn = np.float32(2 * np.pi)
+    while first <= k < stop:
+        link = min(k, k - way)
+        for i in range(step.shape[1]):
+            change = step[k, i] - step[k - way, i]
+            change -= turn * np.round(change / turn)
+            if k - way < first or k - way >= stop:
+                followed[k - first, i] = before[i] + change
+                doubt[k - first, i] = max(doubt_before[i], unsteady[link, i])
+            else:
+                followed[k - first, i] = followed[k - way - first, i] + change
+                doubt[k - first, i] = max(doubt[k - way - first, i], unsteady[link, i])
+        k += way
+
+
+def second_opinion(
+    weighed: Weighed, axis: int, course: Courses, followed: Image, doubt: Image
+) -> None:
+    """Put the second opinion on the steps of a block where it differs and is no more doubtful."""
+    own = weighed.block.of(course.near)
+    fade = course.fade if np.ndim(course.fade) == 0 else np.asarray(course.fade)[own]
+    step = course.step[own]
+    rough = doubt + fade
+    other = course.kept[own] & (np.abs(followed - step) > HALF_A_TURN) & (rough < FOLLOWED)
+    if not other.any():
+        return
+    turns = np.round((followed - course.difference[own]) / TURN).astype(np.int16)
+    weighed.followed[axis] = Opinion(turns, rough, other, np.zeros_like(other))
+    weighed.by_axis[axis].small[other] = False

@@ -1,0 +1,254 @@
+"""Stacks (time, angle, y, x) that are read and written a block of frames at a time."""
+
+from __future__ import annotations
+
+import math
+from collections import OrderedDict
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "Block",
+    "FileStack",
+    "InMemory",
+    "KeptFrames",
+    "Memory",
+    "Stack",
+    "Store",
+    "block_at",
+    "block_frames",
+    "blocks_of",
+    "blocks_outwards",
+]
+
+ALL = slice(None)
+#: Frames in a block at most: one file on disk holds so many.
+BLOCK_FRAMES = 8
+#: Pixels, of all views, in a block at most, unless one frame has more.
+BLOCK_PIXELS = 4 * 2**20
+#: Blocks that `KeptFrames` holds.
+KEPT_BLOCKS = 8
+
+
+@dataclass(frozen=True)
+class Block:
+    """Frames ``start`` to ``stop - 1`` of a recording."""
+
+    start: int
+    stop: int
+
+    def __len__(self) -> int:
+        """Return the number of frames."""
+        return self.stop - self.start
+
+    @property
+    def times(self) -> range:
+        """Numbers of its frames."""
+        return range(self.start, self.stop)
+
+    def wider(self, before: int, after: int, n: int) -> Block:
+        """Return the block with more frames at both ends, as far as there are any of n."""
+        return Block(max(self.start - before, 0), min(self.stop + after, n))
+
+    def with_neighbours(self, n: int) -> Block:
+        """Return the block with the frame before and after, and three at least if n are so many.
+
+        What is averaged over three frames leaves an axis alone that has no three.
+        """
+        found = self.wider(1, 1, n)
+        return found if len(found) >= 3 else self.wider(2, 2, n)
+
+    def of(self, wider: Block) -> slice:
+        """Return where the block lies in one that contains it."""
+        return slice(self.start - wider.start, self.stop - wider.start)
+
+
+def block_frames(shape: Sequence[int]) -> int:
+    """Return how many frames a block of a stack (time, angle, y, x) has."""
+    fitting = BLOCK_PIXELS // max(math.prod(shape[1:]), 1)
+    return max(1, min(BLOCK_FRAMES, fitting, shape[0]))
+
+
+def blocks_of(shape: Sequence[int], frames: int = 0) -> list[Block]:
+    """Cut a stack (time, angle, y, x) into blocks; only the last may be shorter.
+
+    Parameters
+    ----------
+    shape : sequence of int
+        Of the stack; nothing but the number of times counts if ``frames`` is given.
+    frames : int, optional
+        Frames of a block; default as `block_frames` says.
+    """
+    each = frames or block_frames(shape)
+    return [Block(t, min(t + each, shape[0])) for t in range(0, shape[0], each)]
+
+
+def blocks_outwards(n: int, start: int, frames: int) -> tuple[list[Block], list[Block]]:
+    """Cut n frames into blocks from one frame outwards: those from it on, and those before it.
+
+    Examples
+    --------
+    >>> ahead, behind = blocks_outwards(7, 3, 2)
+    >>> [list(block.times) for block in ahead]
+    [[3, 4], [5, 6]]
+    >>> [list(block.times) for block in behind]
+    [[1, 2], [0]]
+    """
+    ahead = [Block(t, min(t + frames, n)) for t in range(start, n, frames)]
+    behind = [Block(max(t - frames, 0), t) for t in range(start, 0, -frames)]
+    return ahead, behind
+
+
+def block_at(shape: Sequence[int], time: int) -> Block:
+    """Return the block that a frame of a stack lies in."""
+    frames = block_frames(shape)
+    start = time // frames * frames
+    return Block(start, min(start + frames, shape[0]))
+
+
+class Stack(Protocol):
+    """Numbers over (time, angle, y, x), wherever they lie."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the whole stack."""
+
+    def read(self, block: Block, angles: slice = ALL) -> NDArray[Any]:
+        """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
+
+    def write(self, block: Block, values: NDArray[Any]) -> None:
+        """Write the frames of a block; several threads may write different blocks."""
+
+
+class Store(Protocol):
+    """Where stacks lie that are needed on the way."""
+
+    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Stack:
+        """Return a new stack of zeros."""
+
+
+@dataclass(frozen=True)
+class InMemory:
+    """A stack in memory.
+
+    Parameters
+    ----------
+    values : ndarray of shape (time, angle, y, x)
+        Its numbers. What is read is a view of them, not to be written into.
+    """
+
+    values: NDArray[Any]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the whole stack."""
+        return self.values.shape
+
+    def read(self, block: Block, angles: slice = ALL) -> NDArray[Any]:
+        """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
+        return self.values[block.start : block.stop, angles]
+
+    def write(self, block: Block, values: NDArray[Any]) -> None:
+        """Write the frames of a block."""
+        self.values[block.start : block.stop] = values
+
+
+class Memory:
+    """Makes stacks in memory."""
+
+    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> InMemory:
+        """Return a new stack of zeros."""
+        return InMemory(np.zeros(shape, dtype))
+
+
+@dataclass(frozen=True)
+class FileStack:
+    """A stack in a file of its own, nothing but its numbers.
+
+    Several threads and processes may write different frames at the same time.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    shape : tuple of int
+        Shape of the stack.
+    dtype : str
+        Type of its numbers.
+    """
+
+    path: Path
+    shape: tuple[int, ...]
+    dtype: str
+
+    def created(self) -> FileStack:
+        """Make the file, all zeros, and return the stack."""
+        with self.path.open("wb") as file:
+            file.truncate(math.prod(self.shape) * np.dtype(self.dtype).itemsize)
+        return self
+
+    def read(self, block: Block, angles: slice = ALL) -> NDArray[Any]:
+        """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
+        first, last, _ = angles.indices(self.shape[1])
+        frames = (last - first, *self.shape[2:])
+        if last - first == self.shape[1]:
+            return self._read(self._place(block.start, 0), (len(block), *frames))
+        return np.stack([self._read(self._place(t, first), frames) for t in block.times])
+
+    def _read(self, start: int, shape: tuple[int, ...]) -> NDArray[Any]:
+        """Return numbers from somewhere in the file."""
+        flat = np.fromfile(self.path, self.dtype, math.prod(shape), offset=start)
+        return flat.reshape(shape)
+
+    def write(self, block: Block, values: NDArray[Any]) -> None:
+        """Write the frames of a block."""
+        self._write(self._place(block.start, 0), values)
+
+    def write_frame(self, time: int, angle: int, values: NDArray[Any]) -> None:
+        """Write one frame."""
+        self._write(self._place(time, angle), values)
+
+    def _write(self, start: int, values: NDArray[Any]) -> None:
+        with self.path.open("r+b") as file:
+            file.seek(start)
+            # Unlike ``tofile`` this says when the disk is full.
+            whole: Any = np.ascontiguousarray(values, self.dtype)
+            file.write(whole.data)
+
+    def _place(self, time: int, angle: int) -> int:
+        """Return where in the file a frame begins."""
+        frame = math.prod(self.shape[2:]) * np.dtype(self.dtype).itemsize
+        return (time * self.shape[1] + angle) * frame
+
+
+class KeptFrames:
+    """Single frames of a stack on disk, of which a few blocks are held.
+
+    Parameters
+    ----------
+    stack : Stack
+        What is read.
+    """
+
+    def __init__(self, stack: Stack) -> None:
+        self.shape = stack.shape
+        self._stack = stack
+        self._blocks: OrderedDict[tuple[int, int], NDArray[Any]] = OrderedDict()
+
+    def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
+        """Return frame (time, angle), shape (y, x)."""
+        time, angle = frame
+        block = block_at(self.shape, time)
+        name = (block.start, angle)
+        if name not in self._blocks:
+            self._blocks[name] = self._stack.read(block, slice(angle, angle + 1))
+        self._blocks.move_to_end(name)
+        if len(self._blocks) > KEPT_BLOCKS:
+            self._blocks.popitem(last=False)
+        found: NDArray[Any] = self._blocks[name][time - block.start, 0]
+        return found

@@ -1,0 +1,73 @@
+"""Wrapped phase as it is given, read a block of frames at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.stack import Block, InMemory, Stack
+
+__all__ = ["Given", "as_given", "is_known", "working_blocks", "working_frames"]
+
+#: Beyond so many radians, single precision no longer tells the parts of a turn.
+LARGEST = 1e5
+#: Work that looks at neighbouring frames too takes so many pixels at a time, of all views, and no
+#: more frames than this: what it needs on the way is some forty bytes a pixel.
+WORKING_PIXELS, WORKING_FRAMES = 2**20, 32
+
+
+def is_known(phase: NDArray[np.floating]) -> NDArray[np.bool_]:
+    """Mark the pixels that are neither NaN nor infinite, nor so large that a turn is lost."""
+    known: NDArray[np.bool_] = np.abs(phase) <= LARGEST
+    return known
+
+
+@dataclass(frozen=True)
+class Given:
+    """Wrapped phase, and which pixels count.
+
+    Parameters
+    ----------
+    phase : Stack
+        Wrapped phase in radians.
+    usable : Stack, optional
+        Pixels that count; their phase is known. Default those whose phase is known.
+    """
+
+    phase: Stack
+    usable: Stack | None = None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack (time, angle, y, x)."""
+        return self.phase.shape
+
+    def read(self, block: Block) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+        """Return the phase of a block, 0 where it is not known, and which pixels count."""
+        wrapped = self.phase.read(block)
+        if self.usable is not None:
+            return wrapped, self.usable.read(block)
+        known = is_known(wrapped)
+        return (wrapped if known.all() else np.where(known, wrapped, np.float32(0))), known
+
+
+def as_given(wrapped: NDArray[np.float32], usable: NDArray[np.bool_] | None = None) -> Given:
+    """Return arrays (time, angle, y, x) in the form of `Given`; by default all pixels count."""
+    if usable is None:
+        usable = np.ones(wrapped.shape, dtype=bool)
+    return Given(InMemory(wrapped), InMemory(usable))
+
+
+def working_frames(shape: Sequence[int]) -> int:
+    """Return how many frames of (time, angle, y, x) to work on at a time."""
+    return max(1, min(WORKING_PIXELS // max(math.prod(shape[1:]), 1), WORKING_FRAMES, shape[0]))
+
+
+def working_blocks(shape: Sequence[int]) -> list[Block]:
+    """Cut a stack into blocks to work on; results must not depend on where."""
+    each = working_frames(shape)
+    return [Block(t, min(t + each, shape[0])) for t in range(0, shape[0], each)]
