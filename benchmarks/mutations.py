@@ -141,7 +141,7 @@ MUTATIONS = (
     Mutation("area of a pixel in dry mass", "analysis/measures.py",
              "optics.dry_mass_pg(total, pixel_um2,", "optics.dry_mass_pg(total, 1.0,",
              ("test_measures",)),
-    Mutation("nanometres to micrometres", "io/units.py",
+    Mutation("nanometres to micrometres", "io/video.py",
              '("nm", "nanometer", "nanometre"), 1e-3', '("nm", "nanometer", "nanometre"), 1e3',
              ("test_io",)),
     Mutation("Itoh's limit of half a turn", "analysis/itoh.py",

@@ -15,8 +15,8 @@ from qtpy.QtWidgets import (
 )
 
 from napari_phase4d.io import RawLayout
-from napari_phase4d.io.limits import LARGEST_SIDE
 from napari_phase4d.io.raw import KINDS
+from napari_phase4d.io.video import LARGEST_SIDE
 
 __all__ = ["RawDialog"]
 
