@@ -11,7 +11,7 @@ import numpy as np
 
 from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.holography import Lobe, power_spectrum, reconstruct
-from napari_phase4d.holography.polar import count_near
+from napari_phase4d.holography.emptyfield import count_near
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import BUILT_IN, unwrap
 from napari_phase4d.unwrapping.directional.cut import sink_side
