@@ -1,4 +1,4 @@
-"""Lobes, the cross-correlation terms in the Fourier plane of a hologram, and what disturbs them."""
+"""Lobes, the cross-correlation terms of a hologram's spectrum, and what disturbs them."""
 
 from __future__ import annotations
 
