@@ -28,7 +28,7 @@ from scipy.stats import rankdata
 from tables import heading, line
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import slipped_frames
+from napari_phase4d.analysis import slipped_frames
 from napari_phase4d.simulation import HARD_SHAPES
 
 Mask = NDArray[np.bool_]

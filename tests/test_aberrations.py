@@ -10,7 +10,7 @@ import pytest
 
 import napari_phase4d as p4d
 from helpers import measured, wrap
-from napari_phase4d.evaluation.noise import empty_field, levelled
+from napari_phase4d.analysis.noise import empty_field, levelled
 from napari_phase4d.holography import Lobe
 from napari_phase4d.holography.aberrations import noll, surface_terms, zernike
 from napari_phase4d.holography.background import fitted_surface

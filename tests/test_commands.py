@@ -62,7 +62,7 @@ def test_compare_of_stacks_on_disk_writes_everything(phase_file: Path, tmp_path:
 def test_compare_writes_results_before_it_looks_at_all_frames(
     phase_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loading = sys.modules["napari_phase4d.evaluation.loading"]
+    loading = sys.modules["napari_phase4d.analysis.loading"]
     monkeypatch.setattr(loading, "COPIES", 10**12)  # as if there were too little memory
     recipe = RECIPE.changed(storage="disk").to_file(tmp_path / "recipe.json")
     words = told("compare", recipe, phase_file, "--out", tmp_path / "out")
@@ -117,7 +117,7 @@ def test_info_says_the_needs_before_it_looks_at_few_times(tmp_path: Path) -> Non
     long[100:] = np.random.default_rng(0).uniform(-3, 3, (3, 2, 16, 16))  # full of residues
     write_phase(tmp_path / "wrapped.ome.zarr", long)
     words = told("info", tmp_path / "wrapped.ome.zarr")
-    first = int(abs(p4d.evaluation.residues(long[:100])).sum())
+    first = int(abs(p4d.analysis.residues(long[:100])).sum())
     assert f"{first} residues of the first 100 times" in words
     assert words.index("What a run needs") < words.index("residues")
     assert "103 times, 2 views" in words

@@ -14,7 +14,7 @@ from scipy.fft import dct
 from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation.resources import measured
+from napari_phase4d.analysis.comparison import measured
 from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
 
 TURN = 2 * np.pi

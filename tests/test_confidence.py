@@ -8,7 +8,7 @@ import xarray as xr
 from scipy.stats import rankdata
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import Verdict, slip_warning, slipped_frames
+from napari_phase4d.analysis import Verdict, slip_warning, slipped_frames
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
 from napari_phase4d.unwrapping import Problem, astray, roughest_on_the_way, support_by_steps
 

@@ -14,7 +14,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import wrong_cycle_share
+from napari_phase4d.analysis import wrong_cycle_share
 
 pytestmark = pytest.mark.slow
 

@@ -22,8 +22,8 @@ pytest.importorskip("sphinx", reason="the group 'docs' is not installed")
 DOCS = Path(__file__).resolve().parents[1] / "docs"
 REFERENCE = DOCS / "reference"
 ROOMS = (
-    "unwrapping", "holography", "evaluation", "simulation", "io", "pipeline", "scripting",
-    "optics", "recording",
+    "unwrapping", "holography", "analysis", "plotting", "simulation", "io", "pipeline",
+    "scripting", "optics", "recording",
 )  # fmt: skip
 
 

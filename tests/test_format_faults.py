@@ -22,7 +22,7 @@ import tifffile
 import napari_phase4d as p4d
 from format_writers import film, noise, raw, zarr_array
 from napari_phase4d.io import RawLayout
-from napari_phase4d.io.mapped import MappedFrames
+from napari_phase4d.io.lazy import MappedFrames
 
 FRAMES = noise(24, (96, 128), np.uint16)
 RAW = {"raw": RawLayout(96, 128, "uint16", ">", header_bytes=100, gap_bytes=12)}

@@ -19,19 +19,15 @@ from napari_phase4d.unwrapping.growing import (
     Workspace,
     coherence,
     costs,
-    grid,
     grow_grid,
     grow_list,
     growth,
     plain,
     second_differences,
 )
-from napari_phase4d.unwrapping.growing.joining import joined
-from napari_phase4d.unwrapping.growing.marks import mark_cheap, mark_cheapest_of_each
-from napari_phase4d.unwrapping.growing.reliability import BORDER, half_stencil
-from napari_phase4d.unwrapping.growing.residues import residue_limit
-from napari_phase4d.unwrapping.growing.rows import full_shape
-from napari_phase4d.unwrapping.growing.smooth import integrated
+from napari_phase4d.unwrapping.growing.costs import half_stencil
+from napari_phase4d.unwrapping.growing.merging import joined, mark_cheap, mark_cheapest_of_each
+from napari_phase4d.unwrapping.growing.rows import BORDER, full_shape, integrated, residue_limit
 
 TURN = 2 * np.pi
 #: Like scikit-image: pixels at all faces of a volume are the least reliable.
@@ -415,7 +411,7 @@ def test_growing_stops_when_asked_to() -> None:
 def test_the_cheaper_steps_first_makes_no_difference(monkeypatch: pytest.MonkeyPatch) -> None:
     wrapped = scene("random", (60, 70))
     turns = grow_grid(wrapped)[0].copy()
-    monkeypatch.setattr(grid, "MANY_LEFT", 2.0)
+    monkeypatch.setattr(growth, "MANY_LEFT", 2.0)
     np.testing.assert_array_equal(turns, grow_grid(wrapped)[0])
 
 

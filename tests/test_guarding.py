@@ -16,7 +16,7 @@ import pytest
 
 import napari_phase4d as p4d
 from napari_phase4d.cli import main
-from napari_phase4d.io.leftovers import machine
+from napari_phase4d.io.atomic import machine
 from napari_phase4d.pipeline import run_batch
 from napari_phase4d.pipeline.batch.complete import NOTE
 from napari_phase4d.pipeline.batch.lock import began

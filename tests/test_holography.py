@@ -9,7 +9,7 @@ import napari_phase4d as p4d
 from helpers import wrap
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings, stray_terms
 from napari_phase4d.holography.background import fit_background
-from napari_phase4d.holography.polar import background_offset, flat_share
+from napari_phase4d.holography.emptyfield import background_offset, flat_share
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 

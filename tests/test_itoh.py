@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import (
+from napari_phase4d.analysis import (
     itoh_margin,
     order_shares,
     order_verdict,

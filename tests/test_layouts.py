@@ -11,7 +11,7 @@ import scipy.fft
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.holography.peaks import refined
+from napari_phase4d.holography.spectrum import refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))

@@ -13,7 +13,7 @@ from helpers import wrap
 from napari_phase4d.holography import Lobe, reconstruction_advice
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.frametilt import FrameTilt
+from napari_phase4d.holography.emptyfield import FrameTilt
 from napari_phase4d.simulation import multiplexed_video
 
 SIDE = 256

@@ -20,7 +20,7 @@ LIMIT = 600_000_000
 SCRIPT = """
 import sys
 from napari_phase4d.machine import free_memory
-from napari_phase4d.io.memory import memory_lacks
+from napari_phase4d.io.video import memory_lacks
 print(free_memory())
 print(memory_lacks(2e9))
 """

@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import measure, polygon_mask, region_masks, traces
+from napari_phase4d.analysis import measure, polygon_mask, region_masks, traces
 from napari_phase4d.progress import Cancelled
 
 OPTICS = p4d.Optics(wavelength_um=0.532, medium_index=1.337)

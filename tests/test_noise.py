@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import noise_figures, noise_sentence
-from napari_phase4d.evaluation.noise import variance_in_space
+from napari_phase4d.analysis import noise_figures, noise_sentence
+from napari_phase4d.analysis.noise import variance_in_space
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, fringe_visibility
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 

@@ -14,7 +14,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from helpers import command
-from napari_phase4d.evaluation import order_shares
+from napari_phase4d.analysis import order_shares
 from napari_phase4d.io import (
     holds_phase,
     open_input,

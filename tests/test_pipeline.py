@@ -13,9 +13,10 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from helpers import command
-from napari_phase4d.evaluation import comparison_figure, mean_squared_error, wrong_cycle_share
+from napari_phase4d.analysis import mean_squared_error, wrong_cycle_share
 from napari_phase4d.io import read_results, write_figure
 from napari_phase4d.pipeline import PAPER_METHODS, write_outcome
+from napari_phase4d.plotting import comparison_figure
 
 TURN = 2 * np.pi
 

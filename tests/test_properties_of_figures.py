@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import napari_phase4d as p4d
 from helpers import wrap
 from made_up import Case, gentle_cell, noise, quick
-from napari_phase4d.evaluation import mean_squared_error, wrong_cycle_share
+from napari_phase4d.analysis import mean_squared_error, wrong_cycle_share
 
 TURN = 2 * np.pi
 DIMS = ("time", "angle", "y", "x")

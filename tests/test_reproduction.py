@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import mean_squared_error
+from napari_phase4d.analysis import mean_squared_error
 from napari_phase4d.reproduction import PAPER_MSE, Reproduction, reproduce, write_reproduction
 from napari_phase4d.simulation import budding_yeast
 from small_disks import small_disk

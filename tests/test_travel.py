@@ -15,10 +15,10 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation.resources import measured as measured_cost
+from napari_phase4d.analysis.comparison import measured as measured_cost
 from napari_phase4d.io import read_results, tiff_results, write_phase
+from napari_phase4d.io.describing import SLAB_BYTES, slabs
 from napari_phase4d.io.results import is_result, result_attrs
-from napari_phase4d.io.slabs import SLAB_BYTES, slabs
 from small_disks import small_disk
 from stacks import assert_equal, contents
 
@@ -280,7 +280,7 @@ def unreadable(values: np.ndarray, block_info: Any = None) -> np.ndarray:
 def test_what_ends_half_way_leaves_the_old_result(
     tmp_path: Path, ending: str, fault: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("napari_phase4d.io.slabs.SLAB_BYTES", 1)  # one time after the other
+    monkeypatch.setattr("napari_phase4d.io.describing.SLAB_BYTES", 1)  # one time after the other
     path = write_phase(tmp_path / f"phase{ending}", stack())
     before = contents(path)
     if fault == "unreadable":

@@ -14,7 +14,7 @@ from napari_phase4d.pipeline import warming
 SCRIPT = """
 from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.unwrapping.directional.cut import sink_side
-from napari_phase4d.unwrapping.growing.smooth import integrated
+from napari_phase4d.unwrapping.growing.rows import integrated
 from napari_phase4d.pipeline.warming import warm_up_elsewhere
 
 assert not is_on_disk(integrated)

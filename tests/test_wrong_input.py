@@ -13,7 +13,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import (
+from napari_phase4d.analysis import (
     difference,
     mean_squared_error,
     measure,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import itoh_margin
+from napari_phase4d.analysis import itoh_margin
 from napari_phase4d.simulation import budding_yeast
 
 

@@ -11,7 +11,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import mean_squared_error
+from napari_phase4d.analysis import mean_squared_error
 
 cell = p4d.simulation.moving_shape("vacuole", (64, 64), 20)
 scores = p4d.score_boundaries(cell["wrapped"])

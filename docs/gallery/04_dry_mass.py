@@ -10,7 +10,7 @@ by a turn is wrong in mass too.
 import matplotlib.pyplot as plt
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import measure
+from napari_phase4d.analysis import measure
 
 optics = p4d.Optics()
 cell = p4d.simulation.moving_shape("swelling", (64, 64), 24, optics=optics)

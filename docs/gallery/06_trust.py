@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import itoh_margin, wrong_cycle_map
+from napari_phase4d.analysis import itoh_margin, wrong_cycle_map
 
 yeast = p4d.simulation.budding_yeast()
 comparison = p4d.compare(

@@ -12,7 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import mean_squared_error
+from napari_phase4d.analysis import mean_squared_error
 from napari_phase4d.unwrapping import Method, Problem, frame_by_frame
 
 

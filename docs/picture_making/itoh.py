@@ -9,7 +9,7 @@ import xarray as xr
 from matplotlib.figure import Figure
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import itoh_margin
+from napari_phase4d.analysis import itoh_margin
 from napari_phase4d.simulation.stacks import wrap
 from picture_making.saving import save_figure
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from PIL import Image
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import comparison_figure
 from napari_phase4d.holography import Demodulator, Focus, Lobe, autofocus, propagate
+from napari_phase4d.plotting import comparison_figure
 from napari_phase4d.reproduction import reproduce, write_reproduction
 from napari_phase4d.simulation import budding_yeast, moving_shape, with_fault, with_noise
 from picture_making.saving import PICTURES, save_figure, save_image

@@ -24,8 +24,8 @@ if TYPE_CHECKING:
     __version__: str
 
     from napari_phase4d import simulation
-    from napari_phase4d.evaluation import Comparison, compare
-    from napari_phase4d.evaluation.confidence import confidence
+    from napari_phase4d.analysis import Comparison, compare
+    from napari_phase4d.analysis.confidence import confidence
     from napari_phase4d.holography import Lobe, find_lobes, power_spectrum, reconstruct
     from napari_phase4d.io import RawLayout, open_recording, read_results, write_phase
     from napari_phase4d.optics import Optics
@@ -60,14 +60,14 @@ __all__ = [
 _HOME = {
     "METHODS": "unwrapping",
     "Cancelled": "progress",
-    "Comparison": "evaluation",
+    "Comparison": "analysis",
     "Lobe": "holography",
     "Optics": "optics",
     "RawLayout": "io",
     "Recipe": "pipeline",
     "Recording": "recording",
-    "compare": "evaluation",
-    "confidence": "evaluation",
+    "compare": "analysis",
+    "confidence": "analysis",
     "find_lobes": "holography",
     "open_recording": "io",
     "power_spectrum": "holography",

@@ -16,15 +16,10 @@ from types import MappingProxyType
 import pandas as pd
 import xarray as xr
 
-from napari_phase4d.evaluation import (
-    Comparison,
-    compare,
-    comparison_figure,
-    movie_frames,
-    phase_limits,
-)
+from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.io import write_figure, write_movie, write_table
 from napari_phase4d.pipeline import PAPER_METHODS, Recipe, run
+from napari_phase4d.plotting import comparison_figure, movie_frames, phase_limits
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.sample import euglena_sample
 from napari_phase4d.simulation import budding_yeast

@@ -18,7 +18,7 @@ from qtpy.QtGui import QGuiApplication
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.viewing.grid import ViewState
-from napari_phase4d.evaluation import measure, polygon_mask
+from napari_phase4d.analysis import measure, polygon_mask
 
 pytestmark = pytest.mark.gui
 

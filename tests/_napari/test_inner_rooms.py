@@ -17,17 +17,13 @@ ALLOWED = {
     "widgets": set(),
     "session": set(),
     "preferences": set(),
-    "time_left": set(),
-    "following": set(),
     "jobs": {"session"},
     "viewing": {"session"},
     "steps": {"jobs", "preferences", "session", "viewing", "widgets"},
-    "dock": {"following", "jobs", "session", "steps", "time_left", "viewing", "widgets"},
+    "dock": {"jobs", "session", "steps", "viewing", "widgets"},
     "demo": {"dock", "session"},
     "one_shot": {"jobs", "preferences", "viewing"},
-    "reader": {"session", "viewing"},
-    "samples": {"viewing"},
-    "writer": {"viewing"},
+    "files": {"session", "viewing"},
 }
 #: What these inner rooms may not know of the outer ones either.
 WITHOUT = {"session": {"napari", "qtpy", "magicgui"}, "widgets": {"napari", "magicgui"}}

@@ -7,9 +7,13 @@ import pytest
 import xarray as xr
 from napari.components import ViewerModel
 
-from napari_phase4d._napari.viewing.layers import hologram_layer, region_layer, stack_layer
-from napari_phase4d._napari.viewing.regions import newest_region, regions_of_layer
-from napari_phase4d._napari.viewing.sources import stack_of_layer
+from napari_phase4d._napari.viewing.layers import (
+    hologram_layer,
+    region_layer,
+    stack_layer,
+    stack_of_layer,
+)
+from napari_phase4d._napari.viewing.pointing import newest_region, regions_of_layer
 from napari_phase4d.axes import AXES, UNITS
 
 

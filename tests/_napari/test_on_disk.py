@@ -10,7 +10,7 @@ import pytest
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.viewing.on_demand import OnDemand
+from napari_phase4d._napari.viewing.layers import OnDemand
 from napari_phase4d.io.lazy import lazy_frames
 from napari_phase4d.recording import Recording
 from test_streaming import Endless

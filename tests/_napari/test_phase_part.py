@@ -13,7 +13,7 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
-from napari_phase4d.evaluation import noise_sentence
+from napari_phase4d.analysis import noise_sentence
 from napari_phase4d.holography import propagate
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording

@@ -11,7 +11,7 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication, QDialogButtonBox, QSpinBox
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.steps.raw_dialog import RawDialog
+from napari_phase4d._napari.steps.recording import RawDialog
 
 pytestmark = pytest.mark.gui
 

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from napari_phase4d._napari.viewing import on_demand
+from napari_phase4d._napari.files import write_stack
+from napari_phase4d._napari.viewing import layers
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
-from napari_phase4d._napari.writer import write_stack
 from napari_phase4d.axes import AXES
 from napari_phase4d.io import read_results, write_phase
 
@@ -82,7 +82,7 @@ def test_layers_of_results_are_saved_again_as_they_were(
     path = write_phase(tmp_path / f"ta{ending}", stack)
     (layer,) = viewer.open(path, plugin="napari-phase4d")
     data, keywords, _ = layer.as_layer_data_tuple()
-    monkeypatch.setattr(on_demand.OnDemand, "__array__", pytest.fail)  # not all at once
+    monkeypatch.setattr(layers.OnDemand, "__array__", pytest.fail)  # not all at once
     (written,) = write_stack(str(tmp_path / f"again{ending}"), data, keywords)
     assert written == str(tmp_path / f"again{ending}")
     again = read_results(written)

@@ -13,9 +13,9 @@ import pytest
 
 import napari_phase4d as p4d
 from helpers import wrap
+from napari_phase4d._napari.jobs import TimeLeft, in_words
 from napari_phase4d._napari.session import Session, StepState, plan_unwrapping, step_states
-from napari_phase4d._napari.time_left import TimeLeft, in_words
-from napari_phase4d.evaluation import measure, most_trusted, noise_figures
+from napari_phase4d.analysis import measure, most_trusted, noise_figures
 from napari_phase4d.holography import Lobe
 from napari_phase4d.io import write_phase
 from napari_phase4d.sample import yeast_sample

@@ -20,8 +20,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from napari_phase4d._napari.following import Following
-from napari_phase4d._napari.jobs import Jobs
+from napari_phase4d._napari.jobs import Jobs, TimeLeft, in_words
 from napari_phase4d._napari.session import Session, StepState, step_states
 from napari_phase4d._napari.steps import (
     CompareStep,
@@ -30,7 +29,7 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
-from napari_phase4d._napari.time_left import TimeLeft, in_words
+from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Section
 from napari_phase4d.pipeline import start_words, warm_up_elsewhere

@@ -1,8 +1,9 @@
-"""Long work in a thread: progress, cancel, and one place where errors arrive."""
+"""Long work in a thread: progress, time left, cancel, and one place where errors arrive."""
 
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -14,7 +15,7 @@ from qtpy.QtCore import QObject, QTimer, Signal
 from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d.progress import Cancelled
 
-__all__ = ["Jobs", "sentence_of"]
+__all__ = ["Jobs", "TimeLeft", "in_words", "sentence_of"]
 
 TELL_EVERY_MS = 100
 
@@ -200,3 +201,42 @@ def sentence_of(error: BaseException) -> str:
     while isinstance(error, EmitLoopError) and error.__cause__ is not None:
         error = error.__cause__
     return str(error) or type(error).__name__
+
+
+#: Nothing is said before so many seconds, when too little is known.
+TOO_EARLY_S = 1.5
+
+
+class TimeLeft:
+    """Guesses the seconds left of one stretch of work; a new message begins a new stretch.
+
+    Parameters
+    ----------
+    clock : callable, optional
+        Gives the time in seconds.
+    """
+
+    def __init__(self, clock: Callable[[], float] = time.monotonic) -> None:
+        self._clock = clock
+        self._message = ""
+        self._began = 0.0
+        self._first = 0
+
+    def seconds(self, done: int, total: int, message: str) -> float | None:
+        """Return the seconds left, None while they can't be told."""
+        now = self._clock()
+        if message != self._message or done < self._first:
+            self._message, self._began, self._first = message, now, done
+        elapsed, steps = now - self._began, done - self._first
+        if elapsed < TOO_EARLY_S or steps < 1 or total <= done:
+            return None
+        return elapsed / steps * (total - done)
+
+
+def in_words(seconds: float | None) -> str:
+    """Return a time left as it is said on screen; "" where it is not known."""
+    if seconds is None:
+        return ""
+    if seconds < 60:
+        return f", about {max(1, round(seconds))} s left"
+    return f", about {round(seconds / 60)} min left"

@@ -18,11 +18,13 @@ from napari_phase4d._napari.preferences import (
     own_refraction_increment,
     with_own_optics,
 )
-from napari_phase4d._napari.viewing.layers import METADATA_KEY, LayerTuple, stack_layer
-from napari_phase4d._napari.viewing.sources import (
+from napari_phase4d._napari.viewing.layers import (
+    METADATA_KEY,
+    LayerTuple,
     is_hologram_layer,
     is_phase_layer,
     recording_of_layer,
+    stack_layer,
     stack_of_layer,
 )
 from napari_phase4d.holography import find_lobes, reconstruct

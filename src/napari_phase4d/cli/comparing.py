@@ -10,6 +10,14 @@ import typer
 import xarray as xr
 from rich.markup import escape
 
+from napari_phase4d.analysis import (
+    best_known,
+    itoh_margin,
+    order_shares,
+    order_verdict,
+    residues,
+    steps_sentence,
+)
 from napari_phase4d.cli.batches import batch, stoppable
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import (
@@ -34,14 +42,6 @@ from napari_phase4d.cli.printing import (
     print_table,
     print_verdict,
     write_picture,
-)
-from napari_phase4d.evaluation import (
-    best_known,
-    itoh_margin,
-    order_shares,
-    order_verdict,
-    residues,
-    steps_sentence,
 )
 from napari_phase4d.io import open_phase
 from napari_phase4d.pipeline import (

@@ -12,10 +12,10 @@ import xarray as xr
 from rich.markup import escape
 from rich.table import Table
 
+from napari_phase4d.analysis import noise_figures, noise_sentence, residues
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, raw_layout
 from napari_phase4d.cli.printing import NOISE_FRAMES, print_lobes
-from napari_phase4d.evaluation import noise_figures, noise_sentence, residues
 from napari_phase4d.holography import (
     Lobe,
     find_lobes,

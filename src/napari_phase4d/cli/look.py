@@ -12,13 +12,14 @@ import typer
 import xarray as xr
 from rich.markup import escape
 
+from napari_phase4d.analysis import noise_figures, noise_sentence
 from napari_phase4d.cli.console import console
 from napari_phase4d.cli.options import Dataset, Raw, Refocus, distance_of, raw_layout
 from napari_phase4d.cli.printing import NOISE_FRAMES, bar, print_lobes
-from napari_phase4d.evaluation import Circle, look_figure, noise_figures, noise_sentence
 from napari_phase4d.holography import Lobe, find_lobes, first_seen, fringe_contrast, power_spectrum
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Recipe, open_by, reconstruct_by, result_folders
+from napari_phase4d.plotting import Circle, look_figure
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import scores_of_some, scores_sentence, unwrap
 from napari_phase4d.words import counted

@@ -13,7 +13,6 @@ from rich.progress import Progress
 from rich.table import Table
 
 from napari_phase4d.cli.console import console
-from napari_phase4d.evaluation import comparison_figure, named_results, telling_frames
 from napari_phase4d.holography import (
     FoundLobes,
     Lobe,
@@ -23,6 +22,7 @@ from napari_phase4d.holography import (
 )
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
+from napari_phase4d.plotting import comparison_figure, named_results, telling_frames
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.unwrapping import METHODS, left_out_advice
 

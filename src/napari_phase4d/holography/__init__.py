@@ -2,20 +2,25 @@
 
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.corrections import BACKGROUND_ORDERS
-from napari_phase4d.holography.datasets import recalibrated
-from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.demodulation import WINDOWS, Demodulator
 from napari_phase4d.holography.finding import FoundLobes, find_lobes
 from napari_phase4d.holography.focusing import (
+    FOCUS_METRICS,
     FOCUS_OBJECTS,
     Focus,
     autofocus,
     depth_of_focus_um,
 )
-from napari_phase4d.holography.frames import FrameReconstructor
-from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance
+from napari_phase4d.holography.frames import FrameReconstructor, Preview, recalibrated
+from napari_phase4d.holography.lobes import (
+    MAX_VIEWS,
+    Lobe,
+    StrayTerm,
+    lobe_warnings,
+    pair_distance,
+    stray_terms,
+)
 from napari_phase4d.holography.lost import first_seen, lost_frames, lost_sentence
-from napari_phase4d.holography.overlaps import StrayTerm, lobe_warnings, stray_terms
-from napari_phase4d.holography.preview import Preview
 from napari_phase4d.holography.quality import (
     fringe_contrast,
     fringe_mask,
@@ -30,9 +35,7 @@ from napari_phase4d.holography.reconstruction import (
     reconstruction_advice,
 )
 from napari_phase4d.holography.refocusing import Propagator, propagate, refocused
-from napari_phase4d.holography.sharpness import FOCUS_METRICS
 from napari_phase4d.holography.spectrum import power_spectrum
-from napari_phase4d.holography.windows import WINDOWS
 
 __all__ = [
     "BACKGROUND_ORDERS",

@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 from scipy.special import gammaincinv
 
 from napari_phase4d.holography.lobes import MAX_VIEWS, pair_distance
-from napari_phase4d.holography.peaks import PLAIN, Half, Peak, Spectrum, half_plane
+from napari_phase4d.holography.spectrum import PLAIN, Half, Peak, Spectrum, half_plane
 
 __all__ = ["Choice", "Clues", "choices", "clues_of", "most_likely"]
 

@@ -11,11 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
-from napari_phase4d.holography.background import Fit, Surface, aligned_to
+from napari_phase4d.holography.background import (
+    MUCH_LEFT_RAD,
+    BetterSurface,
+    Fit,
+    Surface,
+    aligned_to,
+)
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.leftover import MUCH_LEFT_RAD, BetterSurface
+from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
-from napari_phase4d.holography.polar import background_offset
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.recording import BrokenFrameError, Recording
 

@@ -3,10 +3,17 @@
 The steps:
 
 1. the transforms of some windowed frames, and their mean power (`spectrum`);
-2. peaks that stand out of the ring of equal frequency (`peaks`);
+2. peaks that stand out of the ring of equal frequency (`find_peaks`);
 3. which of them are views, how many there are, and how sure that is (`beams`);
 4. the carrier to a hundredth of a pixel of the spectrum, and the largest radius that fits;
-5. which of two conjugates shows a dense object bright (`sign`).
+5. which of two conjugates shows a dense object bright (`sign_evidence`).
+
+The intensity is the same when all beams are conjugated, so that only the object can tell: a cell
+is denser than water. Two clues are added, each the better one where the other fails:
+
+* a small cell on an empty field gives a skewed histogram of unwrapped phase, its tail on the
+  cell's side;
+* a cell that fills the field lies higher than the border of the field, where it thins out.
 """
 
 from __future__ import annotations
@@ -16,20 +23,26 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
+from skimage.restoration import unwrap_phase
 
 from napari_phase4d.checks import as_numbers, check_type, shown
+from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
-from napari_phase4d.holography.lobes import (
-    MAX_VIEWS,
-    Lobe,
-    pair_distance,
-    wrapped_distance,
-)
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.emptyfield import wrapped
+from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrapped_distance
 from napari_phase4d.holography.lost import all_lost
-from napari_phase4d.holography.peaks import MAIN_LOBE, Peak, find_peaks, half_plane, refined
-from napari_phase4d.holography.sign import sign_evidence
-from napari_phase4d.holography.spectrum import add_power, windowed_spectra
+from napari_phase4d.holography.spectrum import (
+    MAIN_LOBE,
+    Peak,
+    add_power,
+    find_peaks,
+    half_plane,
+    refined,
+    windowed_spectra,
+)
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted
@@ -384,3 +397,97 @@ def lobe_extent(carrier: tuple[float, float], plane: Plane, noise: float, limit:
         if ring.size and np.median(ring) / np.log(2) < noise:
             return float(inner + step)
     return limit
+
+
+#: Pixels with less than this share of the median amplitude are left out.
+DARK_SHARE = 0.3
+#: The border that is compared with the whole, in pixels.
+BORDER = 3
+#: Of larger fields the inner part of the lobe is looked at, about so many pixels of the spectrum
+#: across: signs need no detail.
+LARGEST_SIDE = 112
+#: What the clues add to the logarithm of the odds that dense is bright: skewness, and the height
+#: over the border in radians (arsinh of twice it) before and after curvature has been taken off.
+#: Fitted to random cells of 1.5 to 16 rad that cover 3 to 97 % of the field.
+SKEWNESS, HEIGHT, FLAT_HEIGHT = 0.5, 1.45, 1.5
+#: Where the clues of small and of large cells disagree, the small one's is taken if this share of
+#: the field is within so many radians of its median; in any case it is a guess.
+MOSTLY_EMPTY, FLAT_RAD, GUESS = 0.6, 0.8, 2.5
+#: No more skewness than this counts.
+MOST_SKEWNESS = 5.0
+#: Phase that deviates less than this from its median (rad, rms) shows no object.
+LEAST_PHASE_RAD = 0.17
+
+Field = NDArray[np.complex64]
+
+
+def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
+    """Return the logarithm of the odds that a dense object comes out bright in this lobe.
+
+    Parameters
+    ----------
+    frame : ndarray of shape (y, x)
+        Grey values.
+    lobe : Lobe
+        Where to look; not flipped.
+
+    Returns
+    -------
+    float
+        Above 0 if it is bright, below if it is dark; 0 where no object is seen.
+    """
+    inner = replace(lobe, radius=min(lobe.radius, LARGEST_SIDE / (2 * max(frame.shape))))
+    return evidence_of(Demodulator(frame.shape, [inner])(frame)[0])
+
+
+def evidence_of(field: Field) -> float:
+    """Return `sign_evidence` of a field, which may still have its tilt."""
+    fit = Surface("powers", 2, field.shape).fit(field)
+    flat = field * np.exp(-1j * fit.surface)
+    edge = max(2, min(flat.shape) // 16)
+    inner = (slice(edge, -edge), slice(edge, -edge))
+    # Where there are no fringes the phase is noise, and may lie far off on either side.
+    seen = np.zeros(flat.shape, dtype=bool)
+    seen[inner] = np.abs(field[inner]) > DARK_SHARE * np.median(np.abs(field))
+    phase = unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
+    phase = np.asarray(phase[seen])
+    deviation = phase - np.median(phase)
+    scale = float(deviation.std())
+    if scale < LEAST_PHASE_RAD:
+        return 0.0
+    skewness = float(np.mean(deviation**3)) / scale**3
+    small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
+    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner])))
+    large = HEIGHT * float(np.arcsinh(2 * height_over_border(field[inner])))
+    if small * large >= 0:
+        return small + large
+    # A bent field looks like a cell that fills it, and such a cell like a bent field.
+    empty = float((np.abs(deviation) < FLAT_RAD).mean())
+    total = small if empty > MOSTLY_EMPTY and not fit.doubt else small + large
+    return float(np.clip(total, -GUESS, GUESS))
+
+
+def height_over_border(field: Field) -> float:
+    """Return the mean unwrapped phase less the median of its border, in radians.
+
+    Unwrapped by least squares (Ghiglia & Romero 1994), which no single wrong step throws off,
+    after the median slopes have been taken off.
+    """
+    phase = np.angle(field)
+    down, across = (wrapped(np.diff(phase, axis=axis)) for axis in (0, 1))
+    down -= np.median(down)
+    across -= np.median(across)
+    divergence = np.zeros(phase.shape)
+    divergence[:-1] += down
+    divergence[1:] -= down
+    divergence[:, :-1] += across
+    divergence[:, 1:] -= across
+    height, width = (2 * np.cos(np.pi * np.arange(n) / n) - 2 for n in phase.shape)
+    eigenvalues = height[:, None] + width[None, :]
+    eigenvalues[0, 0] = np.inf  # the mean stays open
+    unwrapped = scipy.fft.idctn(
+        scipy.fft.dctn(divergence, norm="ortho") / eigenvalues, norm="ortho"
+    )
+    border = np.ones(phase.shape, dtype=bool)
+    border[BORDER:-BORDER, BORDER:-BORDER] = False
+    return float(unwrapped.mean() - np.median(unwrapped[border]))

@@ -1,26 +1,47 @@
-"""What is done with one camera frame: from its grey values to phase and amplitude."""
+"""What is done with one camera frame: from its grey values to phase and amplitude.
+
+With the preview of a frame, fast enough to follow a circle under the mouse, and with the axes,
+units and notes of what is made of all frames.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.datasets import as_dataset
-from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.frametilt import FrameTilt
+from napari_phase4d.axes import AXES, coordinate
+from napari_phase4d.holography.aberrations import ABERRATION_NAMES
+from napari_phase4d.holography.demodulation import (
+    WINDOWS,
+    Demodulator,
+    cut_of,
+    field_shape,
+    half_spectrum,
+)
+from napari_phase4d.holography.emptyfield import FrameTilt, remove_offset
+from napari_phase4d.holography.focusing import Focus
+from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import LostFrames
-from napari_phase4d.holography.polar import remove_offset
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
 from napari_phase4d.phasors import to_polar
 from napari_phase4d.recording import BrokenFrameError, Recording
+from napari_phase4d.stacks import KIND, WRAPPED
 
-__all__ = ["FrameReconstructor", "propagator_for"]
+__all__ = [
+    "FrameReconstructor",
+    "Preview",
+    "aberration_note",
+    "focus_note",
+    "lobe_note",
+    "propagator_for",
+    "recalibrated",
+]
 
 
 class ReadsRawFrames(Protocol):
@@ -146,4 +167,218 @@ def propagator_for(
     height, width = (optics.pixel_um * n / m for n, m in zip(frame_shape, shape, strict=True))
     return Propagator(
         shape, distance_um, optics.wavelength_um, (height, width), optics.medium_index
+    )
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What the phase of one lobe depends on.
+
+    Parameters
+    ----------
+    lobe : Lobe
+        The view; its angle does not count.
+    window : str
+        How it is cut out.
+    shape : tuple of int
+        Height and width of its field.
+    carried : tuple of (float, Optics), optional
+        How far in micrometres it is carried along the light, and in which microscope.
+    """
+
+    lobe: Lobe
+    window: str
+    shape: tuple[int, int]
+    carried: tuple[float, Optics] | None
+
+
+class Preview:
+    """Wrapped phase of one frame for one choice of lobes after the other.
+
+    The frame is transformed once; for every choice only the lobes that changed are cut out and
+    transformed back, with the numbers of `reconstruct` before it takes off references, background
+    and drift. Several threads may use one preview.
+
+    Parameters
+    ----------
+    frame : ndarray of shape (y, x)
+        Grey values of any real type; it is best to leave integers as they are.
+
+    Attributes
+    ----------
+    shape : tuple of int
+        Height and width of the frame.
+
+    Raises
+    ------
+    ValueError
+        If the frame is no image.
+    """
+
+    def __init__(self, frame: NDArray[np.generic]) -> None:
+        if frame.ndim != 2 or not frame.size:
+            msg = f"a preview takes one frame (y, x), but got an array of shape {frame.shape}"
+            raise ValueError(msg)
+        self.shape: tuple[int, int] = (int(frame.shape[0]), int(frame.shape[1]))
+        self._spectrum = half_spectrum(frame)
+        self._spectrum[0, 0] = 0  # the mean grey value is no part of any fringes
+        self._known: dict[Asked, NDArray[np.float32]] = {}
+
+    def phases(
+        self,
+        lobes: Sequence[Lobe],
+        window: str = "smooth-disk",
+        *,
+        refocus_um: float = 0.0,
+        optics: Optics | None = None,
+    ) -> list[NDArray[np.float32]]:
+        """Return the wrapped phase of every lobe.
+
+        The phase of the mean field is taken off, so that the picture does not flicker from drag
+        to drag or from frame to frame. Rings show the rest: the object, and the tilt that is left
+        where a circle does not sit on its carrier.
+
+        Parameters
+        ----------
+        lobes : sequence of Lobe
+            The views, in any order; there may be none.
+        window : str, optional
+            "disk", "smooth-disk" (default), "gaussian" or "tukey".
+        refocus_um : float, optional
+            How far to carry the fields along the light, in micrometres. Default 0.
+        optics : Optics, optional
+            The microscope, without which nothing is refocused.
+
+        Returns
+        -------
+        list of ndarray of shape (y, x)
+            Radians in [-pi, pi], one array a lobe, in the order of the lobes; all of the size that
+            `reconstruct` gives these lobes.
+
+        Raises
+        ------
+        ValueError
+            If the window has no such name.
+        """
+        if not lobes:
+            return []
+        if window not in WINDOWS:
+            msg = f"window must be one of {', '.join(WINDOWS)}, but is {window!r}"
+            raise ValueError(msg)
+        shape = field_shape(self.shape, lobes, window)
+        carried = (refocus_um, optics) if refocus_um and optics is not None else None
+        asked = [Asked(replace(lobe, angle_deg=0.0), window, shape, carried) for lobe in lobes]
+        known = self._known  # other threads may put another in its place
+        phases = {each: known[each] if each in known else self._phase(each) for each in asked}
+        self._known = phases
+        return [phases[each] for each in asked]
+
+    def _phase(self, asked: Asked) -> NDArray[np.float32]:
+        """Return the wrapped phase of one lobe against that of its mean field."""
+        held = np.arange(self._spectrum.shape[1])
+        field = np.empty(asked.shape, dtype=np.complex64)
+        cut_of(asked.lobe, asked.window, self.shape, asked.shape, held).field(
+            self._spectrum, field
+        )
+        if asked.carried is not None:
+            distance, optics = asked.carried
+            carry = propagator_for(self.shape, asked.shape, optics, distance)
+            field = carry(field[None])[0]
+        turn = np.exp(-1j * np.angle(field.mean(dtype=np.complex128)))
+        field *= np.complex64(turn)
+        phase = np.empty(asked.shape, dtype=np.float32)
+        to_polar(field, np.empty_like(phase), phase)
+        return phase
+
+
+Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
+
+
+def lobe_note(lobe: Lobe) -> dict[str, object]:
+    """Return a lobe as JSON can hold it."""
+    return {
+        "carrier": list(lobe.carrier),
+        "radius": lobe.radius,
+        "angle_deg": lobe.angle_deg,
+        "flip": lobe.flip,
+    }
+
+
+def focus_note(focus: Focus) -> dict[str, object]:
+    """Return how the focus was found, as JSON can hold it."""
+    return {
+        "focus_metric": focus.metric,
+        "focus_objects": focus.objects,
+        "focus_at_the_end": focus.at_the_end,
+    }
+
+
+def aberration_note(coefficients: NDArray[np.float64]) -> dict[str, float]:
+    """Return a background's Zernike terms in radians rms, with their names or numbers.
+
+    The constant is left out: it is set by the empty field of each frame.
+    """
+    return {
+        ABERRATION_NAMES.get(j, f"Noll {j}"): round(float(value), 6)
+        for j, value in enumerate(coefficients[1:], start=2)
+    }
+
+
+def times_and_places(
+    rec: Recording, pixel_ratio: Sequence[float], shape: Sequence[int]
+) -> dict[str, tuple[str, NDArray[np.floating], dict[str, str]]]:
+    """Return the coordinates of time, y and x of a reconstruction."""
+    step_y, step_x = (rec.optics.pixel_um * ratio for ratio in pixel_ratio)
+    return {
+        "time": coordinate("time", rec.times_s),
+        "y": coordinate("y", np.arange(shape[0]) * step_y),
+        "x": coordinate("x", np.arange(shape[1]) * step_x),
+    }
+
+
+def recalibrated(stack: Stack, rec: Recording) -> Stack:
+    """Return a reconstruction, or what was made of it, with a recording's new optics and times.
+
+    Parameters
+    ----------
+    stack : Dataset or DataArray
+        With ``attrs["pixel_ratio"]``, as `reconstruct` notes it.
+    rec : Recording
+        The same frames with another microscope or frame rate.
+    """
+    shape = (stack.sizes["y"], stack.sizes["x"])
+    changed = stack.assign_coords(times_and_places(rec, stack.attrs["pixel_ratio"], shape))
+    light = {
+        "wavelength_um": rec.optics.wavelength_um,
+        "medium_index": rec.optics.medium_index,
+    }
+    changed.attrs = {**stack.attrs, **light}
+    if isinstance(changed, xr.Dataset):
+        for name, variable in changed.data_vars.items():
+            changed[name] = variable.copy(deep=False).assign_attrs(light)
+    return changed
+
+
+def as_dataset(
+    rec: Recording,
+    angles: list[float],
+    pixel_ratio: tuple[float, float],
+    phase: NDArray[np.float32],
+    amplitude: NDArray[np.float32],
+    attrs: dict[str, Any],
+) -> xr.Dataset:
+    """Give the arrays their names, axes and units."""
+    coords = {
+        "angle": coordinate("angle", np.asarray(angles)),
+        **times_and_places(rec, pixel_ratio, phase.shape[2:]),
+    }
+    return xr.Dataset(
+        {
+            "phase": xr.DataArray(
+                phase, dims=AXES, attrs={"units": "rad", KIND: WRAPPED, **attrs}
+            ),
+            "amplitude": xr.DataArray(amplitude, dims=AXES, attrs={"units": "a.u.", **attrs}),
+        },
+        coords=coords,
+        attrs=attrs,
     )

@@ -1,7 +1,8 @@
-"""Lobes: the cross-correlation terms of a hologram in the Fourier plane."""
+"""Lobes, the cross-correlation terms of a hologram's spectrum, and what disturbs them."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -12,7 +13,18 @@ from numpy.typing import NDArray
 
 from napari_phase4d.checks import check_bool, check_number, shown
 
-__all__ = ["MAX_VIEWS", "Lobe", "canonical", "pair_distance", "wrapped_distance"]
+__all__ = [
+    "MAX_VIEWS",
+    "Lobe",
+    "StrayTerm",
+    "canonical",
+    "check_lobes",
+    "lobe_doubts",
+    "lobe_warnings",
+    "pair_distance",
+    "stray_terms",
+    "wrapped_distance",
+]
 
 #: Views that a hologram is taken to hold at most.
 MAX_VIEWS = 6
@@ -111,3 +123,219 @@ def canonical(carrier: Sequence[float], tolerance: float = 1e-9) -> tuple[float,
     if kx < -tolerance or (abs(kx) <= tolerance and ky < 0):
         return -ky, -kx
     return ky, kx
+
+
+#: A stray term is strong up to this share of its radius, where the correlation of two disks has
+#: sunk to a fifth of its peak. Farther out it does little harm; `find_lobes` goes as near as that.
+STRONG_SHARE = 0.68
+#: Circles that only touch do not overlap, however their numbers are rounded.
+TINY = 1e-6
+
+
+@dataclass(frozen=True)
+class StrayTerm:
+    """A disk in the Fourier plane that holds no view, but may disturb one.
+
+    Parameters
+    ----------
+    centre : tuple of float
+        ``(ky, kx)`` in cycles per camera pixel; its conjugate lies at the opposite place.
+    radius : float
+        How far it reaches, in cycles per camera pixel.
+    pair : tuple of int, optional
+        The two views, counted from 0, that interfere with each other here. None for the zero
+        order, where every beam interferes with itself.
+    """
+
+    centre: tuple[float, float]
+    radius: float
+    pair: tuple[int, int] | None = None
+
+    @property
+    def label(self) -> str:
+        """What it is called on the screen."""
+        return "zero order" if self.pair is None else "beat"
+
+    def disturbs(self, lobe: Lobe) -> bool:
+        """Say whether a lobe overlaps the strong part of the term or of its conjugate."""
+        reach = lobe.radius + STRONG_SHARE * self.radius
+        return pair_distance(self.centre, lobe.carrier) < reach - TINY
+
+    def hides_under(self, lobe: Lobe) -> bool:
+        """Say whether the middle of the term or of its conjugate lies within a lobe."""
+        return pair_distance(self.centre, lobe.carrier) < lobe.radius
+
+
+def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
+    """Return the zero order and the beats of some views.
+
+    Where two beams interfere, the Fourier plane holds the correlation of their two disks, which
+    reaches as far as both radii together (Goodman, Introduction to Fourier Optics, on the least
+    angle of the reference): the largest lobe with itself round zero, and lobes i and j with each
+    other, the *beat*, round k_i - k_j.
+
+    Parameters
+    ----------
+    lobes : sequence of Lobe
+        The views.
+
+    Returns
+    -------
+    list of StrayTerm
+        The zero order, then one beat for each pair of views; empty if there is no view.
+    """
+    if not lobes:
+        return []
+    terms = [StrayTerm((0.0, 0.0), 2 * max(lobe.radius for lobe in lobes))]
+    for (i, a), (j, b) in itertools.combinations(enumerate(lobes), 2):
+        ky, kx = (float(d - round(d)) for d in np.subtract(a.carrier, b.carrier))
+        terms.append(StrayTerm((ky, kx), a.radius + b.radius, (i, j)))
+    return terms
+
+
+def lobe_warnings(lobes: Sequence[Lobe]) -> list[str]:
+    """Say in words what is wrong with the circles on the spectrum, and what to do about it.
+
+    A circle may reach beyond the edge of the spectrum, and may overlap the zero order, a beat,
+    another circle or a conjugate. Circles are counted from 1.
+
+    Parameters
+    ----------
+    lobes : sequence of Lobe
+        The chosen lobes.
+
+    Returns
+    -------
+    list of str
+        At most one sentence for each circle and kind of trouble; empty if all is well.
+    """
+    terms = stray_terms(lobes)
+    found: list[str] = []
+    for index, lobe in enumerate(lobes):
+        found += place_warnings(index, lobe, terms[0])
+        found += neighbour_warnings(index, lobes)
+        found += beat_warnings(index, lobe, terms[1:])
+    return found + angle_warnings(lobes)
+
+
+def check_lobes(lobes: Sequence[Lobe]) -> None:
+    """Refuse lobes that hold no view of their own: on the zero order, or the same one twice.
+
+    Raises
+    ------
+    ValueError
+        In one sentence that counts the lobes from 1.
+    """
+    for index, lobe in enumerate(lobes):
+        if math.hypot(*lobe.carrier) < TINY:
+            msg = (
+                f"lobe {index + 1} lies on the zero order, which holds no phase; give the carrier "
+                "of a view, as find_lobes() finds it"
+            )
+            raise ValueError(msg)
+        for number, other in enumerate(lobes[index + 1 :], start=index + 2):
+            if pair_distance(lobe.carrier, other.carrier) < TINY:
+                msg = (
+                    f"lobes {index + 1} and {number} are the same view (or its conjugate); leave "
+                    "one of them out"
+                )
+                raise ValueError(msg)
+
+
+def lobe_doubts(lobes: Sequence[Lobe]) -> list[str]:
+    """Say which lobes reach beyond the spectrum or over the zero order; "lobe 1" is the first."""
+    found = []
+    for index, lobe in enumerate(lobes):
+        if max(abs(k) for k in lobe.carrier) + lobe.radius > 0.5 + TINY:
+            found.append(f"lobe {index + 1} reaches beyond the edge of the spectrum")
+        elif math.hypot(*lobe.carrier) < lobe.radius:
+            found.append(f"lobe {index + 1} reaches over the zero order")
+    return [f"{words}; make its radius smaller" for words in found]
+
+
+def place_warnings(index: int, lobe: Lobe, zero_order: StrayTerm) -> list[str]:
+    """Say where a circle lies too near to the middle or to the edges of the spectrum."""
+    found = []
+    if max(abs(k) for k in lobe.carrier) + lobe.radius > 0.5 + TINY:
+        found.append(
+            f"Circle {index + 1} reaches beyond the edge of the spectrum: "
+            "make it smaller or move it inwards."
+        )
+    if zero_order.disturbs(lobe):
+        found.append(
+            f"Circle {index + 1} overlaps the zero order: make it smaller or move it outwards."
+        )
+    elif wrapped_distance(lobe.carrier, [-k for k in lobe.carrier]) < 2 * lobe.radius - TINY:
+        found.append(
+            f"Circle {index + 1} overlaps its own conjugate (dashed): "
+            "make it smaller or move it inwards."
+        )
+    return found
+
+
+def neighbour_warnings(index: int, lobes: Sequence[Lobe]) -> list[str]:
+    """Say which of the circles after it, or of their conjugates, a circle overlaps."""
+    lobe = lobes[index]
+    circles, conjugates = [], []
+    for number, other in enumerate(lobes[index + 1 :], start=index + 2):
+        reach = lobe.radius + other.radius - TINY
+        if wrapped_distance(lobe.carrier, other.carrier) < reach:
+            circles.append(number)
+        elif pair_distance(lobe.carrier, other.carrier) < reach:
+            conjugates.append(number)
+    advice = "make them smaller or move them apart."
+    found = []
+    if circles:
+        found.append(f"Circle {index + 1} overlaps {named('circle', circles)}: {advice}")
+    if conjugates:
+        others = named("circle", conjugates)
+        found.append(f"Circle {index + 1} overlaps the conjugate (dashed) of {others}: {advice}")
+    return found
+
+
+def beat_warnings(index: int, lobe: Lobe, beats: Sequence[StrayTerm]) -> list[str]:
+    """Say where two views interfere with each other at the place of a circle."""
+    within, beside = [], []
+    for beat in beats:
+        i, j = beat.pair or (0, 0)
+        if index not in (i, j) and beat.hides_under(lobe):
+            within.append(f"{i + 1} and {j + 1}")
+        elif beat.disturbs(lobe):
+            beside.append(f"{i + 1} and {j + 1}")
+    found = []
+    if within:
+        found.append(
+            f"Circle {index + 1} lies on {beats_of(within)}: "
+            "it may be no view of its own; move or remove it."
+        )
+    if beside:
+        found.append(
+            f"Circle {index + 1} overlaps {beats_of(beside)}: make it smaller or move it away."
+        )
+    return found
+
+
+def beats_of(pairs: Sequence[str]) -> str:
+    """Return "the beat of circles 1 and 2" or "the beats of circles 1 and 2, 1 and 3"."""
+    return f"the beat{'s' if len(pairs) > 1 else ''} of circles {', '.join(pairs)}"
+
+
+def angle_warnings(lobes: Sequence[Lobe]) -> list[str]:
+    """Say which circles have the same viewing angle."""
+    by_angle: dict[float, list[int]] = {}
+    for number, lobe in enumerate(lobes, start=1):
+        by_angle.setdefault(lobe.angle_deg, []).append(number)
+    return [
+        f"{named('Circle', numbers)} have the same angle ({angle:g}°): "
+        "type in their angles, or all views will be numbered."
+        for angle, numbers in by_angle.items()
+        if len(numbers) > 1
+    ]
+
+
+def named(word: str, numbers: Sequence[int]) -> str:
+    """Return "circle 2", "circles 2 and 3" or "circles 2, 3 and 4"."""
+    if len(numbers) == 1:
+        return f"{word} {numbers[0]}"
+    first = ", ".join(str(n) for n in numbers[:-1])
+    return f"{word}s {first} and {numbers[-1]}"

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.checks import check_bool, shown, warn
+from napari_phase4d.holography.background import background_advice, curvature_advice
 from napari_phase4d.holography.corrections import (
     BACKGROUND_ORDERS,
     Reference,
@@ -19,15 +20,18 @@ from napari_phase4d.holography.corrections import (
     corrections,
     reference_note,
 )
-from napari_phase4d.holography.datasets import aberration_note, focus_note, lobe_note
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.emptyfield import FrameTilt
 from napari_phase4d.holography.focusing import Focus, autofocus
-from napari_phase4d.holography.frames import FrameReconstructor, propagator_for
-from napari_phase4d.holography.frametilt import FrameTilt
-from napari_phase4d.holography.leftover import background_advice, curvature_advice
-from napari_phase4d.holography.lobes import Lobe
+from napari_phase4d.holography.frames import (
+    FrameReconstructor,
+    aberration_note,
+    focus_note,
+    lobe_note,
+    propagator_for,
+)
+from napari_phase4d.holography.lobes import Lobe, check_lobes, lobe_doubts
 from napari_phase4d.holography.lost import usual_fringes
-from napari_phase4d.holography.overlaps import check_lobes, lobe_doubts
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording

@@ -1,22 +1,37 @@
-"""The Fourier spectrum of a hologram video."""
+"""The Fourier spectrum of a hologram video, and its peaks that may be carriers."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
 import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from napari_phase4d.checks import check_type
 from napari_phase4d.compiling import vectorized
+from napari_phase4d.holography.lobes import canonical, pair_distance
 from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 
-__all__ = ["add_power", "power_spectrum", "windowed_spectra"]
+__all__ = [
+    "MAIN_LOBE",
+    "PLAIN",
+    "Half",
+    "Peak",
+    "Spectrum",
+    "add_power",
+    "find_peaks",
+    "half_plane",
+    "power_spectrum",
+    "refined",
+    "windowed_spectra",
+]
 
 
 def power_spectrum(
@@ -187,3 +202,230 @@ def full_spectrum(half: NDArray[np.float64], width: int) -> NDArray[np.float64]:
     negative = half[mirrored_rows][:, 1 : width - half.shape[1] + 1][:, ::-1]
     whole: NDArray[np.float64] = scipy.fft.fftshift(np.concatenate([half, negative], axis=1))
     return whole
+
+
+#: How far a carrier stands above the median of its ring, as a ratio of powers (100 = 20 dB).
+STANDS_OUT = 100.0
+#: The same where no peak reaches it: a faint carrier is better than none.
+STANDS_OUT_FAINT = 20.0
+#: Peaks weaker than the strongest by more than this (30 dB) are no views: a weak view of a fifth
+#: of the amplitude lies 28 dB below the beat of two strong ones.
+DYNAMIC_RANGE = 1e-3
+#: Those within 20 dB are plain to see.
+PLAIN = 1e-2
+#: Peaks that are looked at; six views and all their beats are 21.
+MOST_PEAKS = 24
+#: Half the width of a Blackman window's main lobe, in pixels of the spectrum.
+MAIN_LOBE = 3
+#: Ghosts are at least this much weaker than what they copy: shifted copies 3 dB, harmonics 10 dB.
+SHIFTED_COPY, HARMONIC = 0.5, 0.1
+ZERO = (0.0, 0.0)
+#: Pixels of the spectrum on either side of a peak from which a carrier is refined.
+PATCH = 16
+
+Half = NDArray[np.float64]
+Spectrum = NDArray[np.complex64]
+
+
+@dataclass(frozen=True)
+class Peak:
+    """A local maximum of the spectrum.
+
+    Parameters
+    ----------
+    carrier : tuple of float
+        (ky, kx) in cycles per pixel, to a pixel of the spectrum.
+    power : float
+        Mean power there.
+    relative : float
+        That power over the strongest peak's.
+    ghost : bool
+        Whether it lies where a camera, a video or JPEG copies a stronger peak to.
+    """
+
+    carrier: tuple[float, float]
+    power: float
+    relative: float = 1.0
+    ghost: bool = False
+
+    @property
+    def is_plain(self) -> bool:
+        """Whether it is strong and no ghost."""
+        return not self.ghost and self.relative > PLAIN
+
+
+def find_peaks(half: Half, shape: tuple[int, int]) -> list[Peak]:
+    """Return the maxima that stand out of their ring, strongest first.
+
+    The zero order fills its rings evenly, so this masks it by its own measured width, and a
+    carrier may lie on an axis.
+
+    Parameters
+    ----------
+    half : ndarray of shape (y, x // 2 + 1)
+        Mean power on the half plane kx >= 0, as `rfft2` orders it.
+    shape : tuple of int
+        Height and width of the frames.
+    """
+    ky, kx = half_plane(shape)
+    ratio = half / ring_median(half, shape)
+    maxima = local_maxima(half, shape)
+    # kx = 0 holds each pair twice; keep the one with ky > 0.
+    maxima &= (kx > 0) | (ky > 0)
+    # Inside the main lobe of the window lies what is left of the mean.
+    maxima &= (np.abs(ky) * shape[0] > MAIN_LOBE) | (np.abs(kx) * shape[1] > MAIN_LOBE)
+    for threshold in (STANDS_OUT, STANDS_OUT_FAINT):
+        rows, columns = np.nonzero(maxima & (ratio > threshold))
+        if len(rows):
+            break
+    order = np.argsort(-half[rows, columns])
+    peaks = [
+        Peak((float(ky[rows[i], 0]), float(kx[0, columns[i]])), float(half[rows[i], columns[i]]))
+        for i in order
+    ]
+    peaks = [peak for peak in peaks if peak.power > DYNAMIC_RANGE * peaks[0].power]
+    return with_ghosts(apart(peaks, shape)[:MOST_PEAKS], shape)
+
+
+def half_plane(shape: tuple[int, int]) -> tuple[Half, Half]:
+    """Return the frequencies of an `rfft2` as a column ky and a row kx, in cycles per pixel."""
+    return scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])[None, :]
+
+
+def ring_median(half: Half, shape: tuple[int, int]) -> Half:
+    """Return for each frequency the median power of the ring it lies on."""
+    ky, kx = half_plane(shape)
+    width = max(1.5 / min(shape), 0.004)
+    position = np.hypot(ky, kx) / width
+    ring = position.astype(int)
+    # A few hundred of a ring's pixels give its median well enough; large frames have thousands.
+    thin = (slice(None, None, max(1, shape[0] // 256)), slice(None, None, max(1, shape[1] // 256)))
+    median = np.asarray(ndimage.median(half[thin], ring[thin], np.arange(ring.max() + 1)))
+    known = np.flatnonzero(np.isfinite(median))
+    levels: Half = np.interp(position - 0.5, known, median[known])
+    return np.maximum(levels, np.finfo(float).tiny)
+
+
+def local_maxima(half: Half, shape: tuple[int, int]) -> NDArray[np.bool_]:
+    """Mark the pixels that no neighbour within the window's main lobe exceeds."""
+    # One column more than the main lobe on the left shows maxima at kx = 0 whole.
+    mirrored = half[(-np.arange(shape[0])) % shape[0]][:, MAIN_LOBE:0:-1]
+    padded = np.concatenate([mirrored, half], axis=1)
+    highest = ndimage.maximum_filter(padded, size=2 * MAIN_LOBE + 1, mode=("wrap", "nearest"))
+    maxima: NDArray[np.bool_] = (padded == highest)[:, MAIN_LOBE:]
+    return maxima
+
+
+def apart(peaks: list[Peak], shape: tuple[int, int]) -> list[Peak]:
+    """Drop peaks that belong to the lobe of a stronger one: its structure, not a carrier."""
+    kept: list[Peak] = []
+    reach = max(8 / min(shape), 0.04)
+    for peak in peaks:
+        near = (
+            pair_distance(peak.carrier, k.carrier) < min(reach, 0.6 * np.hypot(*k.carrier))
+            for k in kept
+        )
+        if not any(near):
+            kept.append(peak)
+    return kept
+
+
+def with_ghosts(peaks: list[Peak], shape: tuple[int, int]) -> list[Peak]:
+    """Mark what a camera, a video or JPEG makes of a stronger peak.
+
+    A view may lie there by chance, so ghosts stay; they are taken if nothing else will do.
+    """
+    marked: list[Peak] = []
+    tolerance = max(2.5 / min(shape), 0.004)
+    zero_order = Peak(ZERO, np.inf)
+    for peak in peaks:
+        sources = (zero_order, *(p for p in marked if not p.ghost))
+        ghost = any(is_ghost(peak, stronger, tolerance) for stronger in sources)
+        marked.append(replace(peak, ghost=ghost, relative=peak.power / peaks[0].power))
+    return marked
+
+
+def is_ghost(peak: Peak, source: Peak, tolerance: float) -> bool:
+    """Say whether a peak is a harmonic or a shifted copy of a stronger one.
+
+    Interlaced video and JPEG's colour shift by half the sampling frequency, JPEG's blocks by
+    multiples of an eighth of it.
+    """
+    ky, kx = source.carrier
+    relative = peak.power / source.power
+    if relative < SHIFTED_COPY and any(
+        pair_distance(peak.carrier, (ky + dy, kx + dx)) < tolerance
+        for dy, dx in ((0.5, 0), (0, 0.5), (0.5, 0.5))
+    ):
+        return True
+    if relative >= HARMONIC or source.carrier == ZERO:
+        return False
+    if any(
+        pair_distance(peak.carrier, (n * ky, n * kx)) < max(n, 1) * tolerance / 2
+        for n in (0.5, 2, 3, 4)
+    ):
+        return True
+    blocks = ((ky + i / 8, kx + j / 8) for i in range(8) for j in range(8) if i or j)
+    return any(pair_distance(peak.carrier, k) < tolerance / 2 for k in blocks)
+
+
+def refined(
+    carrier: tuple[float, float], spectra: Sequence[Spectrum], shape: tuple[int, int]
+) -> tuple[float, float]:
+    """Return the carrier to about a hundredth of a spectral pixel.
+
+    The Fourier transform of the windowed frames is evaluated on ever finer grids round the peak,
+    and the largest mean power wins. Between the pixels of the spectrum it is the sum of the
+    pixels round it, each times the transform of the frame's own extent (Dirichlet's kernel); the
+    window makes those farther than some pixels count for nothing, so that the frames themselves
+    are not needed.
+
+    Parameters
+    ----------
+    carrier : tuple of float
+        (ky, kx) in cycles per pixel, to a pixel of the spectrum.
+    spectra : sequence of ndarray of shape (y, x // 2 + 1)
+        Complex transforms of windowed frames, as `rfft2` orders them.
+    shape : tuple of int
+        Height and width of the frames.
+    """
+    height, width = shape
+    centre = (round(carrier[0] * height), round(carrier[1] * width))
+    reach = (min(PATCH, (height - 1) // 2), min(PATCH, (width - 1) // 2))
+    rows, columns = (c + np.arange(-r, r + 1) for c, r in zip(centre, reach, strict=True))
+    patches = [patch(spectrum, rows, columns, shape) for spectrum in spectra]
+    ky, kx = carrier
+    for span in (1.5, 0.3, 0.06):
+        fine_y = ky + np.linspace(-span, span, 21) / height
+        fine_x = kx + np.linspace(-span, span, 21) / width
+        to_y = dirichlet(fine_y[:, None] * height - rows, height)
+        to_x = dirichlet(fine_x[:, None] * width - columns, width).T
+        power = np.zeros((21, 21))
+        for samples in patches:
+            power += np.abs(to_y @ samples @ to_x) ** 2
+        i, j = np.unravel_index(int(power.argmax()), power.shape)
+        ky, kx = float(fine_y[i]), float(fine_x[j])
+    return canonical((ky, kx), tolerance=0.5 / width)
+
+
+def patch(
+    spectrum: Spectrum, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]
+) -> Spectrum:
+    """Return pixels of the whole spectrum from its half, F(-k) = F(k)*."""
+    height, width = shape
+    columns = columns % width
+    mirrored = columns > width // 2
+    across = np.where(mirrored, width - columns, columns)
+    down = np.where(mirrored[None, :], -rows[:, None], rows[:, None]) % height
+    samples = spectrum[down, np.broadcast_to(across, down.shape)]
+    found: Spectrum = np.where(mirrored, samples.conj(), samples)
+    return found
+
+
+def dirichlet(offset: NDArray[np.float64], n: int) -> NDArray[np.complex128]:
+    """Return the transform of n equal samples, over n, at so many pixels of the spectrum off."""
+    with np.errstate(invalid="ignore", divide="ignore"):
+        size = np.sin(np.pi * offset) / (n * np.sin(np.pi * offset / n))
+    size = np.where(np.abs(np.sin(np.pi * offset / n)) < 1e-12, 1.0, size)
+    found: NDArray[np.complex128] = size * np.exp(-1j * np.pi * offset * (n - 1) / n)
+    return found

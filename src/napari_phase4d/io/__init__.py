@@ -1,8 +1,7 @@
 """Readers and writers, one module per file family."""
 
 from napari_phase4d.io.describing import OME_TIFF, OME_ZARR, PROGRAM, step_of
-from napari_phase4d.io.figures import write_figure
-from napari_phase4d.io.movies import write_movie
+from napari_phase4d.io.movies import write_figure, write_movie
 from napari_phase4d.io.opening import (
     JOINED_SUFFIXES,
     READABLE_SUFFIXES,

@@ -10,11 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.io.axes_chosen import axes_in_words, choice, chosen_places
-from napari_phase4d.io.chatter import quiet
-from napari_phase4d.io.grey import colour_sentence
+from napari_phase4d.io.choosing import axes_in_words, choice, chosen_places
 from napari_phase4d.io.lazy import FrameReader, in_one_line, lazy_frames
-from napari_phase4d.io.video import Facts, Video
+from napari_phase4d.io.video import Facts, Video, colour_sentence, quiet
 
 __all__ = ["BIO_SUFFIXES", "read_bio"]
 

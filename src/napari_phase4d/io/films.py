@@ -11,18 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.io.film_facts import gaps_in, kind_of, notes_of, timing
 from napari_phase4d.io.film_index import FilmIndex, declared_size, index_of
-from napari_phase4d.io.film_pixels import (
-    grey_values,
-    is_lossy,
-    is_tinted,
-    palette_of,
-    through_palette,
-)
-from napari_phase4d.io.grey import colour_sentence
 from napari_phase4d.io.lazy import FrameReader, WrongFrameError, in_one_line, lazy_frames
-from napari_phase4d.io.video import Video
+from napari_phase4d.io.video import Video, colour_sentence
 
 __all__ = ["FILM_SUFFIXES", "read_film"]
 
@@ -286,3 +277,162 @@ def imported(path: Path) -> Any:
         msg = f'{path.name} is a film; to read it, pip install "napari-phase4d[video]"'
         raise OSError(msg) from error
     return av
+
+
+CONTAINERS = {"avi": "AVI", "matroska": "MKV"}
+CODECS = {
+    "rawvideo": "uncompressed", "ffv1": "FFV1", "h264": "H.264", "hevc": "H.265",
+    "mjpeg": "Motion JPEG", "mpeg4": "MPEG-4", "huffyuv": "HuffYUV", "png": "PNG",
+}  # fmt: skip
+
+
+def notes_of(index: FilmIndex, told: int, *, lossy: bool, tinted: bool) -> Iterator[str]:
+    """Yield what the user should know of a film."""
+    if lossy:
+        yield "The film is compressed with loss, which changes fringes and so the phase."
+    if tinted:
+        yield "The film is in colour; its brightness is used."
+    if told and told != index.n_frames:
+        yield f"The header tells of {told} frames, but the film has {index.n_frames}."
+    if index.by_counting:
+        yield "The file doesn't say in which order frames are shown; going back in it is slow."
+
+
+def timing(
+    index: FilmIndex, tick: float, rate: float
+) -> tuple[float | None, NDArray[np.float64] | None]:
+    """Return the interval of evenly spaced frames, or else the times of all."""
+    ticks = index.times()
+    if ticks is None or index.n_frames < 2:
+        return (1 / rate if rate > 0 else None), None
+    times = ticks * tick
+    mean = float(times[-1] / (len(times) - 1))
+    even = np.abs(times - mean * np.arange(len(times))).max() <= 1.01 * tick
+    if not even:
+        return None, np.asarray(times, np.float64)
+    # Ticks are coarse (milliseconds in MKV); the rate is exact where it means the same.
+    agrees = rate > 0 and abs(times[-1] - (len(times) - 1) / rate) <= 1.01 * tick
+    return (1 / rate if agrees else mean), None
+
+
+def gaps_in(times: NDArray[np.float64], tick: float) -> Iterator[str]:
+    """Yield a note if frames seem to be missing: even steps, but for a few that are multiples."""
+    steps = np.diff(times)
+    usual = float(np.median(steps))
+    missing = np.round(steps / usual) - 1
+    even = np.abs(steps - (missing + 1) * usual) <= 2.01 * tick
+    if even.all() and 0 < (missing > 0).mean() < 0.1:
+        place = int(np.argmax(missing > 0))
+        yield (
+            f"{int(missing.sum())} frames seem to be missing, the first behind frame {place}; "
+            "the times are as the film gives them."
+        )
+
+
+def kind_of(path: Path, container: Any, stream: Any) -> str:
+    """Return what a film is, in words."""
+    codec = stream.codec_context.name
+    outer = CONTAINERS.get(container.format.name.split(",")[0], path.suffix[1:].upper())
+    return f"{CODECS.get(codec, codec)} in {outer}"
+
+
+#: Codecs that keep every value.
+LOSSLESS = {
+    "rawvideo", "ffv1", "huffyuv", "ffvhuff", "utvideo", "png", "v210", "v410", "r210", "tiff",
+    "magicyuv", "qtrle", "msrle", "bmp", "targa", "lagarith", "zlib", "rawvid", "gif",
+    "bitpacked",
+}  # fmt: skip
+#: Where brightness stands in formats that mix it with colour: first byte, step.
+MIXED = {"yuyv422": (0, 2), "yvyu422": (0, 2), "uyvy422": (1, 2)}
+#: Colour difference, in units of 1 / 255, that a grey film may have after compression.
+FAINT = 6
+
+
+def grey_values(picture: Any) -> NDArray[Any] | None:
+    """Return the grey values of a decoded frame (y, x), None if it is in colour.
+
+    Brightness comes as it is stored, without stretching its range. Pictures with a palette are for
+    `through_palette`.
+    """
+    name = picture.format.name
+    if name in MIXED:
+        first, step = MIXED[name]
+        return plane(picture, 0, 2 * picture.width)[:, first::step].copy()
+    if picture.format.is_rgb:
+        return equal_channels(picture)
+    if name.startswith("bayer"):
+        return None
+    if name.startswith("mono"):
+        return plane_of(picture.reformat(format="gray"))
+    return plane_of(picture)
+
+
+def plane_of(picture: Any) -> NDArray[Any]:
+    """Return the first plane: grey, or the brightness of YUV."""
+    bits = picture.format.components[0].bits
+    kind: np.dtype[Any] = np.dtype(np.uint8 if bits <= 8 else np.uint16)
+    if is_float(picture):
+        kind = np.dtype(np.float32)
+    if picture.format.is_big_endian:
+        kind = kind.newbyteorder(">")
+    values = plane(picture, 0, picture.width * kind.itemsize).view(kind)
+    return values.astype(kind.newbyteorder("="))
+
+
+def is_float(picture: Any) -> bool:
+    """Say whether grey values are floating-point numbers."""
+    return str(picture.format.name).startswith("grayf32")
+
+
+def plane(picture: Any, number: int, width: int) -> NDArray[np.uint8]:
+    """Return the bytes of a plane without the padding of its lines."""
+    part = picture.planes[number]
+    lines = np.frombuffer(part, np.uint8).reshape(-1, abs(part.line_size))
+    return np.ascontiguousarray(lines[: part.height, :width])
+
+
+def palette_of(picture: Any) -> NDArray[np.uint8]:
+    """Return the colours that the numbers of a picture stand for, shape (256, 4)."""
+    return np.frombuffer(picture.planes[1], np.uint8)[:1024].reshape(256, 4).copy()
+
+
+def through_palette(picture: Any, palette: NDArray[np.uint8]) -> NDArray[Any] | None:
+    """Return the grey values that the numbers of a picture stand for, None if any is a colour."""
+    numbers = plane(picture, 0, picture.width)
+    used = palette[np.unique(numbers)]
+    if (used[:, 0] != used[:, 1]).any() or (used[:, 1] != used[:, 2]).any():
+        return None
+    return np.asarray(palette[:, 0][numbers])
+
+
+def equal_channels(picture: Any) -> NDArray[Any] | None:
+    """Return one channel of red, green and blue if they are equal, else None."""
+    deep = picture.format.components[0].bits > 8
+    image = picture.to_ndarray(format="rgb48le" if deep else "rgb24")
+    first = image[..., 0]
+    if (image[..., 1] == first).all() and (image[..., 2] == first).all():
+        return np.ascontiguousarray(first)
+    return None
+
+
+def is_tinted(picture: Any) -> bool:
+    """Say whether a YUV frame has colour."""
+    form = picture.format
+    if form.is_rgb or len(picture.planes) < 2 or form.name == "pal8":
+        return False
+    bits = form.components[1].bits
+    kind = np.dtype(np.uint8 if bits <= 8 else np.uint16)
+    if form.is_big_endian:
+        kind = kind.newbyteorder(">")
+    middle, faint = 2 ** (bits - 1), FAINT * 2 ** (bits - 8)
+    for number in range(1, len(picture.planes)):
+        width = picture.planes[number].width * kind.itemsize
+        values = plane(picture, number, width).view(kind)[::2, ::2].astype(np.int32)
+        if np.abs(values - middle).mean() > faint:
+            return True
+    return False
+
+
+def is_lossy(codec: Any) -> bool:
+    """Say whether a codec may change values."""
+    return codec.name not in LOSSLESS

@@ -25,12 +25,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.io.limits import LARGEST_KOALA_SIDE
-from napari_phase4d.io.mapped import map_frames
-from napari_phase4d.io.memory import check_fits
+from napari_phase4d.io.lazy import map_frames
 from napari_phase4d.io.sequences import by_number, read_files
 from napari_phase4d.io.tiff import read_tiff
-from napari_phase4d.io.video import Video
+from napari_phase4d.io.video import LARGEST_KOALA_SIDE, Video, check_fits
 
 __all__ = [
     "is_koala", "is_koala_phase", "is_koala_raw", "read_koala", "read_koala_file",

@@ -1,20 +1,170 @@
-"""Frames that are read one at a time, when they are asked for."""
+"""Frames that are read one at a time, when they are asked for, or mapped into memory."""
 
 from __future__ import annotations
 
+import mmap
 import uuid
+import zlib
 from abc import ABC, abstractmethod
 from pathlib import Path
 from typing import Any, ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import DTypeLike, NDArray
 
-from napari_phase4d.io.limits import MOST_LISTED_FRAMES
-from napari_phase4d.io.mapped import check_unchanged, stamp_of
+from napari_phase4d.io.video import MOST_LISTED_FRAMES
 from napari_phase4d.recording import remember_reader
 
-__all__ = ["FrameReader", "Unsound", "WrongFrameError", "in_one_line", "lazy_frames"]
+__all__ = [
+    "FrameReader",
+    "MappedFrames",
+    "Unsound",
+    "WrongFrameError",
+    "in_one_line",
+    "lazy_frames",
+    "map_frames",
+]
+
+#: Size in bytes, time of the last change in nanoseconds, and the number of the file on its disk.
+Stamp = tuple[int, int, int]
+#: First and last byte of numbers in a file, and a sum of those near either.
+Ends = tuple[int, int, int]
+#: How many bytes near either end are summed.
+SUMMED = 4096
+
+
+class MappedFrames(np.memmap[Any, Any]):
+    """A read-only memory map that looks at its file before it gives a part of it.
+
+    The system ends a program that touches a mapped file behind its end, so a file that became
+    shorter must be noticed before. A process that gets it by pickle maps the file itself.
+    """
+
+    stamp: Stamp | None
+    ends: Ends | None
+
+    def __array_finalize__(self, obj: Any) -> None:
+        super().__array_finalize__(obj)
+        self.stamp = getattr(obj, "stamp", None)
+        self.ends = getattr(obj, "ends", None)
+
+    def __getitem__(self, key: Any) -> Any:
+        if self.stamp is not None and self._is_map():
+            check_unchanged(Path(str(self.filename)), self.stamp, key, self.ends)
+        return super().__getitem__(key)
+
+    def __reduce__(self) -> Any:
+        if self.stamp is None or not self._is_map():
+            return np.asarray(self).__reduce__()
+        return (
+            map_frames,
+            (Path(str(self.filename)), self.dtype, self.shape, self._place(), self.strides),
+        )
+
+    def _is_map(self) -> bool:
+        """Say whether the numbers lie in the file, and are no copy or result."""
+        return getattr(self, "_mmap", None) is not None
+
+    def _place(self) -> int:
+        """Return the place of the first number in the file, in bytes."""
+        mapped = np.frombuffer(self._mmap, np.uint8)  # type: ignore[attr-defined]
+        start = self.offset - self.offset % mmap.ALLOCATIONGRANULARITY
+        return int(start + self.ctypes.data - mapped.ctypes.data)
+
+
+def map_frames(
+    path: Path,
+    dtype: DTypeLike,
+    shape: tuple[int, ...],
+    offset: int = 0,
+    strides: tuple[int, ...] | None = None,
+) -> NDArray[Any]:
+    """Map numbers that lie in a file as they are.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    dtype : dtype
+        What the numbers are, with their byte order.
+    shape : tuple of int
+        Of the array.
+    offset : int, optional
+        Bytes before the first number.
+    strides : tuple of int, optional
+        Bytes from one number to the next along each axis; default: without gaps.
+
+    Raises
+    ------
+    OSError
+        If the file is too short.
+    """
+    dtype = np.dtype(dtype)
+    if strides is None:
+        strides = tuple(dtype.itemsize * n for n in np.cumprod((1, *shape[:0:-1]))[::-1].tolist())
+    length = sum(s * (n - 1) for s, n in zip(strides, shape, strict=True)) + dtype.itemsize
+    stamp = stamp_of(path)
+    if stamp[0] < offset + length:
+        msg = (
+            f"{path.name} is cut short: {announced(shape)} {offset + length} bytes, the file "
+            f"has {stamp[0]}"
+        )
+        raise OSError(msg)
+    numbers = MappedFrames(path, np.uint8, "r", offset, (length,))
+    frames: NDArray[Any] = np.ndarray.__new__(
+        MappedFrames, shape, dtype, buffer=numbers, strides=strides
+    )
+    for name in ("_mmap", "filename", "offset", "mode"):
+        setattr(frames, name, getattr(numbers, name))
+    frames.stamp = stamp  # type: ignore[attr-defined]
+    frames.ends = ends_of(path, offset, offset + length)  # type: ignore[attr-defined]
+    return frames
+
+
+def announced(shape: tuple[int, ...]) -> str:
+    """Say what needs so many bytes."""
+    if len(shape) < 3 or shape[0] == 1:
+        return "one frame needs"
+    return f"{shape[0]} frames need"
+
+
+def stamp_of(path: Path) -> Stamp:
+    """Return the size of a file, when it was changed, and which file it is."""
+    found = path.stat()
+    return found.st_size, found.st_mtime_ns, found.st_ino
+
+
+def ends_of(path: Path, start: int, stop: int) -> Ends:
+    """Return where numbers lie in a file, and a sum that tells whether they are others by now."""
+    near = min(SUMMED, stop - start)
+    with path.open("rb") as file:
+        file.seek(start)
+        found = zlib.crc32(file.read(near))
+        file.seek(stop - near)
+        return start, stop, zlib.crc32(file.read(near), found)
+
+
+def check_unchanged(path: Path, stamp: Stamp, key: Any, ends: Ends | None = None) -> None:
+    """Raise OSError if a file is gone, shorter, or was written anew since it was opened.
+
+    One that grows, as the camera still writes it, holds what it held: it is the same file, and
+    the numbers at the ends of those that were in it, where they are known, are the same.
+    """
+    try:
+        found = stamp_of(path)
+        size, same_file = found[0], found[2] == stamp[2]
+        grown = size > stamp[0] and same_file
+        if found == stamp or (grown and (ends is None or ends_of(path, *ends[:2]) == ends)):
+            return
+    except OSError:
+        what = "is gone"
+    else:
+        what = "became shorter" if size < stamp[0] else "was written anew"
+    first = key[0] if isinstance(key, tuple) and key else key
+    where = f"frame {int(first)}" if isinstance(first, (int, np.integer)) else "frames"
+    msg = f"{where} of {path.name} can't be read: the file {what} since it was opened"
+    raise OSError(msg)
+
 
 #: Longest part of another program's message that is passed on.
 LONGEST = 160

@@ -1,4 +1,4 @@
-"""Moving pictures: GIF, and MP4 where the package ``av`` is installed."""
+"""Figures and movies to files: GIF, and MP4 where the package ``av`` is installed."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from fractions import Fraction
 from itertools import chain
 from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +19,10 @@ from PIL import Image
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 
-__all__ = ["write_movie"]
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+__all__ = ["write_figure", "write_movie"]
 
 #: Flat colours come back within 4 of 255, about what video's 8 bits of brightness and colour
 #: difference can hold. Without latency each frame is in the file before the next is asked for, so
@@ -188,3 +191,30 @@ def of_even_size(frame: Frame) -> Frame:
 
 
 WRITERS = MappingProxyType({".gif": write_gif, ".mp4": write_mp4})
+
+
+DOTS_PER_INCH = 150
+ENDINGS = (".png", ".svg", ".pdf")
+
+
+def write_figure(path: str | Path, figure: Figure) -> Path:
+    """Write a figure; the ending, .png, .svg or .pdf, says as what.
+
+    Raises
+    ------
+    OSError
+        If it can't be written; an older file of that name is then left as it was.
+    ValueError
+        If the ending is another one.
+    """
+    path = Path(path)
+    if path.suffix.lower() not in ENDINGS:
+        msg = f"{path.name} can't be written as a figure; use one of {', '.join(ENDINGS)}"
+        raise ValueError(msg)
+    import matplotlib as mpl
+
+    # Words of an SVG or a PDF stay words, which can be found and edited.
+    words = {"svg.fonttype": "none", "pdf.fonttype": 42}
+    with mpl.rc_context(words), written_whole(path) as temporary:
+        figure.savefig(temporary, dpi=DOTS_PER_INCH)
+    return path

@@ -12,10 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.choosing import USUAL_NAMES, Found, listed
-from napari_phase4d.io.lazy import Unsound
-from napari_phase4d.io.mapped import map_frames
-from napari_phase4d.io.memory import memory_lacks
-from napari_phase4d.io.video import Video
+from napari_phase4d.io.lazy import Unsound, map_frames
+from napari_phase4d.io.video import Video, memory_lacks
 
 __all__ = ["holds_holograms", "read_npy", "read_npz"]
 

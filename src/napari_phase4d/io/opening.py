@@ -13,15 +13,12 @@ import xarray as xr
 
 from napari_phase4d.axes import PLAIN_AXES
 from napari_phase4d.checks import check_type, warn
-from napari_phase4d.io.axes_chosen import axes_in_words, axes_to_choose, choice
-from napari_phase4d.io.grey import colour_sentence
-from napari_phase4d.io.limits import LARGEST_SIDE
-from napari_phase4d.io.memory import memory_lacks
+from napari_phase4d.io.choosing import axes_in_words, axes_to_choose, choice
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RawLayout
 from napari_phase4d.io.reading import JOINED_SUFFIXES, READABLE_SUFFIXES, read_list, read_video
 from napari_phase4d.io.results import result_attrs
-from napari_phase4d.io.video import Video
+from napari_phase4d.io.video import LARGEST_SIDE, Video, colour_sentence, memory_lacks
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (

@@ -12,12 +12,11 @@ import xarray as xr
 from napari_phase4d.axes import AXES, PLAIN_AXES, coordinate
 from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.koala import is_koala_phase, read_koala_phase
-from napari_phase4d.io.memory import check_fits
 from napari_phase4d.io.numpy_files import holds_holograms, read_npy, read_npz
 from napari_phase4d.io.reading import check_there
 from napari_phase4d.io.results import is_result, read_results, result_attrs
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
-from napari_phase4d.io.video import Video
+from napari_phase4d.io.video import Video, check_fits
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 from napari_phase4d.stacks import looks_wrapped
 

@@ -7,9 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from napari_phase4d.io.limits import LARGEST_SIDE
-from napari_phase4d.io.mapped import map_frames
-from napari_phase4d.io.video import Video
+from napari_phase4d.io.lazy import map_frames
+from napari_phase4d.io.video import LARGEST_SIDE, Video
 
 __all__ = ["KINDS", "RAW_SUFFIXES", "RawLayout", "read_raw"]
 

@@ -10,7 +10,6 @@ from pathlib import Path
 from napari_phase4d.io.bio import BIO_SUFFIXES, read_bio
 from napari_phase4d.io.films import FILM_SUFFIXES, read_film
 from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
-from napari_phase4d.io.images import IMAGE_SUFFIXES, PICTURE_SUFFIXES, read_image
 from napari_phase4d.io.koala import (
     is_koala,
     is_koala_phase,
@@ -20,7 +19,15 @@ from napari_phase4d.io.koala import (
 )
 from napari_phase4d.io.numpy_files import read_npy, read_npz
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout, read_raw
-from napari_phase4d.io.sequences import PATTERN_SIGNS, files_of, files_of_folder, read_files
+from napari_phase4d.io.sequences import (
+    IMAGE_SUFFIXES,
+    PATTERN_SIGNS,
+    PICTURE_SUFFIXES,
+    files_of,
+    files_of_folder,
+    read_files,
+    read_image,
+)
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr

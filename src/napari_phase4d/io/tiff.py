@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+import re
+import struct
 import threading
+import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
 
@@ -10,22 +14,27 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from napari_phase4d.io.axes_chosen import axes_in_words, chosen_places
-from napari_phase4d.io.chatter import quiet
-from napari_phase4d.io.grey import colour_sentence, grey
+from napari_phase4d.io.choosing import axes_in_words, chosen_places
 from napari_phase4d.io.lazy import (
     FrameReader,
     Unsound,
     WrongFrameError,
     in_one_line,
     lazy_frames,
+    map_frames,
 )
-from napari_phase4d.io.mapped import map_frames
-from napari_phase4d.io.tiff_checks import check_complete, check_described, check_number
-from napari_phase4d.io.tiff_facts import imagej_facts, ome_facts, ome_times
-from napari_phase4d.io.video import Video
+from napari_phase4d.io.video import (
+    MICROMETRES,
+    MOST_DESCRIBED_FRAMES,
+    SECONDS,
+    Facts,
+    Video,
+    colour_sentence,
+    grey,
+    quiet,
+)
 
-__all__ = ["TIFF_SUFFIXES", "read_tiff"]
+__all__ = ["TIFF_SUFFIXES", "check_described", "read_tiff"]
 
 TIFF_SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
 
@@ -228,3 +237,129 @@ def kind_of(tif: tifffile.TiffFile) -> str:
     packing = tif.series[0].keyframe.compression
     packed = "" if packing == 1 else f", {getattr(packing, 'name', packing)}".lower()
     return f"{program}{base}{packed}"
+
+
+def check_described(tif: tifffile.TiffFile, path: Path) -> None:
+    """Raise Unsound if absurdly many frames are described."""
+    len(tif.pages)  # tifffile notices pages that lead in a circle only where it counts them first
+    told = told_frames(tif)
+    if told > MOST_DESCRIBED_FRAMES:
+        msg = f"{path.name} describes {told} frames, more than can be; it may be damaged"
+        raise Unsound(msg)
+
+
+def check_complete(tif: tifffile.TiffFile, path: Path) -> None:
+    """Raise Unsound if any page's pixels lie beyond the end of the file."""
+    size = path.stat().st_size
+    for page in tif.pages:
+        ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
+        if ends and max(ends) > size:
+            msg = f"{path.name} is cut short: a frame needs {max(ends)} bytes, the file has {size}"
+            raise Unsound(msg)
+    following = next_page(tif)
+    if following:
+        msg = (
+            f"{path.name} is cut short or damaged: behind {len(tif.pages)} frames another one "
+            f"follows at {following} bytes, the file has {size}"
+        )
+        raise Unsound(msg)
+
+
+def next_page(tif: tifffile.TiffFile) -> int:
+    """Return where the page behind the last one that could be read lies, 0 if there is none.
+
+    tifffile takes a directory that is not whole, or lies behind the end of the file, for the end
+    of all pages.
+    """
+    form, file = tif.tiff, tif.filehandle
+    file.seek(tif.pages[-1].offset)
+    (count,) = struct.unpack(form.tagnoformat, file.read(form.tagnosize))
+    file.seek(count * form.tagsize, 1)
+    (following,) = struct.unpack(form.offsetformat, file.read(form.offsetsize))
+    return int(following)
+
+
+def check_number(tif: tifffile.TiffFile, path: Path, shape: tuple[int, ...]) -> None:
+    """Raise Unsound if fewer frames are there than the description of the file says."""
+    told, series = told_frames(tif), tif.series[0]
+    found = math.prod(shape) // max(1, math.prod(series.keyframe.shape))
+    if series.dataoffset is None and not getattr(series, "is_multifile", True):
+        found = min(found, len(tif.pages))
+    if found < told:
+        msg = f"{path.name} is cut short: {told} frames are described, {found} are there"
+        raise Unsound(msg)
+
+
+def imagej_facts(tif: tifffile.TiffFile) -> Facts:
+    """Return pixel size (um) and frame interval (s) of an ImageJ file, where given."""
+    meta = tif.imagej_metadata or {}
+    facts: Facts = {}
+    if number(meta.get("finterval")) > 0:
+        facts["interval_s"] = number(meta["finterval"])
+    elif number(meta.get("fps")) > 0:
+        facts["interval_s"] = 1 / number(meta["fps"])
+    resolution = tif.pages.first.tags.get("XResolution")
+    unit = MICROMETRES.get(str(meta.get("unit", "")))
+    if resolution is not None and unit:
+        pixels, per = resolution.value
+        if pixels > 0:
+            facts["pixel_um"] = per / pixels * unit
+    return facts
+
+
+def ome_facts(tif: tifffile.TiffFile) -> Facts:
+    """Return pixel size (um) and frame interval (s) of an OME-TIFF file, where given."""
+    facts: Facts = {}
+    pixels = ome_pixels(tif)
+    if pixels is None:
+        return facts
+    unit = MICROMETRES.get(pixels.get("PhysicalSizeXUnit", "µm"), 0.0)
+    if number(pixels.get("PhysicalSizeX")) * unit > 0:
+        facts["pixel_um"] = number(pixels.get("PhysicalSizeX")) * unit
+    unit = SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
+    if number(pixels.get("TimeIncrement")) * unit > 0:
+        facts["interval_s"] = number(pixels.get("TimeIncrement")) * unit
+    return facts
+
+
+def ome_times(tif: tifffile.TiffFile) -> NDArray[np.float64] | None:
+    """Return the time of each frame (s) of an OME-TIFF file that notes it with every plane."""
+    pixels = ome_pixels(tif)
+    times: dict[int, float] = {}
+    for plane in () if pixels is None else [e for e in pixels if e.tag.endswith("Plane")]:
+        unit = SECONDS.get(plane.get("DeltaTUnit", "s"))
+        given = plane.get("DeltaT")
+        if unit and given is not None and plane.get("TheT", "").isdigit():
+            times.setdefault(int(plane.get("TheT", "0")), number(given) * unit)
+    if len(times) < 2 or sorted(times) != list(range(len(times))):
+        return None
+    all_times = np.array([times[i] for i in range(len(times))])
+    return all_times - all_times[0] if (np.diff(all_times) > 0).all() else None
+
+
+def told_frames(tif: tifffile.TiffFile) -> int:
+    """Return how many frames the description of a file tells of, 0 if it doesn't."""
+    if tif.is_imagej:
+        return int(number((tif.imagej_metadata or {}).get("images")))
+    pixels = ome_pixels(tif) if tif.is_ome else None
+    if pixels is None:
+        return 0
+    return int(np.prod([number(pixels.get(f"Size{axis}", 1)) for axis in "TCZ"]))
+
+
+def ome_pixels(tif: tifffile.TiffFile) -> ET.Element | None:
+    """Return the part of the OME metadata that describes the first image."""
+    try:
+        root = ET.fromstring(tif.ome_metadata or "<OME/>")
+    except ET.ParseError:
+        return None
+    return next((e for e in root.iter() if re.sub(r"\{.*\}", "", e.tag) == "Pixels"), None)
+
+
+def number(value: Any) -> float:
+    """Return a finite number, else 0."""
+    try:
+        found = float(value)
+    except (TypeError, ValueError):
+        return 0.0
+    return found if np.isfinite(found) else 0.0

@@ -13,20 +13,19 @@ import tifffile
 import xarray as xr
 
 from napari_phase4d.io.atomic import written_whole
-from napari_phase4d.io.chatter import quiet
 from napari_phase4d.io.describing import (
     PROGRAM,
     checked,
     described,
     is_even,
     name_of,
+    slabs,
     stack_of,
     step_of,
 )
 from napari_phase4d.io.lazy import in_one_line
-from napari_phase4d.io.memory import check_fits
-from napari_phase4d.io.slabs import slabs
-from napari_phase4d.io.tiff_checks import check_described
+from napari_phase4d.io.tiff import check_described
+from napari_phase4d.io.video import check_fits, quiet
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
 __all__ = ["read_tiff_result", "tiff_description", "write_tiff_result"]

@@ -24,20 +24,20 @@ from napari_phase4d.io.describing import (
     checked,
     described,
     name_of,
+    slabs,
     stack_of,
     step_of,
 )
 from napari_phase4d.io.lazy import in_one_line
-from napari_phase4d.io.slabs import slabs
 from napari_phase4d.progress import CancelledCall, ProgressCall, on_all_cores
 from napari_phase4d.recording import reader_of, remember_reader
 
 __all__ = [
     "ALL_CHUNKS",
     "ARRAY",
-    "new_array",
+    "create_blocks",
+    "finish_blocks",
     "note_zarr_result",
-    "ome_note",
     "path_of",
     "read_zarr_result",
     "write_zarr_result",
@@ -293,3 +293,48 @@ def zarr_description(path: str | Path) -> dict[str, Any] | None:
 def one_line(error: Exception) -> str:
     """Return an error in one line of bounded length."""
     return f"{type(error).__name__}: {in_one_line(error)}"
+
+
+def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
+    """Make an empty float32 stack (time, angle, y, x) on disk.
+
+    Parameters
+    ----------
+    group : Path
+        Folder to make.
+    shape : tuple of int
+        Shape of the stack.
+    frames : int
+        Frames in a block. A file holds one; different ones may be written at the same time.
+
+    Returns
+    -------
+    Path
+        The folder of its array, for ``zarr.open_array``.
+    """
+    import zarr
+
+    # Chunks of single frames take twice as long to write; the packer keeps up with the work.
+    top = zarr.create_group(group, zarr_format=3)
+    new_array(top, shape, np.float32, frames=frames, packer="lz4")
+    return group / ARRAY
+
+
+def finish_blocks(group: Path, stack: xr.DataArray, limits: tuple[float, float]) -> None:
+    """Note in a stack that is written by now what it is.
+
+    Parameters
+    ----------
+    group : Path
+        Its folder.
+    stack : xarray.DataArray
+        Its axes, name and attributes; the values do not count.
+    limits : tuple of float
+        Smallest and largest number, for programs that show it.
+    """
+    import zarr
+
+    low, high = (np.full(stack.sizes["angle"], limit) for limit in limits)
+    zarr.open_group(group, mode="r+").update_attributes(
+        {"ome": ome_note(stack, (low, high)), PROGRAM: described(stack)}
+    )

@@ -10,8 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM
-from napari_phase4d.io.atomic import written_whole
-from napari_phase4d.io.leftovers import remove_dead
+from napari_phase4d.io.atomic import remove_dead, written_whole
 from napari_phase4d.io.results import is_result
 from napari_phase4d.pipeline.batch.complete import NOTE, noted
 from napari_phase4d.pipeline.batch.lock import alone

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import xarray as xr
 
-from napari_phase4d.evaluation import Comparison, compare_on
+from napari_phase4d.analysis import Comparison, compare_on
 from napari_phase4d.pipeline.needs import Needs
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming import (

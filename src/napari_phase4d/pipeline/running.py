@@ -9,8 +9,8 @@ from typing import Any
 
 import xarray as xr
 
+from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.checks import check_type
-from napari_phase4d.evaluation import Comparison, compare
 from napari_phase4d.holography import (
     Focus,
     Lobe,

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import xarray as xr
 
-from napari_phase4d.evaluation import Comparison
+from napari_phase4d.analysis import Comparison
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence

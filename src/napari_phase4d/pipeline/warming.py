@@ -11,11 +11,11 @@ import numpy as np
 
 from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.holography import Lobe, power_spectrum, reconstruct
-from napari_phase4d.holography.polar import count_near
+from napari_phase4d.holography.emptyfield import count_near
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import BUILT_IN, unwrap
 from napari_phase4d.unwrapping.directional.cut import sink_side
-from napari_phase4d.unwrapping.growing.smooth import integrated
+from napari_phase4d.unwrapping.growing.rows import integrated
 
 __all__ = ["warm_up", "warm_up_elsewhere"]
 

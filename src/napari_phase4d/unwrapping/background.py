@@ -518,7 +518,8 @@ def gaussian(width: float) -> Image:
     """Return the weights of a Gaussian of so many pixels, cut off at 2.5 of them."""
     reach = int(2.5 * width + 0.5)
     weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / width) ** 2)
-    return (weights / weights.sum()).astype(np.float32)
+    found: Image = (weights / weights.sum()).astype(np.float32)
+    return found
 
 
 def smoothed(field: Fields, width: float) -> Fields:

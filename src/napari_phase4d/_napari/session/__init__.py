@@ -1,7 +1,6 @@
 """The controller between the dock and the pipeline, without Qt."""
 
 from napari_phase4d._napari.session.opening import Opened
-from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.plans import (
     plan_confidence,
     plan_focus,
@@ -14,7 +13,8 @@ from napari_phase4d._napari.session.plans import (
     plan_truth,
     plan_unwrapping,
 )
-from napari_phase4d._napari.session.plans.measuring import Masks
+from napari_phase4d._napari.session.plans.phase import Plan
+from napari_phase4d._napari.session.plans.results import Masks
 from napari_phase4d._napari.session.session import Session
 from napari_phase4d._napari.session.state import Changed
 from napari_phase4d._napari.session.states import StepState, step_states

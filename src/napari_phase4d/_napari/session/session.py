@@ -9,7 +9,6 @@ from typing import Any
 import pandas as pd
 import xarray as xr
 
-from napari_phase4d._napari.session.plan import Plan
 from napari_phase4d._napari.session.plans import (
     plan_confidence,
     plan_estimate,
@@ -23,9 +22,10 @@ from napari_phase4d._napari.session.plans import (
     plan_spectrum,
     plan_unwrapping,
 )
-from napari_phase4d._napari.session.plans.measuring import Masks
+from napari_phase4d._napari.session.plans.phase import Plan
+from napari_phase4d._napari.session.plans.results import Masks
 from napari_phase4d._napari.session.state import State
-from napari_phase4d.evaluation import REFERENCE
+from napari_phase4d.analysis import REFERENCE
 from napari_phase4d.holography import Focus, Lobe
 from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.scripting import as_python

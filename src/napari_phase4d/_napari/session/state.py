@@ -1,7 +1,4 @@
-"""What the dock knows: recording, lobes, phase, results, and the recipe with every setting.
-
-It is the same for the dock's buttons and for a script that drives an open window.
-"""
+"""What the dock knows: recording, lobes, phase, results, and the recipe with every setting."""
 
 from __future__ import annotations
 
@@ -13,11 +10,9 @@ import pandas as pd
 import xarray as xr
 from psygnal import Signal
 
-from napari_phase4d._napari.session.frames import checked_frames, moved_frames
-from napari_phase4d._napari.session.lobe_history import LobeHistory
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
-from napari_phase4d._napari.session.recalibrating import recalibrate
-from napari_phase4d.evaluation import REFERENCE, Comparison
+from napari_phase4d._napari.session.recalibrating import checked_frames, moved_frames, recalibrate
+from napari_phase4d.analysis import REFERENCE, Comparison
 from napari_phase4d.holography import Focus, FoundLobes, Lobe, first_seen
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
@@ -417,3 +412,38 @@ class State:
             msg = "there are no results yet; press Run in step 4"
             raise ValueError(msg)
         return self.outcome
+
+
+#: How many changes of the lobes can be undone.
+UNDO_DEPTH = 50
+
+
+class LobeHistory:
+    """The lobes before each change, the newest last."""
+
+    def __init__(self) -> None:
+        self._before: list[tuple[Lobe, ...]] = []
+
+    def remember(self, lobes: tuple[Lobe, ...]) -> None:
+        """Note lobes that are about to be changed, unless they are the newest noted."""
+        if not self._before or self._before[-1] != lobes:
+            self._before = [*self._before[-UNDO_DEPTH:], lobes]
+
+    def back_from(self, lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
+        """Return, and forget, the newest lobes that differ from the present ones.
+
+        Raises
+        ------
+        ValueError
+            If there is nothing to take back.
+        """
+        while self._before:
+            before = self._before.pop()
+            if before != lobes:
+                return before
+        msg = "there is nothing to undo"
+        raise ValueError(msg)
+
+    def forget(self) -> None:
+        """Forget all changes."""
+        self._before = []

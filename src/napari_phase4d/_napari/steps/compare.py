@@ -9,16 +9,13 @@ from magicgui.widgets import ComboBox
 from napari.layers import Image
 
 from napari_phase4d._napari.session import plan_confidence, plan_margin, plan_truth
-from napari_phase4d._napari.steps.figures import FiguresPart
-from napari_phase4d._napari.steps.measure import MeasurePart
+from napari_phase4d._napari.steps.measure import FiguresPart, MeasurePart, TracePart
 from napari_phase4d._napari.steps.share import SharePart
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d._napari.steps.trace import TracePart
-from napari_phase4d._napari.viewing.layers import METADATA_KEY
-from napari_phase4d._napari.viewing.on_demand import lazy_of
-from napari_phase4d._napari.viewing.sources import stack_of_layer
-from napari_phase4d._napari.widgets.low_tabs import LowTabs
-from napari_phase4d.evaluation import EXACT, best_known, order_verdict, steps_sentence
+from napari_phase4d._napari.viewing.layers import METADATA_KEY, lazy_of, stack_of_layer
+from napari_phase4d._napari.widgets.section import LowTabs
+from napari_phase4d.analysis import best_known, order_verdict, steps_sentence
+from napari_phase4d.plotting import EXACT
 
 __all__ = ["CompareStep"]
 

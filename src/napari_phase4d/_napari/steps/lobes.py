@@ -12,8 +12,7 @@ from qtpy.QtWidgets import QHBoxLayout
 
 from napari_phase4d._napari.session import plan_lobes
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d._napari.widgets.lobe_table import LobeTable, changed_lobe
-from napari_phase4d._napari.widgets.spectrum_canvas import SpectrumCanvas
+from napari_phase4d._napari.widgets.spectrum_canvas import LobeTable, SpectrumCanvas, changed_lobe
 from napari_phase4d._napari.widgets.view_strip import ViewStrip
 from napari_phase4d.holography import MAX_VIEWS, FoundLobes, Lobe, Preview, lobe_warnings
 from napari_phase4d.recording import Recording

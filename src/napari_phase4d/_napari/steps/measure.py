@@ -1,4 +1,4 @@
-"""The tab of step 5 that measures regions: optical path, height, dry mass over time."""
+"""The tabs of step 5 that measure: the table of figures, curves of a place, regions over time."""
 
 from __future__ import annotations
 
@@ -6,22 +6,218 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Shapes
+from numpy.typing import NDArray
+from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QFileDialog, QGridLayout
 
 from napari_phase4d._napari.preferences import own_optics, own_refraction_increment
 from napari_phase4d._napari.session import Masks, plan_measuring
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d._napari.viewing.regions import is_region_layer, regions_of_layer
-from napari_phase4d._napari.widgets.curves import CurvePlot
+from napari_phase4d._napari.viewing.pointing import (
+    is_region_layer,
+    newest_region,
+    regions_of_layer,
+)
+from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.evaluation import most_trusted
+from napari_phase4d.analysis import most_trusted, traces
 from napari_phase4d.io import write_table
+from napari_phase4d.plotting import named_results
 from napari_phase4d.unwrapping import METHODS
 
-__all__ = ["MeasurePart"]
+__all__ = ["FiguresPart", "MeasurePart", "TracePart"]
+
+#: Columns of the table: heading, what it means, and how it is written if not with three digits.
+HEADINGS = {
+    "method": ("method", "The unwrapping method."),
+    "seconds": ("s", "Seconds, the shared two-dimensional step included."),
+    "doubtful_percent": (
+        "doubt %",
+        "Pixels of the object that are trusted less than 0.5, in percent. The maps of trust err "
+        "on the side of doubt.",
+    ),
+    "mse_rad2": ("MSE rad²", "Mean squared error against the chosen truth, in square radians."),
+    "wrong_cycles_percent": (
+        "wrong %",
+        "Pixels that are off by at least one cycle against the chosen truth, in percent.",
+    ),
+    "peak_mb": ("MB", "Most memory beyond what was there before, in megabytes.", ".1f"),
+}
+
+
+class FiguresPart(Step):
+    """Table of the methods: seconds, doubtful pixels, errors."""
+
+    title = "Table"
+    summary = "One line a method; click on a heading to sort."
+
+    def build(self) -> None:
+        """Make the widgets."""
+        self.table = ResultTable("result_table")
+        self.table.setMinimumHeight(120)
+        self.column.addWidget(self.table, 1)
+        self.copy = self.button(
+            "Copy", "copy_table", "Put the table on the clipboard.", self._copy
+        )
+        self.save = self.button(
+            "Save as CSV…", "save_table", "Write the table to a file.", self._ask_file
+        )
+        self.column.addLayout(self.row(self.copy, self.save))
+        for signal in (
+            self.session.recording_changed,
+            self.session.reconstruction_changed,
+            self.session.outcome_changed,
+            self.session.confidence_changed,
+            self.session.truth_changed,
+        ):
+            signal.connect(self._show)
+
+    def save_to(self, path: str | Path) -> None:
+        """Write the table as CSV."""
+        path = write_table(path, self.session.needed_outcome().comparison.table)
+        self.said.emit(f"The table is in {path}.")
+
+    def _ask_file(self) -> None:
+        self.session.needed_outcome()
+        path, _ = QFileDialog.getSaveFileName(self, "Table", "table.csv", "CSV (*.csv)")
+        if path:
+            self.save_to(path)
+
+    def _copy(self) -> None:
+        self.table.copy()
+        self.said.emit("The table is on the clipboard.")
+
+    def _show(self) -> None:
+        outcome = self.session.outcome
+        if outcome is None:
+            self.table.clear_rows()
+            return
+        table = outcome.comparison.table
+        said = {
+            row: words[:1].upper() + words[1:]
+            for row, method in enumerate(table.index)
+            if (words := self.session.warnings.get(str(method), ""))
+        }
+        self.table.show_frame(table.reset_index(drop=True), HEADINGS, said)
+
+
+#: The curves follow mouse and sliders, but no oftener than this.
+EVERY_MS = 40
+
+
+class TracePart(Step):
+    """Curves of the pixel under the mouse, or of the region that was drawn last."""
+
+    title = "Trace"
+    summary = "Move the mouse over a result, or draw a region: its phase by every method."
+
+    def build(self) -> None:
+        """Make the widgets."""
+        self._pixel: tuple[int, int] | None = None
+        self.plot = CurvePlot()
+        self.plot.setObjectName("trace_plot")
+        self.plot.setMinimumHeight(180)
+        self.column.addWidget(self.plot, 1)
+        self.draw = self.button(
+            "Draw a region",
+            "draw_region",
+            "Adds a layer to draw in. A region counts at all times and angles; the curves then "
+            "show its mean, and step 5's Measure uses it too.",
+            self.presenter.add_regions,
+        )
+        self.follow = self.button(
+            "Follow the mouse", "follow_mouse", "Show the pixel under the mouse.", self.unpin
+        )
+        self.column.addLayout(self.row(self.draw, self.follow))
+        self._mask: NDArray[np.bool_] | None = None
+        self._timer = QTimer(self)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(EVERY_MS)
+        self._timer.timeout.connect(self._show)
+        self.session.outcome_changed.connect(self._forget)
+        self.session.recording_changed.connect(self._forget)
+        self.session.truth_changed.connect(self._start)
+
+    def cursor_moved(self) -> None:
+        """Follow the mouse, unless a region is looked at."""
+        if self.isVisible() and self._mask is None and self.session.results:
+            pixel = self.presenter.current_pixel()
+            if pixel is not None and pixel != self._pixel:
+                self._pixel = pixel
+                self._start()
+
+    def frame_changed(self) -> None:
+        """Follow the sliders."""
+        self._start()
+
+    def region_drawn(self) -> None:
+        """Look at the region that was drawn last."""
+        if self.session.reconstruction is None:
+            return
+        phase = self.session.needed_reconstruction()["phase"]
+        self._mask = newest_region(self.presenter.viewer, phase)
+        self._start()
+
+    def unpin(self) -> None:
+        """Follow the mouse again."""
+        self._mask = None
+        self._start()
+
+    def showEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+        """Bring the curves up to date when the tab is opened."""
+        super().showEvent(event)
+        self._start()
+
+    def _forget(self) -> None:
+        self._mask = self._pixel = None
+        self._start()
+
+    def _start(self) -> None:
+        if not self._timer.isActive():
+            self._timer.start()
+
+    def _show(self) -> None:
+        """Draw the curves of the place that is looked at."""
+        if not self.isVisible():
+            return
+        outcome = self.session.outcome
+        where = self._mask if self._mask is not None else self._pixel
+        if outcome is None or where is None:
+            self.plot.message("Move the mouse over a result, or draw a region.")
+            return
+        if self.session.place is not None:
+            self.plot.message("These results lie on disk; Measure gives curves of a region.")
+            return
+        stacks = named_results(outcome.comparison, self.session.truth)
+        found = traces(stacks, self.presenter.current_frame(), where)
+        time, angle = found.frame
+        place = "mean of the region" if self._mask is not None else f"pixel {where}"
+        panels = [
+            Panel(
+                found.times_s,
+                found.over_time,
+                f"time (s), at {found.angles_deg[angle]:g}°",
+                "phase (rad)",
+                float(found.times_s[time]),
+            )
+        ]
+        if len(found.angles_deg) > 1:
+            panels.append(
+                Panel(
+                    found.angles_deg,
+                    found.over_angle,
+                    f"angle (°), at {found.times_s[time]:.3g} s",
+                    "",
+                    float(found.angles_deg[angle]),
+                )
+            )
+        self.plot.setToolTip(f"Phase of the {place}, by every method.")
+        self.plot.show_traces(panels)
+
 
 OBJECT = "the object"
 #: Columns that are plotted over time, the most asked for first.

@@ -9,8 +9,7 @@ from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox, SpinBox
 from qtpy.QtWidgets import QFileDialog
 
 from napari_phase4d._napari.session import plan_focus, plan_reconstruction
-from napari_phase4d._napari.steps.facts import facts_of_reconstruction, focus_in_words
-from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.steps.step import Step, facts_of_reconstruction, focus_in_words
 from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, WINDOWS
 from napari_phase4d.pipeline import needed_bytes
 from napari_phase4d.words import size_in_words

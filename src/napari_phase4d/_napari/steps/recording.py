@@ -10,21 +10,25 @@ from typing import Any
 import numpy as np
 from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
-from qtpy.QtWidgets import QFileDialog, QWidget
-
-from napari_phase4d._napari.preferences import (
-    in_micrometres,
-    remember_optics,
-    with_own_optics,
+from qtpy.QtWidgets import (
+    QComboBox,
+    QDialog,
+    QDialogButtonBox,
+    QFileDialog,
+    QFormLayout,
+    QLabel,
+    QSpinBox,
+    QWidget,
 )
+
+from napari_phase4d._napari.preferences import in_micrometres, remember_optics, with_own_optics
 from napari_phase4d._napari.session import Opened, plan_opening
-from napari_phase4d._napari.steps.facts import facts_of_phase, facts_of_recording
-from napari_phase4d._napari.steps.raw_dialog import RawDialog
-from napari_phase4d._napari.steps.step import Step
-from napari_phase4d._napari.viewing.layers import METADATA_KEY, recalibrate_layer
-from napari_phase4d._napari.viewing.sources import (
+from napari_phase4d._napari.steps.step import Step, facts_of_phase, facts_of_recording
+from napari_phase4d._napari.viewing.layers import (
+    METADATA_KEY,
     is_hologram_layer,
     is_phase_layer,
+    recalibrate_layer,
     recipe_of_layer,
     recording_of_layer,
     stack_of_layer,
@@ -32,11 +36,13 @@ from napari_phase4d._napari.viewing.sources import (
 )
 from napari_phase4d.holography import first_seen, fringe_contrast
 from napari_phase4d.io import READABLE_SUFFIXES, RawLayout, needs_layout
+from napari_phase4d.io.raw import KINDS
+from napari_phase4d.io.video import LARGEST_SIDE
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import EUGLENA, EUGLENA_SOURCE, YEAST_SOURCE, Sample
 
-__all__ = ["RecordingStep"]
+__all__ = ["RawDialog", "RecordingStep"]
 
 WELCOME = (
     "Phase 4D turns a video of off-axis holograms into unwrapped phase over time and viewing "
@@ -347,3 +353,79 @@ class RecordingStep(Step):
         self.remove_raw.setVisible(raw)
         self.facts.setText(words)
         self.facts.setVisible(True)
+
+
+LARGEST_HEADER = 2**30
+
+
+class RawDialog(QDialog):  # type: ignore[misc]
+    """Height, width, type and header of raw frames; says how many frames that makes.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    before : RawLayout, optional
+        What was typed in for an earlier file.
+    parent : QWidget, optional
+        The widget that asks.
+    """
+
+    def __init__(
+        self, path: Path, before: RawLayout | None = None, parent: QWidget | None = None
+    ) -> None:
+        super().__init__(parent)
+        self.setWindowTitle(f"Frames of {path.name}")
+        self._bytes = path.stat().st_size
+        form = QFormLayout(self)
+        words = QLabel(f"{path.name} is raw: it does not say how its frames lie in it.")
+        words.setWordWrap(True)
+        form.addRow(words)
+        usual = before or RawLayout(512, 512)
+        self.height_box = self._number("raw_height", usual.height, 1, LARGEST_SIDE)
+        self.width_box = self._number("raw_width", usual.width, 1, LARGEST_SIDE)
+        self.header_box = self._number("raw_header", usual.header_bytes, 0, LARGEST_HEADER)
+        self.kind = QComboBox()
+        self.kind.setObjectName("raw_kind")
+        self.kind.addItems(KINDS)
+        self.kind.setCurrentText(usual.dtype)
+        form.addRow("Height", self.height_box)
+        form.addRow("Width", self.width_box)
+        form.addRow("Pixels are", self.kind)
+        form.addRow("Header (bytes)", self.header_box)
+        self.verdict = QLabel()
+        self.verdict.setObjectName("raw_verdict")
+        form.addRow(self.verdict)
+        kinds = QDialogButtonBox.StandardButton
+        self.buttons = QDialogButtonBox(kinds.Open | kinds.Cancel)
+        self.buttons.accepted.connect(self.accept)
+        self.buttons.rejected.connect(self.reject)
+        form.addRow(self.buttons)
+        for box in (self.height_box, self.width_box, self.header_box):
+            box.valueChanged.connect(self._judge)
+        self.kind.currentTextChanged.connect(self._judge)
+        self._judge()
+
+    def layout_of_frames(self) -> RawLayout:
+        """Return what is typed in."""
+        return RawLayout(
+            self.height_box.value(),
+            self.width_box.value(),
+            self.kind.currentText(),
+            header_bytes=self.header_box.value(),
+        )
+
+    def _number(self, name: str, value: int, low: int, high: int) -> QSpinBox:
+        box = QSpinBox()
+        box.setObjectName(name)
+        box.setRange(low, high)
+        box.setValue(value)
+        return box
+
+    def _judge(self) -> None:
+        """Say how many frames there are then, and how many bytes are left over."""
+        frames, left = divmod(
+            max(self._bytes - self.header_box.value(), 0), self.layout_of_frames().frame_bytes
+        )
+        self.verdict.setText(f"makes {frames} frames; {left} bytes are left over")
+        self.buttons.button(QDialogButtonBox.StandardButton.Open).setEnabled(frames > 0)

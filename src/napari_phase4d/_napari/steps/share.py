@@ -15,17 +15,17 @@ from qtpy.QtWidgets import QFileDialog
 
 from napari_phase4d._napari.session import Plan
 from napari_phase4d._napari.steps.step import Step
-from napari_phase4d.evaluation import (
+from napari_phase4d.analysis import in_memory
+from napari_phase4d.io import OME_TIFF, write_figure, write_movie
+from napari_phase4d.pipeline import write_outcome
+from napari_phase4d.plotting import (
     EXACT,
     comparison_figure,
-    in_memory,
     movie_frames,
     named_results,
     phase_limits,
     telling_frames,
 )
-from napari_phase4d.io import OME_TIFF, write_figure, write_movie
-from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
 __all__ = ["SharePart"]

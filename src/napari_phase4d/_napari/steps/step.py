@@ -1,4 +1,4 @@
-"""What all five steps of the dock have in common."""
+"""What all five steps of the dock have in common, and what they say of a recording or phase."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
+import numpy as np
+import pandas as pd
+import xarray as xr
 from psygnal import EmitLoopError
 from qtpy.QtCore import Signal
 from qtpy.QtWidgets import (
@@ -23,9 +26,19 @@ from qtpy.QtWidgets import (
 from napari_phase4d._napari.jobs import Jobs, sentence_of
 from napari_phase4d._napari.session import Session
 from napari_phase4d._napari.viewing.presenter import Presenter
-from napari_phase4d._napari.widgets.wheel import WheelGuard
+from napari_phase4d._napari.widgets.section import WheelGuard
+from napari_phase4d.analysis import noise_sentence
+from napari_phase4d.holography import Focus, first_seen, reconstruction_advice
+from napari_phase4d.recording import Recording
+from napari_phase4d.words import counted, size_in_words
 
-__all__ = ["Step"]
+__all__ = [
+    "Step",
+    "facts_of_phase",
+    "facts_of_reconstruction",
+    "facts_of_recording",
+    "focus_in_words",
+]
 
 #: Letters that a drop-down list shows at least.
 SHORTEST_CHOICE = 7
@@ -155,3 +168,87 @@ class Step(QWidget):  # type: ignore[misc]
             action()
         except (OSError, TypeError, ValueError, EmitLoopError) as error:
             self.failed.emit(sentence_of(error))
+
+
+#: Share of saturated pixels that is worth a warning, and fringe contrast that is.
+MANY_SATURATED, WEAK_FRINGES = 0.001, 0.05
+#: Share of empty field below which its level is not to be relied on.
+LITTLE_EMPTY = 0.3
+
+
+def facts_of_recording(recording: Recording, contrast: float, lost: str = "") -> str:
+    """Return what a recording is: size, pixel, fringe contrast, and what to look after.
+
+    ``lost`` says which frames the camera lost.
+    """
+    height, width = recording.frame_shape
+    dtype = recording.holograms.dtype
+    first = np.asarray(first_seen(recording))
+    lines = [
+        f"<b>{recording.name}</b>",
+        f"{counted(recording.n_frames, 'frame')} of {width} × {height} pixels, {dtype}, "
+        f"{size_in_words(recording.nbytes)}",
+        f"pixel in the sample {recording.optics.pixel_um:.4g} µm, fringe contrast {contrast:.2f}",
+    ]
+    if contrast < WEAK_FRINGES:
+        lines.append("⚠ The fringes are weak; the phase will be noisy.")
+    if dtype.kind in "iu":
+        share = float(np.mean(first == np.iinfo(dtype).max))
+        if share > MANY_SATURATED:
+            lines.append(f"⚠ {100 * share:.1f} % of the first frame is saturated.")
+    if lost:
+        lines.append(f"⚠ {lost}")
+    lines += [f"⚠ {note}" for note in recording.notes]
+    return "<br>".join(lines)
+
+
+def facts_of_phase(phase: xr.DataArray, name: str) -> str:
+    """Return what wrapped phase is, where there is no recording."""
+    n_times, n_angles, height, width = phase.shape
+    lines = [
+        f"<b>{name}</b>",
+        f"Wrapped phase: {counted(n_times, 'time')} × {counted(n_angles, 'view')}, "
+        f"{width} × {height} pixels. "
+        "Go on with step 4.",
+        *(f"⚠ {note}" for note in phase.attrs.get("notes", ())),
+    ]
+    return "<br>".join(lines)
+
+
+def facts_of_reconstruction(data: xr.Dataset, noise: pd.DataFrame | None) -> list[str]:
+    """Return what was reconstructed: size, focus, noise, and what to look after."""
+    n_times, n_angles, height, width = data["phase"].shape
+    frames = f"{counted(n_times, 'time')} × {counted(n_angles, 'view')}"
+    lines = [f"{frames}, {width} × {height} pixels"]
+    if data.attrs.get("refocus_um"):
+        lines[0] += f", refocused by {data.attrs['refocus_um']:.4g} µm"
+    if data.attrs.get("focus_at_the_end"):
+        lines.append("⚠ The focus was found at the end of the search; it may lie beyond.")
+    if data.attrs.get("fringe_visibility"):
+        listed = ", ".join(f"{v:.2f}" for v in data.attrs["fringe_visibility"])
+        lines.append(f"Fringe visibility {listed}")
+    if noise is not None:
+        lines.append(noise_sentence(noise))
+    if data.attrs.get("drift_removed") and data.attrs["background_share"] < LITTLE_EMPTY:
+        lines.append("⚠ Little empty field is in view; check that the background is at 0.")
+    advice = reconstruction_advice(data.attrs)
+    lines += [f"⚠ {each[0].upper()}{each[1:]}." for each in advice]
+    if data.attrs.get("lost_times"):
+        count = len(data.attrs["lost_times"])
+        lines.append(
+            f"⚠ {counted(count, 'frame')} of {n_times} left out as lost, first at time "
+            f"{data.attrs['lost_times'][0]}."
+        )
+    angles = data["angle"].values
+    if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
+        listed = ", ".join(f"{a:g}°" for a in angles)
+        lines.append(f"⚠ Angles are uneven; the slider counts evenly. They are {listed}.")
+    return lines
+
+
+def focus_in_words(focus: Focus) -> str:
+    """Say where the focus was found, and for what kind of object."""
+    words = f"Focus found at {focus.distance_um:.2f} µm, for a {focus.objects} object."
+    if focus.at_the_end:
+        words += " It lies at the end of the search: there may be none within it."
+    return words

@@ -1,7 +1,6 @@
-"""Every layer that this plugin makes comes from `layer_tuple`.
+"""Layers: all that this plugin makes come from `layer_tuple`, and what the user's layers hold.
 
-Scale, units and axis labels are always set, and all layers have the four axes time, angle, y and
-x: napari aligns axes from the right, so a layer with fewer would mix time with angle.
+Stacks larger than memory are shown one frame at a time.
 """
 
 from __future__ import annotations
@@ -13,23 +12,30 @@ import xarray as xr
 from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d._napari.viewing.on_demand import OnDemand, is_lazy, shown
-from napari_phase4d.axes import AXES
+from napari_phase4d.axes import AXES, UNITS
 from napari_phase4d.holography import first_seen
-from napari_phase4d.io import PROGRAM, step_of
+from napari_phase4d.io import PROGRAM, open_recording, step_of
+from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
-from napari_phase4d.recording import Recording
+from napari_phase4d.recording import Recording, one_frame
 
 __all__ = [
     "LAYER_UNITS",
     "METADATA_KEY",
     "LayerTuple",
+    "OnDemand",
     "hologram_layer",
-    "layer_tuple",
+    "is_hologram_layer",
+    "is_phase_layer",
+    "lazy_of",
     "recalibrate_layer",
+    "recipe_of_layer",
+    "recording_of_layer",
     "region_layer",
     "spread_over_angles",
     "stack_layer",
+    "stack_of_layer",
+    "truth_among",
     "with_recipe",
 ]
 
@@ -259,3 +265,156 @@ def with_recipe(layer: LayerTuple, recipe: Recipe) -> LayerTuple:
     data, keywords, kind = layer
     note = {**keywords["metadata"][METADATA_KEY], "recipe": recipe.model_dump(mode="json")}
     return data, {**keywords, "metadata": {METADATA_KEY: note}}, kind
+
+
+def is_hologram_layer(layer: Any) -> bool:
+    """Say whether a layer could be a hologram video: its own kind, or a grey image in 2 or 3 D."""
+    note = layer.metadata.get(METADATA_KEY)
+    if note is not None:
+        return bool(note.get("kind") == "holograms")
+    return not layer.rgb and not layer.multiscale and layer.ndim in (2, 3)
+
+
+def is_phase_layer(layer: Any) -> bool:
+    """Say whether a layer is wrapped phase that this plugin made."""
+    return bool(layer.metadata.get(METADATA_KEY, {}).get("kind") == "wrapped")
+
+
+def stack_of_layer(layer: Any) -> xr.DataArray:
+    """Return the stack that one of our 4-D layers shows, with its coordinates."""
+    note = dict(layer.metadata[METADATA_KEY])
+    note.pop("kind")
+    note.pop("recipe", None)
+    steps = zip(layer.data.shape, layer.scale, layer.translate, strict=True)
+    evenly = [offset + scale * np.arange(n) for n, scale, offset in steps]
+    known = (np.asarray(note.pop("times_s")), np.asarray(note.pop("angles_deg")), *evenly[2:])
+    coords = {
+        axis: (axis, values, {"units": UNITS[axis]})
+        for axis, values in zip(AXES, known, strict=True)
+    }
+    return xr.DataArray(lazy_of(layer.data), dims=AXES, coords=coords, attrs=note)
+
+
+def truth_among(layers: Any, phase: xr.DataArray) -> xr.DataArray | None:
+    """Return the exact phase that belongs to wrapped phase, if a layer shows it."""
+    for layer in layers:
+        note = layer.metadata.get(METADATA_KEY, {})
+        same = note.get("object") == phase.attrs.get("object") is not None
+        if note.get("kind") == "exact" and same and layer.data.shape == phase.shape:
+            return stack_of_layer(layer)
+    return None
+
+
+def recording_of_layer(layer: Any) -> Recording:
+    """Return the recording that a layer shows.
+
+    Parameters
+    ----------
+    layer : napari.layers.Image
+        A layer made by `hologram_layer`, whose optics and times are noted in it, or any grey
+        image (y, x) or video (time, y, x), whose scale and units are used where it has them.
+    """
+    note = layer.metadata.get(METADATA_KEY)
+    if note is None:
+        return open_recording(layer)
+    optics = Optics(
+        note["wavelength_um"],
+        note["camera_pixel_um"],
+        note["magnification"],
+        note["medium_index"],
+    )
+    return Recording.from_frames(
+        frames_of(layer.data),
+        optics=optics,
+        times_s=np.asarray(note["times_s"]),
+        name=str(layer.name),
+        source=str(note["source"]),
+        notes=tuple(note["notes"]),
+    )
+
+
+def recipe_of_layer(layer: Any) -> Recipe | None:
+    """Return the settings that came with a layer, None where there are none."""
+    noted = layer.metadata.get(METADATA_KEY, {}).get("recipe")
+    return None if noted is None else Recipe.model_validate(noted)
+
+
+class OnDemand:
+    """Frames (time, angle, y, x) that are read when they are looked at.
+
+    A dask array of many frames takes a tenth of a second for each one that is shown, most of it
+    for its graph; this goes straight to the file.
+
+    Parameters
+    ----------
+    lazy : dask array
+        (time, angle, y, x); or (time, y, x), which is then shown at every angle.
+    n_angles : int, optional
+        Number of angles that frames without an angle are shown at.
+    """
+
+    ndim = 4
+
+    def __init__(self, lazy: Any, n_angles: int = 1) -> None:
+        self._lazy = lazy
+        times, *rest = lazy.shape
+        self.shape = (times, *rest) if lazy.ndim == self.ndim else (times, n_angles, *rest)
+        self.dtype = np.dtype(lazy.dtype)
+        self._last: tuple[int, NDArray[Any]] | None = None
+
+    def __getitem__(self, key: Any) -> NDArray[Any]:
+        """Return numbers by whole numbers and slices, as of an array."""
+        key = key if isinstance(key, tuple) else (key,)
+        if len(key) < 2 or not all(isinstance(i, int | np.integer) for i in key[:2]):
+            return np.asarray(self.as_dask()[key])
+        frames = self._at(int(key[0]))
+        frame = frames[int(key[1])] if self._lazy.ndim == self.ndim else frames
+        return np.asarray(frame[key[2:]])
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> NDArray[Any]:
+        """Return everything at once."""
+        return np.asarray(self.as_dask(), dtype=dtype)
+
+    def spread(self, n_angles: int) -> OnDemand:
+        """Return frames without an angle, shown at so many."""
+        return OnDemand(self._lazy, n_angles)
+
+    def as_dask(self) -> Any:
+        """Return the stack as a dask array (time, angle, y, x)."""
+        import dask.array as da
+
+        if self._lazy.ndim == self.ndim:
+            return self._lazy
+        return da.broadcast_to(self._lazy[:, None], self.shape)
+
+    @property
+    def frames(self) -> Any:
+        """What was given, or its first angle: (time, y, x)."""
+        return self._lazy if self._lazy.ndim < self.ndim else self._lazy[:, 0]
+
+    def _at(self, time: int) -> NDArray[Any]:
+        """Return what the file holds of one time; the last one is kept."""
+        last = self._last
+        if last is None or last[0] != time:
+            last = self._last = (time, np.asarray(one_frame(self._lazy, time)))
+        return last[1]
+
+
+def is_lazy(data: Any) -> bool:
+    """Say whether numbers are not in memory yet."""
+    return isinstance(data, OnDemand) or hasattr(data, "dask")
+
+
+def shown(data: Any) -> Any:
+    """Return what napari is given to look at: arrays as they are, lazy ones on demand."""
+    return OnDemand(data) if hasattr(data, "dask") else data
+
+
+def lazy_of(data: Any) -> Any:
+    """Return the array of a layer of ours, NumPy or dask."""
+    return data.as_dask() if isinstance(data, OnDemand) else data
+
+
+def frames_of(data: Any) -> Any:
+    """Return camera frames (time, y, x) from a layer that shows them at every angle."""
+    return data.frames if isinstance(data, OnDemand) else data[:, 0]

@@ -9,7 +9,6 @@ from typing import Any
 import xarray as xr
 
 from napari_phase4d._napari.session import Session
-from napari_phase4d._napari.viewing.frames import current_frame, go_to_frame, pixel_under_cursor
 from napari_phase4d._napari.viewing.grid import (
     LINKED,
     ViewState,
@@ -27,7 +26,9 @@ from napari_phase4d._napari.viewing.layers import (
     spread_over_angles,
     stack_layer,
 )
-from napari_phase4d.evaluation import EXACT, difference, most_trusted
+from napari_phase4d._napari.viewing.pointing import current_frame, go_to_frame, pixel_under_cursor
+from napari_phase4d.analysis import difference, most_trusted
+from napari_phase4d.plotting import EXACT
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["Presenter"]

@@ -3,19 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from qtpy.QtCore import QEvent, QSize, Qt
 from qtpy.QtGui import QPalette, QShowEvent
 from qtpy.QtWidgets import QLabel, QStackedLayout, QWidget
 
-from napari_phase4d._napari.widgets.curve_figure import CurveFigure, Panel, values_of
+from napari_phase4d._napari.widgets.plot_parts import (
+    FONT_POINTS,
+    arrange_panels,
+    curve_styles,
+    finite_range,
+    paint_figure,
+    place_legend,
+    set_positions,
+    steady_limits,
+)
 from napari_phase4d.io.atomic import written_whole
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
 
 __all__ = ["CurvePlot", "Panel"]
 
@@ -146,3 +159,207 @@ class CurvePlot(QWidget):  # type: ignore[misc]
         palette = self.palette()
         ink, ground = (QPalette.ColorRole.WindowText, QPalette.ColorRole.Window)
         self._live.paint(palette.color(ink).name(), palette.color(ground).name())
+
+
+#: Curves of at most so many points show each of them.
+FEW_POINTS = 12
+SAVED_DPI = 200
+
+Values = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Panel:
+    """Curves that share their axes.
+
+    Parameters
+    ----------
+    x : array_like, shape (n,)
+        Positions of the points.
+    curves : mapping of str to array_like, shape (n,)
+        Values by name; NaN are gaps.
+    x_label, y_label : str
+        What is shown, with its unit.
+    at : float, optional
+        Position of a vertical line, such as the time on screen.
+    """
+
+    x: ArrayLike
+    curves: Mapping[str, ArrayLike]
+    x_label: str
+    y_label: str = ""
+    at: float | None = None
+
+
+@dataclass
+class Drawn:
+    """A panel as drawn, to be changed in place."""
+
+    axes: Axes
+    x: Values
+    lines: dict[str, Line2D]
+    mark: Line2D
+
+
+def values_of(panel: Panel) -> tuple[Values, dict[str, Values]]:
+    """Return positions and values as arrays; raise ValueError if their lengths differ."""
+    x = np.ravel(np.asarray(panel.x, dtype=np.float64))
+    curves = {n: np.ravel(np.asarray(y, dtype=np.float64)) for n, y in panel.curves.items()}
+    for name, y in curves.items():
+        if y.size != x.size:
+            msg = f"curve {name!r} has {y.size} points, but there are {x.size} positions"
+            raise ValueError(msg)
+    return x, curves
+
+
+class CurveFigure:
+    """Figure and canvas.
+
+    Axes and words are kept as a picture, over which the curves are drawn; only when the limits
+    of an axis change, the axes are drawn anew.
+
+    Parameters
+    ----------
+    dots_per_inch : float
+        Of the screen.
+    """
+
+    def __init__(self, dots_per_inch: float) -> None:
+        # Matplotlib takes the Qt binding that is loaded, which is that of qtpy by now.
+        from matplotlib.backends.backend_qtagg import FigureCanvasQTAgg
+        from matplotlib.figure import Figure
+
+        self.figure = Figure(dpi=dots_per_inch)
+        self.canvas: Any = FigureCanvasQTAgg(self.figure)
+        # Its own handlers would keep the wheel from scrolling the window.
+        self.canvas.setAttribute(Qt.WidgetAttribute.WA_TransparentForMouseEvents)
+        self.canvas.setFocusPolicy(Qt.FocusPolicy.NoFocus)
+        self.canvas.mpl_connect("resize_event", self._resized)
+        self.canvas.mpl_connect("draw_event", self._keep_pictures)
+        self._colours = ("black", "white")
+        self._drawn: list[Drawn] = []
+        self._made_for: tuple[Any, ...] = ()
+        self._ground: Any = None
+        self._legend: Any = None
+
+    def show(self, panels: Sequence[Panel]) -> None:
+        """Show panels side by side; quick if only values or vertical lines have changed."""
+        data = [values_of(panel) for panel in panels]
+        parts = tuple(
+            (tuple(panel.curves), panel.x_label, panel.y_label, x.tobytes())
+            for panel, (x, _) in zip(panels, data, strict=True)
+        )
+        if parts != self._made_for:
+            self._build(panels)
+            self._made_for = parts
+        # A list, so that every panel is made to fit.
+        moved = [
+            renew(drawn, curves, panel.at)
+            for panel, drawn, (_, curves) in zip(panels, self._drawn, data, strict=True)
+        ]
+        self.redraw(everything=any(moved))
+
+    def paint(self, foreground: str, background: str) -> None:
+        """Give everything but the curves these colours."""
+        self._colours = (foreground, background)
+        paint_figure(self.figure, foreground, background)
+        for drawn in self._drawn:
+            drawn.mark.set_color(foreground)
+        self._show_legend()
+        self.redraw(everything=True)
+
+    def save(self, path: Path) -> None:
+        """Write a picture, black on white; the ending says of which kind."""
+        before = self._colours
+        self.paint("black", "white")
+        try:
+            self.figure.savefig(path, dpi=SAVED_DPI)
+        finally:
+            self.paint(*before)
+
+    def redraw(self, *, everything: bool) -> None:
+        """Draw the curves, and axes and words too if they have changed."""
+        if everything:
+            self._ground = None
+        if not self.canvas.isVisible():
+            return
+        if self._ground is None:
+            self.canvas.draw_idle()
+        else:
+            self.canvas.restore_region(self._ground)
+            self._draw_curves()
+            self.canvas.update()
+
+    def _build(self, panels: Sequence[Panel]) -> None:
+        """Make panels whose curves have no values yet."""
+        self.figure.clear()
+        grid = self.figure.subplots(1, len(panels), squeeze=False)
+        names = list(dict.fromkeys(name for panel in panels for name in panel.curves))
+        styles = curve_styles(names)
+        self._drawn = []
+        for panel, axes in zip(panels, grid.flat, strict=True):
+            x = values_of(panel)[0]
+            marker = "o" if x.size <= FEW_POINTS else ""
+            look = {"marker": marker, "markersize": 3.5, "animated": True}
+            unknown = np.full(x.size, np.nan)
+            lines = {
+                name: axes.plot(x, unknown, label=name, **look, **styles[name])[0]
+                for name in panel.curves
+            }
+            mark = axes.axvline(0.0, linewidth=1, linestyle=":", animated=True)
+            axes.set_xlabel(panel.x_label, fontsize=FONT_POINTS)
+            axes.set_ylabel(panel.y_label, fontsize=FONT_POINTS)
+            axes.tick_params(labelsize=FONT_POINTS)
+            axes.ticklabel_format(useOffset=False)
+            self._drawn.append(Drawn(axes, x, lines, mark))
+        self._arrange()
+
+    def _arrange(self) -> None:
+        """Give legend and panels their places."""
+        every: dict[str, Line2D] = {}
+        for drawn in self._drawn:
+            every = drawn.lines | every
+        place_legend(self.figure, list(every.values()))
+        arrange_panels(self.figure)
+        for drawn in self._drawn:
+            set_positions(drawn.axes, drawn.x)
+        self.paint(*self._colours)
+
+    def _resized(self, event: Any) -> None:
+        if self._drawn:
+            self._arrange()
+
+    def _keep_pictures(self, event: Any) -> None:
+        """Keep what has just been drawn, legend and all, and draw the curves over it."""
+        if event.canvas is not self.canvas or self.canvas.is_saving():
+            return
+        # The legend is slow to draw and stays as it is when axes change.
+        for legend in self.figure.legends:
+            if legend.get_visible():
+                self._legend = self.canvas.copy_from_bbox(legend.get_window_extent())
+                legend.set_visible(False)
+            else:
+                self.canvas.restore_region(self._legend)
+        self._ground = self.canvas.copy_from_bbox(self.figure.bbox)
+        self._draw_curves()
+
+    def _show_legend(self) -> None:
+        for legend in self.figure.legends:
+            legend.set_visible(True)
+
+    def _draw_curves(self) -> None:
+        for drawn in self._drawn:
+            for artist in (drawn.mark, *drawn.lines.values()):
+                drawn.axes.draw_artist(artist)
+
+
+def renew(drawn: Drawn, curves: Mapping[str, Values], at: float | None) -> bool:
+    """Give curves their values; return whether the limits had to change for them."""
+    for name, y in curves.items():
+        drawn.lines[name].set_ydata(y)
+    drawn.mark.set_visible(at is not None)
+    drawn.mark.set_xdata([at or 0.0] * 2)
+    before = drawn.axes.get_ylim()
+    after = steady_limits(finite_range(curves.values()), before)
+    drawn.axes.set_ylim(after)
+    return after != before

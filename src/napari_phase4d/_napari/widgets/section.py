@@ -1,11 +1,19 @@
-"""A heading that opens and closes what is under it, and says how far it is."""
+"""What the dock is put together of: headings that open and close, low tabs, a quiet wheel."""
 
 from __future__ import annotations
 
-from qtpy.QtCore import Qt, Signal
-from qtpy.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QToolButton, QVBoxLayout, QWidget
+from qtpy.QtCore import QEvent, QObject, QSize, Qt, Signal
+from qtpy.QtWidgets import (
+    QHBoxLayout,
+    QLabel,
+    QSizePolicy,
+    QTabWidget,
+    QToolButton,
+    QVBoxLayout,
+    QWidget,
+)
 
-__all__ = ["Section"]
+__all__ = ["LowTabs", "Section", "WheelGuard"]
 
 HEADING_HEIGHT = 25
 
@@ -83,3 +91,40 @@ class Section(QWidget):  # type: ignore[misc]
         self.badge.setText(words)
         self.badge.setToolTip(tooltip)
         self.badge.setStyleSheet(f"color: {colour};")
+
+
+class LowTabs(QTabWidget):  # type: ignore[misc]
+    """A tab widget that asks for its smallest size, so that all is in view on a small screen."""
+
+    def sizeHint(self) -> QSize:  # noqa: N802 - Qt's name
+        """Return the smallest size at which no page is cut."""
+        return self.minimumSizeHint()
+
+    def hasHeightForWidth(self) -> bool:  # noqa: N802
+        """Say that a page's wrapped words do not ask for more height."""
+        return False
+
+    def heightForWidth(self, width: int) -> int:  # noqa: N802
+        """Return no wish of its own."""
+        return -1
+
+
+class WheelGuard(QObject):  # type: ignore[misc]
+    """Leaves the wheel to the dock unless a field has been clicked."""
+
+    def watch(self, field: QWidget) -> None:
+        """Guard one field."""
+        field.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
+        field.installEventFilter(self)
+
+    def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
+        """Stop wheel events of fields that have no focus."""
+        if (
+            event is not None
+            and event.type() == QEvent.Type.Wheel
+            and isinstance(watched, QWidget)
+            and not watched.hasFocus()
+        ):
+            event.ignore()
+            return True
+        return False

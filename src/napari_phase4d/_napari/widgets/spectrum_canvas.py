@@ -1,17 +1,27 @@
-"""The Fourier spectrum with the views as circles that mouse and keys move and resize."""
+"""The Fourier spectrum with the views as circles that mouse and keys move, and as numbers."""
 
 from __future__ import annotations
 
-from qtpy.QtCore import QEvent, QPointF, QRectF, Qt, Signal
-from qtpy.QtGui import QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPen
-from qtpy.QtWidgets import QApplication, QWidget
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
-from napari_phase4d._napari.widgets.holds import Hold, dragged, grown, hold_at, nudged
-from napari_phase4d._napari.widgets.plane_view import PlaneView
-from napari_phase4d._napari.widgets.spectrum_marks import VIEW_COLORS, paint_marks
+import numpy as np
+from qtpy.QtCore import QEvent, QPointF, QRectF, Qt, Signal
+from qtpy.QtGui import QColor, QFocusEvent, QKeyEvent, QMouseEvent, QPainter, QPen
+from qtpy.QtWidgets import (
+    QAbstractItemView,
+    QApplication,
+    QHeaderView,
+    QTableWidget,
+    QTableWidgetItem,
+    QWidget,
+)
+
+from napari_phase4d._napari.widgets.spectrum_picture import VIEW_COLORS, PlaneView, paint_marks
 from napari_phase4d.holography import Lobe
 
-__all__ = ["VIEW_COLORS", "SpectrumCanvas"]
+__all__ = ["VIEW_COLORS", "LobeTable", "SpectrumCanvas", "changed_lobe"]
 
 #: A click this near to a circle's line takes the line, in screen pixels.
 GRIP = 7
@@ -257,3 +267,166 @@ class SpectrumCanvas(PlaneView):
 def number_of(key: int) -> int:
     """Return the number on a key, or a number below 0 or above 9 if there is none."""
     return int(key) - int(Qt.Key.Key_0)
+
+
+#: Circles can't get smaller or larger than this, in cycles per pixel.
+RADII = (0.005, 0.5)
+
+
+@dataclass(frozen=True)
+class Hold:
+    """What the mouse holds of which view, and where it took it.
+
+    Parameters
+    ----------
+    index : int
+        The view, counted from 0.
+    action : str
+        "move" or "resize".
+    beside : tuple of float
+        (ky, kx) from the mouse to the carrier, so that a circle does not jump when it is taken.
+    short : float
+        How much farther than the mouse the line is from the carrier, for the same reason.
+    """
+
+    index: int
+    action: str
+    beside: tuple[float, float]
+    short: float
+
+
+def hold_at(
+    lobes: Sequence[Lobe], frequency: tuple[float, float], grip: float, chosen: int = -1
+) -> Hold | None:
+    """Return what a drag from a frequency would hold.
+
+    Parameters
+    ----------
+    lobes : sequence of Lobe
+        The views.
+    frequency : tuple of float
+        (ky, kx) under the mouse, in cycles per pixel.
+    grip : float
+        How near to its line the mouse takes the line of a circle, in cycles per pixel.
+    chosen : int, optional
+        The view that comes first where circles overlap; else the nearest does.
+
+    Returns
+    -------
+    Hold or None
+        None beside all circles.
+    """
+    found: list[tuple[bool, float, Hold]] = []
+    for index, lobe in enumerate(lobes):
+        beside = (lobe.carrier[0] - frequency[0], lobe.carrier[1] - frequency[1])
+        distance = float(np.hypot(*beside))
+        on_line = abs(distance - lobe.radius) < min(grip, lobe.radius / 2)
+        if on_line or distance < lobe.radius:
+            action = "resize" if on_line else "move"
+            hold = Hold(index, action, beside, lobe.radius - distance)
+            found.append((index != chosen, distance, hold))
+    return min(found, key=lambda each: each[:2])[2] if found else None
+
+
+def dragged(lobe: Lobe, hold: Hold, frequency: tuple[float, float]) -> Lobe:
+    """Return the view that is held, with the mouse at a frequency (ky, kx)."""
+    ky, kx = frequency
+    if hold.action == "move":
+        return replace(lobe, carrier=within(ky + hold.beside[0], kx + hold.beside[1]))
+    out = float(np.hypot(ky - lobe.carrier[0], kx - lobe.carrier[1]))
+    return replace(lobe, radius=float(np.clip(out + hold.short, *RADII)))
+
+
+def nudged(lobe: Lobe, ky: float, kx: float) -> Lobe:
+    """Return a view moved by (ky, kx)."""
+    return replace(lobe, carrier=within(lobe.carrier[0] + ky, lobe.carrier[1] + kx))
+
+
+def grown(lobe: Lobe, factor: float) -> Lobe:
+    """Return a view with a larger or smaller circle."""
+    return replace(lobe, radius=float(np.clip(lobe.radius * factor, *RADII)))
+
+
+def within(ky: float, kx: float) -> tuple[float, float]:
+    """Return the nearest carrier within the spectrum."""
+    return float(np.clip(ky, -0.5, 0.5)), float(np.clip(kx, -0.5, 0.5))
+
+
+COLUMNS = ("ky (1/px)", "kx (1/px)", "radius", "angle (°)", "flip")
+FLIP = len(COLUMNS) - 1
+
+
+class LobeTable(QTableWidget):  # type: ignore[misc]
+    """One row a view; a cell that is typed into gives `typed`.
+
+    Signals
+    -------
+    typed(int, int, object)
+        Row, column and the cell.
+    """
+
+    typed = Signal(int, int, object)
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(0, len(COLUMNS), parent)
+        self._filling = False
+        self.setObjectName("lobe_table")
+        self.setHorizontalHeaderLabels(COLUMNS)
+        self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
+        self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
+        self.verticalHeader().setDefaultSectionSize(24)
+        self.setSelectionBehavior(QAbstractItemView.SelectionBehavior.SelectRows)
+        self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
+        self.setToolTip(
+            "Carrier and radius in cycles per camera pixel; the viewing angle in degrees, which a "
+            "hologram can't tell; flip where a dense object looks dark."
+        )
+        self.itemChanged.connect(self._changed)
+
+    def fill(self, lobes: list[Lobe]) -> None:
+        """Show these views."""
+        self._filling = True
+        try:
+            self.setRowCount(len(lobes))
+            for row, lobe in enumerate(lobes):
+                self._fill_row(row, lobe)
+        finally:
+            self._filling = False
+        rows = max(1, len(lobes)) * self.verticalHeader().defaultSectionSize()
+        self.setFixedHeight(self.horizontalHeader().sizeHint().height() + rows + 6)
+
+    def _fill_row(self, row: int, lobe: Lobe) -> None:
+        header = QTableWidgetItem(str(row + 1))
+        header.setForeground(QColor(VIEW_COLORS[row % len(VIEW_COLORS)]))
+        self.setVerticalHeaderItem(row, header)
+        ky, kx = lobe.carrier
+        texts = (f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}")
+        for column, words in enumerate(texts):
+            self.setItem(row, column, QTableWidgetItem(words))
+        flip = QTableWidgetItem()
+        flip.setFlags(Qt.ItemFlag.ItemIsUserCheckable | Qt.ItemFlag.ItemIsEnabled)
+        flip.setCheckState(Qt.CheckState.Checked if lobe.flip else Qt.CheckState.Unchecked)
+        self.setItem(row, FLIP, flip)
+
+    def _changed(self, item: QTableWidgetItem) -> None:
+        if not self._filling:
+            self.typed.emit(item.row(), item.column(), item)
+
+
+def changed_lobe(lobe: Lobe, column: int, item: Any) -> Lobe:
+    """Return a lobe with one cell of its table row changed."""
+    if column == FLIP:
+        return replace(lobe, flip=item.checkState() == Qt.CheckState.Checked)
+    try:
+        value = float(item.text())
+    except ValueError as error:
+        msg = f"{COLUMNS[column]} takes a number, but got {item.text()!r}"
+        raise ValueError(msg) from error
+    ky, kx = lobe.carrier
+    changes: dict[int, dict[str, Any]] = {
+        0: {"carrier": (value, kx)},
+        1: {"carrier": (ky, value)},
+        2: {"radius": value},
+        3: {"angle_deg": value},
+    }
+    return replace(lobe, **changes[column])

@@ -9,7 +9,7 @@ from typing import Any
 
 import xarray as xr
 
-from napari_phase4d.evaluation import most_trusted
+from napari_phase4d.analysis import most_trusted
 from napari_phase4d.pipeline.running import Outcome
 
 __all__ = ["facts_of", "facts_of_input"]

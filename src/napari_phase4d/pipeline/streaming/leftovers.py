@@ -6,7 +6,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from napari_phase4d.io.leftovers import machine, remove_dead
+from napari_phase4d.io.atomic import machine, remove_dead
 
 __all__ = ["new_folder"]
 

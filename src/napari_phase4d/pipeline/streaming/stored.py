@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io import OME_ZARR, read_results
 from napari_phase4d.io.atomic import put_in_place
-from napari_phase4d.io.zarr_blocks import ALL_CHUNKS, ARRAY, create_blocks, finish_blocks
-from napari_phase4d.io.zarr_results import path_of
+from napari_phase4d.io.zarr_results import ALL_CHUNKS, ARRAY, create_blocks, finish_blocks, path_of
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.stack import Block, FileStack, block_frames, blocks_of

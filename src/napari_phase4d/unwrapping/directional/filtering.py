@@ -83,13 +83,13 @@ def slope_along(
     """Return the slope of every step along an axis: its length is how far it is to be used."""
     head, tail = ends_along(axis, 4)
     known = valid[head] & valid[tail] & (seams[head] == seams[tail])
-    product = np.conj(z[head])
+    product: Fields = np.conj(z[head])
     product *= z[tail]
     weights = None
     if not known.all():
         product *= known
         weights = box_mean(known.astype(np.float32))
-    slope = box_mean(product)
+    slope: Fields = box_mean(product)
     if weights is None:
         weights = np.ones((1, 1), dtype=np.float32)
     lines = slope.reshape(-1, slope.shape[-1])

@@ -450,17 +450,17 @@ def follow(
     own = block.of(course.near)
     shape = (len(block), math.prod(course.step.shape[1:]))
     followed, doubt = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    lines = [part.reshape(len(part), -1) for part in (course.step, course.unsteady)]
+    step, unsteady = (part.reshape(len(part), -1) for part in (course.step, course.unsteady))
     k = own.start if forward else own.stop - 1
     if before is None:
-        step = lines[0][k]
-        steep = np.maximum(np.abs(step) - np.float32(STEEP), 0)
-        now = step, course.rough[k].ravel() + steep
+        steep = np.maximum(np.abs(step[k]) - np.float32(STEEP), 0)
+        now = step[k], course.rough[k].ravel() + steep
         followed[0], doubt[0] = now
         k += 1
     else:
         now = before[0].ravel(), before[1].ravel()
-    follow_lines(*lines, *now, followed, doubt, k, own.start, own.stop, 1 if forward else -1)
+    way = 1 if forward else -1
+    follow_lines(step, unsteady, *now, followed, doubt, k, own.start, own.stop, way)
     whole = (len(block), *course.step.shape[1:])
     return followed.reshape(whole), doubt.reshape(whole)
 
@@ -504,8 +504,8 @@ def second_opinion(
         rough = doubt + np.asarray(course.fade)[own]
     step, kept = course.step[own], course.kept[own]
     other = np.empty(step.shape, dtype=bool)
-    lines = (part.reshape(-1) for part in (step, followed, rough, kept, other))
-    if not mark_others(*lines):
+    steps, opinions, doubts = (part.reshape(-1) for part in (step, followed, rough))
+    if not mark_others(steps, opinions, doubts, kept.reshape(-1), other.reshape(-1)):
         return
     turns = turns_between(course.difference[own], followed)
     weighed.followed[axis] = Opinion(turns, rough, other, np.zeros_like(other))

@@ -15,7 +15,7 @@ from napari_phase4d.unwrapping.growing.growth import (
     smooth_turns,
 )
 from napari_phase4d.unwrapping.growing.plain import jumps
-from napari_phase4d.unwrapping.growing.workspace import PerThread, Workspace
+from napari_phase4d.unwrapping.growing.rows import PerThread, Workspace
 
 __all__ = [
     "Costs",

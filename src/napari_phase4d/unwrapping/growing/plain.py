@@ -8,8 +8,7 @@ from scipy import sparse
 from scipy.sparse import csgraph
 
 from napari_phase4d.unwrapping.ends import ends_along
-from napari_phase4d.unwrapping.growing.reliability import BORDER
-from napari_phase4d.unwrapping.growing.rows import Floats, Phase, Shape, Whole
+from napari_phase4d.unwrapping.growing.rows import BORDER, Floats, Phase, Shape, Whole
 
 __all__ = ["grown_grid", "integrated", "joined_list", "jumps", "unreliability"]
 

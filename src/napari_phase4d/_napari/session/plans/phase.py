@@ -1,27 +1,195 @@
-"""What the session can do from lobes to phase."""
+"""Long work as a plan, and the plans from a recording to phase: open, find views, reconstruct."""
 
 from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import pandas as pd
 import xarray as xr
 
-from napari_phase4d._napari.session.opening import TruthCall
-from napari_phase4d._napari.session.plan import Plan
+from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.state import State
-from napari_phase4d.evaluation import (
-    noise_figures,
+from napari_phase4d.analysis import noise_figures
+from napari_phase4d.holography import (
+    Focus,
+    FoundLobes,
+    Lobe,
+    find_lobes,
+    lost_frames,
+    lost_sentence,
+    pair_distance,
+    power_spectrum,
 )
-from napari_phase4d.holography import Focus
-from napari_phase4d.pipeline import (
-    find_place,
-    focus_by,
-    needs_of,
-    reconstruct_by,
-)
+from napari_phase4d.io import RawLayout
+from napari_phase4d.pipeline import find_place, focus_by, needs_of, reconstruct_by
 from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
 
-__all__ = ["plan_focus", "plan_noise", "plan_reconstruction"]
+__all__ = [
+    "Plan",
+    "plan_focus",
+    "plan_lobes",
+    "plan_noise",
+    "plan_opening",
+    "plan_reconstruction",
+    "plan_spectrum",
+]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Work on a snapshot of the session, so that the user can go on while it runs.
+
+    Parameters
+    ----------
+    title : str
+        What the user sees.
+    work : callable
+        ``work(progress, cancelled)``, where each may be None; touches nothing but its own
+        snapshot.
+    receive : callable
+        Takes the result into the session; to be called in the window's thread. It refuses a
+        result for what has changed since.
+    cancellable : bool
+        Whether the work looks at ``cancelled``; if not, its result is just not waited for.
+    gives_way : bool
+        Whether it runs unseen and ends as soon as other work is started.
+    keeps_parts : bool
+        Whether the work, when cancelled, returns what is finished instead of raising Cancelled.
+    """
+
+    title: str
+    work: Callable[[ProgressCall | None, CancelledCall | None], Any]
+    receive: Callable[[Any], None]
+    cancellable: bool = True
+    gives_way: bool = False
+    keeps_parts: bool = False
+
+    def run(self) -> None:
+        """Do the work here and now."""
+        self.receive(self.work(None, None))
+
+
+#: Frames averaged for the spectrum on screen.
+SPECTRUM_FRAMES = 32
+#: Frames that lost ones are looked for among.
+LOST_FRAMES = 200
+
+
+def plan_opening(
+    state: State,
+    source: object,
+    content: str = "auto",
+    title: str = "",
+    raw: RawLayout | None = None,
+) -> Plan:
+    """Plan to open a file, folder, recipe or sample, see `open_anything`."""
+
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Opened:
+        return open_anything(source, content, raw)
+
+    return Plan(title or "Opening", work, state.take, cancellable=False)
+
+
+def plan_lobes(state: State) -> Plan:
+    """Plan to find the lobes."""
+    recording, recipe = state.needed_recording(), state.recipe
+    angles = recipe.angles_deg
+    if angles is not None and len(angles) != recipe.n_views:
+        angles = None
+
+    def work(
+        progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> tuple[xr.DataArray, str, FoundLobes | ValueError]:
+        spectrum, lost = looked_at(recording, progress, cancelled)
+        try:
+            found = found_lobes(recording, recipe.n_views, angles, progress, cancelled)
+        except ValueError as error:
+            # The spectrum is needed all the more, to place the lobes by hand.
+            return spectrum, lost, error
+        return spectrum, lost, found
+
+    def receive(found: tuple[xr.DataArray, str, FoundLobes | ValueError]) -> None:
+        state.check_is(recording)
+        state.spectrum, state.lost, lobes = found
+        state.spectrum_changed.emit()
+        if isinstance(lobes, ValueError):
+            raise lobes
+        if len(lobes) < state.recipe.n_views:
+            state.update(n_views=len(lobes), angles_deg=None)
+        state.found = lobes
+        state.set_lobes(with_known_views(lobes, recipe.lobes))
+
+    return Plan("Finding the lobes", work, receive)
+
+
+def looked_at(
+    recording: Recording, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> tuple[xr.DataArray, str]:
+    """Return the spectrum of a recording, and which frames the camera lost in a sentence."""
+    spectrum = power_spectrum(
+        recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
+    )
+    number = min(recording.n_frames, LOST_FRAMES)
+    lost = lost_frames(recording, number, progress=progress, cancelled=cancelled)
+    return spectrum, lost_sentence(lost, number)
+
+
+def found_lobes(
+    recording: Recording,
+    n_views: int,
+    angles_deg: Sequence[float] | None,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> FoundLobes:
+    """Return so many lobes, or as many as there are where there are fewer."""
+    try:
+        return find_lobes(
+            recording, n_views, angles_deg=angles_deg, progress=progress, cancelled=cancelled
+        )
+    except ValueError as error:
+        try:
+            fewer = find_lobes(recording, None, progress=progress, cancelled=cancelled)
+        except ValueError:
+            raise error from None
+        if not len(fewer) < n_views:
+            raise
+        return fewer
+
+
+def plan_spectrum(state: State) -> Plan:
+    """Plan to compute the spectrum alone, until something else is asked for."""
+    recording = state.needed_recording()
+
+    def work(
+        progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> tuple[xr.DataArray, str]:
+        return looked_at(recording, progress, cancelled)
+
+    def receive(found: tuple[xr.DataArray, str]) -> None:
+        # Another microscope leaves the frames, and so their spectrum, as they are.
+        now = state.recording
+        if now is not None and now.holograms.data is recording.holograms.data:
+            state.spectrum, state.lost = found
+            state.spectrum_changed.emit()
+
+    return Plan("Computing the spectrum", work, receive, gives_way=True)
+
+
+def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]:
+    """Return lobes with the angle and sign that the user gave to the same views before."""
+    if len(found) != len(known):
+        return list(found)
+    kept = []
+    for lobe in found:
+        nearest = min(known, key=lambda k: pair_distance(k.carrier, lobe.carrier))
+        same = pair_distance(nearest.carrier, lobe.carrier) < lobe.radius
+        known_view = replace(lobe, angle_deg=nearest.angle_deg, flip=nearest.flip)
+        kept.append(known_view if same else lobe)
+    return kept
 
 
 def plan_reconstruction(state: State) -> Plan:

@@ -1,22 +1,33 @@
-"""What the session can do from phase to results."""
+"""The plans from phase to results: unwrap them, judge them, measure regions of them."""
 
 from __future__ import annotations
 
 import itertools
 import tempfile
+from collections.abc import Callable, Mapping
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
-from napari_phase4d._napari.session.plan import Plan
-from napari_phase4d._napari.session.state import State
+from napari_phase4d._napari.session.plans.phase import Plan
+from napari_phase4d._napari.session.state import Changed, State
 from napari_phase4d._napari.session.states import phase_is_stale
-from napari_phase4d.evaluation import (
+from napari_phase4d.analysis import (
     REFERENCE,
     Comparison,
+    best_known,
+    in_memory,
+    itoh_margin,
+    measure,
+    most_trusted,
 )
+from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.pipeline import (
     Outcome,
     estimated_seconds,
@@ -25,10 +36,19 @@ from napari_phase4d.pipeline import (
     unwrap_by,
     with_start,
 )
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch
 from napari_phase4d.unwrapping import score_boundaries, scores_of_some
 
-__all__ = ["plan_estimate", "plan_scores", "plan_unwrapping"]
+__all__ = [
+    "Masks",
+    "plan_confidence",
+    "plan_estimate",
+    "plan_margin",
+    "plan_measuring",
+    "plan_scores",
+    "plan_truth",
+    "plan_unwrapping",
+]
 
 #: Numbers the runs whose results lie on disk.
 RUNS = itertools.count(1)
@@ -156,3 +176,187 @@ def plan_estimate(state: State) -> Plan:
         state.estimate_changed.emit()
 
     return Plan("Estimating the time", work, receive, gives_way=True)
+
+
+Judged = tuple[dict[str, xr.DataArray], dict[str, str], str, Comparison]
+
+
+def plan_truth(state: State, truth: xr.DataArray | None) -> Plan:
+    """Plan to read exact phase and count errors against it, None to count none."""
+    outcome, data, on_disk = state.outcome, state.reconstruction, state.place is not None
+    before = None if outcome is None else outcome.comparison
+
+    def work(
+        progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> tuple[xr.DataArray | None, Comparison | None]:
+        # What fits into memory is read here, once, and not at every look at it in the window.
+        exact = truth if truth is None or on_disk else in_memory(truth)
+        return exact, None if before is None else before.against(exact)
+
+    def receive(found: tuple[xr.DataArray | None, Comparison | None]) -> None:
+        now = None if state.outcome is None else state.outcome.comparison
+        if now is not before:
+            raise Changed
+        state.check_phase(data)
+        state.take_truth(*found)
+
+    return Plan("Counting errors", work, receive, cancellable=False)
+
+
+def plan_margin(state: State) -> Plan:
+    """Plan to see where steps are too large, by the truth or else by the best result.
+
+    Raises
+    ------
+    ValueError
+        If there is neither truth nor a result yet.
+    """
+    outcome, data = state.outcome, state.reconstruction
+    if not state.results and state.truth is None:
+        state.needed_outcome()
+    known, _ = best_known(state.results, state.truth)
+
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.Dataset:
+        return itoh_margin(known)
+
+    def receive(margin: xr.Dataset) -> None:
+        if state.outcome is not outcome:
+            raise Changed
+        state.check_phase(data)
+        state.margin = margin
+        state.margin_changed.emit()
+
+    return Plan("Measuring the steps", work, receive, cancellable=False)
+
+
+def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
+    """Plan to see how far every result is to be trusted.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    unasked : bool, optional
+        Whether to do it unseen, until something else is asked for.
+
+    Raises
+    ------
+    ValueError
+        If there is no result yet.
+    """
+    outcome = state.needed_outcome()
+
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Judged:
+        comparison = outcome.comparison
+        watch = Watch(3, "weighing", progress, cancelled)
+        maps = comparison.confidences(None, None, cancelled)
+        watch.step()
+        warnings = comparison.warnings()
+        watch.step()
+        verdict = comparison.verdict
+        watch.step()
+        return maps, warnings, verdict, comparison.with_doubt(maps)
+
+    def receive(found: Judged) -> None:
+        now = state.outcome
+        if now is None or now.comparison.results is not outcome.comparison.results:
+            raise Changed
+        state.confidence, state.warnings, state.verdict, judged = found
+        if now.comparison is not outcome.comparison:  # another truth was chosen meanwhile
+            judged = now.comparison.with_doubt(state.confidence)
+        state.outcome = replace(now, comparison=judged)
+        state.confidence_changed.emit()
+
+    return Plan("Weighing the results", work, receive, gives_way=unasked)
+
+
+#: Regions by name, as masks (y, x), (time, y, x) or (time, angle, y, x).
+Masks = Mapping[str, NDArray[np.bool_]]
+
+
+def plan_measuring(
+    state: State,
+    method: str | None = None,
+    regions: Masks | Callable[[], Masks] | None = None,
+    *,
+    optics: Optics | None = None,
+    object_index: float | None = None,
+    refraction_increment_ml_per_g: float = REFRACTION_INCREMENT_ML_PER_G,
+) -> Plan:
+    """Plan to measure regions of a result over time.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    method : str, optional
+        Of which result; default: the most reliable one.
+    regions : mapping of str to ndarray, or callable that returns one, optional
+        Masks by name; default: the whole object.
+    optics : Optics, optional
+        The microscope of phase that does not say it.
+    object_index : float, optional
+        Refractive index of the object, for height and volume.
+    refraction_increment_ml_per_g : float, optional
+        How much a gram of dry matter in a millilitre raises the refractive index.
+
+    Raises
+    ------
+    ValueError
+        If there is no result yet.
+    """
+    comparison = state.needed_outcome().comparison
+    result = comparison.results[method or most_trusted(comparison.results)]
+    used = optics_of(state, result, optics or Optics())
+    noted = {"refraction increment (mL/g)": refraction_increment_ml_per_g}
+    if object_index is not None:
+        noted["object index"] = object_index
+
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> pd.DataFrame:
+        if regions is None:
+            masks: Masks = {"object": object_in(comparison, result)}
+        else:
+            masks = regions() if callable(regions) else regions
+        measured = measure(
+            result,
+            masks,
+            used,
+            object_index=object_index,
+            refraction_increment_ml_per_g=refraction_increment_ml_per_g,
+            progress=progress,
+            cancelled=cancelled,
+        )
+        return measured.assign(**noted)
+
+    def receive(measured: pd.DataFrame) -> None:
+        now = state.outcome
+        if now is None or now.comparison.results is not comparison.results:
+            raise Changed
+        state.measured = measured
+        state.measured_changed.emit()
+
+    return Plan("Measuring", work, receive)
+
+
+def optics_of(state: State, result: xr.DataArray, own: Optics) -> Optics:
+    """Return the microscope; of phase that does not say it, the user's own."""
+    if state.recipe.optics is not None:
+        return state.recipe.optics
+    noted = result.attrs.get("wavelength_um", own.wavelength_um)
+    return replace(own, wavelength_um=float(noted))
+
+
+def object_in(comparison: Comparison, result: xr.DataArray) -> Any:
+    """Return the mask of the object: of results on disk, what they were unwrapped in.
+
+    Raises
+    ------
+    ValueError
+        If results on disk were unwrapped in the whole field.
+    """
+    if comparison.problem is not None:
+        return comparison.object_mask().values.astype(bool)
+    if result.attrs.get("mask") == "auto":
+        return result.data != 0
+    msg = "the object was not looked for in this recording; draw a region to measure"
+    raise ValueError(msg)

@@ -1,0 +1,195 @@
+"""Where the user points: the viewer's sliders, the mouse over it, and regions that are drawn."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from napari.layers import Labels, Shapes
+from numpy.typing import NDArray
+
+from napari_phase4d.analysis import polygon_mask, region_masks
+from napari_phase4d.io import step_of
+
+__all__ = [
+    "Following",
+    "current_frame",
+    "go_to_frame",
+    "is_region_layer",
+    "newest_region",
+    "pixel_under_cursor",
+    "regions_of_layer",
+]
+
+#: Kinds of event after which a layer's data are new.
+DONE_ACTIONS = ("added", "changed", "removed")
+
+
+class Following:
+    """Tells the steps when the sliders or the mouse have moved, until `stop` is called.
+
+    Parameters
+    ----------
+    viewer : napari.viewer.Viewer
+        What to follow.
+    steps : sequence of Step
+        A step with ``frame_changed()`` or ``cursor_moved()`` is told.
+    """
+
+    def __init__(self, viewer: Any, steps: Sequence[Any]) -> None:
+        self._viewer = viewer
+        self._steps = steps
+        self._regions: list[Any] = []
+        self._drawn: Callable[[Any], None] | None = None
+        self._stopped = False
+        viewer.dims.events.current_step.connect(self._frame_changed)
+        viewer.mouse_move_callbacks.append(self._cursor_moved)
+
+    def stop(self, *_: object) -> None:
+        """Let go of the viewer."""
+        if self._stopped:
+            return
+        self._stopped = True
+        self._viewer.dims.events.current_step.disconnect(self._frame_changed)
+        if self._cursor_moved in self._viewer.mouse_move_callbacks:
+            self._viewer.mouse_move_callbacks.remove(self._cursor_moved)
+        for layer in self._regions:
+            layer.events.data.disconnect(self._region_changed)
+        self._regions = []
+
+    def watch_regions(self, drawn: Callable[[Any], None]) -> None:
+        """Call a function with the layer whenever a shape in it is drawn, changed or removed."""
+        self._drawn = drawn
+        for layer in self._viewer.layers:
+            if isinstance(layer, Shapes) and not any(layer is known for known in self._regions):
+                layer.events.data.connect(self._region_changed)
+                self._regions.append(layer)
+
+    def _frame_changed(self, event: Any = None) -> None:
+        for step in self._steps:
+            if hasattr(step, "frame_changed"):
+                step.frame_changed()
+
+    def _cursor_moved(self, viewer: Any, event: Any) -> None:
+        for step in self._steps:
+            if hasattr(step, "cursor_moved"):
+                step.cursor_moved()
+
+    def _region_changed(self, event: Any) -> None:
+        # "adding" and the like come first, when the data are still those from before.
+        if self._drawn is not None and str(getattr(event.action, "value", "")) in DONE_ACTIONS:
+            self._drawn(event.source)
+
+
+def current_frame(viewer: Any, stack: xr.DataArray) -> tuple[int, int]:
+    """Return the (time, angle) numbers of the frame that is on screen."""
+    labels = list(viewer.dims.axis_labels)
+    found = []
+    for axis in ("time", "angle"):
+        origin, step, n = axis_steps(stack, axis)
+        world = viewer.dims.point[labels.index(axis)] if axis in labels else origin
+        found.append(int(np.clip(round((world - origin) / step), 0, n - 1)))
+    return found[0], found[1]
+
+
+def go_to_frame(viewer: Any, stack: xr.DataArray, time: int, angle: int) -> None:
+    """Move the sliders to a frame of a stack."""
+    labels = list(viewer.dims.axis_labels)
+    for axis, number in (("time", time), ("angle", angle)):
+        if axis in labels:
+            origin, step, _ = axis_steps(stack, axis)
+            viewer.dims.set_point(labels.index(axis), origin + number * step)
+
+
+def pixel_under_cursor(viewer: Any, stack: xr.DataArray) -> tuple[int, int] | None:
+    """Return the (y, x) numbers of the pixel under the mouse, None outside of the stack."""
+    found = []
+    for axis, world in zip(("y", "x"), viewer.cursor.position[-2:], strict=True):
+        origin, step, n = axis_steps(stack, axis)
+        number = round((world - origin) / step)
+        if not 0 <= number < n:
+            return None
+        found.append(int(number))
+    return found[0], found[1]
+
+
+def axis_steps(stack: xr.DataArray, axis: str) -> tuple[float, float, int]:
+    """Return where an axis starts, its step as the layers have it, and its length."""
+    coordinates = np.asarray(stack[axis].values, dtype=np.float64)
+    return float(coordinates[0]), step_of(coordinates), len(coordinates)
+
+
+Mask = NDArray[np.bool_]
+#: Corners that stand for an ellipse.
+ELLIPSE_CORNERS = 64
+
+
+def is_region_layer(layer: Any) -> bool:
+    """Say whether a layer can hold regions to measure."""
+    return isinstance(layer, Labels | Shapes)
+
+
+def regions_of_layer(layer: Any, phase: xr.DataArray) -> dict[str, Mask]:
+    """Return the regions of a Shapes or Labels layer: name -> mask.
+
+    Parameters
+    ----------
+    layer : napari.layers.Shapes or napari.layers.Labels
+        Shapes hold at all times and angles, whichever frame they were drawn on. Labels have the
+        axes (y, x), (time, y, x) or (time, angle, y, x) of the phase.
+    phase : xarray.DataArray
+        The phase, dims (time, angle, y, x).
+
+    Raises
+    ------
+    ValueError
+        If there is no region, or a layer does not fit the phase.
+    """
+    if isinstance(layer, Labels):
+        return dict(region_masks(np.asarray(layer.data)))
+    areas = areas_of(layer)
+    if not areas:
+        msg = f"“{layer.name}” holds no area; draw a polygon, rectangle or ellipse in it"
+        raise ValueError(msg)
+    return {f"region {index + 1}": mask_of(layer, index, phase) for index in areas}
+
+
+def newest_region(viewer: Any, phase: xr.DataArray) -> Mask | None:
+    """Return the region that was drawn last in the topmost Shapes layer, None if there is none."""
+    for layer in reversed(viewer.layers):
+        if isinstance(layer, Shapes) and len(layer.data):
+            areas = areas_of(layer)
+            return mask_of(layer, areas[-1], phase) if areas else None
+    return None
+
+
+def areas_of(layer: Shapes) -> list[int]:
+    """Return the numbers of the shapes that have an area, in the order they were drawn."""
+    return [n for n, kind in enumerate(layer.shape_type) if kind not in ("line", "path")]
+
+
+def mask_of(layer: Shapes, index: int, phase: xr.DataArray) -> Mask:
+    """Return the pixels of the phase that one shape of a layer covers."""
+    corners = np.array([layer.data_to_world(corner) for corner in layer.data[index]])[:, -2:]
+    outline = ellipse_outline(corners) if layer.shape_type[index] == "ellipse" else corners
+    return polygon_mask(in_pixels(outline, phase), (phase.sizes["y"], phase.sizes["x"]))
+
+
+def in_pixels(world: NDArray[np.float64], phase: xr.DataArray) -> NDArray[np.float64]:
+    """Return (y, x) places in micrometres as pixel numbers of the phase."""
+    columns = []
+    for column, axis in enumerate(("y", "x")):
+        places = np.asarray(phase[axis].values, dtype=np.float64)
+        columns.append((world[:, column] - places[0]) / step_of(places))
+    return np.stack(columns, axis=1)
+
+
+def ellipse_outline(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the outline of the ellipse in a rectangle that is given by its four corners."""
+    middle = corners.mean(axis=0)
+    first, second = (corners[1] - corners[0]) / 2, (corners[3] - corners[0]) / 2
+    turns = np.linspace(0, 2 * np.pi, ELLIPSE_CORNERS, endpoint=False)[:, None]
+    outline: NDArray[np.float64] = middle + np.cos(turns) * first + np.sin(turns) * second
+    return outline

@@ -1,0 +1,49 @@
+"""How good an unwrapping is, methods side by side, and what they say of the object."""
+
+from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
+from napari_phase4d.analysis.confidence import REFERENCE, confidence, slip_warning, slipped_frames
+from napari_phase4d.analysis.errors import mean_squared_error, wrong_cycle_map, wrong_cycle_share
+from napari_phase4d.analysis.itoh import itoh_margin, order_shares, residues
+from napari_phase4d.analysis.loading import frame_of, in_memory
+from napari_phase4d.analysis.measures import measure, polygon_mask, region_masks
+from napari_phase4d.analysis.noise import noise_figures, noise_sentence, with_wavelength
+from napari_phase4d.analysis.traces import Traces, difference, traces
+from napari_phase4d.analysis.verdict import (
+    Verdict,
+    best_known,
+    most_trusted,
+    order_verdict,
+    steps_sentence,
+)
+
+__all__ = [
+    "REFERENCE",
+    "Comparison",
+    "Traces",
+    "Verdict",
+    "best_known",
+    "compare",
+    "compare_on",
+    "confidence",
+    "difference",
+    "frame_of",
+    "in_memory",
+    "itoh_margin",
+    "mean_squared_error",
+    "measure",
+    "most_trusted",
+    "noise_figures",
+    "noise_sentence",
+    "order_shares",
+    "order_verdict",
+    "polygon_mask",
+    "region_masks",
+    "residues",
+    "slip_warning",
+    "slipped_frames",
+    "steps_sentence",
+    "traces",
+    "with_wavelength",
+    "wrong_cycle_map",
+    "wrong_cycle_share",
+]

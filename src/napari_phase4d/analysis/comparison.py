@@ -1,0 +1,473 @@
+"""Several methods run on one problem, their results side by side, and what each of them cost."""
+
+from __future__ import annotations
+
+import threading
+import time
+import tracemalloc
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import Any, Generic, Protocol, TypeVar
+
+import pandas as pd
+import psutil
+import xarray as xr
+from numpy.typing import ArrayLike
+
+from napari_phase4d.analysis.confidence import (
+    REFERENCE,
+    chance_of_right,
+    reference_of,
+    slip_warning,
+)
+from napari_phase4d.analysis.errors import (
+    OF_TRUTH,
+    as_truth,
+    doubtful_percent,
+    errors,
+    in_order,
+    table_of,
+)
+from napari_phase4d.analysis.verdict import Verdict, verdict_on
+from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
+from napari_phase4d.stacks import without_masked, wrapped_stack
+from napari_phase4d.unwrapping import (
+    METHODS,
+    Problem,
+    SharedSteps,
+    check_method,
+    label_of,
+    run_method,
+)
+
+__all__ = ["Comparison", "compare", "compare_on", "measured"]
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """Results of several methods on one problem.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Unwrapped phase of each method.
+    table : pandas.DataFrame
+        One row a method: its label, seconds, peak memory in MB; the share of the object's pixels
+        that are doubtful in percent, where asked for with `with_doubt`; and against truth,
+        where given, the mean squared error in rad^2 and the share of pixels wrong by a turn in
+        percent.
+    problem : Problem or None
+        What was unwrapped; None for a recording larger than memory.
+    phase : DataArray
+        The wrapped phase.
+    """
+
+    results: Mapping[str, xr.DataArray]
+    table: pd.DataFrame
+    problem: Problem | None = field(repr=False)
+    phase: xr.DataArray = field(repr=False)
+
+    def needed_problem(self) -> Problem:
+        """Return what was unwrapped.
+
+        Raises
+        ------
+        ValueError
+            If it was not held in memory.
+        """
+        if self.problem is None:
+            msg = (
+                "how far to trust a result is judged on all frames at once, but these do not fit "
+                "into memory; take some of them, such as phase.isel(time=slice(100)), and compare"
+            )
+            raise ValueError(msg)
+        return self.problem
+
+    def reference(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> xr.DataArray:
+        """Return the result of directional L1, computed now if it was not among the methods."""
+        if REFERENCE in self.results:
+            return self.results[REFERENCE]
+        problem = self.needed_problem()
+        try:
+            return reference_of(problem, progress, cancelled)
+        finally:
+            problem.forget_field()
+
+    def confidence(
+        self,
+        method: str,
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> xr.DataArray:
+        """Return the chance, from 0 to 1, that each pixel of a method's result is right.
+
+        See `napari_phase4d.confidence`. The first call may unwrap by directional L1, which the
+        others are held against.
+        """
+        return self.confidences([method], progress, cancelled)[method]
+
+    def confidences(
+        self,
+        methods: Sequence[str] | None = None,
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> dict[str, xr.DataArray]:
+        """Return `confidence` of several methods, by default all; each is computed once."""
+        problem = self.needed_problem()
+        reference = self.reference(progress, cancelled)
+        found = {}
+        try:
+            for method in self.results if methods is None else methods:
+                found[method] = problem.once(
+                    f"confidence of {method}",
+                    partial(
+                        chance_of_right,
+                        problem,
+                        self.results[method],
+                        reference,
+                        progress,
+                        cancelled,
+                    ),
+                )
+        finally:
+            problem.forget_field()
+        return found
+
+    def warnings(self) -> dict[str, str]:
+        """Say of which methods whole objects may be a cycle off, and in how many frames.
+
+        Nothing is said of results of a recording larger than memory.
+        """
+        if self.problem is None:
+            return {}
+        said = {m: slip_warning(self.problem, trust) for m, trust in self.confidences().items()}
+        return {method: sentence for method, sentence in said.items() if sentence}
+
+    @property
+    def verdict(self) -> Verdict:
+        """One sentence: which result to use, how much is in doubt, where methods disagree most.
+
+        It also holds what it says as numbers, see `Verdict`. When first asked for, `confidences`
+        are computed.
+
+        Raises
+        ------
+        ValueError
+            If there is no result, or the phase was not held in memory.
+        """
+        if not self.results:
+            msg = "there is no result yet to give a verdict on; run at least one method"
+            raise ValueError(msg)
+        labels = {str(m): str(self.table["method"][m]) for m in self.results}
+        trust, problem = self.confidences(), self.needed_problem()
+        if REFERENCE not in trust:
+            reference = self.reference()
+            trust[REFERENCE] = problem.once(
+                f"confidence of {REFERENCE}",
+                lambda: chance_of_right(problem, reference, reference),
+            )
+            problem.forget_field()
+        return verdict_on(problem, self.results, trust, self.object_mask(), labels)
+
+    def against(self, truth: xr.DataArray | Any) -> Comparison:
+        """Return the same results, with the columns of the table that need truth for this one.
+
+        Nothing is unwrapped again.
+
+        Parameters
+        ----------
+        truth : DataArray, array_like or None
+            Exact phase in radians, of the shape of the phase; None removes these columns.
+
+        Raises
+        ------
+        ValueError
+            If the truth has another shape.
+        """
+        exact = as_truth(truth, self.phase)
+        table = self.table.drop(columns=list(OF_TRUTH), errors="ignore")
+        rows = [errors(self.results[str(method)], exact) for method in table.index]
+        return replace(self, table=in_order(table.join(pd.DataFrame(rows, index=table.index))))
+
+    def with_doubt(self, maps: Mapping[str, xr.DataArray]) -> Comparison:
+        """Return the same results, with the share of doubtful pixels in the table.
+
+        The column ``doubtful_percent`` is the share in percent of the object's pixels whose
+        confidence is below 0.5. The object is what is neither empty field nor left out by a given
+        mask; where no object is found, all usable pixels count.
+
+        Parameters
+        ----------
+        maps : mapping of str to DataArray
+            Method id to what `confidence` gave for it. Methods without a map get NaN; with no map
+            at all the column goes.
+
+        Raises
+        ------
+        ValueError
+            If there is a map of a method that was not compared.
+        """
+        unknown = [method for method in maps if method not in self.results]
+        if unknown:
+            msg = f"there is no result of {unknown[0]!r}; there are {', '.join(self.results)}"
+            raise ValueError(msg)
+        table = self.table.drop(columns="doubtful_percent", errors="ignore")
+        if maps:
+            inside = self.object_mask()
+            shares = {method: doubtful_percent(trust, inside) for method, trust in maps.items()}
+            column = [shares.get(str(method), float("nan")) for method in table.index]
+            table = table.assign(doubtful_percent=column)
+        return replace(self, table=in_order(table))
+
+    def object_mask(self) -> xr.DataArray:
+        """Return what of the usable field is not empty, in the form of the phase.
+
+        Frames that say nothing hold no object.
+        """
+        problem = self.needed_problem()
+        usable = problem.usable & ~problem.lost()[..., None, None]
+        inside = usable & ~problem.background().mask
+        return problem.result(inside if inside.any() else usable, "object", {"units": "1"})
+
+
+def compare(
+    phase: xr.DataArray | ArrayLike,
+    methods: Sequence[str] | None = None,
+    boundary: tuple[int, int] | Sequence[tuple[int, int]] = (0, 0),
+    truth: xr.DataArray | ArrayLike | None = None,
+    *,
+    mask: xr.DataArray | ArrayLike | None = None,
+    amplitude: xr.DataArray | ArrayLike | None = None,
+    options: Mapping[str, Mapping[str, Any]] | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+    finished: Callable[[str, Comparison], None] | None = None,
+) -> Comparison:
+    """Unwrap with several methods and put the figures next to each other.
+
+    Parameters
+    ----------
+    phase : DataArray or array_like
+        Wrapped phase in radians, see `unwrap`.
+    methods : sequence of str, optional
+        Ids among `METHODS`. Default: all.
+    boundary, mask, amplitude, cancelled
+        See `unwrap`.
+    truth : DataArray or array_like, optional
+        Exact phase of the same frames; they are found by their coordinates, where it has any.
+    options : mapping, optional
+        Method id to the options of that method.
+    progress : callable, optional
+        ``progress(done, total, message)`` after each step of a method; the message begins with
+        the method and how many there are, such as "T/A (4 of 6): ".
+    finished : callable, optional
+        ``finished(method, comparison)`` after each method, with all results so far, so that they
+        are not lost if the rest is cancelled or fails. They may be looked at straight away;
+        the methods of that comparison that compute have to wait until `compare` has ended.
+
+    Returns
+    -------
+    Comparison
+        The two-dimensional unwrapping and the registration are computed once; their time is
+        counted in every method that uses them, their memory in the first.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not fit.
+    Cancelled
+        If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    unwrap : One method.
+    Comparison.confidence : How far to trust each pixel of a result.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> sample = p4d.simulation.swimming_euglena((48, 64), 4, peak_rad=9)
+    >>> methods = ["spatial-2d", "temporal-angular"]
+    >>> found = p4d.compare(sample["wrapped"], methods, truth=sample["phase"])
+    >>> list(found.table["method"])
+    ['2-D', 'T/A']
+    >>> found.results["temporal-angular"].dims
+    ('time', 'angle', 'y', 'x')
+    """
+    chosen = list(METHODS) if methods is None else list(methods)
+    options = options or {}
+    for method in (*chosen, *options):
+        check_method(method, options.get(method, {}))
+    mask = without_masked(phase, mask)
+    problem = Problem(wrapped_stack(phase), boundary, mask, amplitude)
+    try:
+        return compare_on(InMemory(problem), chosen, truth, options, progress, cancelled, finished)
+    finally:
+        problem.forget_field()
+
+
+class Runs(Protocol):
+    """Unwraps one phase by any method.
+
+    Attributes
+    ----------
+    steps : SharedSteps
+        What several methods start from.
+    problem : Problem or None
+        The phase, where all of it is in memory.
+    phase : DataArray
+        Wrapped phase, wherever it lies.
+    """
+
+    steps: SharedSteps
+    problem: Problem | None
+    phase: xr.DataArray
+
+    def run(
+        self,
+        method: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+        options: Mapping[str, Any],
+    ) -> xr.DataArray:
+        """Return unwrapped phase."""
+
+
+class InMemory:
+    """Unwraps phase that is in memory.
+
+    Parameters
+    ----------
+    problem : Problem
+        The phase.
+    """
+
+    def __init__(self, problem: Problem) -> None:
+        self.steps: SharedSteps = problem
+        self.problem: Problem | None = problem
+        self.phase = problem.template
+        self.run = partial(run_method, problem)
+
+
+def compare_on(
+    runs: Runs,
+    methods: Sequence[str],
+    truth: xr.DataArray | Any,
+    options: Mapping[str, Mapping[str, Any]],
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+    finished: Callable[[str, Comparison], None] | None = None,
+) -> Comparison:
+    """Run several methods one after the other, wherever their phase lies; see `compare`."""
+    exact = as_truth(truth, runs.phase)
+    so_far = Comparison({}, table_of({}), runs.problem, runs.phase)
+    rows: dict[str, dict[str, Any]] = {}
+    for place, method in enumerate(methods, 1):
+        own_options = options.get(method, {})
+        label = label_of(method, own_options)
+        head = f"{label} ({place} of {len(methods)})"
+        report = reworded(progress, partial("{}: {}".format, head))
+        cost = cost_of(runs, method, report, cancelled, own_options)
+        rows[method] = row_of(label, cost, exact)
+        so_far = replace(
+            so_far, results={**so_far.results, method: cost.result}, table=table_of(rows)
+        )
+        if finished is not None:
+            finished(method, so_far)
+    return so_far
+
+
+def cost_of(
+    runs: Runs,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> Measured[xr.DataArray]:
+    """Run one method, and count the time of the shared steps that others have done for it."""
+    shared = dict(runs.steps.seconds)
+    runs.steps.used.clear()
+    cost = measured(partial(runs.run, method, progress, cancelled, options))
+    shared_seconds = sum(shared.get(step, 0.0) for step in runs.steps.used)
+    return replace(cost, seconds=cost.seconds + shared_seconds)
+
+
+def row_of(label: str, cost: Measured[xr.DataArray], truth: xr.DataArray | None) -> dict[str, Any]:
+    """Return what the table says of one result."""
+    own = {"method": label, "seconds": cost.seconds, "peak_mb": cost.peak_mb}
+    return own | errors(cost.result, truth)
+
+
+T = TypeVar("T")
+
+#: Seconds between two looks at the memory of the process.
+LOOK_S = 0.004
+MB = 2**20
+
+
+@dataclass(frozen=True)
+class Measured(Generic[T]):
+    """A result with what it cost.
+
+    Parameters
+    ----------
+    result : object
+        What the computation gave.
+    seconds : float
+        Wall time.
+    peak_mb : float
+        Largest memory at one time, in megabytes (2**20 bytes), beyond what was there before.
+    """
+
+    result: T
+    seconds: float
+    peak_mb: float
+
+
+def measured(work: Callable[[], T]) -> Measured[T]:
+    """Do some work and measure it.
+
+    Memory is that of the whole process, looked at every few milliseconds: what other threads take
+    meanwhile counts too, and memory that the process had before and uses again does not. While
+    ``tracemalloc`` is tracing it is what Python and NumPy ask for, to the byte. It is not turned
+    on here: before Python 3.12.9 and 3.13.2, turning it off crashes where other threads allocate.
+    """
+    with memory_watch() as peak_bytes:
+        began = time.perf_counter()
+        result = work()
+        seconds = time.perf_counter() - began
+        peak = peak_bytes()
+    return Measured(result, seconds, max(peak, 0) / MB)
+
+
+@contextmanager
+def memory_watch() -> Iterator[Callable[[], int]]:
+    """Watch memory; what is given returns the largest rise so far, in bytes."""
+    if tracemalloc.is_tracing():
+        tracemalloc.reset_peak()
+        before = tracemalloc.get_traced_memory()[0]
+        yield lambda: tracemalloc.get_traced_memory()[1] - before
+        return
+    process = psutil.Process()
+    at_first = highest = process.memory_info().rss
+    ended = threading.Event()
+
+    def look() -> None:
+        nonlocal highest
+        while not ended.wait(LOOK_S):
+            highest = max(highest, process.memory_info().rss)
+
+    def rise() -> int:
+        return int(max(highest, process.memory_info().rss) - at_first)
+
+    watcher = threading.Thread(target=look, name="memory watch", daemon=True)
+    watcher.start()
+    try:
+        yield rise
+    finally:
+        ended.set()
+        watcher.join()

@@ -1,0 +1,331 @@
+"""Regions, and what is in them over time and angle: area, optical path, height, dry mass."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from skimage.draw import polygon2mask
+
+from napari_phase4d.analysis.loading import parts_over_time
+from napari_phase4d.axes import AXES
+from napari_phase4d.checks import as_numbers, shown
+from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.stacks import mask_on, pixel_um, unwrapped_stack
+
+__all__ = ["measure", "polygon_mask", "region_masks"]
+
+Mask = NDArray[np.bool_]
+
+
+def region_masks(labels: ArrayLike) -> dict[str, Mask]:
+    """Return a mask of every label.
+
+    Parameters
+    ----------
+    labels : array_like of int, dims (y, x), (time, y, x) or (time, angle, y, x)
+        0 is no region; every other number is one.
+
+    Returns
+    -------
+    dict
+        "label 3" and so on, by rising number, to a mask of the shape of the labels.
+
+    Raises
+    ------
+    TypeError
+        If the labels are no whole numbers.
+    ValueError
+        If they have other dims, or if all are 0.
+
+    Examples
+    --------
+    >>> list(region_masks([[0, 2, 2], [0, 0, 7]]))
+    ['label 2', 'label 7']
+    """
+    image: NDArray[Any] = np.asarray(labels)
+    if image.dtype.kind not in "iub":
+        msg = f"labels must be whole numbers, but are {image.dtype}"
+        raise TypeError(msg)
+    if image.ndim not in (2, 3, 4):
+        msg = (
+            f"the labels have {image.ndim} dimensions {image.shape}; they must have two (y, x), "
+            "three (time, y, x) or four (time, angle, y, x)"
+        )
+        raise ValueError(msg)
+    # Unlike numpy.unique this does not sort all pixels.
+    numbers = sorted(int(n) for n in pd.unique(image.ravel()) if n != 0)
+    if not numbers:
+        msg = "there are no labels; paint at least one region"
+        raise ValueError(msg)
+    return {f"label {n}": image == n for n in numbers}
+
+
+def polygon_mask(vertices_yx: ArrayLike, shape: tuple[int, int]) -> Mask:
+    """Return the pixels of a frame whose centre lies in a polygon.
+
+    Parameters
+    ----------
+    vertices_yx : array_like of shape (n, 2)
+        Corners (y, x) in pixels, three or more; the centres of pixels are at whole numbers. What
+        lies outside of the frame is cut off.
+    shape : tuple of int
+        Height and width of the frame in pixels.
+
+    Returns
+    -------
+    ndarray of bool, shape (y, x)
+
+    Raises
+    ------
+    ValueError
+        If the corners make no polygon, or if it holds no pixel of the frame.
+
+    Examples
+    --------
+    >>> polygon_mask([(0, 0), (0, 2), (2, 2), (2, 0)], (4, 5)).astype(int)
+    array([[1, 1, 1, 0, 0],
+           [1, 1, 1, 0, 0],
+           [1, 1, 1, 0, 0],
+           [0, 0, 0, 0, 0]])
+    """
+    if np.shape(shape) != (2,) or np.asarray(shape).dtype.kind not in "iu":
+        msg = f"shape must be the height and width of a frame, but is {shown(shape)}"
+        raise ValueError(msg)
+    corners = as_numbers("vertices_yx", vertices_yx).astype(np.float64)
+    if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
+        msg = f"a polygon needs three or more corners (y, x), but has shape {corners.shape}"
+        raise ValueError(msg)
+    if not np.isfinite(corners).all():
+        msg = "the corners of the polygon must be finite numbers"
+        raise ValueError(msg)
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    if (high < -0.5).any() or (low > np.array(shape) - 0.5).any():
+        msg = (
+            f"the polygon (y {low[0]:.4g} to {high[0]:.4g}, x {low[1]:.4g} to {high[1]:.4g} "
+            f"pixels) lies outside of the frame of {shape[0]} x {shape[1]} pixels"
+        )
+        raise ValueError(msg)
+    mask: Mask = polygon2mask(shape, corners)
+    if not mask.any():
+        msg = "there is no pixel of the frame in the polygon; draw a larger one"
+        raise ValueError(msg)
+    return mask
+
+
+NM_PER_UM = 1000
+
+
+def measure(
+    unwrapped: xr.DataArray,
+    regions: Mapping[str, Any],
+    optics: Optics,
+    *,
+    object_index: float | None = None,
+    refraction_increment_ml_per_g: float = REFRACTION_INCREMENT_ML_PER_G,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> pd.DataFrame:
+    """Measure regions in every frame.
+
+    Phase is taken as it is: the empty field should be at 0. NaN and infinite pixels count as
+    outside of every region; pixels that a mask set to 0 count as flat.
+
+    Parameters
+    ----------
+    unwrapped : xarray.DataArray
+        Unwrapped phase in radians, dims among (time, angle, y, x), with coordinates in seconds,
+        degrees and micrometres.
+    regions : mapping of str to array of bool
+        Name to mask: a DataArray that names its dims, or a plain array (y, x), (time, y, x),
+        which holds at every angle, or (time, angle, y, x); see `region_masks` and
+        `polygon_mask`. Time and angle may be 1 long and then hold always.
+    optics : Optics
+        The microscope; its wavelength must be that of the phase, where the phase notes one.
+    object_index : float, optional
+        Refractive index of the object, taken as the same everywhere in it. Without it there is
+        neither height nor volume.
+    refraction_increment_ml_per_g : float, optional
+        How much one gram of dry matter in a millilitre raises the refractive index. Default 0.18
+        mL/g (Barer, Nature 169, 366, 1952), which is 0.18 um^3/pg.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)`` after each region; ``cancelled()`` stops the work.
+
+    Returns
+    -------
+    pandas.DataFrame
+        One row a region, time and angle, in this order. Columns: "region", "time (s)",
+        "angle (deg)", "area (um^2)", "mean phase (rad)", "mean optical path difference (nm)";
+        with ``object_index`` "mean height (um)" and "volume (um^3)"; "dry mass (pg)". Where a
+        region has no pixel in a frame, its means are NaN, its area, volume and mass 0. Time or
+        angle are NaN where the phase has no such coordinate.
+
+    Raises
+    ------
+    TypeError
+        If the phase is no DataArray, or a mask is not of bool.
+    ValueError
+        If a mask does not fit the phase, coordinates are missing, or a number can't be.
+    Cancelled
+        If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    polygon_mask, region_masks : Make masks.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> exact = p4d.simulation.swimming_euglena((48, 64), 2)["phase"]
+    >>> everything = np.ones((48, 64), dtype=bool)
+    >>> table = measure(exact, {"field": everything}, p4d.Optics())
+    >>> table[["region", "time (s)", "angle (deg)"]].values[1].tolist()
+    ['field', 0.0, 21.0]
+    >>> bool((table["dry mass (pg)"] > 0).all())
+    True
+    """
+    stack = in_full(unwrapped)
+    check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
+    masks = {name: fitted(name, mask, stack) for name, mask in checked_regions(regions).items()}
+    pixel_um2 = pixel_area_um2(stack)
+    watch = Watch(len(masks), "measuring", progress, cancelled)
+    watch.check()
+    tables = []
+    for name, mask in masks.items():
+        sums, counts = totals(stack, mask, watch)
+        row = {"region": name, **frames_of(stack), "area (um^2)": counts * pixel_um2}
+        row |= phase_columns(sums, counts, pixel_um2, optics, object_index)
+        row["dry mass (pg)"] = [
+            optics.dry_mass_pg(total, pixel_um2, refraction_increment_ml_per_g) for total in sums
+        ]
+        tables.append(pd.DataFrame(row))
+        watch.step()
+    return pd.concat(tables, ignore_index=True)
+
+
+def totals(
+    stack: xr.DataArray, mask: Mask, watch: Watch
+) -> tuple[NDArray[np.float64], NDArray[np.intp]]:
+    """Return the sum and the number of the finite pixels of a region, frame after frame."""
+    sums = np.zeros(stack.shape[:2])
+    counts = np.zeros(stack.shape[:2], dtype=np.intp)
+    for part, phase in parts_over_time(stack):
+        watch.check()
+        inside = np.asarray(mask[part])
+        for time, angle in np.ndindex(*phase.shape[:2]):
+            frame = (part.start + time, angle)
+            values = phase[time, angle][inside[time, angle]]
+            known = values[np.isfinite(values)]
+            sums[frame], counts[frame] = known.sum(dtype=np.float64), known.size
+    return sums.ravel(), counts.ravel()
+
+
+def phase_columns(
+    sums: NDArray[np.float64],
+    counts: NDArray[np.intp],
+    pixel_um2: float,
+    optics: Optics,
+    object_index: float | None,
+) -> dict[str, NDArray[Any]]:
+    """Return the columns of phase, optical path and, where it can be told, height and volume."""
+    mean = np.full(sums.shape, np.nan)
+    np.divide(sums, counts, out=mean, where=counts > 0)
+    columns = {
+        "mean phase (rad)": mean,
+        "mean optical path difference (nm)": NM_PER_UM * optics.optical_path_um(mean),
+    }
+    if object_index is not None:
+        # All of these are proportional to phase, so that they may be taken of its sum.
+        columns["mean height (um)"] = optics.height_um(mean, object_index)
+        columns["volume (um^3)"] = optics.height_um(sums, object_index) * pixel_um2
+    return columns
+
+
+def frames_of(stack: xr.DataArray) -> dict[str, NDArray[np.float64]]:
+    """Return the time and the angle of frame after frame."""
+    places = [
+        np.asarray(stack[dim].values if dim in stack.coords else [np.nan], dtype=np.float64)
+        for dim in ("time", "angle")
+    ]
+    times, angles = np.meshgrid(*places, indexing="ij")
+    return {"time (s)": times.ravel(), "angle (deg)": angles.ravel()}
+
+
+def in_full(unwrapped: xr.DataArray | Any) -> xr.DataArray:
+    """Return phase with all four dims, or say what is wrong with it."""
+    if not isinstance(unwrapped, xr.DataArray):
+        msg = f"the phase must be a DataArray with coordinates, but is {type(unwrapped).__name__}"
+        raise TypeError(msg)
+    unwrapped = unwrapped_stack(unwrapped, "the phase")
+    bare = [str(dim) for dim in unwrapped.dims if dim not in unwrapped.coords]
+    if bare:
+        msg = (
+            f"the phase has no coordinates along {', '.join(bare)}; "
+            "give it seconds, degrees and micrometres with assign_coords"
+        )
+        raise ValueError(msg)
+    return unwrapped.expand_dims([d for d in AXES if d not in unwrapped.dims]).transpose(*AXES)
+
+
+def pixel_area_um2(stack: xr.DataArray) -> float:
+    """Return the area of one pixel in square micrometres, from the coordinates."""
+    return math.prod(pixel_um(stack, "the phase"))
+
+
+def fitted(name: str, mask: Any, stack: xr.DataArray) -> Mask:
+    """Return a region's mask in the shape of the phase, without a copy."""
+    dtype = getattr(mask, "dtype", None) or np.asarray(mask).dtype
+    if dtype != np.bool_:
+        msg = f"the mask of {name} is {dtype}; make masks of labels with region_masks"
+        raise TypeError(msg)
+    full = mask_on(mask, stack, f"the mask of {name}")
+    if full.shape == stack.shape:  # lazy ones, as large as the phase, stay so
+        fit: Mask = full
+        return fit
+    return np.broadcast_to(np.asarray(full), stack.shape)
+
+
+def checked_regions(regions: Any) -> Mapping[str, Any]:
+    """Return regions by their names, or say what is wrong with them."""
+    if not isinstance(regions, Mapping):
+        msg = (
+            f"regions must be a mapping of names to masks, but are {type(regions).__name__}; give "
+            '{"cell": mask}, or region_masks(labels)'
+        )
+        raise TypeError(msg)
+    if not regions:
+        msg = "there is no region to measure; draw at least one"
+        raise ValueError(msg)
+    return regions
+
+
+def check_numbers(
+    stack: xr.DataArray,
+    optics: Any,
+    object_index: float | None,
+    refraction_increment_ml_per_g: float,
+) -> None:
+    """Raise ValueError for numbers that can't be, and for optics of another wavelength."""
+    if not isinstance(optics, Optics):
+        msg = f"optics must be an Optics, but is {optics!r}; give Optics(wavelength_um=...)"
+        raise TypeError(msg)
+    noted = stack.attrs.get("wavelength_um")
+    if noted is not None and not math.isclose(noted, optics.wavelength_um, rel_tol=1e-6):
+        msg = (
+            f"the phase was measured at a wavelength of {noted:g} um, but the optics say "
+            f"{optics.wavelength_um:g} um; give the optics of the recording"
+        )
+        raise ValueError(msg)
+    if object_index is not None and not (math.isfinite(object_index) and object_index >= 1):
+        msg = f"object_index must be at least 1, but is {object_index!r}"
+        raise ValueError(msg)
+    increment = refraction_increment_ml_per_g
+    if not (math.isfinite(increment) and increment > 0):
+        msg = f"refraction_increment_ml_per_g must be a number above 0, but is {increment!r}"
+        raise ValueError(msg)

@@ -1,0 +1,206 @@
+"""Where methods differ: maps of the difference, and the phase at one place over time and angle."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.analysis.loading import in_memory
+from napari_phase4d.axes import AXES
+from napari_phase4d.checks import check_type, shown
+from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
+from napari_phase4d.unwrapping import METHODS, label_of
+
+__all__ = ["Traces", "difference", "traces"]
+
+#: Part of a frame, and which of its pixels count.
+Place = tuple[slice, slice, NDArray[np.bool_]]
+
+
+@dataclass(frozen=True)
+class Traces:
+    """Mean phase at one place.
+
+    Parameters
+    ----------
+    times_s : ndarray of shape (time,)
+        Seconds.
+    angles_deg : ndarray of shape (angle,)
+        Degrees.
+    over_time : mapping of str to ndarray of shape (time,)
+        Radians at all times from one angle, for each method.
+    over_angle : mapping of str to ndarray of shape (angle,)
+        Radians from all angles at one time, for each method.
+    frame : tuple of int
+        (time, angle) numbers of that time and that angle.
+    """
+
+    times_s: NDArray[np.float64]
+    angles_deg: NDArray[np.float64]
+    over_time: Mapping[str, NDArray[np.float64]]
+    over_angle: Mapping[str, NDArray[np.float64]]
+    frame: tuple[int, int]
+
+
+def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: Any) -> Traces:
+    """Return the phase at one place over time and over the angle.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Unwrapped phase in radians of some methods, on one grid; dims among (time, angle, y, x).
+    frame : tuple of int
+        (time, angle) numbers, from 0: the angle is that of the trace over time, the time that of
+        the trace over the angle.
+    where : tuple of int or ndarray of bool, shape (y, x)
+        A pixel (y, x), from 0, or a mask, over which phase is averaged. NaN pixels don't count.
+
+    Returns
+    -------
+    Traces
+        Where no pixel counts, its phase is NaN. Without coordinates, times and angles are
+        numbers of frames.
+
+    Raises
+    ------
+    ValueError
+        If there are no results, if they differ in shape, or if the frame or the place lies
+        outside of them.
+
+    Examples
+    --------
+    >>> phase = xr.DataArray(np.arange(24.0).reshape(3, 2, 2, 2), dims=("time", "angle", "y", "x"))
+    >>> found = traces({"exact": phase}, frame=(0, 1), where=(1, 1))
+    >>> found.over_time["exact"].tolist()
+    [7.0, 15.0, 23.0]
+    """
+    check_type("results", results, Mapping, "give {method: stack}, as Comparison.results is")
+    if np.shape(frame) != (2,) or np.asarray(frame).dtype.kind not in "iu":
+        msg = f"the frame must be two whole numbers (time, angle), but is {shown(frame)}"
+        raise ValueError(msg)
+    if not results:
+        msg = "there are no results yet; run a method first"
+        raise ValueError(msg)
+    stacks = {method: on_all_axes(result) for method, result in results.items()}
+    first = next(iter(stacks.values()))
+    if any(stack.shape != first.shape for stack in stacks.values()):
+        msg = f"the results differ in shape: {', '.join(str(s.shape) for s in stacks.values())}"
+        raise ValueError(msg)
+    if any(not 0 <= i < n for i, n in zip(frame, first.shape[:2], strict=True)):
+        msg = f"the frame {frame} does not exist; there are {first.shape[:2]} times and angles"
+        raise ValueError(msg)
+    time, angle = frame
+    place = checked_place(where, first.shape[2:])
+    any_result = next(iter(results.values()))
+    return Traces(
+        places_along(any_result, "time", first.shape[0]),
+        places_along(any_result, "angle", first.shape[1]),
+        {method: mean_at(stack[:, angle], place) for method, stack in stacks.items()},
+        {method: mean_at(stack[time], place) for method, stack in stacks.items()},
+        (time, angle),
+    )
+
+
+def on_all_axes(stack: xr.DataArray) -> NDArray[Any]:
+    """Return the values as (time, angle, y, x); a view."""
+    stack = in_memory(stack)
+    if stack.dims == AXES:  # which takes microseconds, and is the rule
+        return stack.values
+    full = stack.expand_dims([d for d in AXES if d not in stack.dims])
+    return full.transpose(*AXES).values
+
+
+def places_along(stack: xr.DataArray, dim: str, count: int) -> NDArray[np.float64]:
+    """Return the coordinates along time or angle."""
+    if dim not in stack.coords:
+        return np.arange(count, dtype=np.float64)
+    return np.atleast_1d(stack.coords[dim].values).astype(np.float64)
+
+
+def checked_place(where: Any, shape: tuple[int, ...]) -> Place:
+    """Return the smallest part of a frame that holds a place, or say what is wrong with it."""
+    place = np.asarray(where)
+    if place.dtype == np.bool_ and place.shape == shape and place.any():
+        rows, columns = (np.flatnonzero(place.any(axis=axis)) for axis in (1, 0))
+        part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        return (*part, place[part])
+    if place.dtype == np.bool_:
+        msg = f"the mask is {place.shape} with {place.sum()} pixels; it must mark some of {shape}"
+        raise ValueError(msg)
+    if place.shape != (2,) or place.dtype.kind not in "iu":
+        msg = f"the place must be a pixel (y, x) or a mask, not {shown(where)}"
+        raise ValueError(msg)
+    y, x = place.tolist()
+    if not (0 <= y < shape[0] and 0 <= x < shape[1]):
+        msg = f"the pixel (y {y}, x {x}) lies outside of the frame of {shape[0]} x {shape[1]}"
+        raise ValueError(msg)
+    return slice(y, y + 1), slice(x, x + 1), np.ones((1, 1), dtype=bool)
+
+
+def mean_at(frames: NDArray[Any], place: Place) -> NDArray[np.float64]:
+    """Return the mean of the finite pixels at a place in every frame of (n, y, x)."""
+    rows, columns, mask = place
+    values = frames[:, rows, columns][:, mask].astype(np.float64)
+    known = np.isfinite(values)
+    counts = known.sum(axis=1)
+    mean = np.full(len(frames), np.nan)
+    np.divide(np.where(known, values, 0).sum(axis=1), counts, out=mean, where=counts > 0)
+    return mean
+
+
+def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
+    """Return a result minus another one.
+
+    Parameters
+    ----------
+    result, reference : xarray.DataArray
+        Unwrapped phase in radians of the same frames, which are found by their coordinates;
+        the reference may be exact phase as well.
+
+    Returns
+    -------
+    xarray.DataArray
+        float32 on the grid of the result, radians; 0 where a mask left out one of the two.
+        ``attrs`` name the method of the result and the label of the reference.
+
+    Raises
+    ------
+    ValueError
+        If the two have not the same dims, shape and coordinates, or one is wrapped.
+
+    Examples
+    --------
+    >>> one = xr.DataArray(np.ones((2, 2), np.float32), dims=("y", "x"))
+    >>> float(difference(one + 3, one).max())
+    3.0
+    """
+    result = unwrapped_stack(result, "the result")
+    reference = unwrapped_stack(on_grid_of(reference, result, "the reference"), "the reference")
+    result, reference = in_memory(result), in_memory(reference)
+    values = (result.values - reference.values).astype(np.float32, copy=False)
+    for stack in (result, reference):
+        if stack.attrs.get("mask", "none") != "none":
+            values[stack.values == 0] = 0
+    found = result.copy(data=values)
+    found.attrs = {
+        KIND: UNWRAPPED,
+        "units": "rad",
+        "method": result.attrs.get("method", ""),
+        "less": name_of(reference),
+    }
+    return found.rename("difference")
+
+
+def name_of(stack: xr.DataArray) -> str:
+    """Return what to call a stack on screen: the label of its method, where it has one."""
+    method = stack.attrs.get("method")
+    if method in METHODS:
+        return label_of(str(method), stack.attrs.get("options", {}))
+    if stack.attrs.get("exact"):
+        return "exact phase"
+    return "reference" if stack.name is None else str(stack.name)

@@ -1,0 +1,300 @@
+"""What a comparison comes to, in words: which result to use, and which order suits the object."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.analysis.confidence import REFERENCE, turns_off
+from napari_phase4d.analysis.errors import DOUBTFUL, wrong_cycle_share
+from napari_phase4d.analysis.itoh import order_shares
+from napari_phase4d.unwrapping import METHODS, Problem
+
+__all__ = [
+    "Verdict",
+    "best_known",
+    "most_trusted",
+    "order_verdict",
+    "steps_sentence",
+    "verdict_on",
+]
+
+#: A result in which more of the object than this share is in doubt is not safe.
+SAFE = 0.1
+#: Results count as equally good if their shares in doubt differ by less than this.
+ALIKE = 1e-3
+
+
+class Verdict(str):
+    """One sentence, and what it says in numbers.
+
+    Attributes
+    ----------
+    method : str
+        Id of the method whose result to use.
+    doubtful_percent : float
+        Share of the object in that result that is more likely wrong than right, in percent.
+    frame : tuple of int or None
+        (time, angle) index of the frame in which methods disagree most; None where they agree.
+    disagreement_percent : float
+        Share of the object there on which not all methods agree, in percent.
+    lost_frames : list of tuple of int
+        Frames (time, angle) that say nothing of the object.
+    """
+
+    __slots__ = ("disagreement_percent", "doubtful_percent", "frame", "lost_frames", "method")
+
+    method: str
+    doubtful_percent: float
+    frame: tuple[int, int] | None
+    disagreement_percent: float
+    lost_frames: list[tuple[int, int]]
+
+    def __call__(self) -> Verdict:
+        """Return itself, for those who call it."""
+        return self
+
+
+def disagreement(results: Mapping[str, xr.DataArray], inside: xr.DataArray) -> xr.DataArray:
+    """Return the share of each frame's object on which not all results have the same wrap count.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Unwrapped phase of some methods.
+    inside : DataArray of bool
+        The object.
+
+    Returns
+    -------
+    DataArray
+        The dims without y and x, from 0 to 1; 0 where there is no object.
+    """
+    stacks = list(results.values())
+    differ = xr.zeros_like(inside, dtype=bool)
+    for stack in stacks[1:]:
+        differ = differ | (turns_off(stack, stacks[0]) != 0)
+    count = inside.sum(("y", "x"))
+    share = (differ & inside).sum(("y", "x")) / count.where(count > 0)
+    return share.fillna(0.0)
+
+
+def verdict_on(
+    problem: Problem,
+    results: Mapping[str, xr.DataArray],
+    trust: Mapping[str, xr.DataArray],
+    inside: xr.DataArray,
+    labels: Mapping[str, str],
+) -> Verdict:
+    """Say which result to use, how much of it is in doubt, and where methods disagree most.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    results, trust : mapping of str to DataArray
+        Unwrapped phase of each method, and its confidence; that of directional L1 is known even
+        if its result is not among them.
+    inside : DataArray of bool
+        The object.
+    labels : mapping of str to str
+        What each method is called.
+    """
+    known = inside & ~problem.result(lost_pixels(problem), "lost", {})
+    count = max(int(known.sum()), 1)
+    doubt = {m: float(((t < DOUBTFUL) & known).sum()) / count for m, t in trust.items()}
+    own = doubt.pop(REFERENCE) if REFERENCE not in results else None
+    best = min(doubt, key=lambda m: (round(doubt[m] / ALIKE), m != REFERENCE))
+    shares = disagreement(results, known)
+    values = np.asarray(shares.values)
+    lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
+    place = np.unravel_index(int(np.argmax(values)), values.shape) if values.size else ()
+    named = {str(d): int(i) for d, i in zip(shares.dims, place, strict=True)}
+    most = float(values.max(initial=0.0))
+    found = Verdict(
+        spoken(
+            [
+                first_words(labels[best], doubt[best], len(results)),
+                where_words(named, most, len(results)),
+                better_words(own, doubt[best]),
+                lost_words(lost, problem.lost().size),
+            ]
+        )
+    )
+    found.method, found.doubtful_percent = best, 100 * doubt[best]
+    found.frame = (named.get("time", 0), named.get("angle", 0)) if most > 0 else None
+    found.disagreement_percent, found.lost_frames = 100 * most, lost
+    return found
+
+
+def spoken(parts: list[str]) -> str:
+    """Join what there is to say."""
+    return " ".join(part for part in parts if part)
+
+
+def lost_pixels(problem: Problem) -> NDArray[np.bool_]:
+    """Mark all pixels of the frames that say nothing."""
+    return np.broadcast_to(problem.lost()[..., None, None], problem.wrapped.shape)
+
+
+def percent(share: float) -> str:
+    """Return a share in words."""
+    return f"{100 * share:.2g} %" if share >= 1e-4 else "less than 0.01 %"
+
+
+def first_words(label: str, doubt: float, n: int) -> str:
+    """Say which result to use and how far."""
+    if doubt > SAFE:
+        start = f"No result is safe: even in {label}" if n > 1 else f"{label} is not safe:"
+        return f"{start} {percent(doubt)} of the object is more likely wrong than right"
+    if n == 1:
+        return f"{label} alone was run: {percent(doubt)} of the object is in doubt"
+    return f"Use {label}: {percent(doubt)} of the object is in doubt"
+
+
+def where_words(place: Mapping[str, int], most: float, n: int) -> str:
+    """Say where methods disagree most."""
+    if n == 1:
+        return "(run others to compare)."
+    if most == 0:
+        return "and all methods agree."
+    names = {"time": "time", "angle": "view"}
+    where = ", ".join(f"{names[dim]} {index}" for dim, index in place.items())
+    at = f" at {where}" if where else ""
+    return f"and methods disagree most{at}, on {percent(most)} of the object there."
+
+
+def better_words(own: float | None, doubt: float) -> str:
+    """Say whether directional L1, which was not asked for, would be better."""
+    if own is None or own > doubt - ALIKE:
+        return ""
+    return f"{METHODS[REFERENCE].label} would leave {percent(own)} in doubt."
+
+
+def lost_words(lost: list[tuple[int, int]], n: int) -> str:
+    """Say which frames say nothing."""
+    if not lost:
+        return ""
+    first = f"time {lost[0][0]}, view {lost[0][1]}"
+    if len(lost) == 1:
+        return f"The frame at {first} says nothing and is not to be used."
+    return f"{len(lost)} of {n} frames say nothing and are not to be used, first {first}."
+
+
+BOTH = ("temporal-angular", "angular-temporal")
+#: Results in the order in which a look at the steps relies on them.
+TRUSTED = (REFERENCE, *BOTH, "temporal", "angular")
+#: The choice between T/A and A/T makes no difference where they differ by less than this share of
+#: all pixels, or by less than this part of what the worse one has: of 108 simulated recordings,
+#: all 6 in which the one nearer to directional L1 was the worse one lie within that part.
+LEAST_SHARE, LEAST_PART = 0.0005, 0.1
+
+
+def most_trusted(results: Mapping[str, xr.DataArray]) -> str:
+    """Return the id of the method among the results that is most to be relied on."""
+    return next((m for m in TRUSTED if m in results), next(iter(results)))
+
+
+def best_known(
+    results: Mapping[str, xr.DataArray], truth: xr.DataArray | None = None
+) -> tuple[xr.DataArray, str]:
+    """Return the phase that is most to be relied on, and what it is in words."""
+    if truth is not None:
+        return truth, "the exact phase"
+    method = most_trusted(results)
+    return results[method], f"the result of {METHODS[method].label}"
+
+
+def steps_sentence(margin: xr.Dataset, basis: str) -> str:
+    """Say along which dimensions how many steps are too large to be unwrapped.
+
+    Parameters
+    ----------
+    margin : Dataset
+        What `itoh_margin` gives.
+    basis : str
+        What it was told from, in words, as `best_known` says it.
+    """
+    shares = ", ".join(
+        f"{str(name).removeprefix('along_')} {100 * along.attrs['share_beyond']:.3g} %"
+        for name, along in margin.data_vars.items()
+    )
+    return f"Steps beyond half a cycle, by {basis}: {shares}."
+
+
+def order_verdict(
+    results: Mapping[str, xr.DataArray],
+    boundary: tuple[int, int] = (0, 0),
+    truth: xr.DataArray | None = None,
+) -> str:
+    """Say in one sentence which of T/A and A/T suits the object better, and why.
+
+    Where the truth is known, the one that is right in more pixels, or, before both were run, the
+    one that meets fewer steps beyond half a cycle; where the result of directional L1 is, the one
+    that is nearer to it. The results of the two alone can't tell: that of T/A looks smooth along
+    the angle, because its last pass made it so, and that of A/T along time.
+
+    Parameters
+    ----------
+    results : mapping of str to DataArray
+        Unwrapped phase of some methods.
+    boundary : tuple of int, optional
+        The optically thin frame (time, angle).
+    truth : DataArray, optional
+        Exact phase, where it is known.
+    """
+    both = all(method in results for method in BOTH)
+    reference = METHODS[REFERENCE].label
+    if truth is not None and both:
+        wrong = {m: wrong_cycle_share(results[m], truth) for m in BOTH}
+        return fewer(wrong, "is wrong in")
+    if truth is not None:
+        return fewer_steps(order_shares(truth, boundary))
+    if both and REFERENCE in results:
+        return nearer(results)
+    missing = [METHODS[m].label for m in (*BOTH, REFERENCE) if m not in results]
+    needed = " and ".join(missing)
+    return (
+        f"Which of T/A and A/T suits better can't be told yet: run {needed} too, since the one "
+        f"that is nearer to {reference} is the better one."
+    )
+
+
+def nearer(results: Mapping[str, xr.DataArray]) -> str:
+    """Say which of T/A and A/T differs from the result of directional L1 in fewer pixels."""
+    shares = {m: float((turns_off(results[m], results[REFERENCE]) != 0).mean()) for m in BOTH}
+    return fewer(shares, f"differs from {METHODS[REFERENCE].label} in")
+
+
+def fewer(shares: Mapping[str, float], does: str) -> str:
+    """Say which of the two does it in fewer of the pixels, or that it makes no difference."""
+    first, second = sorted(BOTH, key=lambda m: shares[m])
+    labels, percent = (
+        (METHODS[first].label, METHODS[second].label),
+        [f"{100 * shares[m]:.2g} %" for m in (first, second)],
+    )
+    if alike(shares[first], shares[second]):
+        return (
+            f"T/A or A/T makes no difference: {labels[0]} {does} {percent[0]} of the pixels, "
+            f"{labels[1]} in {percent[1]}."
+        )
+    return (
+        f"{labels[0]} suits better: it {does} {percent[0]} of the pixels, "
+        f"{labels[1]} in {percent[1]}."
+    )
+
+
+def fewer_steps(shares: Mapping[str, float]) -> str:
+    """Say which of the two meets fewer steps beyond half a cycle in the exact phase."""
+    first, second = sorted(BOTH, key=lambda m: shares[m])
+    if alike(shares[first], shares[second]):
+        return "T/A and A/T meet equally many, by the exact phase."
+    return f"{METHODS[first].label} meets fewer of them, by the exact phase."
+
+
+def alike(less: float, more: float) -> bool:
+    """Say whether two shares of all pixels are about the same."""
+    return more - less < max(LEAST_SHARE, LEAST_PART * more)

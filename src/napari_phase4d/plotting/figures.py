@@ -1,0 +1,437 @@
+"""Pictures of results side by side, after the paper's Figs. 2 and 4, and of a recording."""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.analysis import Comparison, frame_of, in_memory
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from matplotlib.image import AxesImage
+
+__all__ = [
+    "EXACT",
+    "Circle",
+    "comparison_figure",
+    "look_figure",
+    "movie_frames",
+    "named_results",
+    "phase_limits",
+    "telling_frames",
+]
+
+#: Inches that one picture takes.
+CELL = 1.7
+COLOURS = "turbo"
+#: Pixels of a movie an inch; a power of two, so that sizes in pixels are exact.
+MOVIE_DPI = 128
+#: Inches that one picture of a movie takes at least and at most, and all of them about.
+SMALLEST, LARGEST, ALL = 1.4, 2.4, (10.0, 8.0)
+#: Inches of a movie: between pictures, below them, of a line of words, of the angles at the left
+#: and of the colour bar at the right.
+GAP, FOOT, LINE, ANGLES, BAR = 0.06, 0.12, 0.19, 0.55, 0.95
+
+
+def comparison_figure(
+    columns: Mapping[str, xr.DataArray],
+    frames: Sequence[tuple[int, int]],
+    *,
+    limits: tuple[float, float] | None = None,
+) -> Figure:
+    """Draw chosen frames of several stacks: one column a stack, one row a frame.
+
+    Parameters
+    ----------
+    columns : mapping of str to DataArray
+        Title to unwrapped phase (time, angle, y, x) in radians, on one grid.
+    frames : sequence of (int, int)
+        (time, angle) numbers of the frames to show.
+    limits : tuple of float, optional
+        Phase in radians at the ends of the colour scale; default: all that is shown.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        All pictures on one colour scale; `napari_phase4d.io.write_figure` saves it.
+    """
+    from matplotlib.figure import Figure
+
+    first = next(iter(columns.values()))
+    rows, n_columns = len(frames), len(columns)
+    figure = Figure(figsize=(CELL * n_columns + 1.2, CELL * rows + 0.5), layout="constrained")
+    axes = figure.subplots(rows, n_columns, squeeze=False)
+    shown = [frame_of(s, t, a) for s in columns.values() for t, a in frames]
+    low, high = limits or phase_limits(shown)
+    for row, (t, a) in enumerate(frames):
+        for column, (title, stack) in enumerate(columns.items()):
+            axis = axes[row, column]
+            image = axis.imshow(
+                frame_of(stack, t, a), vmin=low, vmax=high, cmap=COLOURS, extent=extent_of(first)
+            )
+            axis.set_xticks([])
+            axis.set_yticks([])
+            if row == 0:
+                axis.set_title(title, fontsize=9)
+            if column == 0:
+                label = f"{float(first['angle'][a]):g}°\n{time_label(first, t)}"
+                axis.set_ylabel(label, fontsize=8)
+    figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
+    return figure
+
+
+@dataclass(frozen=True)
+class Grid:
+    """Where the pictures of a movie lie; lengths in inches, shares from the lower left corner.
+
+    Parameters
+    ----------
+    n_columns, n_rows : int
+        Number of pictures across and down.
+    cell : tuple of float
+        Width and height of one picture.
+    size : tuple of float
+        Width and height of the whole, an even number of pixels, as movies need it.
+    """
+
+    n_columns: int
+    n_rows: int
+    cell: tuple[float, float]
+    size: tuple[float, float]
+
+    @classmethod
+    def of(cls, n_columns: int, n_rows: int, aspect: float, head: float) -> Grid:
+        """Return a grid of pictures ``aspect`` times as high as wide, below ``head`` inches."""
+        width = min(ALL[0] / n_columns, ALL[1] / n_rows / aspect)
+        width = min(max(width, SMALLEST), LARGEST)
+        height = width * aspect
+        whole = (
+            ANGLES + n_columns * (width + GAP) + BAR,
+            head + n_rows * (height + GAP) + FOOT,
+        )
+        across, down = (2 * math.ceil(side * MOVIE_DPI / 2) / MOVIE_DPI for side in whole)
+        return cls(n_columns, n_rows, (width, height), (across, down))
+
+    def place(self, row: int, column: int) -> tuple[float, float, float, float]:
+        """Return left, bottom, width and height of a picture, as shares of the whole."""
+        width, height = self.cell
+        left = ANGLES + column * (width + GAP)
+        bottom = FOOT + (self.n_rows - 1 - row) * (height + GAP)
+        across, down = self.size
+        return left / across, bottom / down, width / across, height / down
+
+    def bar(self) -> tuple[float, float, float, float]:
+        """Return where the colour bar lies: right of the pictures, as high as one to three."""
+        left, bottom, width, height = self.place(self.n_rows - 1, self.n_columns - 1)
+        across, down = self.size
+        left += width + 2 * GAP / across
+        whole = self.n_rows * height + (self.n_rows - 1) * GAP / down
+        tall = min(whole, 3 * height)
+        return left, bottom + (whole - tall) / 2, 0.12 / across, tall
+
+
+def movie_frames(
+    columns: Mapping[str, xr.DataArray], limits: tuple[float, float], *, title: str = ""
+) -> Iterator[NDArray[np.uint8]]:
+    """Draw stacks over time: one column a stack, one row a viewing angle.
+
+    Parameters
+    ----------
+    columns : mapping of str to DataArray
+        Name to phase (time, angle, y, x) in radians, each with the same times and as many angles.
+        Pixels that are NaN stay white.
+    limits : tuple of float
+        Phase in radians at the ends of the colour scale.
+    title : str, optional
+        What it shows, to stand before the time.
+
+    Yields
+    ------
+    ndarray of uint8, shape (height, width, 3)
+        One picture a time; height and width are even. The angle of a row stands at its left if
+        it is that of all columns.
+
+    Raises
+    ------
+    ValueError
+        If there are no stacks, or they differ in their number of times or angles.
+    """
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+    stacks = checked_stacks(columns)
+    figure, images = movie_figure(list(columns), stacks, limits)
+    canvas = FigureCanvasAgg(figure)
+    top = 1 - 0.4 * LINE / figure.get_size_inches()[1]
+    heading = figure.suptitle("", fontsize=10, y=top, animated=True)
+    canvas.draw()
+    # What stays the same is drawn once.
+    still = canvas.copy_from_bbox(figure.bbox)
+    for t in range(stacks[0].sizes["time"]):
+        canvas.restore_region(still)
+        words = (title, time_label(stacks[0], t))
+        heading.set_text(", ".join(word for word in words if word))
+        figure.draw_artist(heading)
+        for image, frames in images:
+            image.set_data(frames[t])
+            figure.draw_artist(image)
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def movie_figure(
+    names: Sequence[str], stacks: Sequence[xr.DataArray], limits: tuple[float, float]
+) -> tuple[Figure, list[tuple[AxesImage, NDArray[np.float32]]]]:
+    """Return what a movie shows all the time, and every moving picture with its frames."""
+    from matplotlib.figure import Figure
+
+    titles = [textwrap.fill(name, 18) for name in names]
+    lines = 1.6 + max(title.count("\n") + 1 for title in titles)
+    _, x_end, y_end, _ = extent_of(stacks[0])
+    aspect = min(max(y_end / x_end, 0.3), 3.0)
+    grid = Grid.of(len(stacks), stacks[0].sizes["angle"], aspect, lines * LINE)
+    figure = Figure(figsize=grid.size, dpi=MOVIE_DPI)
+    images = []
+    for row in range(grid.n_rows):
+        for column, stack in enumerate(stacks):
+            axis = figure.add_axes(grid.place(row, column))
+            axis.set_axis_off()
+            axis.set_title(titles[column] if row == 0 else "", fontsize=9, pad=3)
+            image = axis.imshow(
+                stack.values[0, row],
+                vmin=limits[0],
+                vmax=limits[1],
+                cmap=COLOURS,
+                extent=extent_of(stack),
+                animated=True,
+            )
+            images.append((image, stack.values[:, row]))
+        left, bottom, _, height = grid.place(row, 0)
+        left -= GAP / grid.size[0]
+        label = angle_label(stacks, row)
+        figure.text(left, bottom + height / 2, label, fontsize=9, ha="right", va="center")
+    figure.colorbar(image, cax=figure.add_axes(grid.bar()), label="phase (rad)")
+    return figure, images
+
+
+def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
+    """Return the stacks of a movie, or say why they can't stand next to each other."""
+    if not columns:
+        msg = "there are no stacks to show; give at least one"
+        raise ValueError(msg)
+    stacks = [in_memory(stack.transpose("time", "angle", "y", "x")) for stack in columns.values()]
+    first = next(iter(columns))
+    for name, stack in zip(columns, stacks, strict=True):
+        if stack.shape[:2] != stacks[0].shape[:2]:
+            msg = (
+                f"{name} has {stack.shape[0]} times and {stack.shape[1]} angles, but {first} has "
+                f"{stacks[0].shape[0]} and {stacks[0].shape[1]}; show them in movies of their own"
+            )
+            raise ValueError(msg)
+    return stacks
+
+
+def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
+    """Return the angle of a row, or nothing where the stacks have different ones."""
+    angles = {float(stack["angle"][row]) for stack in stacks}
+    return f"{angles.pop():g}°" if len(angles) == 1 else ""
+
+
+def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
+    """Return the range of phase of several pictures, without a few extreme pixels and NaN."""
+    shown = np.concatenate([np.ravel(s) for s in stacks])
+    shown = shown[np.isfinite(shown)]
+    if not shown.size:
+        return -np.pi, np.pi
+    low, high = (float(v) for v in np.quantile(shown, (0.001, 0.9995)))
+    return low, high
+
+
+def extent_of(stack: xr.DataArray) -> tuple[float, float, float, float]:
+    """Return the edges of a frame in micrometres, as matplotlib wants them."""
+    return (0.0, float(stack["x"][-1]) or 1.0, float(stack["y"][-1]) or 1.0, 0.0)
+
+
+def time_label(stack: xr.DataArray, t: int) -> str:
+    """Return the time of a frame, in minutes where a recording lasts some."""
+    seconds = float(stack["time"][t])
+    if float(stack["time"][-1]) >= 600:
+        return f"t = {seconds / 60:.3g} min"
+    return f"t = {seconds:.3g} s"
+
+
+#: Inches of one picture, and of the words below them, a line.
+LOOK_CELL, LOOK_LINE = 3.0, 0.2
+#: Inches that stay empty on the left and on the right.
+MARGIN = 0.1
+#: Rows and columns of a hologram that are shown at the camera's own resolution, so that the
+#: fringes can be seen.
+DETAIL = 64
+#: Of the spectrum, this share of the weakest frequencies is black.
+DARKEST = 0.5
+
+
+@dataclass(frozen=True)
+class Circle:
+    """A lobe as it is drawn on the spectrum: ``(ky, kx)`` and radius in cycles per pixel."""
+
+    centre: tuple[float, float]
+    radius: float
+
+
+def look_figure(
+    hologram: NDArray[Any],
+    spectrum: xr.DataArray,
+    circles: Sequence[Circle],
+    data: xr.Dataset,
+    unwrapped: xr.DataArray,
+    *,
+    title: str = "",
+    words: Sequence[str] = (),
+) -> Figure:
+    """Draw a hologram, its spectrum with the lobes, and what each view shows of one frame.
+
+    Parameters
+    ----------
+    hologram : ndarray of shape (y, x)
+        Grey values.
+    spectrum : xarray.DataArray
+        Power, dims (ky, kx) in cycles per pixel.
+    circles : sequence of Circle
+        The lobes, in the order of the views of ``data``.
+    data : xarray.Dataset
+        ``phase`` wrapped and ``amplitude``, dims (time, angle, y, x); the first time is shown.
+    unwrapped : xarray.DataArray
+        Unwrapped phase of the first time, same dims.
+    title : str, optional
+        What stands above.
+    words : sequence of str, optional
+        Lines that stand below.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        The first row is the hologram, a detail of it and the spectrum; then one row a view with
+        amplitude, wrapped and unwrapped phase.
+    """
+    from matplotlib.figure import Figure
+
+    n_views = data.sizes["angle"]
+    height, width = hologram.shape
+    cell = LOOK_CELL * min(height / width, 1.4)
+    foot = LOOK_LINE * (len(words) + 1)
+    size = (3 * (LOOK_CELL + 0.7), (1 + n_views) * (cell + 0.35) + foot + 0.3)
+    figure = Figure(figsize=size)
+    bottom = foot / size[1]
+    side = MARGIN / size[0]
+    figure.set_layout_engine("constrained", rect=(side, bottom, 1 - 2 * side, 1 - bottom))
+    axes = figure.subplots(1 + n_views, 3, squeeze=False)
+    for axis in axes.flat:
+        axis.set_xticks([])
+        axis.set_yticks([])
+    show_hologram(axes[0, 0], axes[0, 1], hologram)
+    show_spectrum(axes[0, 2], spectrum, circles)
+    for view, row in enumerate(axes[1:]):
+        show_view(figure, row, data, unwrapped, view)
+    figure.suptitle(title, fontsize=11)
+    figure.text(0.02, 0.3 * LOOK_LINE / size[1], "\n".join(words), fontsize=9, va="bottom")
+    return figure
+
+
+def show_hologram(whole: Any, detail: Any, hologram: NDArray[Any]) -> None:
+    """Draw a hologram, and its middle magnified, in grey."""
+    low, high = np.quantile(hologram, (0.001, 0.999))
+    scale = {"cmap": "gray", "vmin": low, "vmax": max(high, low + 1e-6)}
+    whole.imshow(hologram, **scale)
+    whole.set_title(f"hologram, {hologram.shape[1]} × {hologram.shape[0]}", fontsize=9)
+    part = tuple(slice(max(n // 2 - DETAIL // 2, 0), n // 2 + DETAIL // 2) for n in hologram.shape)
+    detail.imshow(hologram[part], interpolation="nearest", **scale)
+    detail.set_title("its middle, magnified", fontsize=9)
+
+
+def show_spectrum(axis: Any, spectrum: xr.DataArray, circles: Sequence[Circle]) -> None:
+    """Draw the power spectrum on a logarithmic scale, with a numbered circle on each lobe."""
+    from matplotlib.patches import Circle as Patch
+
+    power = 10 * np.log10(np.maximum(spectrum.values, np.finfo(np.float32).tiny))
+    ky, kx = spectrum["ky"].values, spectrum["kx"].values
+    axis.imshow(
+        power,
+        cmap="magma",
+        vmin=float(np.quantile(power, DARKEST)),
+        vmax=float(np.quantile(power, 0.9999)),
+        extent=(kx[0], kx[-1], ky[-1], ky[0]),
+        aspect="auto",
+    )
+    for number, circle in enumerate(circles, start=1):
+        y, x = circle.centre
+        axis.add_patch(Patch((x, y), circle.radius, fill=False, edgecolor="cyan"))
+        top = (x, y - 1.1 * circle.radius)
+        axis.annotate(str(number), top, color="cyan", ha="center", va="bottom", fontsize=10)
+    axis.set_title("spectrum (dB), lobes found", fontsize=9)
+
+
+def show_view(
+    figure: Figure, row: Sequence[Any], data: xr.Dataset, unwrapped: xr.DataArray, view: int
+) -> None:
+    """Draw amplitude, wrapped and unwrapped phase of a view."""
+    amplitude, height = data["amplitude"].values[0, view], unwrapped.values[0, view]
+    low, high = np.nanquantile(height, (0.002, 0.998))
+    angle = float(data["angle"].values[view])
+    pictures: list[tuple[str, NDArray[Any], dict[str, Any]]] = [
+        (
+            "amplitude",
+            amplitude,
+            {"cmap": "gray", "vmin": 0, "vmax": np.quantile(amplitude, 0.99)},
+        ),
+        (
+            "wrapped phase (rad)",
+            data["phase"].values[0, view],
+            {"cmap": "twilight", "vmin": -np.pi, "vmax": np.pi},
+        ),
+        ("unwrapped phase (rad)", height, {"cmap": "turbo", "vmin": low, "vmax": high}),
+    ]
+    for axis, (name, image, scale) in zip(row, pictures, strict=True):
+        shown = axis.imshow(image, **scale)
+        axis.set_title(name, fontsize=9)
+        figure.colorbar(shown, ax=axis, shrink=0.8)
+    row[0].set_ylabel(f"view {view + 1} ({angle:g}°)", fontsize=9)
+
+
+#: Name under which the truth is shown.
+EXACT = "exact"
+
+
+def named_results(
+    comparison: Comparison, truth: xr.DataArray | None = None
+) -> dict[str, xr.DataArray]:
+    """Return the truth, where it is known, and every result by the name of its method."""
+    labels = comparison.table["method"]
+    named = {str(labels[method]): result for method, result in comparison.results.items()}
+    return named if truth is None else {EXACT: truth, **named}
+
+
+def telling_frames(
+    phase: xr.DataArray, boundary: tuple[int, int], also: tuple[int, int] | None = None
+) -> list[tuple[int, int]]:
+    """Return frames worth a picture: the thin one, half way, and the last from both ends.
+
+    Parameters
+    ----------
+    phase : xarray.DataArray
+        Any of the stacks, dims (time, angle, y, x).
+    boundary : tuple of int
+        The optically thin frame (time, angle); negative numbers count from the end.
+    also : tuple of int, optional
+        One more frame, such as the one on screen, instead of the one half way.
+    """
+    last, far = phase.sizes["time"] - 1, phase.sizes["angle"] - 1
+    t, a = boundary
+    frames = [(t % (last + 1), a % (far + 1)), also or (last // 2, 0), (last, 0), (last, far)]
+    return list(dict.fromkeys(frames))
