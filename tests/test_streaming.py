@@ -21,10 +21,11 @@ from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, ru
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.pipeline.streaming.workers import Threads
-from napari_phase4d.progress import Cancelled, Watch
+from napari_phase4d.progress import Cancelled, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import block_at, block_frames, blocks_of
 from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.unwrapping.directional import methods, regions, scene, steps
 
 STREAMING = tuple(m for m, method in METHODS.items() if method.streams)
 
@@ -100,11 +101,21 @@ def test_every_block_may_be_done_twice(
 
         return once(self, again, items, watch)
 
+    def twice_in_threads(work: Callable, items: Iterable, watch: Watch, **more: bool) -> Iterator:
+        def again(item: object) -> object:
+            done.add(work.__qualname__ if hasattr(work, "__qualname__") else type(work).__name__)
+            work(item)
+            return work(item)
+
+        return in_threads(again, items, watch, **more)
+
     monkeypatch.setattr(Threads, "map", twice)
+    for part in (scene, steps, regions, methods):
+        monkeypatch.setattr(part, "in_threads", twice_in_threads)
     found = p4d.run(chosen.changed(storage="disk"), folder=tmp_path / "out").comparison.results
     for method, result in expected.items():
         xr.testing.assert_identical(found[method].compute(), result)
-    assert len(done) >= 5, done  # every stage but the holograms'
+    assert len(done) >= 14, done  # every stage but the holograms'
 
 
 def test_methods_that_need_all_frames_write_to_disk_too(

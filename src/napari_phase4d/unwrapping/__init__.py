@@ -9,6 +9,7 @@ from napari_phase4d.unwrapping.boundaries import (
     scores_of_some,
     scores_sentence,
 )
+from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.support import (
     Support,
     astray,
@@ -17,7 +18,6 @@ from napari_phase4d.unwrapping.directional.support import (
 )
 from napari_phase4d.unwrapping.ends import both_ends, ends_along
 from napari_phase4d.unwrapping.flow import loop_sums
-from napari_phase4d.unwrapping.four_d import ORDERS
 from napari_phase4d.unwrapping.framewise import frame_by_frame
 from napari_phase4d.unwrapping.masks import left_out_advice
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 __all__ = ["STACKS_OF_A_FRAME", "Method", "Option"]
 
@@ -49,7 +47,9 @@ class Method:
     summary : str
         What it does, in one sentence.
     function : callable
-        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``.
+        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``. Of one that
+        streams: ``function(problem, result, progress, cancelled, **options)`` writes the result
+        into a stack and returns the smallest and largest phase of each block.
     options : tuple of Option
         Its settings.
     working_stacks : float
@@ -72,7 +72,7 @@ class Method:
     label: str
     source: str
     summary: str
-    function: Callable[..., NDArray[np.float32]]
+    function: Callable[..., Any]
     options: tuple[Option, ...] = ()
     working_stacks: float = 5.0
     finds_object: bool = False

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from napari_phase4d.unwrapping import four_d, volumes
+from napari_phase4d.unwrapping import chain, volumes
 from napari_phase4d.unwrapping.dilate_erode import dilate_erode
 from napari_phase4d.unwrapping.directional import directional_growing, directional_l1
 from napari_phase4d.unwrapping.installed import WithInstalled
@@ -42,7 +42,7 @@ BUILT_IN: dict[str, Method] = {
         "2-D",
         "Herraez et al. 2002, Appl. Opt. 41, 7437",
         "Each frame by itself, most reliable pixels first.",
-        four_d.spatial_2d,
+        chain.spatial_2d,
         (
             Option(
                 "reliability",
@@ -58,7 +58,7 @@ BUILT_IN: dict[str, Method] = {
         "Angular",
         "Dardikman et al. 2017, Opt. Express 25, 3347",
         "From the thin angle to the others, at each time.",
-        four_d.angular,
+        chain.angular,
         CHAIN_OPTIONS,
         streams=True,
     ),
@@ -66,7 +66,7 @@ BUILT_IN: dict[str, Method] = {
         "Temporal",
         PAPER,
         "From the thin time to the others, for each angle.",
-        four_d.temporal,
+        chain.temporal,
         CHAIN_OPTIONS,
         streams=True,
     ),
@@ -74,7 +74,7 @@ BUILT_IN: dict[str, Method] = {
         "T/A",
         PAPER + ", Fig. 1(a)",
         "Along time first, then along the angle.",
-        four_d.temporal_angular,
+        chain.temporal_angular,
         CHAIN_OPTIONS,
         streams=True,
     ),
@@ -82,7 +82,7 @@ BUILT_IN: dict[str, Method] = {
         "A/T",
         PAPER + ", Fig. 1(b)",
         "Along the angle first, then along time.",
-        four_d.angular_temporal,
+        chain.angular_temporal,
         CHAIN_OPTIONS,
         streams=True,
     ),
