@@ -20,7 +20,7 @@ from measuring import Row, median_seconds, paired, touch_memory
 
 import napari_phase4d as p4d
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe
-from napari_phase4d.holography.emptyfield import to_polar
+from napari_phase4d.phasors import to_polar
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 SHAPE = (1024, 1280)

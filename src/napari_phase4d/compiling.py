@@ -79,10 +79,12 @@ def drop_outdated(room: Path) -> None:
 
     numba looks at the file of the function itself, not at those of functions that it calls.
     """
-    changed = [path.stat().st_mtime for path in room.rglob("*.py")]
+    sources = room.glob("*.py") if room == HERE else room.rglob("*.py")
+    changed = [path.stat().st_mtime for path in sources]
     # Clocks differ between machines: what seems to come from the future says nothing.
     newest = max((time_ for time_ in changed if time_ <= time.time()), default=0.0)
-    for path in room.rglob("__pycache__/*.nb[ic]"):
+    # What lies in the package's own folder calls nothing of the rooms.
+    for path in (room.glob if room == HERE else room.rglob)("__pycache__/*.nb[ic]"):
         try:
             if path.stat().st_mtime < newest:
                 path.unlink()

@@ -115,15 +115,22 @@ class Watch:
 
 
 def in_threads(
-    work: Callable[[T], R], items: Iterable[T], watch: Watch, *, wait: bool = False
+    work: Callable[[T], R],
+    items: Iterable[T],
+    watch: Watch,
+    *,
+    wait: bool = False,
+    large: bool = False,
 ) -> Iterator[R]:
     """Yield ``work(item)`` in order, computed on as many threads as there are cores.
 
     Only a few results wait in memory at a time. When cancelled, it stops at once; items already
     under way end by themselves and their results are dropped. With ``wait``, for work that leaves
-    more than its result, it ends only when these have ended.
+    more than its result, it ends only when these have ended. With ``large`` results, one at most
+    waits while others are computed.
     """
     workers = cores()
+    most = workers + 1 if large else 2 * workers
     waiting: deque[Future[Batch[R]]] = deque()
     source, size = iter(items), 1
     stopped = threading.Event()
@@ -132,10 +139,11 @@ def in_threads(
     try:
         while batch := list(islice(source, size)):
             waiting.append(pool.submit(done_batch, work, batch, stopped))
-            if len(waiting) >= 2 * workers:
+            if len(waiting) >= most:
                 done = finished(waiting.popleft(), watch)
                 yield from counted(done, watch)
-                size = max(1, min(int(BATCH_S / max(done.seconds_each, 1e-9)), LARGEST_BATCH))
+                if not large:
+                    size = max(1, min(int(BATCH_S / max(done.seconds_each, 1e-9)), LARGEST_BATCH))
         while waiting:
             yield from counted(finished(waiting.popleft(), watch), watch)
     finally:

@@ -1,4 +1,4 @@
-"""From complex fields to amplitude and phase, with the phase of the empty field taken off.
+"""The phase of the empty field of a complex field, and how to take it off.
 
 Also the tilt of single frames, where the arms of the interferometer move against each other.
 Each compiled loop goes over the pixels once and works on several at a time, which takes a fifth of
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.compiling import vectorized
+from napari_phase4d.phasors import parts_of
 
 __all__ = [
     "ENOUGH_BACKGROUND",
@@ -28,7 +29,6 @@ __all__ = [
     "mode_phase",
     "remove_offset",
     "solved",
-    "to_polar",
     "wrapped",
 ]
 
@@ -127,29 +127,13 @@ FLAT_RAD = np.float32(0.8)
 ENOUGH_BACKGROUND = 0.15
 
 PI = np.float32(np.pi)
-HALF_PI = np.float32(np.pi / 2)
 TURN = np.float32(2 * np.pi)
 PER_TURN = np.float32(0.5 / np.pi)
-TINY = np.finfo(np.float32).tiny
-#: Of arctan(q) / q in powers of q^2, for q from 0 to 1: wrong by at most 2e-8, a sixth of the
-#: last digit of float32 (Abramowitz & Stegun, Handbook of Mathematical Functions, 4.4.49).
-A2, A4 = np.float32(-0.3333314528), np.float32(0.1999355085)
-A6, A8 = np.float32(-0.1420889944), np.float32(0.1065626393)
-A10, A12 = np.float32(-0.0752896400), np.float32(0.0429096138)
-A14, A16 = np.float32(-0.0161657367), np.float32(0.0028662257)
 ZERO, ONE = np.float32(0), np.float32(1)
 BINS_PER_RAD = np.float32(1 / FINE_RAD)
 
 Fields = NDArray[np.complex64]
 Image = NDArray[np.float32]
-
-
-def to_polar(field: Fields, amplitude: Image, phase: Image) -> None:
-    """Write the amplitude and the phase in (-pi, pi] of a field, all of shape (y, x).
-
-    Both are as right as float32 can tell: within 5e-7 rad of `numpy.arctan2`.
-    """
-    write_polar(parts_of(field), amplitude, phase)
 
 
 def background_offset(field: Fields, phase: Image | None = None) -> float:
@@ -197,29 +181,6 @@ def remove_offset(field: Fields, phase: Image) -> float:
     if share >= ENOUGH_BACKGROUND:
         take_off(phase, np.float32(offset))
     return share
-
-
-def parts_of(field: Fields) -> Image:
-    """Return the real and imaginary parts of a field, which take turns along x."""
-    return np.ascontiguousarray(field, dtype=np.complex64).view(np.float32)
-
-
-@vectorized
-def write_polar(parts: Image, amplitude: Image, phase: Image) -> None:
-    """Write the amplitude and phase of real and imaginary parts that take turns along x."""
-    height, width = amplitude.shape
-    for y in range(height):
-        for x in range(width):
-            real, imag = parts[y, 2 * x], parts[y, 2 * x + 1]
-            amplitude[y, x] = np.sqrt(real * real + imag * imag)
-            a, b = abs(real), abs(imag)
-            q = min(a, b) / max(max(a, b), TINY)
-            s = q * q
-            high = A8 + s * (A10 + s * (A12 + s * (A14 + s * A16)))
-            angle = q * (ONE + s * (A2 + s * (A4 + s * (A6 + s * high))))
-            angle = HALF_PI - angle if b > a else angle
-            angle = PI - angle if real < 0 else angle
-            phase[y, x] = -angle if imag < 0 else angle
 
 
 @vectorized

@@ -23,12 +23,13 @@ from napari_phase4d.holography.demodulation import (
     field_shape,
     half_spectrum,
 )
-from napari_phase4d.holography.emptyfield import FrameTilt, remove_offset, to_polar
+from napari_phase4d.holography.emptyfield import FrameTilt, remove_offset
 from napari_phase4d.holography.focusing import Focus
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import LostFrames
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
+from napari_phase4d.phasors import to_polar
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.stacks import KIND, WRAPPED
 

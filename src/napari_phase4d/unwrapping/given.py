@@ -15,9 +15,12 @@ __all__ = ["Given", "as_given", "is_known", "working_blocks", "working_frames"]
 
 #: Beyond so many radians, single precision no longer tells the parts of a turn.
 LARGEST = 1e5
-#: Work that looks at neighbouring frames too takes so many pixels at a time, of all views, and no
-#: more frames than this: what it needs on the way is some forty bytes a pixel.
-WORKING_PIXELS, WORKING_FRAMES = 2**20, 32
+#: Work that looks at neighbouring frames too takes about so many pixels at a time, of all views,
+#: but so many frames if they have no more than four times the pixels, since what it needs of the
+#: frames around is done twice. On the way it takes some hundred bytes a pixel.
+WORKING_PIXELS, FEW_FRAMES = 2**20, 8
+#: It takes no more frames than this.
+WORKING_FRAMES = 32
 
 
 def is_known(phase: NDArray[np.floating]) -> NDArray[np.bool_]:
@@ -64,7 +67,9 @@ def as_given(wrapped: NDArray[np.float32], usable: NDArray[np.bool_] | None = No
 
 def working_frames(shape: Sequence[int]) -> int:
     """Return how many frames of (time, angle, y, x) to work on at a time."""
-    return max(1, min(WORKING_PIXELS // max(math.prod(shape[1:]), 1), WORKING_FRAMES, shape[0]))
+    frame = max(math.prod(shape[1:]), 1)
+    frames = max(WORKING_PIXELS // frame, min(FEW_FRAMES, 4 * WORKING_PIXELS // frame), 1)
+    return min(frames, WORKING_FRAMES, shape[0])
 
 
 def working_blocks(shape: Sequence[int]) -> list[Block]:

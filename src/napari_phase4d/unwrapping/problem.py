@@ -86,8 +86,6 @@ class Problem(SharedSteps):
             self._leave_out(~is_known(self.wrapped))
         self.amplitude = self._given_amplitude(amplitude, values.shape)
         self.for_one_method = for_one_method
-        #: Where stacks lie that are needed on the way.
-        self.store: Store = Memory()
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
@@ -175,6 +173,11 @@ class Problem(SharedSteps):
             masks = object_masks(unwrapped, watch)
         watch = Watch(self.n_frames, "registration", progress, cancelled)
         return centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
+
+    @property
+    def store(self) -> Store:
+        """Where stacks lie that are needed on the way."""
+        return Memory()
 
     @property
     def given(self) -> Given:

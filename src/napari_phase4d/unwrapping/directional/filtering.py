@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
+from napari_phase4d.compiling import compiled, vectorized
+from napari_phase4d.phasors import parts_of, phase_of, phasors
 from napari_phase4d.progress import on_all_cores
-from napari_phase4d.unwrapping.boxes import known_mean
+from napari_phase4d.unwrapping.boxes import LEAST_WEIGHT, box_mean
 from napari_phase4d.unwrapping.ends import ends_along
 
 __all__ = ["HALO", "along_slope"]
@@ -72,16 +73,8 @@ def along_slope(
         lines = (math.prod(z.shape[:axis]), n, math.prod(z.shape[axis + 1 :]))
         slope = slopes.pop(axis).reshape(lines[0], n - 1, lines[2])
         average(z.reshape(lines), slope, left.reshape(lines))
-    averaged: Stack = np.where(valid, np.arctan2(z.imag, z.real), phase)
+    averaged: Stack = np.where(valid, phase_of(z), phase)
     return averaged, left
-
-
-def phasors(phase: Stack) -> Fields:
-    """Return exp(i phase)."""
-    z = np.empty(phase.shape, dtype=np.complex64)
-    np.cos(phase, out=z.real)
-    np.sin(phase, out=z.imag)
-    return z
 
 
 def slope_along(
@@ -90,26 +83,43 @@ def slope_along(
     """Return the slope of every step along an axis: its length is how far it is to be used."""
     head, tail = ends_along(axis, 4)
     known = valid[head] & valid[tail] & (seams[head] == seams[tail])
-    product = np.conj(z[head])
+    product: Fields = np.conj(z[head])
     product *= z[tail]
+    weights = None
     if not known.all():
         product *= known
-    slope = known_mean(product, known)
-    square = slope.real * slope.real
-    square += slope.imag * slope.imag
-    np.maximum(square, np.float32(SHORTEST), out=square)
-    varies = np.log(square)
-    varies += np.float32(2 * noise**2)
-    np.minimum(varies, 0, out=varies)
-    varies *= np.float32(-STEADY)
-    varies += np.float32(noise**2)
-    np.sqrt(square, out=square)
-    square *= varies
-    share = np.divide(np.float32(noise**2), square, out=square)
-    if not known.all():
-        share *= known
-    weighted: Fields = slope * share
-    return weighted
+        weights = box_mean(known.astype(np.float32))
+    slope: Fields = box_mean(product)
+    if weights is None:
+        weights = np.ones((1, 1), dtype=np.float32)
+    lines = slope.reshape(-1, slope.shape[-1])
+    use_of_slope(
+        parts_of(lines),
+        weights.reshape(-1, weights.shape[-1]),
+        known.reshape(lines.shape),
+        np.float32(noise**2),
+    )
+    return slope
+
+
+@vectorized
+def use_of_slope(parts: Stack, weights: Stack, known: Mask, variance: np.float32) -> None:
+    """Turn mean products (line, place) into slopes as long as they are to be used, in place.
+
+    Real and imaginary parts take turns.
+    """
+    one, none = np.float32(1), np.float32(0)
+    height, width = known.shape
+    whole = weights.size == 1
+    for y in range(height):
+        for x in range(width):
+            weight = one if whole else max(weights[y, x], np.float32(LEAST_WEIGHT))
+            real, imag = parts[y, 2 * x] / weight, parts[y, 2 * x + 1] / weight
+            square = max(real * real + imag * imag, np.float32(SHORTEST))
+            varies = min(np.log(square) + 2 * variance, none)
+            share = variance / (np.sqrt(square) * (variance - np.float32(STEADY) * varies))
+            share = share if known[y, x] else none
+            parts[y, 2 * x], parts[y, 2 * x + 1] = real * share, imag * share
 
 
 @compiled

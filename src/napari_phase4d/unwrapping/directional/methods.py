@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -38,6 +39,8 @@ __all__ = [
     "prepared",
 ]
 
+T = TypeVar("T")
+
 TURN = np.float32(2 * np.pi)
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
@@ -58,9 +61,11 @@ NEARLY_ALL = 0.9
 class Unwraps(Recorded, Protocol):
     """What the directional methods ask of a problem, to write a result."""
 
-    finds_mask: bool
+    @property
+    def finds_mask(self) -> bool:
+        """Whether the object is what is to be unwrapped."""
 
-    def once(self, name: str, work: object) -> Field:
+    def once(self, name: str, work: Callable[[], T]) -> T:
         """Return what ``work()`` returned when it was first asked for by this name."""
 
     def settle_frames(
@@ -163,13 +168,12 @@ def grown(regions: Regions) -> tuple[Whole, Turns]:
     """Go along the edges, smoothest first, as Kruskal does; return part and turns of regions."""
     edges = regions.edges
     votes = edges.ground > 0
-    columns = (edges.first, edges.second, edges.turns)
-    parts, turns, _ = grow_list(
-        *(np.concatenate([column[votes], column]) for column in columns),
-        np.concatenate([-edges.ground[votes] / PARTS, edges.rough]),
-        regions.n,
-        overwrite=True,
+    first, second, asked = (
+        np.concatenate([column[votes], column])
+        for column in (edges.first, edges.second, edges.turns)
     )
+    costs = np.concatenate([-edges.ground[votes] / PARTS, edges.rough])
+    parts, turns, _ = grow_list(first, second, asked, costs, regions.n, overwrite=True)
     level = turns[regions.held] + regions.held_turns
     return parts, turns.astype(np.int64) - np.where(parts == parts[regions.held], level, 0)
 

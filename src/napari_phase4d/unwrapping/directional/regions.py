@@ -19,15 +19,14 @@ from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
-from napari_phase4d.unwrapping.ends import ends_along
 
 __all__ = ["PARTS", "Edges", "Regions", "find_regions", "merged_edges", "root_of", "weight_of"]
 
 #: Weight of a step: (SOFTENING + roughness)^-POWER, roughness in radians.
 SOFTENING, POWER = 0.5, 6
-#: Weights are whole multiples, at least 1, of one part in so many, so that their sums do not depend
-#: on the order. It tells steps of up to 40 rad apart, more than fading amplitude stands for, and
-#: leaves room for the sum of some ten million smooth steps.
+#: Weights are whole multiples, at least 1, of one part in so many, so that their sums do not
+#: depend on the order. It tells steps of up to 40 rad apart, more than fading amplitude stands
+#: for, and leaves room for the sum of some ten million smooth steps.
 PARTS = 2.0**32
 #: Steps smoother and smaller than this, in radians, are never doubted: their ends move together.
 #: The smoother half of them joins first.
@@ -158,7 +157,7 @@ def find_regions(scene: Scene, steps: Iterator[Weighed], store: Store, watch: Wa
         return grouped(scene, weighed, groups, relative)
 
     joining = Joining(scene)
-    for found in in_threads(work, steps, watch.quiet(0), wait=True):
+    for found in in_threads(work, steps, watch.quiet(0), wait=True, large=True):
         joining.add(found)
     return joining.regions(groups, relative)
 
@@ -266,7 +265,8 @@ def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack
     groups_to.write(block, groups)
     relative_to.write(block, relative)
     inside = (slice(None), slice(None), *scene.box)
-    part = [Frame(*arrays) for arrays in zip(groups[inside], relative[inside], free, strict=True)]
+    boxed = (np.ascontiguousarray(stack[inside]) for stack in (groups, relative))
+    part = [Frame(*arrays) for arrays in zip(*boxed, free, strict=True)]
     within = [
         [
             runs_along(part[i], axis, opinions[axis], i)
@@ -296,39 +296,30 @@ def parts_of(opinion: Opinion) -> tuple[NDArray[Any], ...]:
 
 def runs_along(frame: Frame, axis: int, opinion: Opinion, i: int) -> Runs:
     """List the steps between the groups of one time, along angle, y or x."""
-    head, tail = ends_along(axis - 1, 3)
-    return runs_of(
-        tuple(part[head] for part in vars(frame).values()),
-        tuple(part[tail] for part in vars(frame).values()),
-        tuple(part[i] for part in parts_of(opinion)),
-        same=True,
-    )
+    return runs_of(frame, frame, opinion, i, (axis == 1, axis == 2, axis == 3))
 
 
 def runs_between(frame: Frame, following: Frame, opinion: Opinion, i: int) -> Runs:
     """List the steps from one time to the next."""
-    return runs_of(
-        tuple(vars(frame).values()),
-        tuple(vars(following).values()),
-        tuple(part[i] for part in parts_of(opinion)),
-        same=False,
-    )
+    return runs_of(frame, following, opinion, i, (False, False, False))
 
 
 def runs_of(
-    head: tuple[NDArray[Any], ...],
-    tail: tuple[NDArray[Any], ...],
-    asked: tuple[NDArray[Any], ...],
-    *,
-    same: bool,
+    head: Frame, tail: Frame, opinion: Opinion, i: int, step: tuple[bool, bool, bool]
 ) -> Runs:
-    """List the steps between two maps of groups (angle, y, x), of the same time or not."""
-    nothing = Runs(np.empty((0, 4), np.int32), np.empty((0, 2), np.int64), np.empty(0, np.float32))
-    count = list_runs(head, tail, asked, *vars(nothing).values(), same)
-    found = Runs(
-        np.empty((count, 4), np.int32), np.empty((count, 2), np.int64), np.empty(count, np.float32)
-    )
-    list_runs(head, tail, asked, *vars(found).values(), same)
+    """List the steps from each pixel (angle, y, x) of a frame to the next one of another."""
+    asked = tuple(part[i] for part in parts_of(opinion))
+    maps = (*vars(head).values(), *vars(tail).values(), *asked, *(int(s) for s in step))
+    count = 0
+    for _ in range(2):  # counted first, then listed
+        found = Runs(
+            np.empty((count, 4), np.int32),
+            np.empty((count, 2), np.int64),
+            np.empty(count, np.float32),
+        )
+        count = list_runs(*maps, *vars(found).values())
+        if not count:
+            break
     return found
 
 
@@ -374,7 +365,7 @@ def grade_of(rough: float, kept: bool, small: bool, free: bool) -> int:
 
 
 @compiled
-def group_frame(
+def group_frame(  # noqa: C901 - one loop after the other; calls would need all of it again
     islands: Index,
     n_islands: int,
     corner: tuple[int, int],
@@ -461,30 +452,41 @@ def group_frame(
 
 @compiled
 def list_runs(
-    head: tuple[Any, ...],
-    tail: tuple[Any, ...],
-    asked: tuple[Any, ...],
+    groups: Index,
+    relative: NDArray[np.int16],
+    free: Mask,
+    groups_2: Index,
+    relative_2: NDArray[np.int16],
+    free_2: Mask,
+    turns: NDArray[np.int16],
+    rough: NDArray[np.float32],
+    kept: Mask,
+    small: Mask,
+    dv: int,
+    dy: int,
+    dx: int,
     ends: Index,
     costs: Whole,
     least: NDArray[np.float32],
-    same: bool,
 ) -> int:
-    """List the steps between two maps of groups; only count them where there is no room."""
-    groups, relative, free = head
-    groups_2, relative_2, free_2 = tail
-    turns, rough, kept, small = asked
+    """List the steps between two maps of groups; only count them where there is no room.
+
+    A step leads from each pixel of the first map to that one of the second map which lies so
+    many views, rows and columns further.
+    """
     count = 0
     fill = len(ends) > 0
+    same = dv + dy + dx > 0
     for v in range(turns.shape[0]):
         for y in range(turns.shape[1]):
             a0, b0, j0 = -1, -1, 0
             for x in range(turns.shape[2]):
                 if not kept[v, y, x]:
                     continue
-                a, b = groups[v, y, x], groups_2[v, y, x]
+                a, b = groups[v, y, x], groups_2[v + dv, y + dy, x + dx]
                 if same and a == b:
                     continue
-                j = turns[v, y, x] - relative_2[v, y, x] + relative[v, y, x]
+                j = turns[v, y, x] - relative_2[v + dv, y + dy, x + dx] + relative[v, y, x]
                 if a != a0 or b != b0 or j != j0:
                     a0, b0, j0 = a, b, j
                     if fill:
@@ -494,7 +496,7 @@ def list_runs(
                         least[count] = np.float32(np.inf)
                     count += 1
                 if fill:
-                    either = free[v, y, x] or free_2[v, y, x]
+                    either = free[v, y, x] or free_2[v + dv, y + dy, x + dx]
                     r = rough[v, y, x]
                     grade = grade_of(r, True, small[v, y, x], either)
                     ends[count - 1, 3] = max(ends[count - 1, 3], grade)
@@ -593,7 +595,7 @@ class Joining:
         )
 
     def _make_room(self, time: int, sizes: Whole) -> None:
-        """Number the groups of one more time."""
+        """Give the groups of one more time numbers."""
         self._base[time] = self._n
         self._n += len(sizes)
         self._sizes.append(sizes)

@@ -6,9 +6,10 @@ on a block of frames at a time, with the same numbers whatever the blocks are.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from itertools import product
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,8 +43,13 @@ Box = tuple[slice, slice]
 class Recorded(Protocol):
     """What the directional methods ask of a problem."""
 
-    given: Given
-    store: Store
+    @property
+    def given(self) -> Given:
+        """The wrapped phase, and the pixels that count."""
+
+    @property
+    def store(self) -> Store:
+        """Where stacks lie that are needed on the way."""
 
     @property
     def first(self) -> tuple[int, int]:
@@ -53,7 +59,7 @@ class Recorded(Protocol):
         """Frames that say nothing."""
 
     def background(self) -> Background:
-        """The empty field."""
+        """Return the empty field."""
 
     def amplitude_of(self, block: Block) -> Image | None:
         """Amplitude of a block as a share of its view's median, or None."""
@@ -226,7 +232,7 @@ class Scene:
         )
 
     def islands(self, block: Block) -> NDArray[np.int32]:
-        """Number the islands of the empty field of some frames, each frame from 0; -1 elsewhere."""
+        """Return the number of each island of the empty field in its frame; -1 elsewhere."""
         empty = self.frames.read_empty(block)
         found = np.empty(empty.shape, dtype=np.int32)
         for frame in np.ndindex(*empty.shape[:2]):
@@ -291,7 +297,7 @@ def box_of(frames: Frames, shifts: Shifts, watch: Watch) -> Box:
 
     def lines(block: Block) -> tuple[Mask, Mask]:
         seen = moved(frames.read(block).free, shifts[block.start : block.stop])
-        return seen.any(axis=(0, 1, 3)), seen.any(axis=(0, 1, 2))
+        return np.asarray(seen.any(axis=(0, 1, 3))), np.asarray(seen.any(axis=(0, 1, 2)))
 
     rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
     for some_rows, some_columns in in_threads(lines, blocks, watch.quiet(len(blocks))):
@@ -365,94 +371,101 @@ def likeliest(tried: list[Shifts], likeness: list[float], before: Shifts) -> Shi
     return tried[int(np.argmax(np.array(likeness) - costs))]
 
 
+class Look(NamedTuple):
+    """Some views of the object: cosine and sine of the phase, and its mask (view, y, x)."""
+
+    cosine: Image
+    sine: Image
+    mask: Mask
+
+
+def looks_at(seen: Seen, angles: slice = slice(None)) -> list[Look]:
+    """Return what some frames show, time by time."""
+    phase = seen.phase[:, angles]
+    return [
+        Look(*of_time)
+        for of_time in zip(np.cos(phase), np.sin(phase), seen.free[:, angles], strict=True)
+    ]
+
+
 def along_time(frames: Frames, centres: NDArray[np.float64], watch: Watch) -> Shifts:
     """Return the shift of every time, the same for all angles."""
-    n = frames.shape[0]
-    found = np.zeros((n, 2), dtype=np.intp)
-    last: Seen | None = None
+    found = np.zeros((frames.shape[0], 2), dtype=np.intp)
+    last: Look | None = None
     for block in working_blocks(frames.shape):
-        seen = frames.read(block)
-        free, waves = seen.free, waves_of(seen.phase)
-        for i, k in enumerate(block.times):
+        for k, now in zip(block.times, looks_at(frames.read(block)), strict=True):
             watch.check()
             if last is not None:
                 before = found[k - 1]
                 tried = proposals(centres[0] - centres[k], before)
-                now = (*(w[i] for w in waves), free[i])
-                sums = [sums_of_moved(*now, *last, *(s - before)) for s in tried]
-                found[k] = likeliest(tried, [mean_cosine([s]) for s in sums], before)
-            last = (*(w[i] for w in waves), free[i])
+                likeness = [mean_cosine([likeness_of(now, last, s - before)]) for s in tried]
+                found[k] = likeliest(tried, likeness, before)
+            last = now
     return found
 
 
 def along_angle(frames: Frames, centres: NDArray[np.float64], watch: Watch) -> Shifts:
     """Return the shift of every angle, the same for all times."""
-    n = frames.shape[1]
-    found = np.zeros((n, 2), dtype=np.intp)
+    found = np.zeros((frames.shape[1], 2), dtype=np.intp)
     blocks = working_blocks(frames.shape)
-    for k in range(1, n):
+    for k in range(1, len(found)):
         before = found[k - 1]
         tried = proposals(centres[0] - centres[k], before)
+        steps = [shift - before for shift in tried]
 
-        def work(
-            block: Block, k: int = k, tried: list[Shifts] = tried, before: Shifts = before
-        ) -> list[list[tuple[float, int]]]:
+        def work(block: Block, k: int = k, steps: list[Shifts] = steps) -> list[list[Likeness]]:
             seen = frames.read(block)
-            free, waves = seen.free, waves_of(seen.phase[:, k - 1 : k + 1])
-            each = []
-            for i in range(len(block)):
-                pair = [
-                    (*(w[i, j : j + 1] for w in waves), free[i, k - 1 + j : k + j]) for j in (1, 0)
-                ]
-                each.append([sums_of_moved(*pair[0], *pair[1], *(s - before)) for s in tried])
-            return each
+            pairs = zip(
+                looks_at(seen, slice(k, k + 1)), looks_at(seen, slice(k - 1, k)), strict=True
+            )
+            return [[likeness_of(*pair, step) for step in steps] for pair in pairs]
 
         of_frames = [
             frame for some in in_threads(work, blocks, watch.quiet(len(blocks))) for frame in some
         ]
-        found[k] = likeliest(tried, [mean_cosine(s) for s in zip(*of_frames, strict=True)], before)
+        likeness = [mean_cosine(of_shift) for of_shift in zip(*of_frames, strict=True)]
+        found[k] = likeliest(tried, likeness, before)
     return found
 
 
-def waves_of(phase: Image) -> tuple[Image, Image]:
-    """Return cosine and sine of phase."""
-    return np.cos(phase), np.sin(phase)
+#: Sum of the cosines of phase differences, and their number.
+Likeness = tuple[float, int]
 
 
-def mean_cosine(sums: list[tuple[float, int]]) -> float:
-    """Return a mean cosine from sums and numbers, which are added in the order of time."""
-    total, count = sum(s for s, _ in sums), sum(n for _, n in sums)
+def likeness_of(now: Look, before: Look, step: Shifts) -> Likeness:
+    """Return how alike two looks are if the first is moved."""
+    total, count = sums_of_moved(now, before, int(step[0]), int(step[1]))
+    return total, count
+
+
+def mean_cosine(sums: Iterable[Likeness]) -> float:
+    """Return the mean cosine, of sums that are added in the order of time."""
+    total, count = 0.0, 0
+    for more, number in sums:
+        total, count = total + more, count + number
     return total / count if count else 1.0
 
 
 @compiled
-def sums_of_moved(
-    cosine: Image,
-    sine: Image,
-    mask: Mask,
-    cosine_before: Image,
-    sine_before: Image,
-    mask_before: Mask,
-    down: int,
-    right: int,
-) -> tuple[float, int]:
+def sums_of_moved(now: Look, before: Look, down: int, right: int) -> tuple[float, int]:
     """Return the sum of the cosines of phase differences, where either mask is, and their number.
 
-    The first field and mask (view, y, x) are moved, round the edges of the field.
+    The first look is moved, round the edges of the field.
     """
-    n_views, height, width = mask.shape
+    n_views, height, width = now.mask.shape
     total, count = 0.0, 0
     left = right % width
     for view in range(n_views):
         for y in range(height):
             row = (y - down) % height
+            c, s, m = now.cosine[view, row], now.sine[view, row], now.mask[view, row]
+            c_before, s_before = before.cosine[view, y], before.sine[view, y]
+            m_before = before.mask[view, y]
             for start, stop, shift in ((left, width, -left), (0, left, width - left)):
-                c, s = cosine[view, row], sine[view, row]
-                m = mask[view, row]
                 for x in range(start, stop):
-                    if m[x + shift] or mask_before[view, y, x]:
-                        total += c[x + shift] * cosine_before[view, y, x]
-                        total += s[x + shift] * sine_before[view, y, x]
+                    if m[x + shift] or m_before[x]:
+                        total += c[x + shift] * c_before[x]
+                        total += s[x + shift] * s_before[x]
                         count += 1
     return total, count
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
+from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.unwrapping.background import turned
@@ -21,11 +21,10 @@ from napari_phase4d.unwrapping.given import working_frames
 
 __all__ = ["Floors", "Opinion", "Weighed", "fading", "floors_of", "roughness", "weighed_steps"]
 
-TURN = np.float32(2 * np.pi)
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
 #: The noise floor is measured at no more times than this, evenly spaced.
-FLOOR_TIMES = 24
+FLOOR_TIMES = 12
 #: Mean of D^2 for white noise of one radian: 12 + 2 * 4.7 where there are two changes, which share
 #: two thirds of their noise, and 4 * 2 where there is a single step.
 OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
@@ -237,7 +236,7 @@ def weighed_steps(
     def work(block: Block) -> Weighed:
         return weigh(scene, floors, block)
 
-    return with_followed(in_threads(work, [*ahead, *behind], watch), start)
+    return with_followed(in_threads(work, [*ahead, *behind], watch, large=True), start)
 
 
 def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
@@ -272,7 +271,7 @@ def opinion(
 ) -> Opinion:
     """Return what the weighed steps of some frames ask for."""
     step = steps.step[own]
-    turns = np.round((step - steps.difference[own]) / TURN).astype(np.int16)
+    turns = turns_between(steps.difference[own], step)
     return Opinion(
         turns, rough[own] + faint(axis, amplitude, own), kept[own], np.abs(step) < np.float32(1)
     )
@@ -451,17 +450,17 @@ def follow(
     own = block.of(course.near)
     shape = (len(block), math.prod(course.step.shape[1:]))
     followed, doubt = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    lines = [part.reshape(len(part), -1) for part in (course.step, course.unsteady)]
+    step, unsteady = (part.reshape(len(part), -1) for part in (course.step, course.unsteady))
     k = own.start if forward else own.stop - 1
     if before is None:
-        step = lines[0][k]
-        steep = np.maximum(np.abs(step) - np.float32(STEEP), 0)
-        now = step, course.rough[k].ravel() + steep
+        steep = np.maximum(np.abs(step[k]) - np.float32(STEEP), 0)
+        now = step[k], course.rough[k].ravel() + steep
         followed[0], doubt[0] = now
         k += 1
     else:
         now = before[0].ravel(), before[1].ravel()
-    follow_lines(*lines, *now, followed, doubt, k, own.start, own.stop, 1 if forward else -1)
+    way = 1 if forward else -1
+    follow_lines(step, unsteady, *now, followed, doubt, k, own.start, own.stop, way)
     whole = (len(block), *course.step.shape[1:])
     return followed.reshape(whole), doubt.reshape(whole)
 
@@ -500,12 +499,40 @@ def second_opinion(
 ) -> None:
     """Put the second opinion on the steps of a block where it differs and is no more doubtful."""
     own = weighed.block.of(course.near)
-    fade = course.fade if np.ndim(course.fade) == 0 else np.asarray(course.fade)[own]
-    step = course.step[own]
-    rough = doubt + fade
-    other = course.kept[own] & (np.abs(followed - step) > HALF_A_TURN) & (rough < FOLLOWED)
-    if not other.any():
+    rough = doubt
+    if np.ndim(course.fade):
+        rough = doubt + np.asarray(course.fade)[own]
+    step, kept = course.step[own], course.kept[own]
+    other = np.empty(step.shape, dtype=bool)
+    steps, opinions, doubts = (part.reshape(-1) for part in (step, followed, rough))
+    if not mark_others(steps, opinions, doubts, kept.reshape(-1), other.reshape(-1)):
         return
-    turns = np.round((followed - course.difference[own]) / TURN).astype(np.int16)
+    turns = turns_between(course.difference[own], followed)
     weighed.followed[axis] = Opinion(turns, rough, other, np.zeros_like(other))
     weighed.by_axis[axis].small[other] = False
+
+
+@compiled
+def mark_others(step: Image, followed: Image, rough: Image, kept: Mask, other: Mask) -> bool:
+    """Mark the steps on which a second opinion differs and is no more doubtful; say if any is."""
+    found = False
+    for i in range(len(step)):
+        differs = abs(followed[i] - step[i]) > HALF_A_TURN
+        other[i] = kept[i] and differs and rough[i] < FOLLOWED
+        found = found or other[i]
+    return found
+
+
+def turns_between(difference: Image, step: Image) -> NDArray[np.int16]:
+    """Return the turns that make steps of differences of wrapped phase."""
+    turns = np.empty(step.shape, dtype=np.int16)
+    count_turns(difference.reshape(-1), step.reshape(-1), turns.reshape(-1))
+    return turns
+
+
+@vectorized
+def count_turns(difference: Image, step: Image, turns: NDArray[np.int16]) -> None:
+    """Do `turns_between` for lines."""
+    turn = np.float32(2 * np.pi)
+    for i in range(len(turns)):
+        turns[i] = np.int16(np.rint((step[i] - difference[i]) / turn))

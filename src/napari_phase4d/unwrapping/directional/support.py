@@ -149,7 +149,7 @@ def listed(nodes: Whole, axis: int, opinion: Opinion) -> tuple[Whole, Whole, Who
 
 
 def islands_of(islands: Whole, start: tuple[int, int]) -> tuple[Whole, int, Whole]:
-    """Number the islands of the empty field through all frames; -1 where there is none.
+    """Give the islands of the empty field numbers through all frames; -1 where there is none.
 
     The largest one of the start is 0; else, if that frame has none, the largest of all. There is
     always one number at least, even where no pixel has it.
