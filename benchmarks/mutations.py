@@ -153,11 +153,11 @@ MUTATIONS = (
     Mutation("a folder that is not ours is left alone", "pipeline/batch/folders.py",
              "if folder.is_symlink() or (noted(folder) is None and not empty):",
              "if folder.is_symlink():", ("test_batch",)),
-    Mutation("resume by the input's content", "pipeline/batch/complete.py",
+    Mutation("resume by the input's content", "pipeline/batch/folders.py",
              'if note["input"] != source.result(cancelled).as_dict():',
              'if note["input"].keys() != source.result(cancelled).as_dict().keys():',
              ("test_batch",)),
-    Mutation("resume by the results' content", "pipeline/batch/complete.py",
+    Mutation("resume by the results' content", "pipeline/batch/folders.py",
              "cancelled, look_inside=True)", "cancelled, look_inside=False)", ("test_batch",)),
 )  # fmt: skip
 

@@ -18,7 +18,6 @@ PACKAGE = ROOT / "src" / "napari_phase4d"
 #: Room -> rooms that it may import. Lower rooms never know of higher ones.
 ALLOWED = {
     "axes": set(),
-    "checks": set(),
     "machine": set(),
     "compiling": set(),
     "optics": set(),
@@ -66,7 +65,7 @@ INNER = {
     "__init__": set(),
 }
 #: Modules that import nothing of ours, so that every room may use them.
-LEAVES = {"axes", "checks", "compiling", "machine", "words"}
+LEAVES = {"axes", "compiling", "machine", "words"}
 #: The place where stacks come in imports leaves only, so that every room above may ask it.
 INTAKE = "stacks"
 GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}

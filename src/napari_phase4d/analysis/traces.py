@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 
 from napari_phase4d.analysis.loading import in_memory
 from napari_phase4d.axes import AXES
-from napari_phase4d.checks import check_type, shown
 from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
 from napari_phase4d.unwrapping import METHODS, label_of
+from napari_phase4d.words import check_type, shown
 
 __all__ = ["Traces", "difference", "traces"]
 

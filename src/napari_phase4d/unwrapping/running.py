@@ -9,7 +9,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.checks import warn
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.stack import Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
@@ -18,6 +17,7 @@ from napari_phase4d.unwrapping.masks import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.method import Option
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS
+from napari_phase4d.words import warn
 
 __all__ = ["all_options", "check_method", "label_of", "noted", "run_method", "unwrap"]
 
