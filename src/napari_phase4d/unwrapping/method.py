@@ -62,6 +62,12 @@ class Method:
     streams : bool
         Whether it goes through the frames one after the other, so that a recording may be larger
         than memory. Only methods of this program do: it counts as False for those of packages.
+    block_bytes : int
+        Bytes for each pixel of a block while it is worked on, if the method streams.
+    kept_bytes : float
+        Bytes for each pixel of the recording that stay in memory even then.
+    scratch_bytes : int
+        Bytes for each pixel of the recording that it needs on disk on the way.
     package : str
         Name and version of the package that brought it; empty for those of this program.
     leaves_out : bool
@@ -78,4 +84,7 @@ class Method:
     finds_object: bool = False
     leaves_out: bool = False
     streams: bool = False
+    block_bytes: int = 48
+    kept_bytes: float = 0.0
+    scratch_bytes: int = 10
     package: str = ""

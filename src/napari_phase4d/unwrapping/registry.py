@@ -15,6 +15,10 @@ from napari_phase4d.unwrapping.network_flow import network_flow
 __all__ = ["BUILT_IN", "METHODS"]
 
 OWN = "This project"
+#: Memory of the directional methods for each pixel of a block (all that steps are weighed by), and
+#: of the recording (regions, and the edges between them), in bytes; on disk the phase without
+#: noise, the noise that is left, groups and turns.
+OF_A_BLOCK, OF_REGIONS, OF_SCRATCH = 300, 2.0, 16
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -155,6 +159,9 @@ BUILT_IN: dict[str, Method] = {
         finds_object=True,
         leaves_out=True,
         streams=True,
+        block_bytes=OF_A_BLOCK,
+        kept_bytes=OF_REGIONS,
+        scratch_bytes=OF_SCRATCH,
     ),
     "directional-l1": Method(
         "WL1",
@@ -173,6 +180,9 @@ BUILT_IN: dict[str, Method] = {
         finds_object=True,
         leaves_out=True,
         streams=True,
+        block_bytes=OF_A_BLOCK,
+        kept_bytes=OF_REGIONS,
+        scratch_bytes=OF_SCRATCH,
     ),
 }
 
