@@ -24,6 +24,9 @@ from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
 __all__ = [
     "Alone",
     "Framewise",
+    "Mask",
+    "Phase",
+    "Turns",
     "each_alone",
     "lifted_turns",
     "turns_of",

@@ -13,7 +13,15 @@ from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, InMemory, Stack, block_at
 
-__all__ = ["Given", "KeptFrames", "as_given", "is_known", "working_blocks", "working_frames"]
+__all__ = [
+    "LARGEST",
+    "Given",
+    "KeptFrames",
+    "as_given",
+    "is_known",
+    "working_blocks",
+    "working_frames",
+]
 
 #: Beyond so many radians, single precision no longer tells the parts of a turn.
 LARGEST = 1e5

@@ -32,12 +32,21 @@ from napari_phase4d.stack import (
 )
 from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of
 from napari_phase4d.unwrapping.alone import Alone, each_alone, with_turns
-from napari_phase4d.unwrapping.background import Background, background_of, lost_of
+from napari_phase4d.unwrapping.background import Background, background_of
 from napari_phase4d.unwrapping.given import LARGEST, Given, KeptFrames, is_known
+from napari_phase4d.unwrapping.noise import lost_of
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
 
-__all__ = ["Boundary", "Problem", "all_known", "checked_boundaries", "is_known"]
+__all__ = [
+    "Boundary",
+    "Problem",
+    "all_known",
+    "brightness_of",
+    "checked_boundaries",
+    "is_known",
+    "relative_amplitude",
+]
 
 #: Times at which the usual amplitude is looked at.
 BRIGHTNESS_TIMES = 24

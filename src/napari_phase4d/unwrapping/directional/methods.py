@@ -11,15 +11,12 @@ from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, watched
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.unwrapping.directional.edges import PARTS, weight_of
+from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
-from napari_phase4d.unwrapping.directional.regions import (
-    PARTS,
-    Regions,
-    find_regions,
-    weight_of,
-)
+from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
-from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of, weighed_steps
+from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
 from napari_phase4d.unwrapping.masks import object_mask
@@ -96,7 +93,7 @@ def prepared(
         scene = find_scene(problem, watch)
         watch = Watch(1, "weighing the steps", progress, cancelled)
         floors = floors_of(scene, watch)
-        steps = weighed_steps(scene, floors, watch)
+        steps = followed_steps(scene, floors, watch)
         return Field(scene, floors, find_regions(scene, steps, problem.store, watch))
 
     return problem.once(FIELD, prepare)
