@@ -37,7 +37,7 @@ TURN = np.float32(2 * np.pi)
 
 Phase = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-Turns = NDArray[np.int16]
+Turns = NDArray[np.int16] | NDArray[np.int32]
 R = TypeVar("R")
 
 

@@ -15,6 +15,7 @@ from napari_phase4d.stack import Block, InMemory, Stack, block_at
 
 __all__ = [
     "LARGEST",
+    "Counted",
     "Given",
     "KeptFrames",
     "as_given",
@@ -85,6 +86,32 @@ class Given:
         if self.usable is None and lost.any():
             unwrapped[lost] = np.nan
         return unwrapped
+
+
+@dataclass(frozen=True)
+class Counted:
+    """The pixels that count, in the form of a stack.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase, and the pixels that count.
+    """
+
+    given: Given
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack (time, angle, y, x)."""
+        return self.given.shape
+
+    def read(self, block: Block, angles: slice = ALL) -> NDArray[np.bool_]:
+        """Return some of it."""
+        return self.given.read(block, angles)[1]
+
+    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
+        """Refuse: which pixels count is given."""
+        raise NotImplementedError
 
 
 class KeptFrames:

@@ -33,7 +33,7 @@ from napari_phase4d.stack import (
 from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of
 from napari_phase4d.unwrapping.alone import Alone, each_alone, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of
-from napari_phase4d.unwrapping.given import LARGEST, Given, KeptFrames, is_known
+from napari_phase4d.unwrapping.given import LARGEST, Counted, Given, KeptFrames, is_known
 from napari_phase4d.unwrapping.noise import lost_of
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
@@ -263,6 +263,12 @@ class Problem(SharedSteps):
         """Find the object, where that was asked for, before a method looks at ``mask``."""
         if self.finds_mask:
             self.alone(progress, cancelled)
+
+    def counted(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> Stack:
+        """Return the pixels to unwrap, in blocks; the object is looked for where it is unknown."""
+        return self.alone(progress, cancelled).mask if self.finds_mask else Counted(self.given)
 
     def settle_frames(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None

@@ -19,6 +19,8 @@ OWN = "This project"
 #: of the recording (regions, and the edges between them), in bytes; on disk the phase without
 #: noise, the noise that is left, groups and turns.
 OF_A_BLOCK, OF_REGIONS, OF_SCRATCH = 300, 2.0, 16
+#: Memory of DE for each pixel of a block: what is carried is in double precision.
+OF_DILATING = 80
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -135,6 +137,8 @@ BUILT_IN: dict[str, Method] = {
             ),
         ),
         working_stacks=9.0,
+        streams=True,
+        block_bytes=OF_DILATING,
     ),
     "spatial-3d": Method(
         "3-D",
