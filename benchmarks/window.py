@@ -22,7 +22,7 @@ import napari_phase4d as p4d
 from napari_phase4d._napari.demo import viewer_with_dock
 from napari_phase4d._napari.dock import Phase4DDock
 from napari_phase4d._napari.session import plan_unwrapping
-from napari_phase4d.pipeline.warming import warm_up
+from napari_phase4d.pipeline.ahead import warm_up
 
 #: (time, angle, y, x) of the phase that is worked on, with so much noise in radians.
 SHAPE, NOISE_RAD = (60, 2, 256, 256), 0.2

@@ -18,23 +18,24 @@ PACKAGE = ROOT / "src" / "napari_phase4d"
 #: Room -> rooms that it may import. Lower rooms never know of higher ones.
 ALLOWED = {
     "axes": set(),
-    "checks": set(),
     "machine": set(),
     "compiling": set(),
     "optics": set(),
+    "phasors": set(),
     "progress": set(),
+    "stack": set(),
     "words": set(),
     "stacks": set(),
     "recording": {"optics"},
     "io": {"optics", "recording", "progress"},
-    "holography": {"optics", "recording", "progress"},
-    "unwrapping": {"progress"},
+    "holography": {"optics", "recording", "phasors", "progress"},
+    "unwrapping": {"phasors", "progress", "stack"},
     "analysis": {"optics", "progress", "unwrapping"},
     "plotting": {"analysis"},
     "simulation": {"optics", "recording"},
     "sample": {"optics", "recording", "simulation"},
     "pipeline": {
-        "optics", "recording", "progress", "io", "holography", "unwrapping", "analysis",
+        "optics", "recording", "progress", "stack", "io", "holography", "unwrapping", "analysis",
         "sample",
     },
     "scripting": {"optics", "io", "holography", "unwrapping", "pipeline"},
@@ -66,7 +67,7 @@ INNER = {
     "__init__": set(),
 }
 #: Modules that import nothing of ours, so that every room may use them.
-LEAVES = {"axes", "checks", "compiling", "machine", "words"}
+LEAVES = {"axes", "compiling", "machine", "words"}
 #: The place where stacks come in imports leaves only, so that every room above may ask it.
 INTAKE = "stacks"
 GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}

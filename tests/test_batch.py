@@ -151,7 +151,7 @@ def test_resume_does_again_what_has_changed(
     elif change == "form":
         options = {"form": "zarr"}
     elif change == "version":
-        monkeypatch.setattr("napari_phase4d.pipeline.batch.complete.program_version", lambda: "9")
+        monkeypatch.setattr("napari_phase4d.pipeline.batch.folders.program_version", lambda: "9")
     elif change == "flipped result":
         flip(result)
     elif change == "cut result":

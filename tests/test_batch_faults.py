@@ -35,7 +35,7 @@ def phases(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_input_is_hashed_once_and_in_another_thread(
     phases: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hashing = sys.modules["napari_phase4d.pipeline.fingerprint"]
+    hashing = sys.modules["napari_phase4d.pipeline.provenance"]
     real, threads = hashing.hashed, []
 
     def counted(parts: Any, *arguments: Any, **options: Any) -> str:
@@ -55,7 +55,7 @@ def test_reference_and_truth_are_hashed_once_a_batch(
     files = [tmp_path / f"{name}.npy" for name in ("reference", "a", "b")]
     for file in files:
         np.save(file, small_video.holograms.values)
-    fingerprints = sys.modules["napari_phase4d.pipeline.fingerprint"]
+    fingerprints = sys.modules["napari_phase4d.pipeline.provenance"]
     batches = sys.modules["napari_phase4d.pipeline.batch.running"]
     hashed, digest_of, seen = fingerprints.hashed, batches.digest_of, []
 
@@ -219,7 +219,7 @@ def test_cancelled_batch_leaves_nothing_half_written(phases: Path, tmp_path: Pat
 def test_batch_can_be_cancelled_while_results_are_hashed(
     phases: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    hashing = sys.modules["napari_phase4d.pipeline.fingerprint"]
+    hashing = sys.modules["napari_phase4d.pipeline.provenance"]
     real, results = hashing.hashed, []
 
     def slowly(parts: Any, *arguments: Any, **options: Any) -> str:

@@ -7,21 +7,24 @@ import threading
 import numpy as np
 import pytest
 
-from napari_phase4d.progress import THREADS, Cancelled
-from napari_phase4d.unwrapping.four_d import one_pass
+from napari_phase4d.progress import THREADS, Cancelled, Watch
+from napari_phase4d.stack import InMemory
+from napari_phase4d.unwrapping.chain import Chain, along_time
+from napari_phase4d.unwrapping.given import as_given
 
 
 def test_a_line_ends_at_the_next_frame() -> None:
     """The threads look up by themselves: what calls them has long gone on."""
     wrapped = np.random.default_rng(0).uniform(-3, 3, (12, 1, 8, 8)).astype(np.float32)
-    result = np.full_like(wrapped, np.nan)
+    nothing = np.zeros(wrapped.shape, np.int16)
+    result = np.full(wrapped.shape, -99, np.int16)
+    mask, shifts = InMemory(np.ones(wrapped.shape, bool)), np.zeros((12, 1, 2), np.intp)
+    chain = Chain(as_given(wrapped), mask, shifts, [(0, 0)], split=False)
+    watch = Watch(1, "", None, lambda: bool((result[3] > -99).all()))
     with pytest.raises(Cancelled):
-        one_pass(
-            "time", wrapped, wrapped, np.ones(wrapped.shape, bool), result, [(0, 0)],
-            None, lambda: bool(np.isfinite(result[3]).all()), split=False,
-        )  # fmt: skip
+        along_time(chain, InMemory(nothing), InMemory(result), watch)
     for thread in threading.enumerate():
         if thread.name.startswith(THREADS):
             thread.join(timeout=20)
-    done = np.isfinite(result).all(axis=(1, 2, 3))
+    done = (result > -99).all(axis=(1, 2, 3))
     assert done.tolist() == [True] * 4 + [False] * 8

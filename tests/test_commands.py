@@ -105,7 +105,7 @@ def test_too_little_memory_is_one_sentence(
     def greedy(*_: Any, **__: Any) -> None:
         raise MemoryError
 
-    monkeypatch.setattr(sys.modules["napari_phase4d.cli.info"], "scores_of_some", greedy)
+    monkeypatch.setattr(sys.modules["napari_phase4d.cli.look"], "scores_of_some", greedy)
     said = refused(monkeypatch, capsys, "info", phase_file)
     assert said == "Error: it needs more memory than there is\n"
 

@@ -10,6 +10,7 @@ import pytest
 
 import napari_phase4d as p4d
 from helpers import wrap
+from napari_phase4d.stack import blocks_of
 from napari_phase4d.unwrapping import dilate_erode as de
 
 TURN = 2 * np.pi
@@ -186,3 +187,18 @@ def test_windows_do_what_is_described(variant: str) -> None:
     np.testing.assert_allclose(found, expected, atol=1e-4)
     other = literal(w, 3, erodes=variant != "textbook")
     assert np.abs(other - expected).max() > 1  # the frame tells the variants apart
+
+
+@pytest.mark.parametrize("frames", [1, 3, 8])
+@pytest.mark.parametrize("first", [(0, 0), (7, 1), (18, 0)])
+@pytest.mark.parametrize("variant", ["textbook", "phasetools"])
+def test_blocks_of_any_length_give_the_same(
+    monkeypatch: pytest.MonkeyPatch, variant: str, first: tuple[int, int], frames: int
+) -> None:
+    rng = np.random.default_rng(8)
+    w = rng.uniform(-np.pi, np.pi, (19, 2, 12, 14)).astype(np.float32)
+    options = {"variant": variant, "boundary": first, "erode_threshold": 3.0, "max_window": 1}
+    whole = p4d.unwrap(w, "dilate-erode", **options).values
+    monkeypatch.setattr("napari_phase4d.stack.block_frames", lambda shape: frames)
+    assert len(blocks_of(w.shape)) == -(-19 // frames)
+    np.testing.assert_array_equal(p4d.unwrap(w, "dilate-erode", **options).values, whole)

@@ -15,14 +15,16 @@ import napari_phase4d as p4d
 from napari_phase4d.progress import Watch
 from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_noise
 from napari_phase4d.stack import Block
-from napari_phase4d.unwrapping.background import find_background, noise_of
+from napari_phase4d.unwrapping.background import find_background
 from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
+from napari_phase4d.unwrapping.directional.edges import PARTS, merged_edges
+from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.methods import prepared
-from napari_phase4d.unwrapping.directional.regions import PARTS, merged_edges
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen, follow_object, seams
-from napari_phase4d.unwrapping.directional.steps import Floors, roughness, weighed_steps
+from napari_phase4d.unwrapping.directional.steps import Floors, roughness
 from napari_phase4d.unwrapping.directional.support import islands_of
+from napari_phase4d.unwrapping.noise import noise_of
 from napari_phase4d.unwrapping.problem import Problem
 
 pytestmark = pytest.mark.slow
@@ -325,7 +327,7 @@ def test_steps_join_neighbours_only(frames: int) -> None:
         still = Still(phase, np.zeros(phase.shape, bool), amplitude)
         scene = Scene(still, np.zeros((2, 2, 2), np.intp), (slice(0, 3), slice(0, 3)))
         floors = Floors(dict.fromkeys(range(4), 0.0), dict.fromkeys((2, 3), (0.0, 1.0)))
-        parts = list(weighed_steps(scene, floors, Watch(1, ""), frames=frames))
+        parts = list(followed_steps(scene, floors, Watch(1, ""), frames=frames))
         for axis, count in enumerate((2 * 9, 2 * 9, 4 * 6, 4 * 6)):
             turns = np.concatenate([part.by_axis[axis].turns for part in parts])
             asked = -np.round(np.diff(phase, axis=axis) / TURN)

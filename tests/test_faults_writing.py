@@ -192,13 +192,13 @@ DRIVER = """
 import io, sys, json
 from contextlib import redirect_stderr, redirect_stdout
 from napari_phase4d.cli import main
-from napari_phase4d.cli import console
+from napari_phase4d.cli import printing
 answers = {}
 for line in json.loads(sys.argv[1]):
     sys.argv = ["napari-phase4d", *(w.replace("+", " ") for w in line.split(" "))]
     out, err = io.StringIO(), io.StringIO()
     code = 0
-    console.console.file, console.errors.file = out, err
+    printing.console.file, printing.errors.file = out, err
     with redirect_stdout(out), redirect_stderr(err):
         try:
             main()

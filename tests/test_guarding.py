@@ -18,7 +18,7 @@ import napari_phase4d as p4d
 from napari_phase4d.cli import main
 from napari_phase4d.io.atomic import machine
 from napari_phase4d.pipeline import run_batch
-from napari_phase4d.pipeline.batch.complete import NOTE
+from napari_phase4d.pipeline.batch.folders import NOTE
 from napari_phase4d.pipeline.batch.lock import began
 
 #: No process has this number.

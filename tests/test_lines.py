@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from napari_phase4d.unwrapping.four_d import starts_on
+from napari_phase4d.unwrapping.chain import starts_on
 from napari_phase4d.unwrapping.problem import Problem
 
 BOUNDARIES = [(3, 1), (5, 0), (0, 1)]

@@ -17,7 +17,7 @@ __all__ = ["all_sentences", "markdown"]
 PACKAGE = Path(napari_phase4d.__file__).parent
 #: Room -> its heading, in the order of the page. A room is a folder or a file of the package.
 ROOMS = {
-    "checks": "Arguments of the wrong type",
+    "words": "Arguments of the wrong type",
     "stacks": "Stacks that come in",
     "optics": "The microscope",
     "compiling": "Compiling",

@@ -35,12 +35,13 @@ def figure_of_the_rooms(wanted: set[str]) -> None:
     rooms = {room: imports_of(room) for room in names_of_rooms()}
     arrows = without_shortcuts(rooms)
     places = arranged(rooms, arrows)
-    widest = max(x for x, _ in places.values()) + WIDTH / 2
+    left, right = (end(x for x, _ in places.values()) for end in (min, max))
+    left, right = left - WIDTH / 2 - 0.1, right + WIDTH / 2 + 0.1
     top = max(y for _, y in places.values())
     edge = HEIGHT / 2 + 0.1
-    figure = Figure(figsize=(9.6, 0.82 * (top + 2 * edge)))
+    figure = Figure(figsize=(0.92 * (right - left), 0.82 * (top + 2 * edge)))
     axis = figure.add_axes((0, 0, 1, 1))
-    axis.set_xlim(-widest - 0.1, widest + 0.1)
+    axis.set_xlim(left, right)
     axis.set_ylim(-edge, top + edge)
     axis.set_axis_off()
     for room, imported in arrows.items():

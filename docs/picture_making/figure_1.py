@@ -12,10 +12,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-
-from napari_phase4d.simulation import budding_yeast
 from napari_phase4d.unwrapping.combined import follow_line
 from napari_phase4d.unwrapping.four_d import angular_temporal, lines_along, temporal_angular
+
+from napari_phase4d.simulation import budding_yeast
 from picture_making.saving import save_figure
 
 Frame = tuple[int, int]

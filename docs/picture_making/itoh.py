@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import itoh_margin
-from napari_phase4d.simulation.stacks import wrap
+from napari_phase4d.simulation.ellipsoids import wrap
 from picture_making.saving import save_figure
 
 #: Height of the object in radians, and the width of its steeper edge in pixels.

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.checks import as_numbers, check_number, warn
+from napari_phase4d.words import as_numbers, check_number, warn
 
 __all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
 

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import vectorized
 
-__all__ = ["parts_of", "phase_of", "phasors", "to_polar"]
+__all__ = ["parts_of", "phase_of", "phasors", "to_polar", "turned"]
 
+TURN = 2 * np.pi
 PI = np.float32(np.pi)
 HALF_PI = np.float32(np.pi / 2)
 TINY = np.finfo(np.float32).tiny
@@ -71,3 +72,22 @@ def write_polar(parts: Image, amplitude: Image, phase: Image) -> None:
             angle = HALF_PI - angle if b > a else angle
             angle = PI - angle if real < 0 else angle
             phase[y, x] = -angle if imag < 0 else angle
+
+
+def turned(phase: NDArray[np.floating]) -> Image:
+    """Wrap phase into [-pi, pi]."""
+    if phase.dtype != np.float32:
+        result: Image = (phase - TURN * np.round(phase / TURN)).astype(np.float32)
+        return result
+    wrapped = np.ascontiguousarray(phase)
+    wrapped = wrapped.copy() if wrapped is phase or wrapped.base is not None else wrapped
+    wrap(wrapped.reshape(-1))
+    return wrapped
+
+
+@vectorized
+def wrap(phase: Image) -> None:
+    """Wrap phases in place."""
+    turn = np.float32(2 * np.pi)
+    for i in range(len(phase)):
+        phase[i] -= turn * np.rint(phase[i] / turn)

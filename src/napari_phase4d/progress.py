@@ -20,6 +20,7 @@ __all__ = [
     "CancelledCall",
     "ProgressCall",
     "Watch",
+    "counting",
     "finished",
     "in_threads",
     "nothing",
@@ -64,6 +65,21 @@ def reworded(progress: ProgressCall | None, words: Callable[[str], str]) -> Prog
     if progress is None:
         return None
     return lambda done, total, message: progress(done, total, words(message))
+
+
+def counting(progress: ProgressCall | None, each: int, total: int) -> ProgressCall | None:
+    """Return what tells progress in other units, of which every step but the last makes as many.
+
+    Parameters
+    ----------
+    progress : callable or None
+        ``progress(done, total, message)``.
+    each, total : int
+        Units of a step, and in all.
+    """
+    if progress is None:
+        return None
+    return lambda done, _, message: progress(min(done * each, total), total, message)
 
 
 class Cancelled(Exception):  # noqa: N818 - it reports a wish, not an error

@@ -13,8 +13,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import PLAIN_AXES, coordinate
-from napari_phase4d.checks import check_type
 from napari_phase4d.optics import Optics
+from napari_phase4d.words import check_type
 
 __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_reader"]
 

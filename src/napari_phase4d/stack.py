@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections import OrderedDict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Protocol
@@ -16,7 +15,7 @@ __all__ = [
     "Block",
     "FileStack",
     "InMemory",
-    "KeptFrames",
+    "Limits",
     "Memory",
     "Stack",
     "Store",
@@ -24,6 +23,8 @@ __all__ = [
     "block_frames",
     "blocks_of",
     "blocks_outwards",
+    "limits_of",
+    "widest",
 ]
 
 ALL = slice(None)
@@ -31,8 +32,6 @@ ALL = slice(None)
 BLOCK_FRAMES = 8
 #: Pixels, of all views, in a block at most, unless one frame has more.
 BLOCK_PIXELS = 4 * 2**20
-#: Blocks that `KeptFrames` holds.
-KEPT_BLOCKS = 8
 
 
 @dataclass(frozen=True)
@@ -111,6 +110,22 @@ def block_at(shape: Sequence[int], time: int) -> Block:
     return Block(start, min(start + frames, shape[0]))
 
 
+#: Smallest and largest number of a stack.
+Limits = tuple[float, float]
+
+
+def limits_of(values: NDArray[np.float32]) -> Limits:
+    """Return the smallest and the largest number that is finite; 0 if there is none."""
+    known = values[np.isfinite(values)]
+    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
+
+
+def widest(limits: Iterable[Limits]) -> Limits:
+    """Return the limits of all parts together."""
+    lows, highs = zip(*limits, strict=True)
+    return min(lows), max(highs)
+
+
 class Stack(Protocol):
     """Numbers over (time, angle, y, x), wherever they lie."""
 
@@ -121,8 +136,8 @@ class Stack(Protocol):
     def read(self, block: Block, angles: slice = ALL) -> NDArray[Any]:
         """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
 
-    def write(self, block: Block, values: NDArray[Any]) -> None:
-        """Write the frames of a block; several threads may write different blocks."""
+    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
+        """Write the frames of a block, or some of its views; threads may write side by side."""
 
 
 class Store(Protocol):
@@ -153,9 +168,9 @@ class InMemory:
         """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
         return self.values[block.start : block.stop, angles]
 
-    def write(self, block: Block, values: NDArray[Any]) -> None:
-        """Write the frames of a block."""
-        self.values[block.start : block.stop] = values
+    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
+        """Write the frames of a block, or some of its views."""
+        self.values[block.start : block.stop, angles] = values
 
 
 class Memory:
@@ -205,13 +220,14 @@ class FileStack:
         flat = np.fromfile(self.path, self.dtype, math.prod(shape), offset=start)
         return flat.reshape(shape)
 
-    def write(self, block: Block, values: NDArray[Any]) -> None:
-        """Write the frames of a block."""
-        self._write(self._place(block.start, 0), values)
-
-    def write_frame(self, time: int, angle: int, values: NDArray[Any]) -> None:
-        """Write one frame."""
-        self._write(self._place(time, angle), values)
+    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
+        """Write the frames of a block, or some of its views."""
+        first, last, _ = angles.indices(self.shape[1])
+        if last - first == self.shape[1]:
+            self._write(self._place(block.start, 0), values)
+            return
+        for time, frames in zip(block.times, values, strict=True):
+            self._write(self._place(time, first), frames)
 
     def _write(self, start: int, values: NDArray[Any]) -> None:
         with self.path.open("r+b") as file:
@@ -224,31 +240,3 @@ class FileStack:
         """Return where in the file a frame begins."""
         frame = math.prod(self.shape[2:]) * np.dtype(self.dtype).itemsize
         return (time * self.shape[1] + angle) * frame
-
-
-class KeptFrames:
-    """Single frames of a stack on disk, of which a few blocks are held.
-
-    Parameters
-    ----------
-    stack : Stack
-        What is read.
-    """
-
-    def __init__(self, stack: Stack) -> None:
-        self.shape = stack.shape
-        self._stack = stack
-        self._blocks: OrderedDict[tuple[int, int], NDArray[Any]] = OrderedDict()
-
-    def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
-        """Return frame (time, angle), shape (y, x)."""
-        time, angle = frame
-        block = block_at(self.shape, time)
-        name = (block.start, angle)
-        if name not in self._blocks:
-            self._blocks[name] = self._stack.read(block, slice(angle, angle + 1))
-        self._blocks.move_to_end(name)
-        if len(self._blocks) > KEPT_BLOCKS:
-            self._blocks.popitem(last=False)
-        found: NDArray[Any] = self._blocks[name][time - block.start, 0]
-        return found

@@ -1,8 +1,31 @@
-"""Sizes, times and counts as they are said on screen."""
+"""What the user is told: sizes in words, what arguments must be, faults in one sentence."""
 
 from __future__ import annotations
 
-__all__ = ["counted", "size_in_words", "time_in_words"]
+import os
+import sys
+import warnings
+from numbers import Real
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "EXPECTED",
+    "as_numbers",
+    "check_bool",
+    "check_number",
+    "check_type",
+    "counted",
+    "is_expected",
+    "sentence_of",
+    "shown",
+    "size_in_words",
+    "time_in_words",
+    "warn",
+]
 
 
 def size_in_words(size: float) -> str:
@@ -40,3 +63,84 @@ def counted(number: object, what: str) -> str:
     ('1 frame', '2 frames')
     """
     return f"{number} {what}" if str(number) == "1" else f"{number} {what}s"
+
+
+PACKAGE = str(Path(__file__).resolve().parent)
+
+
+def check_number(name: str, value: Any) -> float:
+    """Return a number as float; TypeError if it is none."""
+    if isinstance(value, bool) or not isinstance(value, Real):
+        msg = f"{name} must be a number, but is {shown(value)}"
+        raise TypeError(msg)
+    return float(value)
+
+
+def check_bool(name: str, value: Any) -> None:
+    """Raise TypeError for what is neither True nor False: "no" would count as True."""
+    if not isinstance(value, bool) and type(value).__name__ not in ("bool", "bool_"):
+        msg = f"{name} must be True or False, but is {shown(value)}"
+        raise TypeError(msg)
+
+
+def check_type(name: str, value: Any, wanted: type, advice: str) -> None:
+    """Raise TypeError for what is of another class, and say where to get the right one."""
+    if not isinstance(value, wanted):
+        msg = f"{name} must be a {wanted.__name__}, but is {type(value).__name__}; {advice}"
+        raise TypeError(msg)
+
+
+def as_numbers(name: str, values: Any) -> NDArray[Any]:
+    """Return real numbers as an array; TypeError if they are none."""
+    try:
+        found = np.asarray(values)
+    except ValueError as error:
+        msg = f"{name} must be numbers in rows of one length, but is {shown(values)}"
+        raise TypeError(msg) from error
+    if found.dtype.kind not in "biuf":
+        msg = f"{name} must be real numbers, but is {shown(values)}"
+        raise TypeError(msg)
+    return found
+
+
+def shown(value: Any) -> str:
+    """Return a value in one short line."""
+    if isinstance(value, np.ndarray) or hasattr(value, "dims"):
+        return f"{type(value).__name__} of shape {getattr(value, 'shape', ())}"
+    line = " ".join(repr(value).split())
+    return line if len(line) <= 80 else f"{line[:77]}..."
+
+
+def warn(sentence: str) -> None:
+    """Warn of what is probably wrong, at the line outside of this package that asked for it."""
+    level, frame = 1, sys._getframe()
+    while frame.f_back is not None and is_ours(frame.f_code.co_filename):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(sentence, UserWarning, stacklevel=level)
+
+
+def is_ours(file: str) -> bool:
+    """Say whether code is of this package, or made by a dataclass."""
+    return file.startswith((PACKAGE + os.sep, "<string>"))
+
+
+#: Faults whose sentence is for the user.
+EXPECTED = (ImportError, MemoryError, OSError, TypeError, ValueError)
+
+
+def is_expected(error: BaseException) -> bool:
+    """Say whether an error has a sentence of its own that is for the user."""
+    return isinstance(error, MemoryError) or (isinstance(error, EXPECTED) and bool(str(error)))
+
+
+def sentence_of(error: BaseException) -> str:
+    """Return an error in one line, without its number."""
+    if isinstance(error, OSError) and error.strerror:
+        where = "" if error.filename is None else f" ({error.filename})"
+        return f"{error.strerror}{where}"
+    if isinstance(error, MemoryError):
+        return "it needs more memory than there is"
+    words = " ".join(str(error).split())
+    if is_expected(error):
+        return words
+    return f"an unexpected fault, {type(error).__name__}" + (f": {words}" if words else "")

@@ -7,10 +7,12 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+import xarray as xr
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.viewing.layers import OnDemand
+from napari_phase4d.analysis import itoh_margin
 from napari_phase4d.io.lazy import lazy_frames
 from napari_phase4d.recording import Recording
 from test_streaming import Endless
@@ -97,7 +99,17 @@ def test_what_needs_all_frames_says_so(on_disk, monkeypatch: pytest.MonkeyPatch)
     monkeypatch.setattr("psutil.virtual_memory", lambda: Little)
     with pytest.raises(ValueError, match="how far to trust a result is judged on all frames"):
         on_disk.session.weigh()
-    with pytest.raises(OSError, match="looks at all frames at once and needs about"):
-        on_disk.session.measure_steps()
-    with pytest.raises(OSError, match="looks at all frames at once"):
-        on_disk.presenter.show_difference("spatial-2d")
+
+
+def test_steps_and_differences_are_computed_where_they_are_looked_at(viewer, on_disk) -> None:
+    on_disk.session.unwrap(["spatial-2d", "temporal-angular"])
+    results = on_disk.session.results
+    on_disk.session.measure_steps()
+    margin, held = on_disk.session.margin, itoh_margin(results["temporal-angular"].compute())
+    for name, expected in held.items():
+        assert margin[name].chunks is not None
+        xr.testing.assert_identical(margin[name].compute(), expected)
+    on_disk.presenter.show_difference("spatial-2d")
+    layer = viewer.layers["T/A − 2-D"]
+    expected = results["temporal-angular"].values[7, 1] - results["spatial-2d"].values[7, 1]
+    np.testing.assert_array_equal(np.asarray(layer.data[7, 1]), expected)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Generic, Protocol, TypeVar
+from typing import Any, Generic, TypeVar
 
 import pandas as pd
 import psutil
@@ -36,7 +36,6 @@ from napari_phase4d.stacks import without_masked, wrapped_stack
 from napari_phase4d.unwrapping import (
     METHODS,
     Problem,
-    SharedSteps,
     check_method,
     label_of,
     run_method,
@@ -305,56 +304,13 @@ def compare(
     mask = without_masked(phase, mask)
     problem = Problem(wrapped_stack(phase), boundary, mask, amplitude)
     try:
-        return compare_on(InMemory(problem), chosen, truth, options, progress, cancelled, finished)
+        return compare_on(problem, chosen, truth, options, progress, cancelled, finished)
     finally:
         problem.forget_field()
 
 
-class Runs(Protocol):
-    """Unwraps one phase by any method.
-
-    Attributes
-    ----------
-    steps : SharedSteps
-        What several methods start from.
-    problem : Problem or None
-        The phase, where all of it is in memory.
-    phase : DataArray
-        Wrapped phase, wherever it lies.
-    """
-
-    steps: SharedSteps
-    problem: Problem | None
-    phase: xr.DataArray
-
-    def run(
-        self,
-        method: str,
-        progress: ProgressCall | None,
-        cancelled: CancelledCall | None,
-        options: Mapping[str, Any],
-    ) -> xr.DataArray:
-        """Return unwrapped phase."""
-
-
-class InMemory:
-    """Unwraps phase that is in memory.
-
-    Parameters
-    ----------
-    problem : Problem
-        The phase.
-    """
-
-    def __init__(self, problem: Problem) -> None:
-        self.steps: SharedSteps = problem
-        self.problem: Problem | None = problem
-        self.phase = problem.template
-        self.run = partial(run_method, problem)
-
-
 def compare_on(
-    runs: Runs,
+    problem: Problem,
     methods: Sequence[str],
     truth: xr.DataArray | Any,
     options: Mapping[str, Mapping[str, Any]],
@@ -363,15 +319,15 @@ def compare_on(
     finished: Callable[[str, Comparison], None] | None = None,
 ) -> Comparison:
     """Run several methods one after the other, wherever their phase lies; see `compare`."""
-    exact = as_truth(truth, runs.phase)
-    so_far = Comparison({}, table_of({}), runs.problem, runs.phase)
+    exact = as_truth(truth, problem.template)
+    so_far = Comparison({}, table_of({}), problem if problem.held else None, problem.template)
     rows: dict[str, dict[str, Any]] = {}
     for place, method in enumerate(methods, 1):
         own_options = options.get(method, {})
         label = label_of(method, own_options)
         head = f"{label} ({place} of {len(methods)})"
         report = reworded(progress, partial("{}: {}".format, head))
-        cost = cost_of(runs, method, report, cancelled, own_options)
+        cost = cost_of(problem, method, report, cancelled, own_options)
         rows[method] = row_of(label, cost, exact)
         so_far = replace(
             so_far, results={**so_far.results, method: cost.result}, table=table_of(rows)
@@ -382,17 +338,17 @@ def compare_on(
 
 
 def cost_of(
-    runs: Runs,
+    problem: Problem,
     method: str,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
     options: Mapping[str, Any],
 ) -> Measured[xr.DataArray]:
     """Run one method, and count the time of the shared steps that others have done for it."""
-    shared = dict(runs.steps.seconds)
-    runs.steps.used.clear()
-    cost = measured(partial(runs.run, method, progress, cancelled, options))
-    shared_seconds = sum(shared.get(step, 0.0) for step in runs.steps.used)
+    shared = dict(problem.seconds)
+    problem.used.clear()
+    cost = measured(partial(run_method, problem, method, progress, cancelled, options))
+    shared_seconds = sum(shared.get(step, 0.0) for step in problem.used)
     return replace(cost, seconds=cost.seconds + shared_seconds)
 
 

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import dask.array
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.loading import in_memory
+from napari_phase4d.analysis.loading import in_memory, parts_over_time
 from napari_phase4d.unwrapping import both_ends, loop_sums
 
 __all__ = ["itoh_margin", "order_shares", "residues"]
@@ -33,7 +34,7 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         For each dimension of length 2 or more a map like ``phase``, named ``along_time`` and so
         on: the larger of the steps to the two neighbours, as a share of pi. Its
         ``attrs["share_beyond"]`` is the share of steps beyond pi (of those with both ends in
-        ``where``).
+        ``where``). Maps of phase on disk are computed where they are looked at.
 
     Examples
     --------
@@ -41,22 +42,48 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
     >>> itoh_margin(ramp)["along_x"].attrs["share_beyond"]
     0.5
     """
-    phase = in_memory(phase)
-    inside = np.ones(phase.shape, bool) if where is None else where.transpose(*phase.dims).values
+    inside = None if where is None else where.transpose(*phase.dims)
     maps = {}
-    for dim in phase.dims:
+    for axis, dim in enumerate(phase.dims):
         if phase.sizes[dim] < 2:
             continue
-        axis = phase.get_axis_num(dim)
-        steps = np.abs(np.diff(phase.values, axis=axis)) / np.float32(np.pi)
-        before = np.pad(steps, [(int(i == axis), 0) for i in range(phase.ndim)])
-        after = np.pad(steps, [(0, int(i == axis)) for i in range(phase.ndim)])
-        margin = phase.copy(data=np.maximum(before, after))
-        counted = both_ends(inside, axis)
-        beyond = float((steps > 1)[counted].mean()) if counted.any() else 0.0
-        margin.attrs = {"units": "pi rad", "share_beyond": beyond}
+        if phase.chunks is None:
+            largest = larger_step(phase.values, axis)
+        else:
+            largest = dask.array.map_overlap(
+                larger_step, phase.data, axis=axis, depth={axis: 1}, boundary="none"
+            )
+        margin = phase.copy(data=largest)
+        margin.attrs = {"units": "pi rad", "share_beyond": share_beyond(phase, inside, axis)}
         maps[f"along_{dim}"] = margin
     return xr.Dataset(maps)
+
+
+def steps_along(values: NDArray[np.floating], axis: int) -> NDArray[np.floating]:
+    """Return the size of all steps along an axis as a share of pi."""
+    steps: NDArray[np.floating] = np.abs(np.diff(values, axis=axis)) / np.float32(np.pi)
+    return steps
+
+
+def larger_step(values: NDArray[np.floating], axis: int) -> NDArray[np.floating]:
+    """Return the larger of the steps to both neighbours along an axis, as a share of pi."""
+    steps = steps_along(values, axis)
+    before = np.pad(steps, [(int(i == axis), 0) for i in range(values.ndim)])
+    after = np.pad(steps, [(0, int(i == axis)) for i in range(values.ndim)])
+    larger: NDArray[np.floating] = np.maximum(before, after)
+    return larger
+
+
+def share_beyond(phase: xr.DataArray, inside: xr.DataArray | None, axis: int) -> float:
+    """Return the share of the steps along an axis that are beyond pi, of those inside."""
+    beyond, count = 0, 0
+    for part, values in parts_over_time(phase, more=int(axis == 0)):
+        steps = steps_along(values, axis) > 1
+        if inside is not None:
+            steps = steps[both_ends(np.asarray(inside.data[part]), axis)]
+        beyond += int(np.count_nonzero(steps))
+        count += steps.size
+    return beyond / count if count else 0.0
 
 
 def order_shares(

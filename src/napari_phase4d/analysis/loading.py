@@ -46,8 +46,11 @@ def frame_of(stack: xr.DataArray, time: int, angle: int) -> NDArray[Any]:
     return np.asarray(stack.data[time, angle])
 
 
-def parts_over_time(stack: xr.DataArray) -> Iterator[tuple[slice, NDArray[Any]]]:
-    """Yield the times of a part of a stack (time, ...) and its values, part after part."""
+def parts_over_time(stack: xr.DataArray, more: int = 0) -> Iterator[tuple[slice, NDArray[Any]]]:
+    """Yield the times of a part of a stack (time, ...) and its values, part after part.
+
+    Each part may hold so many times more, of the next one.
+    """
     n_times = stack.shape[0]
     if stack.chunks is None:
         yield slice(0, n_times), stack.values
@@ -55,5 +58,5 @@ def parts_over_time(stack: xr.DataArray) -> Iterator[tuple[slice, NDArray[Any]]]
     chunk = max(int(stack.data.chunksize[0]), 1)
     at_once = max(1, PART_BYTES // max(chunk * stack[0].nbytes, 1)) * chunk
     for start in range(0, n_times, at_once):
-        part = slice(start, min(start + at_once, n_times))
+        part = slice(start, min(start + at_once + more, n_times))
         yield part, np.asarray(stack.data[part])

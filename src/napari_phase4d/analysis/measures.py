@@ -14,10 +14,10 @@ from skimage.draw import polygon2mask
 
 from napari_phase4d.analysis.loading import parts_over_time
 from napari_phase4d.axes import AXES
-from napari_phase4d.checks import as_numbers, shown
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stacks import mask_on, pixel_um, unwrapped_stack
+from napari_phase4d.words import as_numbers, shown
 
 __all__ = ["measure", "polygon_mask", "region_masks"]
 

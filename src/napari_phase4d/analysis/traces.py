@@ -6,15 +6,16 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+import dask.array
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.loading import in_memory
 from napari_phase4d.axes import AXES
-from napari_phase4d.checks import check_type, shown
 from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
 from napari_phase4d.unwrapping import METHODS, label_of
+from napari_phase4d.words import check_type, shown
 
 __all__ = ["Traces", "difference", "traces"]
 
@@ -165,8 +166,9 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     Returns
     -------
     xarray.DataArray
-        float32 on the grid of the result, radians; 0 where a mask left out one of the two.
-        ``attrs`` name the method of the result and the label of the reference.
+        float32 on the grid of the result, radians; 0 where a mask left out one of the two. Of
+        results on disk it is computed where it is looked at. ``attrs`` name the method of the
+        result and the label of the reference.
 
     Raises
     ------
@@ -181,11 +183,13 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     """
     result = unwrapped_stack(result, "the result")
     reference = unwrapped_stack(on_grid_of(reference, result, "the reference"), "the reference")
-    result, reference = in_memory(result), in_memory(reference)
-    values = (result.values - reference.values).astype(np.float32, copy=False)
-    for stack in (result, reference):
-        if stack.attrs.get("mask", "none") != "none":
-            values[stack.values == 0] = 0
+    masked = tuple(stack.attrs.get("mask", "none") != "none" for stack in (result, reference))
+    if result.chunks is None and reference.chunks is None:
+        values = less(result.values, reference.values, masked)
+    else:  # on disk: computed for the frames that are looked at
+        on_disk = result if result.chunks is not None else reference
+        both = [stack.chunk(dict(on_disk.chunksizes)).data for stack in (result, reference)]
+        values = dask.array.map_blocks(less, *both, masked, dtype=np.float32)
     found = result.copy(data=values)
     found.attrs = {
         KIND: UNWRAPPED,
@@ -194,6 +198,17 @@ def difference(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
         "less": name_of(reference),
     }
     return found.rename("difference")
+
+
+def less(
+    values: NDArray[Any], others: NDArray[Any], masked: tuple[bool, bool]
+) -> NDArray[np.float32]:
+    """Return values minus others; 0 where one of the two is masked, and so is 0."""
+    found: NDArray[np.float32] = (values - others).astype(np.float32, copy=False)
+    for numbers, zero_is_masked in zip((values, others), masked, strict=True):
+        if zero_is_masked:
+            found[numbers == 0] = 0
+    return found
 
 
 def name_of(stack: xr.DataArray) -> str:

@@ -9,13 +9,10 @@ import typer
 from rich.markup import escape
 
 import napari_phase4d
-from napari_phase4d.cli.comparing import compare_command
-from napari_phase4d.cli.console import console, errors
-from napari_phase4d.cli.demo import demo
-from napari_phase4d.cli.info import info
-from napari_phase4d.cli.look import look
-from napari_phase4d.cli.reproducing import reproduce
-from napari_phase4d.cli.running import run_command
+from napari_phase4d.cli.demo import demo, reproduce
+from napari_phase4d.cli.look import info, look
+from napari_phase4d.cli.printing import console, errors
+from napari_phase4d.cli.running import compare_command, run_command
 from napari_phase4d.pipeline import EXPECTED, sentence_of
 
 __all__ = ["app", "main"]

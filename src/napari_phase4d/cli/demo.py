@@ -1,4 +1,4 @@
-"""The demo: the whole chain on a simulated video."""
+"""The demo, the whole chain on a simulated video, and the paper once more."""
 
 from __future__ import annotations
 
@@ -8,12 +8,18 @@ from typing import Annotated, Any
 
 import typer
 
-from napari_phase4d.cli.console import console
-from napari_phase4d.cli.printing import bar, print_lobes, print_start, print_table, write_picture
+from napari_phase4d.cli.printing import (
+    bar,
+    console,
+    print_lobes,
+    print_start,
+    print_table,
+    write_picture,
+)
 from napari_phase4d.pipeline import Recipe, run, write_outcome
 from napari_phase4d.sample import euglena_sample
 
-__all__ = ["demo"]
+__all__ = ["demo", "reproduce"]
 
 
 def demo(
@@ -68,3 +74,22 @@ def window_of_napari() -> Any:
         )
         raise ImportError(msg) from error
     return window
+
+
+def reproduce(
+    out: Annotated[Path, typer.Option(help="Folder for figures, table and movies.")] = Path(
+        "reproduction"
+    ),
+    movies: Annotated[bool, typer.Option(help="Also write the movies.")] = True,
+) -> None:
+    """Reproduce the paper's table, its Figs. 2 and 4, and its visualizations."""
+    from napari_phase4d.reproduction import reproduce as reproduce_all
+    from napari_phase4d.reproduction import write_reproduction
+
+    with bar() as progress:
+        found = reproduce_all(progress)
+        print_table(found.table, "Budding yeast, 6 angles, 19 times")
+        written = write_reproduction(found, out, movies=movies, progress=progress)
+    console.print(f"{len(written)} files written to [bold]{out.resolve()}[/bold]:")
+    for path in written:
+        console.print(f"  {path.name}")

@@ -1,4 +1,4 @@
-"""How results are shown in a terminal."""
+"""Where the command line writes to, and how it shows results."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from pathlib import Path
 
 import pandas as pd
 import xarray as xr
+from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
 
-from napari_phase4d.cli.console import console
 from napari_phase4d.holography import (
     FoundLobes,
     Lobe,
@@ -29,6 +29,8 @@ from napari_phase4d.unwrapping import METHODS, left_out_advice
 __all__ = [
     "NOISE_FRAMES",
     "bar",
+    "console",
+    "errors",
     "print_lobes",
     "print_missed_views",
     "print_notes",
@@ -37,6 +39,10 @@ __all__ = [
     "print_verdict",
     "write_picture",
 ]
+
+console = Console(highlight=False, soft_wrap=True)
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
 
 #: Methods that weigh pixels by the amplitude, where it is known.
 WITH_AMPLITUDE = ("directional-l1", "directional-growing")

@@ -1,17 +1,27 @@
-"""From files to unwrapped phase."""
+"""From files to unwrapped phase, by one method or by all side by side, file after file."""
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 import xarray as xr
+from rich.markup import escape
 
-from napari_phase4d.cli.batches import batch, stoppable
-from napari_phase4d.cli.console import console
+from napari_phase4d.analysis import (
+    best_known,
+    itoh_margin,
+    order_shares,
+    order_verdict,
+    residues,
+    steps_sentence,
+)
 from napari_phase4d.cli.options import (
     Angles,
     Boundary,
@@ -23,18 +33,23 @@ from napari_phase4d.cli.options import (
     TiltPerFrame,
     Views,
     WholeField,
+    is_recipe,
     recipe_and_files,
     with_settings,
 )
 from napari_phase4d.cli.printing import (
     bar,
+    console,
+    errors,
     print_lobes,
     print_missed_views,
     print_notes,
     print_start,
     print_table,
     print_verdict,
+    write_picture,
 )
+from napari_phase4d.io import open_phase
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     Outcome,
@@ -45,13 +60,16 @@ from napari_phase4d.pipeline import (
     open_by,
     result_folder,
     run,
+    run_batch,
+    sentence_of,
     stacks_beside,
     write_outcome,
 )
 from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import counted
 
-__all__ = ["run_command"]
+__all__ = ["compare_command", "run_command"]
 
 
 def run_command(
@@ -161,3 +179,176 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
 def optics_of(opened: Recording | xr.DataArray) -> Optics:
     """Return the microscope that a file names, or the paper's."""
     return opened.optics if isinstance(opened, Recording) else Optics()
+
+
+#: The picture of all results.
+PICTURE = "comparison.png"
+
+
+def compare_command(
+    inputs: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Wrapped phase (OME-TIFF of this program, NPY, NPZ, TIFF) or hologram videos; "
+            "a .json among them is the recipe."
+        ),
+    ],
+    out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_compare"),
+    truth: Annotated[
+        Path | None, typer.Option(help="Exact or published phase on the same grid.")
+    ] = None,
+    views: Views = None,
+    angle: Angles = None,
+    boundary: Boundary = None,
+    method: Annotated[
+        list[str] | None, typer.Option(help="Method id; default: all of them.")
+    ] = None,
+    *,
+    confidence: Confidence = False,
+    dataset: Dataset = None,
+    raw: Raw = None,
+    refocus: Refocus = None,
+    tilt_per_frame: TiltPerFrame = False,
+    whole_field: WholeField = False,
+) -> None:
+    """Put all methods side by side: table, picture, and where unwrapping has to fail."""
+    recipe, files = recipe_and_files(inputs)
+    all_methods = None if any(is_recipe(p) for p in inputs) else list(METHODS)
+    recipe = with_settings(
+        recipe,
+        views=views,
+        angle=angle,
+        boundary=boundary,
+        method=method or all_methods,
+        confidence=confidence,
+        dataset=dataset,
+        raw=raw,
+        refocus=refocus,
+        tilt_per_frame=tilt_per_frame,
+        whole_field=whole_field,
+    )
+    exact = None if truth is None else open_phase(truth)
+    if not files and not recipe.recording:
+        msg = "give at least one file to compare the methods on"
+        raise ValueError(msg)
+    with stoppable():
+        if len(files) > 1:
+            batch(recipe, files, out, truth=exact, finished=partial(finish, exact))
+            return
+        recording = found_anywhere(files[0] if files else recipe.recording)
+        compare_one(recipe.changed(recording=recording), exact, out)
+
+
+def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
+    """Compare the methods on one file, and write what comes out."""
+    with (
+        result_folder(out, recipe, [PICTURE]) as kept,
+        fingerprinting(recipe.recording) as hashing,
+        stacks_beside(out, None) as place,
+        bar() as progress,
+    ):
+        outcome = run(recipe, truth=exact, progress=progress, folder=place)
+        written = write_outcome(outcome, out, progress, source=hashing.result())
+        kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
+    print_missed_views(outcome, recipe)
+    finish(exact, outcome, out)
+    console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
+
+
+def finish(exact: xr.DataArray | None, outcome: Outcome, folder: Path) -> None:
+    """Print the table and what is known of the steps, and write the picture."""
+    print_notes(outcome)
+    print_start(outcome)
+    print_table(outcome.comparison.table)
+    try:
+        print_itoh(outcome, exact)
+    except OSError as error:  # results larger than memory
+        console.print(f"[yellow]{escape(sentence_of(error))}[/yellow]")
+    write_picture(outcome, exact, folder / PICTURE)
+
+
+def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
+    """Say where steps are too large, and which order suits the object."""
+    results = outcome.comparison.results
+    known, origin = best_known(results, exact)
+    found = residues(outcome.reconstruction["phase"])
+    console.print(steps_sentence(itoh_margin(known), origin))
+    console.print(f"Residues in the wrapped phase: {int(abs(found).sum())}")
+    ways = order_shares(known, outcome.recipe.start_frames[0])
+    words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
+    verdict = order_verdict(results, outcome.recipe.start_frames[0], exact)
+    console.print(f"Of the steps on their way: {words}. {verdict}")
+    labels = outcome.comparison.table["method"]
+    for method, sentence in outcome.comparison.warnings().items():
+        console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
+    print_verdict(outcome)
+
+
+#: What a shell gives for a program that Ctrl-C has ended.
+STOPPED_BY_USER = 130
+
+
+def batch(recipe: Recipe, files: Sequence[Path], out: Path, **options: Any) -> None:
+    """Work on each file, see `run_batch`; of several, one that fails does not stop the others.
+
+    Raises
+    ------
+    ValueError
+        If any failed.
+    """
+    with bar() as progress:
+        table = run_batch(recipe, files, out, progress=progress, told=tell, **options)
+    console.print(f"The summary is in [bold]{(out / 'summary.csv').resolve()}[/bold]")
+    failed = table[table["status"] == "failed"]
+    if len(failed):
+        names = ", ".join(Path(file).name for file in failed["file"])
+        msg = f"{len(failed)} of {len(table)} files failed: {names}"
+        raise ValueError(msg)
+
+
+def tell(line: str) -> None:
+    """Print a line of the log."""
+    console.print(escape(line))
+
+
+class ToldToEndError(KeyboardInterrupt):
+    """The system wishes this program to end.
+
+    It is not `KeyboardInterrupt` itself, after which Python may end with a code of its own.
+    """
+
+
+@contextmanager
+def stoppable() -> Iterator[None]:
+    """Let Ctrl-C, and the wish of the system to end, stop the work with one sentence."""
+    came: list[int] = []
+
+    def stop(number: int, _: object) -> None:
+        came.append(number)
+        raise ToldToEndError
+
+    before = listening(stop)
+    try:
+        yield
+    except KeyboardInterrupt:
+        by = signal.Signals(came[0]).name if came else "Ctrl-C"
+        errors.print(f"Stopped by {by}. What is written is whole; --resume goes on with a batch.")
+        raise typer.Exit(128 + came[0] if came else STOPPED_BY_USER) from None
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+def listening(stop: Callable[[int, object], None]) -> dict[int, Any]:
+    """Let the system's wishes to end call a function; return what they did before.
+
+    What is ignored stays so, as under nohup; outside of the main thread nothing is listened to.
+    """
+    before: dict[int, Any] = {}
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is None or signal.getsignal(number) is signal.SIG_IGN:
+            continue
+        with suppress(ValueError):  # not in the main thread
+            before[number] = signal.signal(number, stop)
+    return before

@@ -27,7 +27,6 @@ import scipy.fft
 from numpy.typing import NDArray
 from skimage.restoration import unwrap_phase
 
-from napari_phase4d.checks import as_numbers, check_type, shown
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
 from napari_phase4d.holography.demodulation import Demodulator
@@ -45,7 +44,7 @@ from napari_phase4d.holography.spectrum import (
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
-from napari_phase4d.words import counted
+from napari_phase4d.words import as_numbers, check_type, counted, shown
 
 __all__ = ["FoundLobes", "find_lobes"]
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.checks import check_bool, check_number, shown
+from napari_phase4d.words import check_bool, check_number, shown
 
 __all__ = [
     "MAX_VIEWS",

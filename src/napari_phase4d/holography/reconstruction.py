@@ -11,7 +11,6 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.checks import check_bool, shown, warn
 from napari_phase4d.holography.background import background_advice, curvature_advice
 from napari_phase4d.holography.corrections import (
     BACKGROUND_ORDERS,
@@ -35,6 +34,7 @@ from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
+from napari_phase4d.words import check_bool, shown, warn
 
 __all__ = [
     "PhaseSettings",

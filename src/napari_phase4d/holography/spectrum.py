@@ -12,12 +12,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.checks import check_type
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.lobes import canonical, pair_distance
 from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
+from napari_phase4d.words import check_type
 
 __all__ = [
     "MAIN_LOBE",

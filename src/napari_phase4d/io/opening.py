@@ -12,7 +12,6 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.axes import PLAIN_AXES
-from napari_phase4d.checks import check_type, warn
 from napari_phase4d.io.choosing import axes_in_words, axes_to_choose, choice
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RawLayout
@@ -28,6 +27,7 @@ from napari_phase4d.stacks import (
     times_in_s,
     with_coordinates,
 )
+from napari_phase4d.words import check_type, warn
 
 __all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording"]
 

@@ -3,13 +3,12 @@
 A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
 """
 
+from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
 from napari_phase4d.pipeline.batch import result_folders, run_batch
-from napari_phase4d.pipeline.faults import EXPECTED, sentence_of
-from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint, fingerprinting
 from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
-from napari_phase4d.pipeline.opening import found_anywhere, open_by
 from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
+from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint, fingerprinting
 from napari_phase4d.pipeline.recipe import (
     DEFAULT_METHODS,
     PAPER_METHODS,
@@ -25,15 +24,15 @@ from napari_phase4d.pipeline.running import (
 )
 from napari_phase4d.pipeline.starting import (
     FOUND_BY,
+    found_anywhere,
     noting_start,
+    open_by,
     start_sentence,
     start_words,
     with_start,
 )
-from napari_phase4d.pipeline.trial import estimated_seconds
-from napari_phase4d.pipeline.warming import warm_up_elsewhere
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
-from napari_phase4d.words import size_in_words, time_in_words
+from napari_phase4d.words import EXPECTED, sentence_of, size_in_words, time_in_words
 
 __all__ = [
     "DEFAULT_METHODS",

@@ -12,10 +12,10 @@ from typing import Any
 from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM
 from napari_phase4d.io.atomic import remove_dead, written_whole
 from napari_phase4d.io.results import is_result
-from napari_phase4d.pipeline.batch.complete import NOTE, noted
+from napari_phase4d.pipeline.batch.folders import NOTE, noted
 from napari_phase4d.pipeline.batch.lock import alone
-from napari_phase4d.pipeline.fingerprint import Fingerprint
 from napari_phase4d.pipeline.places import make_folder
+from napari_phase4d.pipeline.provenance import Fingerprint
 from napari_phase4d.pipeline.recipe import Recipe
 
 __all__ = ["ResultFolder", "result_folder"]

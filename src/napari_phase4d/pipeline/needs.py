@@ -13,19 +13,22 @@ from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import block_frames
-from napari_phase4d.unwrapping import METHODS, SCORED_PIXELS, SCORING_METHOD, STACKS_OF_A_FRAME
+from napari_phase4d.unwrapping import (
+    METHODS,
+    SCORED_PIXELS,
+    SCORING_METHOD,
+    STACKS_OF_A_FRAME,
+    Method,
+    working_frames,
+)
 from napari_phase4d.words import size_in_words
 
 __all__ = ["Needs", "needed_bytes", "needs_of", "phase_needs", "working_bytes"]
 
 #: Share of the free memory that a run may fill.
 SHARE_OF_MEMORY = 0.7
-#: Bytes for each pixel of a block while it is worked on: phase, amplitude, turns, masks, result.
-BYTES_OF_A_PIXEL = 48
 #: Bytes for each pixel of a camera frame while it is transformed.
 BYTES_OF_A_CAMERA_PIXEL = 32
-#: What is needed on the way only, in stacks of float32: turns (4 of int16) and masks.
-SCRATCH_STACKS = 2.5
 #: What the frames of a longer recording need that are looked at alone, in stacks of float32.
 SCORING_STACKS = 8
 
@@ -139,17 +142,27 @@ def phase_needs(
     whole = [m for m in methods if not METHODS[m].streams]
     greediest = max(whole, key=lambda m: METHODS[m].working_stacks, default="")
     at_once = stack + working_bytes(stack, [greediest], frame=frame) if greediest else 0
-    block = cores() * BYTES_OF_A_PIXEL * block_frames(shape) * math.prod(shape[1:])
+    block = max((block_bytes(METHODS[m], shape) for m in methods), default=0)
     in_memory, on_disk = stack + working_bytes(stack, methods, frame=frame), block + at_once
+    scratch = max((METHODS[m].scratch_bytes for m in methods), default=0) * math.prod(shape)
     start = start_bytes(shape) if finds_start else 0
     return Needs(
         tuple(methods),
         max(in_memory, stack + start),
         max(on_disk, start),
-        int(stack * (1 + len(methods) + SCRATCH_STACKS)),
+        stack * (1 + len(methods)) + scratch,
         greediest,
         start > max(in_memory - stack, on_disk),
     )
+
+
+def block_bytes(method: Method, shape: Sequence[int]) -> int:
+    """Return about how much memory a method needs that goes through a stack in blocks."""
+    frames = block_frames(shape)
+    if method.kept_bytes:
+        frames = max(frames, working_frames(shape))
+    block = cores() * method.block_bytes * frames * math.prod(shape[1:])
+    return int(block + method.kept_bytes * math.prod(shape))
 
 
 def start_bytes(shape: Sequence[int]) -> int:

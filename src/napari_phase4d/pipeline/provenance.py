@@ -1,8 +1,15 @@
-"""Where a result comes from: what it takes to make it again."""
+"""Where a result comes from: which file it was, and what it takes to make it again."""
 
 from __future__ import annotations
 
+import glob
+import hashlib
 import platform
+import threading
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -10,20 +17,190 @@ from typing import Any
 import xarray as xr
 
 from napari_phase4d.io import PROGRAM
-from napari_phase4d.pipeline.fingerprint import Fingerprint, fingerprint
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.starting import FOUND_BY
-from napari_phase4d.progress import CancelledCall
+from napari_phase4d.progress import THREADS, CancelledCall, Watch, finished
 from napari_phase4d.sample import is_sample
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
+    "Fingerprint",
+    "Hashing",
+    "Remembered",
     "asked_recipe",
+    "fingerprint",
+    "fingerprinting",
     "program_version",
     "provenance_of",
     "with_provenance",
 ]
+
+#: Bytes that are read at a time.
+BLOCK = 2**20
+#: What systems put into folders unasked.
+LITTER = (".DS_Store", "Thumbs.db", "desktop.ini")
+
+#: Name, path, size, and time of the last change of each file of an input.
+Parts = list[tuple[str, Path, int, int]]
+
+
+@dataclass(frozen=True)
+class Fingerprint:
+    """What tells a file from all others, wherever it lies.
+
+    Parameters
+    ----------
+    name : str
+        Name of the file or folder without its place, or of a sample.
+    bytes : int, optional
+        Size; of a folder, of all files in it. None for a sample.
+    sha256 : str, optional
+        Of a file, SHA-256 of what it holds, as other programs give it. Of a folder, SHA-256 of
+        the name, size and content of each file in it, in the order of their names.
+    """
+
+    name: str
+    bytes: int | None = None
+    sha256: str | None = None
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return what is known, as JSON can hold it."""
+        return {name: value for name, value in asdict(self).items() if value is not None}
+
+
+class Hashing:
+    """The fingerprint of an input, computed in a thread while the input is worked on.
+
+    Parameters
+    ----------
+    source : str or Path
+        A file, a folder, a pattern with ``*``, or the name of a sample.
+
+    Raises
+    ------
+    OSError
+        If there is no such file or folder.
+    """
+
+    def __init__(self, source: str | Path) -> None:
+        self.source = str(source)
+        self._before = [] if is_sample(self.source) else parts_of(self.source)
+        self._stopped = threading.Event()
+        self._pool = ThreadPoolExecutor(1, THREADS)
+        is_file = Path(self.source).is_file()
+        self._future = self._pool.submit(hashed, self._before, self._stopped, is_file=is_file)
+
+    @property
+    def bytes(self) -> int:
+        """Size of all files together, known at once."""
+        return sum(size for _, _, size, _ in self._before)
+
+    def result(self, cancelled: CancelledCall | None = None) -> Fingerprint:
+        """Wait for the fingerprint; asked again, see whether the input is still the same.
+
+        Raises
+        ------
+        OSError
+            If the input can't be read, or has changed since this was begun.
+        Cancelled
+            If ``cancelled()`` returned True.
+        """
+        if is_sample(self.source):
+            return Fingerprint(self.source)
+        name = Path(self.source).name
+        digest = finished(self._future, Watch(1, "checking the file", None, cancelled))
+        if parts_of(self.source) != self._before:
+            msg = f"{name} was changed while it was read; run it again when it is complete"
+            raise OSError(msg)
+        return Fingerprint(name, self.bytes, digest)
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._stopped.set()
+        self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+@contextmanager
+def fingerprinting(source: str | Path) -> Iterator[Hashing]:
+    """Compute a fingerprint in a thread while something else is done, and end it with that.
+
+    Raises
+    ------
+    OSError
+        If there is no such file or folder.
+    """
+    hashing = Hashing(source)
+    try:
+        yield hashing
+    finally:
+        hashing.stop()
+
+
+def fingerprint(source: str | Path, cancelled: CancelledCall | None = None) -> Fingerprint:
+    """Return the fingerprint of a file, a folder, a pattern with ``*``, or a sample.
+
+    Raises
+    ------
+    OSError
+        If there is no such file or folder, it can't be read, or it changes meanwhile.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    with fingerprinting(source) as hashing:
+        return hashing.result(cancelled)
+
+
+class Remembered:
+    """Fingerprints of files that are asked for again and again; hashed anew if they changed."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, tuple[Parts, Fingerprint]] = {}
+
+    def __call__(self, source: str, cancelled: CancelledCall | None = None) -> Fingerprint:
+        """Return the fingerprint of a file, see `fingerprint`.
+
+        Raises
+        ------
+        OSError
+            If there is no such file or folder, it can't be read, or it changes meanwhile.
+        Cancelled
+            If ``cancelled()`` returned True.
+        """
+        parts = [] if is_sample(source) else parts_of(source)
+        if source not in self._found or self._found[source][0] != parts:
+            self._found[source] = (parts, fingerprint(source, cancelled))
+        return self._found[source][1]
+
+
+def parts_of(source: str) -> Parts:
+    """Return the files of an input with their sizes and times, in the order of their names."""
+    path = Path(source)
+    if path.is_dir():
+        found = {p.relative_to(path).as_posix(): p for p in path.rglob("*") if p.is_file()}
+    elif path.exists():
+        found = {path.name: path}
+    else:
+        found = {Path(p).name: Path(p) for p in glob.glob(source) if Path(p).is_file()}  # noqa: PTH207
+    if not found and not path.is_dir():
+        msg = f"there is no file or folder {source}"
+        raise OSError(msg)
+    kept = sorted((name, p) for name, p in found.items() if p.name not in LITTER)
+    facts = [(name, p, p.stat()) for name, p in kept]
+    return [(name, p, stat.st_size, stat.st_mtime_ns) for name, p, stat in facts]
+
+
+def hashed(parts: Parts, stopped: threading.Event, *, is_file: bool) -> str:
+    """Return the SHA-256 of a file, or of the names, sizes and contents of several."""
+    digest = hashlib.sha256()
+    for name, path, size, _ in parts:
+        if not is_file:
+            digest.update(f"{name}\0{size}\0".encode("utf-8", "surrogateescape"))
+        with path.open("rb") as file:
+            while not stopped.is_set() and (block := file.read(BLOCK)):
+                digest.update(block)  # which lets other threads run meanwhile
+    return digest.hexdigest()
+
 
 #: Packages whose numbers go into the results.
 PACKAGES = ("numpy", "scipy", "scikit-image", "numba")

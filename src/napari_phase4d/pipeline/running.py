@@ -10,7 +10,6 @@ from typing import Any
 import xarray as xr
 
 from napari_phase4d.analysis import Comparison, compare
-from napari_phase4d.checks import check_type
 from napari_phase4d.holography import (
     Focus,
     Lobe,
@@ -22,15 +21,15 @@ from napari_phase4d.holography import (
 )
 from napari_phase4d.io import open_recording
 from napari_phase4d.pipeline.needs import needs_of, phase_needs
-from napari_phase4d.pipeline.opening import open_by
 from napari_phase4d.pipeline.places import Place, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
-from napari_phase4d.pipeline.starting import noting_start, with_start
+from napari_phase4d.pipeline.starting import noting_start, open_by, with_start
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import is_known
 from napari_phase4d.unwrapping.problem import checked_boundaries
+from napari_phase4d.words import check_type
 
 __all__ = ["Outcome", "focus_by", "reconstruct_by", "run", "unwrap_by"]
 

@@ -1,18 +1,64 @@
-"""Which frame a run starts from."""
+"""What a run begins with: the files that a recipe names, and the frame it starts from."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import xarray as xr
 
 from napari_phase4d.analysis import Comparison
+from napari_phase4d.io import open_input
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.recording import Recording
+from napari_phase4d.sample import is_sample, open_sample
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
 
-__all__ = ["FOUND_BY", "noting_start", "start_sentence", "start_words", "with_start"]
+__all__ = [
+    "FOUND_BY",
+    "found_anywhere",
+    "noting_start",
+    "open_by",
+    "start_sentence",
+    "start_words",
+    "with_start",
+]
+
+
+def open_by(recipe: Recipe) -> Recording | xr.DataArray:
+    """Open the file or sample that a recipe names: holograms, or wrapped phase.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If there is no such file or sample, or it can't be read.
+    """
+    if is_sample(recipe.recording):
+        return open_sample(recipe.recording, recipe.optics, recipe.frame_rate_hz)
+    return open_input(
+        recipe.recording,
+        recipe.optics,
+        recipe.frame_rate_hz,
+        dataset=recipe.dataset,
+        raw=recipe.raw,
+        angles_deg=recipe.angles_deg,
+        content=recipe.content,
+    )
+
+
+def found_anywhere(source: str | Path) -> str:
+    """Return a recording's name as it holds in every folder: files get their whole path.
+
+    Names of samples, and of files that are not there, stay as they are.
+    """
+    if str(source) and not is_sample(str(source)):
+        with suppress(OSError, ValueError):  # not there, or no name of a file at all
+            return str(Path(source).resolve(strict=True))
+    return str(source)
+
 
 #: Attribute of results whose boundary frame was found: what told it.
 FOUND_BY = "boundary_found_by"

@@ -10,8 +10,7 @@ import xarray as xr
 
 from napari_phase4d.io import OME_TIFF, OME_ZARR, write_phase, write_table
 from napari_phase4d.io.zarr_results import note_zarr_result, path_of
-from napari_phase4d.pipeline.fingerprint import Fingerprint
-from napari_phase4d.pipeline.provenance import provenance_of, with_provenance
+from napari_phase4d.pipeline.provenance import Fingerprint, provenance_of, with_provenance
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
 

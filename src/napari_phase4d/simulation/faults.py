@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.simulation.stacks import wrap
+from napari_phase4d.simulation.ellipsoids import wrap
 
 __all__ = ["FAULTS", "LOSES_FRAME", "with_fault"]
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.stacks import wrap
+from napari_phase4d.simulation.ellipsoids import wrap
 
 __all__ = ["HARD_SHAPES", "hard_shape"]
 

@@ -10,9 +10,9 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.checks import check_type
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
+from napari_phase4d.words import check_type
 
 __all__ = ["CARRIERS", "multiplexed_video"]
 

@@ -8,10 +8,9 @@ from types import MappingProxyType
 import numpy as np
 import xarray as xr
 
-from napari_phase4d.checks import check_type
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.ellipsoids import Ellipsoid, rotation
-from napari_phase4d.simulation.stacks import phase_stack, wrap
+from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, rotation, wrap
+from napari_phase4d.words import check_type
 
 __all__ = ["SHAPES", "moving_shape", "with_noise"]
 

@@ -11,8 +11,14 @@ from napari_phase4d.stacks.coordinates import (
     times_in_s,
     with_coordinates,
 )
-from napari_phase4d.stacks.entry import as_stack, unwrapped_stack, wrapped_stack
-from napari_phase4d.stacks.fitting import mask_on, on_grid_of, without_masked
+from napari_phase4d.stacks.entry import (
+    as_stack,
+    mask_on,
+    on_grid_of,
+    unwrapped_stack,
+    without_masked,
+    wrapped_stack,
+)
 from napari_phase4d.stacks.kinds import KIND, UNWRAPPED, WRAPPED, kind_of, looks_wrapped
 
 __all__ = [

@@ -1,4 +1,4 @@
-"""Phase as it comes in, wrapped or unwrapped."""
+"""Phase as it comes in, and masks, regions and further stacks brought onto its axes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,24 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.axes import AXES, PLAIN_AXES
-from napari_phase4d.stacks.coordinates import check_rising, plain, with_coordinates
+from napari_phase4d.stacks.coordinates import (
+    check_rising,
+    factor_to,
+    plain,
+    same_places,
+    some,
+    with_coordinates,
+)
 from napari_phase4d.stacks.kinds import check_unwrapped, check_wrapped, refuse_counts
-from napari_phase4d.stacks.units import factor_to
 
-__all__ = ["as_stack", "unwrapped_stack", "wrapped_stack"]
+__all__ = [
+    "as_stack",
+    "mask_on",
+    "on_grid_of",
+    "unwrapped_stack",
+    "without_masked",
+    "wrapped_stack",
+]
 
 #: What phase is given in.
 PHASE_UNITS = "rad"
@@ -125,3 +138,131 @@ def in_radians(stack: xr.DataArray, name: str) -> xr.DataArray:
     turned = stack.copy(data=stack.data * np.result_type(stack.dtype, np.float32).type(factor))
     turned.attrs = {**stack.attrs, "units": PHASE_UNITS}
     return turned
+
+
+def on_grid_of(other: xr.DataArray | Any, stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a further stack with the dims, order and coordinates of a stack, or refuse it.
+
+    Frames are brought into the order of the stack's times and angles by their coordinates, where
+    both have them. Plain arrays of the stack's shape have its dims.
+    """
+    given = other if isinstance(other, xr.DataArray) else beside(other, stack, name)
+    if set(given.dims) != set(stack.dims) or dict(given.sizes) != dict(stack.sizes):
+        msg = (
+            f"{name} is {in_words(given)}, but the phase is {in_words(stack)}; they must be of "
+            "the same frames"
+        )
+        raise ValueError(msg)
+    given = in_order_of(with_coordinates(given, name), stack, name)
+    return given.transpose(*stack.dims)
+
+
+def beside(values: Any, stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a plain array with the dims of the stack that it belongs to, if it has its shape."""
+    given = named(values, name)
+    return xr.DataArray(given.data, dims=stack.dims) if given.shape == stack.shape else given
+
+
+def mask_on(mask: xr.DataArray | Any, stack: xr.DataArray, name: str) -> Any:
+    """Return a mask with the four axes (time, angle, y, x), each as long as the stack's or 1.
+
+    Plain masks are (y, x), (time, y, x) or (time, angle, y, x), whatever their lengths; others
+    give the names of their dims. Lazy ones stay so.
+
+    Raises
+    ------
+    TypeError
+        If it is no mask.
+    ValueError
+        If it does not fit.
+    """
+    given = mask if isinstance(mask, xr.DataArray) else named(mask, name)
+    if set(given.dims) - set(AXES) or not {"y", "x"} <= set(given.dims):
+        msg = (
+            f"{name} has dims {tuple(given.dims)}; they must be among {', '.join(AXES)}, with y "
+            "and x"
+        )
+        raise ValueError(msg)
+    for axis in given.dims:
+        length, there = given.sizes[axis], stack.sizes.get(axis, 1)
+        if length != there and not (length == 1 and axis in ("time", "angle")):
+            msg = (
+                f"{name} is {in_words(given)}, which does not fit the phase, {in_words(stack)}; "
+                "name its axes with an xarray.DataArray if they are others"
+            )
+            raise ValueError(msg)
+    given = in_order_of(with_coordinates(as_bool(given, name), name), stack, name)
+    return given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES).data
+
+
+def without_masked(phase: Any, mask: Any) -> Any:
+    """Return a mask that leaves out what is masked in a masked array too."""
+    if not isinstance(phase, np.ma.MaskedArray) or not np.ma.is_masked(phase):
+        return mask
+    if isinstance(mask, str):
+        return mask  # what is NaN is left out then
+    kept = named(~np.ma.getmaskarray(phase), "phase")
+    if mask is None:
+        return kept
+    full = kept.expand_dims([d for d in AXES if d not in kept.dims]).transpose(*AXES)
+    return full & xr.DataArray(
+        np.broadcast_to(mask_on(mask, kept, "the mask"), full.shape), dims=AXES
+    )
+
+
+def named(values: Any, name: str) -> xr.DataArray:
+    """Return a plain array with the names of its axes."""
+    if isinstance(values, np.ma.MaskedArray):
+        outside: Any = False if values.dtype.kind in "biu" else np.nan
+        values = values.filled(outside)
+    values = plain(values, name)
+    if values.ndim not in PLAIN_AXES:
+        msg = (
+            f"{name} is {values.shape}, which does not fit the phase: plain arrays are (y, x), "
+            "(time, y, x) or (time, angle, y, x)"
+        )
+        raise ValueError(msg)
+    return xr.DataArray(values, dims=PLAIN_AXES[values.ndim])
+
+
+def as_bool(mask: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a mask of bool: of labels what is not 0, of numbers 0 and 1 alone."""
+    kind = mask.dtype.kind
+    if kind == "b":
+        return mask
+    if kind not in "iuf":
+        msg = f"{name} must be of bool, but is {mask.dtype}"
+        raise TypeError(msg)
+    # A lazy one is not held in memory for it.
+    if kind == "f" and bool(((mask != 0) & (mask != 1)).any()):
+        odd = mask.values[((mask != 0) & (mask != 1)).values][0]
+        msg = f"{name} must be of bool, but holds {odd:g}; make one, as with mask > 0"
+        raise ValueError(msg)
+    return mask != 0
+
+
+def in_order_of(given: xr.DataArray, stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a stack with its frames in the order of another's coordinates, or refuse it."""
+    for axis in given.dims:
+        known = axis in given.coords and axis in stack.coords and axis in stack.dims
+        if not known or given.sizes[axis] != stack.sizes[axis]:
+            continue
+        own, wanted = given[axis].values, stack[axis].values
+        if same_places(wanted, own):
+            continue
+        order, target = np.argsort(own), np.argsort(wanted)
+        if not same_places(wanted[target], own[order]):
+            msg = (
+                f"{name} has other {axis} coordinates ({some(own)}) than the phase "
+                f"({some(wanted)}); take the same frames of both"
+            )
+            raise ValueError(msg)
+        places = np.empty_like(order)
+        places[target] = order
+        given = given.isel({axis: places})
+    return given
+
+
+def in_words(stack: xr.DataArray) -> str:
+    """Return the axes of a stack with their lengths."""
+    return " x ".join(f"{n} {axis}" for axis, n in stack.sizes.items())

@@ -8,7 +8,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.checks import warn
+from napari_phase4d.words import warn
 
 __all__ = [
     "KIND",

@@ -9,6 +9,7 @@ from napari_phase4d.unwrapping.boundaries import (
     scores_of_some,
     scores_sentence,
 )
+from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.support import (
     Support,
     astray,
@@ -17,11 +18,11 @@ from napari_phase4d.unwrapping.directional.support import (
 )
 from napari_phase4d.unwrapping.ends import both_ends, ends_along
 from napari_phase4d.unwrapping.flow import loop_sums
-from napari_phase4d.unwrapping.four_d import ORDERS
 from napari_phase4d.unwrapping.framewise import frame_by_frame
+from napari_phase4d.unwrapping.given import Given, is_known, working_frames
 from napari_phase4d.unwrapping.masks import left_out_advice
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
-from napari_phase4d.unwrapping.problem import Problem, is_known
+from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS
 from napari_phase4d.unwrapping.running import (
     all_options,
@@ -42,6 +43,7 @@ __all__ = [
     "SCORED_TIMES",
     "SCORING_METHOD",
     "STACKS_OF_A_FRAME",
+    "Given",
     "Method",
     "Option",
     "Problem",
@@ -67,4 +69,5 @@ __all__ = [
     "scores_sentence",
     "support_by_steps",
     "unwrap",
+    "working_frames",
 ]

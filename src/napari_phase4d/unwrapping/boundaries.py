@@ -309,7 +309,7 @@ def look_of(
     spatial = relative(alone - ground, empty)
     other = reference
     if other is None:
-        alone_again = Problem(wrapped, mask=usable, for_one_method=True)
+        alone_again = Problem(wrapped, mask=usable)
         grown = run_method(alone_again, "directional-growing", None, cancelled, {})
         other = relative(grown.values - ground, empty)
     turns = np.round((other - spatial) / TURN)[inside]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["box_mean", "change_on_both_sides", "known_mean"]
+__all__ = ["LEAST_WEIGHT", "box_mean", "change_on_both_sides", "known_mean"]
 
 #: Share of the weight of a box below which a mean counts as nothing.
 LEAST_WEIGHT = 1e-3

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, counting, in_threads
+from napari_phase4d.stack import Block, Limits, Stack, block_at, blocks_of, limits_of
+from napari_phase4d.unwrapping.alone import Mask, Phase, with_turns
 from napari_phase4d.unwrapping.problem import Problem
 
 __all__ = ["dilate_erode"]
@@ -20,20 +23,21 @@ WORST = -np.finfo(np.float64).max
 #: A window as flat as this, in radians, says nothing about its middle.
 FLAT = 1e-6
 
-Frame = tuple[int, int]
 Numbers = NDArray[np.float64]
-Turns = NDArray[np.int64]
+Turns = NDArray[np.int32]
+Order = NDArray[np.intp]
 
 
 def dilate_erode(
     problem: Problem,
+    result: Stack,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
     *,
     variant: str = "textbook",
     max_window: int = 0,
     erode_threshold: float = 6.0,
-) -> NDArray[np.float32]:
+) -> list[Limits]:
     """Mend the boundary frame by itself, then carry its phase from frame to frame.
 
     Each frame is brought to within half a turn of the last valid value of every pixel; then it is
@@ -45,6 +49,9 @@ def dilate_erode(
     ----------
     problem : Problem
         Boundary frame: the one to start from, PhaseTools' "slice currently displayed".
+    result : Stack
+        Where the unwrapped phase goes: in radians, congruent with the wrapped phase inside the
+        mask, 0 outside.
     progress, cancelled : callable or None
         See `unwrap`.
     variant : str, optional
@@ -59,8 +66,8 @@ def dilate_erode(
 
     Returns
     -------
-    ndarray of shape (time, angle, y, x)
-        In radians, congruent with the wrapped phase inside the mask, 0 outside.
+    list of (float, float)
+        Smallest and largest phase of every block, radians.
     """
     if max_window < 0 or not erode_threshold > 0:
         msg = (
@@ -68,54 +75,139 @@ def dilate_erode(
             f"but they are {max_window} and {erode_threshold:g}"
         )
         raise ValueError(msg)
-    side = max(problem.wrapped.shape[2:])
+    shape = problem.given.shape
+    side = max(shape[2:])
     if max_window > side:
         msg = f"max_window is {max_window}, but must be at most {side}, the frames' longer side"
         raise ValueError(msg)
-    watch = Watch(problem.n_frames, "dilating and eroding", progress, cancelled)
-    erodes, lags = variant == "textbook", variant == "phasetools"
-    wrapped = problem.wrapped.astype(np.float64)
-    turns = np.zeros(wrapped.shape, dtype=np.int64)
-    valid: dict[Frame, Numbers] = {}
-    for path in paths(problem.first, wrapped.shape[:2]):
-        for i, here in enumerate(path):
-            if here in valid:
-                continue
-            watch.check()
-            mask = problem.mask[here]
-            if i > 0:
-                turns[here] = nearest_turns(valid[path[i - 1]] - wrapped[here])
-            dilate_and_erode(wrapped[here], turns[here], mask, max_window, watch, erodes=erodes)
-            now = np.where(mask, wrapped[here] + TURN * turns[here], np.nan)
-            before = [
-                np.where(problem.mask[f], wrapped[f] + TURN * turns[f], np.nan)
-                for f in path[max(i - 2, 0) : i]
-            ]
-            old = valid[path[i - 1]] if i > 0 else now
-            newest = before[-1] if lags and before else now
-            trusted = (steepness(before, now) < erode_threshold) | np.isnan(old)
-            valid[here] = np.where(trusted & np.isfinite(newest), newest, old)
-            watch.step()
-    result = problem.wrapped + np.float32(TURN) * turns.astype(np.float32)
-    return np.where(problem.mask, result, np.float32(0))
+    mask = problem.counted(progress, cancelled)
+    blocks = blocks_of(shape)
+    frames = counting(progress, len(blocks[0]) * shape[1], shape[0] * shape[1])
+    watch = Watch(len(blocks), "dilating and eroding", frames, cancelled)
+    rule = Rule(variant, max_window, erode_threshold, watch)
+    t0, a0 = problem.first
+    limits: dict[int, Limits] = {}
+
+    def write(block: Block, wrapped: Phase, inside: Mask, turns: Turns) -> None:
+        unwrapped = with_turns(wrapped, turns, inside)
+        unwrapped = problem.given.without_lost(unwrapped, problem.given.read(block)[1])
+        result.write(block, unwrapped)
+        limits[block.start] = limits_of(unwrapped)
+        watch.step()
+
+    def on(block: Block, trails: list[Trail], *, forward: bool) -> list[Trail]:
+        wrapped, inside = problem.given.read(block)[0], mask.read(block)
+        turns = np.zeros(wrapped.shape, dtype=np.int32)
+        times = range(len(block)) if forward else range(len(block) - 1, -1, -1)
+        trails = rule.through(times, trails, wrapped, inside, turns)
+        write(block, wrapped, inside, turns)
+        return trails
+
+    watch.check()
+    first = block_at(shape, t0)
+    wrapped, inside = problem.given.read(first)[0], mask.read(first)
+    turns = np.zeros(wrapped.shape, dtype=np.int32)
+    row = t0 - first.start
+    trails = rule.across(a0, wrapped[row], inside[row], turns[row])
+    ahead = rule.through(range(row + 1, len(first)), trails, wrapped, inside, turns)
+    behind = rule.through(range(row - 1, -1, -1), trails, wrapped, inside, turns)
+    write(first, wrapped, inside, turns)
+    for block in (b for b in blocks if b.start > first.start):
+        ahead = on(block, ahead, forward=True)
+    for block in (b for b in reversed(blocks) if b.start < first.start):
+        behind = on(block, behind, forward=False)
+    return [limits[block.start] for block in blocks]
 
 
-def paths(first: Frame, shape: tuple[int, ...]) -> Iterator[list[Frame]]:
-    """Yield the chains of frames along which phase is carried, in their order."""
-    t0, a0 = first
-    yield [(t0, a) for a in range(a0, shape[1])]
-    yield [(t0, a) for a in range(a0, -1, -1)]
-    for a in range(shape[1]):
-        yield [(t, a) for t in range(t0, shape[0])]
-        yield [(t, a) for t in range(t0, -1, -1)]
+@dataclass(frozen=True)
+class Trail:
+    """What is carried along a chain of frames.
+
+    Parameters
+    ----------
+    valid : ndarray of shape (y, x)
+        Last valid phase of every pixel in radians; NaN where there was none.
+    newest : tuple of ndarray
+        Phase of the last two frames (of one after the first), NaN outside the mask.
+    """
+
+    valid: Numbers
+    newest: tuple[Numbers, ...]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """How phase is carried on.
+
+    Parameters
+    ----------
+    variant, max_window, erode_threshold
+        See `dilate_erode`.
+    watch : Watch
+        Asked before each frame whether to stop.
+    """
+
+    variant: str
+    max_window: int
+    erode_threshold: float
+    watch: Watch
+
+    def across(self, start: int, wrapped: Phase, mask: Mask, turns: Turns) -> list[Trail]:
+        """Carry phase from one angle to all others (angle, y, x) of a time; fill the turns.
+
+        Returns
+        -------
+        list of Trail
+            Of every angle, to go on from in time.
+        """
+        own: dict[int, Trail] = {}
+        for way in (range(start, len(wrapped)), range(start, -1, -1)):
+            trail: Trail | None = None
+            for a in way:
+                if a in own:
+                    trail = own[a]
+                    continue
+                trail = self.on(trail, wrapped[a], mask[a], turns[a])
+                own[a] = Trail(trail.valid, trail.newest[-1:])
+        return [own[a] for a in range(len(wrapped))]
+
+    def through(
+        self, times: range, trails: list[Trail], wrapped: Phase, mask: Mask, turns: Turns
+    ) -> list[Trail]:
+        """Carry phase through some times of a stack (time, angle, y, x); fill the turns."""
+
+        def work(angle: int) -> Trail:
+            trail = trails[angle]
+            for t in times:
+                trail = self.on(trail, wrapped[t, angle], mask[t, angle], turns[t, angle])
+            return trail
+
+        angles = range(len(trails))
+        return list(in_threads(work, angles, self.watch.quiet(len(trails)), wait=True))
+
+    def on(self, trail: Trail | None, wrapped: Phase, mask: Mask, turns: Turns) -> Trail:
+        """Do the next frame of a chain; fill its turns."""
+        self.watch.check()
+        exact = wrapped.astype(np.float64)
+        if trail is not None:
+            turns[:] = nearest_turns(trail.valid - exact)
+        erodes, lags = self.variant == "textbook", self.variant == "phasetools"
+        dilate_and_erode(exact, turns, mask, self.max_window, self.watch, erodes=erodes)
+        now = np.where(mask, exact + TURN * turns, np.nan)
+        before = trail.newest if trail is not None else ()
+        old = trail.valid if trail is not None else now
+        newest = before[-1] if lags and before else now
+        trusted = (steepness(before, now) < self.erode_threshold) | np.isnan(old)
+        valid = np.where(trusted & np.isfinite(newest), newest, old)
+        return Trail(valid, (*before, now)[-2:])
 
 
 def nearest_turns(difference: Numbers) -> Turns:
     """Return the turns nearest to a difference in radians; none where it is not known."""
-    return np.round(np.nan_to_num(difference) / TURN).astype(np.int64)
+    return np.round(np.nan_to_num(difference) / TURN).astype(np.int32)
 
 
-def steepness(before: list[Numbers], now: Numbers) -> Numbers:
+def steepness(before: Sequence[Numbers], now: Numbers) -> Numbers:
     """Return the second difference to the two frames before, or the first to the one before."""
     if not before:
         return np.zeros_like(now)
@@ -164,14 +256,14 @@ def quality(wrapped: Numbers, turns: Turns, mask: NDArray[np.bool_], size: int) 
     return found
 
 
-def ordered(quality: Numbers, mask: NDArray[np.bool_]) -> Turns:
+def ordered(quality: Numbers, mask: NDArray[np.bool_]) -> Order:
     """Return the flat indices of the pixels that have a quality, best first."""
     known = np.flatnonzero(np.isfinite(quality) & mask)
     return known[np.argsort(-quality.ravel()[known], kind="stable")]
 
 
 @compiled
-def dilate(wrapped: Numbers, turns: Turns, order: Turns, mask: NDArray[np.bool_]) -> None:
+def dilate(wrapped: Numbers, turns: Turns, order: Order, mask: NDArray[np.bool_]) -> None:
     """Let each pixel that no better one has reached bring its free neighbours to itself."""
     height, width = wrapped.shape
     hit = np.zeros((height, width), dtype=np.bool_)
@@ -189,7 +281,7 @@ def dilate(wrapped: Numbers, turns: Turns, order: Turns, mask: NDArray[np.bool_]
 
 
 @compiled
-def erode(wrapped: Numbers, turns: Turns, order: Turns, mask: NDArray[np.bool_]) -> None:
+def erode(wrapped: Numbers, turns: Turns, order: Order, mask: NDArray[np.bool_]) -> None:
     """Bring each pixel to its neighbours where they all are off by the same number of turns."""
     height, width = wrapped.shape
     for index in order:

@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, InMemory, Stack
+from napari_phase4d.stack import Block, InMemory, Stack, block_at
 
-__all__ = ["Given", "as_given", "is_known", "working_blocks", "working_frames"]
+__all__ = [
+    "LARGEST",
+    "Counted",
+    "Given",
+    "KeptFrames",
+    "as_given",
+    "is_known",
+    "working_blocks",
+    "working_frames",
+]
 
 #: Beyond so many radians, single precision no longer tells the parts of a turn.
 LARGEST = 1e5
+#: Blocks that `KeptFrames` holds.
+KEPT_BLOCKS = 8
 #: Work that looks at neighbouring frames too takes about so many pixels at a time, of all views,
 #: but so many frames if they have no more than four times the pixels, since what it needs of the
 #: frames around is done twice. On the way it takes some hundred bytes a pixel.
@@ -27,6 +40,9 @@ def is_known(phase: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Mark the pixels that are neither NaN nor infinite, nor so large that a turn is lost."""
     known: NDArray[np.bool_] = np.abs(phase) <= LARGEST
     return known
+
+
+ALL = slice(None)
 
 
 @dataclass(frozen=True)
@@ -49,13 +65,85 @@ class Given:
         """Shape of the stack (time, angle, y, x)."""
         return self.phase.shape
 
-    def read(self, block: Block) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    def read(
+        self, block: Block, angles: slice = ALL
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
         """Return the phase of a block, 0 where it is not known, and which pixels count."""
-        wrapped = self.phase.read(block)
+        wrapped = self.phase.read(block, angles)
         if self.usable is not None:
-            return wrapped, self.usable.read(block)
+            return wrapped, self.usable.read(block, angles)
         known = is_known(wrapped)
         return (wrapped if known.all() else np.where(known, wrapped, np.float32(0))), known
+
+    def without_lost(
+        self, unwrapped: NDArray[np.float32], usable: NDArray[np.bool_]
+    ) -> NDArray[np.float32]:
+        """Make those frames of a result NaN, in place, of which no phase is known at all.
+
+        Where it is said which pixels count, nobody knows here which phase was known.
+        """
+        lost = ~usable.any(axis=(2, 3))
+        if self.usable is None and lost.any():
+            unwrapped[lost] = np.nan
+        return unwrapped
+
+
+@dataclass(frozen=True)
+class Counted:
+    """The pixels that count, in the form of a stack.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase, and the pixels that count.
+    """
+
+    given: Given
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack (time, angle, y, x)."""
+        return self.given.shape
+
+    def read(self, block: Block, angles: slice = ALL) -> NDArray[np.bool_]:
+        """Return some of it."""
+        return self.given.read(block, angles)[1]
+
+    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
+        """Refuse: which pixels count is given."""
+        raise NotImplementedError
+
+
+class KeptFrames:
+    """Single frames of a stack, of which a few blocks are held.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Shape of the stack.
+    read : callable
+        ``read(block, angles)`` returns some of its frames.
+    """
+
+    def __init__(
+        self, shape: tuple[int, ...], read: Callable[[Block, slice], NDArray[Any]]
+    ) -> None:
+        self.shape = shape
+        self._read = read
+        self._blocks: OrderedDict[tuple[int, int], NDArray[Any]] = OrderedDict()
+
+    def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
+        """Return frame (time, angle), shape (y, x)."""
+        time, angle = frame
+        block = block_at(self.shape, time)
+        name = (block.start, angle)
+        if name not in self._blocks:
+            self._blocks[name] = self._read(block, slice(angle, angle + 1))
+        self._blocks.move_to_end(name)
+        if len(self._blocks) > KEPT_BLOCKS:
+            self._blocks.popitem(last=False)
+        found: NDArray[Any] = self._blocks[name][time - block.start, 0]
+        return found
 
 
 def as_given(wrapped: NDArray[np.float32], usable: NDArray[np.bool_] | None = None) -> Given:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import Any
 
 __all__ = ["STACKS_OF_A_FRAME", "Method", "Option"]
 
@@ -49,7 +47,9 @@ class Method:
     summary : str
         What it does, in one sentence.
     function : callable
-        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``.
+        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``. Of one that
+        streams: ``function(problem, result, progress, cancelled, **options)`` writes the result
+        into a stack and returns the smallest and largest phase of each block.
     options : tuple of Option
         Its settings.
     working_stacks : float
@@ -62,6 +62,12 @@ class Method:
     streams : bool
         Whether it goes through the frames one after the other, so that a recording may be larger
         than memory. Only methods of this program do: it counts as False for those of packages.
+    block_bytes : int
+        Bytes for each pixel of a block while it is worked on, if the method streams.
+    kept_bytes : float
+        Bytes for each pixel of the recording that stay in memory even then.
+    scratch_bytes : int
+        Bytes for each pixel of the recording that it needs on disk on the way.
     package : str
         Name and version of the package that brought it; empty for those of this program.
     leaves_out : bool
@@ -72,10 +78,13 @@ class Method:
     label: str
     source: str
     summary: str
-    function: Callable[..., NDArray[np.float32]]
+    function: Callable[..., Any]
     options: tuple[Option, ...] = ()
     working_stacks: float = 5.0
     finds_object: bool = False
     leaves_out: bool = False
     streams: bool = False
+    block_bytes: int = 48
+    kept_bytes: float = 0.0
+    scratch_bytes: int = 10
     package: str = ""

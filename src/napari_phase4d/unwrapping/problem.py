@@ -3,30 +3,59 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, TypeVar
 
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, on_all_cores
-from napari_phase4d.stack import Block, InMemory, Memory, Store
+from napari_phase4d.machine import cores
+from napari_phase4d.progress import (
+    CancelledCall,
+    ProgressCall,
+    Watch,
+    counting,
+    in_threads,
+    on_all_cores,
+)
+from napari_phase4d.stack import (
+    Block,
+    InMemory,
+    Limits,
+    Memory,
+    Stack,
+    Store,
+    block_frames,
+    blocks_of,
+)
 from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of
-from napari_phase4d.unwrapping.background import Background, background_of, lost_of
-from napari_phase4d.unwrapping.given import LARGEST, Given, is_known
-from napari_phase4d.unwrapping.masks import mean_share_left_out, object_masks
+from napari_phase4d.unwrapping.alone import Alone, each_alone, with_turns
+from napari_phase4d.unwrapping.background import Background, background_of
+from napari_phase4d.unwrapping.given import LARGEST, Counted, Given, KeptFrames, is_known
+from napari_phase4d.unwrapping.noise import lost_of
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
-from napari_phase4d.unwrapping.spatial import unwrap_frames
 
-__all__ = ["Boundary", "Problem", "all_known", "checked_boundaries", "is_known"]
+__all__ = [
+    "Boundary",
+    "Problem",
+    "all_known",
+    "brightness_of",
+    "checked_boundaries",
+    "is_known",
+    "relative_amplitude",
+]
 
 #: Times at which the usual amplitude is looked at.
 BRIGHTNESS_TIMES = 24
 
+#: Name of what each frame by itself gave, among what a problem shares.
+ALONE = "spatial"
+
 Boundary = tuple[int, int]
+R = TypeVar("R")
 
 
 class Problem(SharedSteps):
@@ -49,8 +78,6 @@ class Problem(SharedSteps):
     amplitude : DataArray, array_like or None, optional
         Amplitude of the field, of the phase's shape; where it fades, the phase is less trusted by
         methods that can tell.
-    for_one_method : bool, optional
-        Whether one method alone is run, which may then give away what others would share.
 
     Raises
     ------
@@ -58,14 +85,15 @@ class Problem(SharedSteps):
         If an argument does not fit; the sentence says which and how.
     """
 
+    #: Whether all of it is held in memory.
+    held = True
+
     def __init__(
         self,
         phase: xr.DataArray | ArrayLike,
         boundary: Boundary | Sequence[Boundary] = (0, 0),
         mask: xr.DataArray | ArrayLike | None = None,
         amplitude: xr.DataArray | ArrayLike | None = None,
-        *,
-        for_one_method: bool = False,
     ) -> None:
         super().__init__()
         self.template = as_stack(phase)
@@ -74,9 +102,6 @@ class Problem(SharedSteps):
         self.finds_mask = isinstance(mask, str)
         #: Pixels that may be looked at, whether the object is still to be found or not.
         self.usable = self._given_mask(mask, values.shape)
-        self._object: NDArray[np.bool_] | None = None
-        #: Share of the field that is left out of the object though its phase is smooth, not flat.
-        self.smooth_left_out = 0.0
         # The caller's own array, where it fits: nobody writes into it.
         with np.errstate(over="ignore"):  # it is infinite then, and left out
             self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
@@ -85,7 +110,6 @@ class Problem(SharedSteps):
         if not all_known(self.wrapped):
             self._leave_out(~is_known(self.wrapped))
         self.amplitude = self._given_amplitude(amplitude, values.shape)
-        self.for_one_method = for_one_method
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
@@ -103,17 +127,91 @@ class Problem(SharedSteps):
         self.usable = self.usable & ~bad
         self.wrapped = np.where(bad, np.float32(0), self.wrapped)
 
-    @property
-    def mask(self) -> NDArray[np.bool_]:
-        """Pixels to unwrap; the object, where it is to be found, is looked for when first asked.
+    # ---- where it lies and who works on it: another kind of problem has its own ----
 
-        `settle_mask` looks for it with progress.
+    @property
+    def given(self) -> Given:
+        """The wrapped phase, 0 where it is not known, and the pixels that count."""
+        return Given(InMemory(self.wrapped), InMemory(self.usable))
+
+    @property
+    def store(self) -> Store:
+        """Where stacks lie that are needed on the way."""
+        return Memory()
+
+    def each(
+        self,
+        work: Callable[[Block], R],
+        message: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+    ) -> list[R]:
+        """Do some work on every block of frames, on all cores; progress counts frames."""
+        blocks = self.blocks()
+        frames = counting(progress, len(blocks[0]) * self.given.shape[1], self.n_frames)
+        return list(self.on_workers(work, blocks, Watch(len(blocks), message, frames, cancelled)))
+
+    def blocks(self) -> list[Block]:
+        """Cut the frames into blocks: each core is to have some."""
+        n = self.given.shape[0]
+        frames = min(block_frames(self.given.shape), max(1, n // (2 * cores())))
+        return blocks_of(self.given.shape, frames)
+
+    def on_workers(
+        self, work: Callable[[Block], R], blocks: list[Block], watch: Watch
+    ) -> Iterator[R]:
+        """Do some work on blocks, on all cores."""
+        return in_threads(work, blocks, watch, wait=True)
+
+    def amplitude_of(self, block: Block) -> NDArray[np.float32] | None:
+        """Return the amplitude of a block as a share of its view's median, or None."""
+        return None if self.amplitude is None else self.amplitude[block.start : block.stop]
+
+    @property
+    def has_amplitude(self) -> bool:
+        """Whether there is an amplitude."""
+        return self.amplitude is not None
+
+    @property
+    def all_usable(self) -> bool:
+        """Whether all pixels count, before the object is looked for."""
+        return bool(self.usable.all())
+
+    def result_stack(self, method: str) -> Stack:
+        """Return a new stack for the result of a method."""
+        return InMemory(np.empty_like(self.wrapped))
+
+    def in_memory(self) -> Problem:
+        """Return the problem in memory, for methods that need all frames at once."""
+        return self
+
+    def finished(
+        self,
+        values: Stack | NDArray[np.float32],
+        method: str,
+        attrs: dict[str, Any],
+        limits: Sequence[Limits] = (),
+    ) -> xr.DataArray:
+        """Return a result in the form of the phase; frames of which nothing is known are NaN.
+
+        Parameters
+        ----------
+        values : Stack or ndarray of shape (time, angle, y, x)
+            The result in radians.
+        method : str
+            Id of the method.
+        attrs : dict
+            How it was made.
+        limits : sequence of (float, float), optional
+            Smallest and largest phase of every block, where they are known.
         """
-        if not self.finds_mask:
-            return self.usable
-        self.spatial()
-        assert self._object is not None  # it was found on the way
-        return self._object
+        if not isinstance(values, np.ndarray):
+            values = values.read(Block(0, values.shape[0]))
+        if self.unknown.any():
+            values = np.where(self.unknown[..., None, None], np.float32(np.nan), values)
+        return self.result(values, method, attrs)
+
+    # ---- what several methods start from ----
 
     @property
     def first(self) -> Boundary:
@@ -123,87 +221,66 @@ class Problem(SharedSteps):
     @property
     def n_frames(self) -> int:
         """Number of frames over all times and angles."""
-        return int(self.wrapped.shape[0] * self.wrapped.shape[1])
+        return int(np.prod(self.given.shape[:2]))
 
-    def spatial(
+    def alone(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> NDArray[np.float32]:
+    ) -> Alone:
         """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
-        return self.once("spatial", lambda: self._unwrap_frames(progress, cancelled))
+        return self.once(ALONE, lambda: each_alone(self, progress, cancelled))
 
-    def _unwrap_frames(
-        self, progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> NDArray[np.float32]:
-        """Unwrap all frames, and find the object where that was asked for."""
-        watch = Watch(self.n_frames, "2-D unwrapping", progress, cancelled)
-        found = unwrap_frames(self.wrapped, self.usable, self.first, watch)
-        if self.finds_mask:
-            watch = Watch(self.n_frames, "finding the object", progress, cancelled)
-            masks = object_masks(found, watch)
-            self.smooth_left_out = mean_share_left_out(found, masks)
-            self._object = self.usable & masks
-            found[~self._object] = 0
-        return found
+    def smooth_left_out(self) -> float:
+        """Return the share left out of an object that was found though it is smooth, not flat.
+
+        It is looked at where frames are unwrapped one by one; 0 if that has not been done.
+        """
+        return self.alone().smooth_left_out if self.finds_mask and self.knows(ALONE) else 0.0
+
+    def shifts(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> NDArray[np.intp]:
+        """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
+        alone = self.alone(progress, cancelled)
+        return self.once("shifts", lambda: self._register(alone, progress, cancelled))
+
+    def _register(
+        self, alone: Alone, progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> NDArray[np.intp]:
+        """Return the shifts that bring the object of every frame to one place."""
+        watch = Watch(self.n_frames, "registration", progress, cancelled)
+        given = self.given
+        return centre_of_mass_shifts(
+            KeptFrames(given.shape, lambda block, angles: given.read(block, angles)[0]),
+            KeptFrames(given.shape, alone.object.read),
+            self.first,
+            watch,
+            alone.centres,
+        )
 
     def settle_mask(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> None:
         """Find the object, where that was asked for, before a method looks at ``mask``."""
         if self.finds_mask:
-            self.spatial(progress, cancelled)
+            self.alone(progress, cancelled)
 
-    def shifts(
+    def counted(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> NDArray[np.intp]:
-        """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
-        unwrapped = self.spatial(progress, cancelled)
-        return self.once("shifts", lambda: self._register(unwrapped, progress, cancelled))
-
-    def _register(
-        self,
-        unwrapped: NDArray[np.float32],
-        progress: ProgressCall | None,
-        cancelled: CancelledCall | None,
-    ) -> NDArray[np.intp]:
-        """Return the shifts that bring the object of every frame to one place."""
-        if self.finds_mask:
-            masks = self.mask
-        else:
-            watch = Watch(self.n_frames, "finding the object", progress, cancelled)
-            masks = object_masks(unwrapped, watch)
-        watch = Watch(self.n_frames, "registration", progress, cancelled)
-        return centre_of_mass_shifts(self.wrapped, masks, self.first, watch)
-
-    @property
-    def store(self) -> Store:
-        """Where stacks lie that are needed on the way."""
-        return Memory()
-
-    @property
-    def given(self) -> Given:
-        """The wrapped phase, 0 where it is not known, and the pixels that count."""
-        return Given(InMemory(self.wrapped), InMemory(self.usable))
-
-    @property
-    def relative_amplitude(self) -> xr.DataArray | None:
-        """Amplitude as a share of its view's median, in the form of the phase, or None."""
-        if self.amplitude is None:
-            return None
-        return self.result(self.amplitude, "amplitude", {"units": "1"})
-
-    def amplitude_of(self, block: Block) -> NDArray[np.float32] | None:
-        """Return the amplitude of a block as a share of its view's median, or None."""
-        return None if self.amplitude is None else self.amplitude[block.start : block.stop]
+    ) -> Stack:
+        """Return the pixels to unwrap, in blocks; the object is looked for where it is unknown."""
+        return self.alone(progress, cancelled).mask if self.finds_mask else Counted(self.given)
 
     def settle_frames(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> None:
         """Unwrap each frame by itself, if that has not been done."""
-        self.spatial(progress, cancelled)
+        self.alone(progress, cancelled)
 
     def frame_by_frame(self, block: Block) -> NDArray[np.float32]:
         """Return the phase of a block as each frame is unwrapped by itself."""
-        return self.spatial()[block.start : block.stop]
+        alone = self.alone()
+        wrapped, _ = self.given.read(block)
+        return with_turns(wrapped, alone.turns.read(block), alone.mask.read(block))
 
     def lost(self) -> NDArray[np.bool_]:
         """Mark the frames (time, angle) that say nothing of the object, see `lost_frames`."""
@@ -212,6 +289,33 @@ class Problem(SharedSteps):
     def background(self) -> Background:
         """Return the empty field of every frame, and its level."""
         return self.once("background", lambda: background_of(self.given, self.lost(), self.store))
+
+    # ---- all frames in memory, for methods that look at them at once ----
+
+    @property
+    def mask(self) -> NDArray[np.bool_]:
+        """Pixels to unwrap; the object, where it is to be found, is looked for when first asked.
+
+        `settle_mask` looks for it with progress.
+        """
+        if not self.finds_mask:
+            return self.usable
+        found: NDArray[np.bool_] = self.alone().mask.read(Block(0, len(self.usable)))
+        return found
+
+    def spatial(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> NDArray[np.float32]:
+        """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
+        self.alone(progress, cancelled)
+        return self.frame_by_frame(Block(0, len(self.wrapped)))
+
+    @property
+    def relative_amplitude(self) -> xr.DataArray | None:
+        """Amplitude as a share of its view's median, in the form of the phase, or None."""
+        if self.amplitude is None:
+            return None
+        return self.result(self.amplitude, "amplitude", {"units": "1"})
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from napari_phase4d.unwrapping import four_d, volumes
+from napari_phase4d.unwrapping import chain, volumes
 from napari_phase4d.unwrapping.dilate_erode import dilate_erode
 from napari_phase4d.unwrapping.directional import directional_growing, directional_l1
 from napari_phase4d.unwrapping.installed import WithInstalled
@@ -15,6 +15,12 @@ from napari_phase4d.unwrapping.network_flow import network_flow
 __all__ = ["BUILT_IN", "METHODS"]
 
 OWN = "This project"
+#: Memory of the directional methods for each pixel of a block (all that steps are weighed by), and
+#: of the recording (regions, and the edges between them), in bytes; on disk the phase without
+#: noise, the noise that is left, groups and turns.
+OF_A_BLOCK, OF_REGIONS, OF_SCRATCH = 300, 2.0, 16
+#: Memory of DE for each pixel of a block: what is carried is in double precision.
+OF_DILATING = 80
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -42,7 +48,7 @@ BUILT_IN: dict[str, Method] = {
         "2-D",
         "Herraez et al. 2002, Appl. Opt. 41, 7437",
         "Each frame by itself, most reliable pixels first.",
-        four_d.spatial_2d,
+        chain.spatial_2d,
         (
             Option(
                 "reliability",
@@ -58,7 +64,7 @@ BUILT_IN: dict[str, Method] = {
         "Angular",
         "Dardikman et al. 2017, Opt. Express 25, 3347",
         "From the thin angle to the others, at each time.",
-        four_d.angular,
+        chain.angular,
         CHAIN_OPTIONS,
         streams=True,
     ),
@@ -66,7 +72,7 @@ BUILT_IN: dict[str, Method] = {
         "Temporal",
         PAPER,
         "From the thin time to the others, for each angle.",
-        four_d.temporal,
+        chain.temporal,
         CHAIN_OPTIONS,
         streams=True,
     ),
@@ -74,7 +80,7 @@ BUILT_IN: dict[str, Method] = {
         "T/A",
         PAPER + ", Fig. 1(a)",
         "Along time first, then along the angle.",
-        four_d.temporal_angular,
+        chain.temporal_angular,
         CHAIN_OPTIONS,
         streams=True,
     ),
@@ -82,7 +88,7 @@ BUILT_IN: dict[str, Method] = {
         "A/T",
         PAPER + ", Fig. 1(b)",
         "Along the angle first, then along time.",
-        four_d.angular_temporal,
+        chain.angular_temporal,
         CHAIN_OPTIONS,
         streams=True,
     ),
@@ -131,6 +137,8 @@ BUILT_IN: dict[str, Method] = {
             ),
         ),
         working_stacks=9.0,
+        streams=True,
+        block_bytes=OF_DILATING,
     ),
     "spatial-3d": Method(
         "3-D",
@@ -155,6 +163,9 @@ BUILT_IN: dict[str, Method] = {
         finds_object=True,
         leaves_out=True,
         streams=True,
+        block_bytes=OF_A_BLOCK,
+        kept_bytes=OF_REGIONS,
+        scratch_bytes=OF_SCRATCH,
     ),
     "directional-l1": Method(
         "WL1",
@@ -173,6 +184,9 @@ BUILT_IN: dict[str, Method] = {
         finds_object=True,
         leaves_out=True,
         streams=True,
+        block_bytes=OF_A_BLOCK,
+        kept_bytes=OF_REGIONS,
+        scratch_bytes=OF_SCRATCH,
     ),
 }
 

@@ -9,14 +9,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.checks import warn
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.stack import Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.unwrapping.lending import LentProblem
 from napari_phase4d.unwrapping.masks import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.method import Option
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS
+from napari_phase4d.words import warn
 
 __all__ = ["all_options", "check_method", "label_of", "noted", "run_method", "unwrap"]
 
@@ -100,7 +101,6 @@ def unwrap(
         boundary,
         without_masked(phase, mask),
         amplitude,
-        for_one_method=True,
     )
     found = run_method(problem, method, progress, cancelled, method_options)
     if advice := left_out_advice(found.attrs):
@@ -116,27 +116,42 @@ def run_method(
     options: Mapping[str, Any],
 ) -> xr.DataArray:
     """Run one method on a problem and note how, in the result's attributes."""
-    chosen = all_options(method, options)
-    if not METHODS[method].finds_object:
-        problem.settle_mask(progress, cancelled)
-    if METHODS[method].package:
-        values = of_a_package(problem, method, progress, cancelled, chosen)
+    chosen, facts = all_options(method, options), METHODS[method]
+    limits: Sequence[Limits] = ()
+    values: Stack | NDArray[np.float32]
+    if facts.streams:
+        values = problem.result_stack(method)
+        limits = facts.function(problem, values, progress, cancelled, **chosen)
     else:
-        values = METHODS[method].function(problem, progress, cancelled, **chosen)
-    if problem.unknown.any():
-        values = np.where(problem.unknown[..., None, None], np.float32(np.nan), values)
+        values = at_once(problem.in_memory(), method, progress, cancelled, chosen)
     attrs = noted(
         method,
         options,
         problem.boundaries,
-        mask="auto" if problem.finds_mask else "given" if not problem.usable.all() else "none",
-        amplitude=problem.amplitude is not None,
+        mask="auto" if problem.finds_mask else "none" if problem.all_usable else "given",
+        amplitude=problem.has_amplitude,
     )
-    if problem.finds_mask:
-        attrs |= left_out_note(problem.smooth_left_out)
-    if METHODS[method].leaves_out and problem.lost().any():
+    attrs |= left_out_note(problem.smooth_left_out())
+    if facts.leaves_out and problem.lost().any():
         attrs["lost_frames"] = np.argwhere(problem.lost()).tolist()
-    return problem.result(values, method, attrs)
+    return problem.finished(values, method, attrs, limits)
+
+
+def at_once(
+    problem: Problem,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> NDArray[np.float32]:
+    """Run a method that looks at all frames at once."""
+    facts = METHODS[method]
+    if not facts.finds_object:
+        problem.settle_mask(progress, cancelled)
+    if facts.package:
+        return of_a_package(problem, method, progress, cancelled, options)
+    found: NDArray[np.float32] = facts.function(problem, progress, cancelled, **options)
+    return found
 
 
 def of_a_package(

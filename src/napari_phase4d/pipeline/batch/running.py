@@ -13,9 +13,15 @@ from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from napari_phase4d.pipeline.batch.complete import asked_for, complete, digest_of, write_note
-from napari_phase4d.pipeline.batch.facts import facts_of, facts_of_input
-from napari_phase4d.pipeline.batch.folders import made_whole, recovered, result_folders
+from napari_phase4d.pipeline.batch.folders import (
+    asked_for,
+    complete,
+    digest_of,
+    made_whole,
+    recovered,
+    result_folders,
+    write_note,
+)
 from napari_phase4d.pipeline.batch.lock import alone
 from napari_phase4d.pipeline.batch.summary import (
     COMPLETE,
@@ -23,21 +29,17 @@ from napari_phase4d.pipeline.batch.summary import (
     FAILED,
     LOG,
     Summary,
+    facts_of,
+    facts_of_input,
 )
-from napari_phase4d.pipeline.faults import is_expected, sentence_of
-from napari_phase4d.pipeline.fingerprint import (
-    Fingerprint,
-    Hashing,
-    Remembered,
-    fingerprinting,
-)
-from napari_phase4d.pipeline.opening import found_anywhere
 from napari_phase4d.pipeline.places import make_folder, stacks_beside
+from napari_phase4d.pipeline.provenance import Fingerprint, Hashing, Remembered, fingerprinting
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, run
+from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
-from napari_phase4d.words import counted
+from napari_phase4d.words import counted, is_expected, sentence_of
 
 if TYPE_CHECKING:
     import pandas as pd

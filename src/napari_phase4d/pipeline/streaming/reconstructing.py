@@ -11,10 +11,10 @@ import xarray as xr
 
 from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.pipeline.streaming.source import FrameSource
-from napari_phase4d.pipeline.streaming.stored import Limits, Shelf, Stored, limits_of, widest
+from napari_phase4d.pipeline.streaming.stored import Shelf, Stored
 from napari_phase4d.pipeline.streaming.workers import Workers
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.stack import Block, blocks_of
+from napari_phase4d.stack import Block, Limits, blocks_of, limits_of, widest
 
 __all__ = ["reconstruct_to_disk"]
 

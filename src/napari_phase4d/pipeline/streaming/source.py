@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.pipeline.opening import found_anywhere, open_by
 from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.starting import found_anywhere, open_by
 from napari_phase4d.recording import Recording
 
 __all__ = ["FrameSource"]

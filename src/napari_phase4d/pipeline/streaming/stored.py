@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import shutil
 import weakref
-from collections.abc import Iterable
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,29 +18,21 @@ from napari_phase4d.io.atomic import put_in_place
 from napari_phase4d.io.zarr_results import ALL_CHUNKS, ARRAY, create_blocks, finish_blocks, path_of
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
-from napari_phase4d.stack import Block, FileStack, block_frames, blocks_of
+from napari_phase4d.stack import (
+    Block,
+    FileStack,
+    Limits,
+    block_frames,
+    blocks_of,
+    limits_of,
+    widest,
+)
 
-__all__ = ["Limits", "Shelf", "Stored", "limits_of", "stored_at", "widest"]
+__all__ = ["Shelf", "Stored", "stored_at"]
 
 #: Arrays that each process keeps open.
 OPEN_ARRAYS = 32
 ALL = slice(None)
-
-
-#: Smallest and largest number of a stack.
-Limits = tuple[float, float]
-
-
-def limits_of(values: NDArray[np.float32]) -> Limits:
-    """Return the smallest and the largest number that is finite, 0 if there is none."""
-    known = values[np.isfinite(values)]
-    return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
-
-
-def widest(limits: Iterable[Limits]) -> Limits:
-    """Return the limits of all parts together."""
-    lows, highs = zip(*limits, strict=True)
-    return min(lows), max(highs)
 
 
 @dataclass(frozen=True)
@@ -67,9 +58,9 @@ class Stored:
         found: NDArray[np.float32] = np.asarray(frames, dtype=np.float32)
         return found
 
-    def write(self, block: Block, values: NDArray[np.float32]) -> None:
-        """Write the frames of a block."""
-        opened(self.path)[block.start : block.stop] = values
+    def write(self, block: Block, values: NDArray[np.float32], angles: slice = ALL) -> None:
+        """Write the frames of a block, or some of its views."""
+        opened(self.path)[block.start : block.stop, angles] = values
 
 
 def stored_at(stack: xr.DataArray) -> Stored | None:

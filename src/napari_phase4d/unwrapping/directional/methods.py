@@ -10,34 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, watched
-from napari_phase4d.stack import Block, InMemory, Stack
+from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.unwrapping.directional.edges import PARTS, weight_of
+from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
-from napari_phase4d.unwrapping.directional.regions import (
-    PARTS,
-    Regions,
-    find_regions,
-    weight_of,
-)
+from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
-from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of, weighed_steps
+from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
 from napari_phase4d.unwrapping.masks import object_mask
-from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registration import moved
 from napari_phase4d.unwrapping.sharing import FIELD
 from napari_phase4d.unwrapping.spatial import border_medians
 
-__all__ = [
-    "OWN",
-    "Field",
-    "Unwraps",
-    "directional_growing",
-    "directional_l1",
-    "growing_into",
-    "l1_into",
-    "prepared",
-]
+__all__ = ["Field", "Unwraps", "directional_growing", "directional_l1", "prepared"]
 
 T = TypeVar("T")
 
@@ -106,46 +93,18 @@ def prepared(
         scene = find_scene(problem, watch)
         watch = Watch(1, "weighing the steps", progress, cancelled)
         floors = floors_of(scene, watch)
-        steps = weighed_steps(scene, floors, watch)
+        steps = followed_steps(scene, floors, watch)
         return Field(scene, floors, find_regions(scene, steps, problem.store, watch))
 
     return problem.once(FIELD, prepare)
 
 
 def directional_growing(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Image:
-    """Join pixels over time, angle, y and x, first where steps change least along themselves.
-
-    See `growing_into`.
-    """
-    result = InMemory(np.empty_like(problem.wrapped))
-    growing_into(problem, result, progress, cancelled)
-    return result.values
-
-
-def directional_l1(
-    problem: Problem,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
-    *,
-    one_sided: bool = True,
-) -> Image:
-    """Find the turns that disagree least with all steps, each weighted by its smoothness.
-
-    See `l1_into`.
-    """
-    result = InMemory(np.empty_like(problem.wrapped))
-    l1_into(problem, result, progress, cancelled, one_sided=one_sided)
-    return result.values
-
-
-def growing_into(
     problem: Unwraps,
     result: Stack,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
-) -> None:
+) -> list[Limits]:
     """Join pixels over time, angle, y and x, first where steps change least along themselves.
 
     A step is trusted by how little it differs from the steps before and behind it in its own
@@ -161,7 +120,7 @@ def growing_into(
     watch = Watch(1, "directional growing", progress, cancelled)
     parts, turns = watched(lambda: grown(field.regions), watch)
     watch.step()
-    finish(problem, field, turns, parts, result, progress, cancelled)
+    return finish(problem, field, turns, parts, result, progress, cancelled)
 
 
 def grown(regions: Regions) -> tuple[Whole, Turns]:
@@ -178,14 +137,14 @@ def grown(regions: Regions) -> tuple[Whole, Turns]:
     return parts, turns.astype(np.int64) - np.where(parts == parts[regions.held], level, 0)
 
 
-def l1_into(
+def directional_l1(
     problem: Unwraps,
     result: Stack,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
     *,
     one_sided: bool = True,
-) -> None:
+) -> list[Limits]:
     """Find the turns that disagree least with all steps, each weighted by its smoothness.
 
     With J the turns of a step that Itoh's condition would give and D its roughness in radians,
@@ -212,7 +171,7 @@ def l1_into(
     if one_sided:
         turns = on_one_side(field, solver, turns, parts, watch)
     watch.step()
-    finish(problem, field, turns, parts, result, progress, cancelled)
+    return finish(problem, field, turns, parts, result, progress, cancelled)
 
 
 # ---- on one side of the empty field ----------------------------------------------------------
@@ -318,7 +277,7 @@ def finish(
     result: Stack,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
-) -> None:
+) -> list[Limits]:
     """Write the unwrapped phase, congruent with the wrapped phase; 0 where it is not wanted.
 
     Parts that no edge joins to the empty field take their level from the two-dimensional
@@ -334,8 +293,7 @@ def finish(
         lift = lifts(list(in_threads(look, blocks, watch)), parts)
     watch = Watch(len(blocks), "writing", progress, cancelled)
     write = FinishBlock(problem, field, turns + lift, level, result)
-    for _ in in_threads(write, blocks, watch, wait=True):
-        pass
+    return list(in_threads(write, blocks, watch, wait=True))
 
 
 def lifted(
@@ -385,19 +343,23 @@ class FinishBlock:
     level: NDArray[np.float64]
     result: Stack
 
-    def __call__(self, block: Block) -> None:
-        """Do a block."""
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest phase."""
         unwrapped, _ = lifted(self.problem, self.field, self.turns, self.level, block)
-        _, wanted = self.problem.given.read(block)
+        _, usable = self.problem.given.read(block)
+        wanted = usable
         if self.problem.finds_mask:
             # Each frame about zero, so that an aperture's outside, which is 0, is no step.
             ground = self.problem.background().ground(self.level, block)
-            about_zero = np.where(wanted, unwrapped - ground, np.float32(0))
+            about_zero = np.where(usable, unwrapped - ground, np.float32(0))
             found = np.empty(wanted.shape, dtype=bool)
             for frame in np.ndindex(*wanted.shape[:2]):
                 found[frame] = object_mask(about_zero[frame])
-            wanted = wanted & found
-        self.result.write(block, np.where(wanted, unwrapped, np.float32(0)))
+            wanted = usable & found
+        unwrapped = np.where(wanted, unwrapped, np.float32(0))
+        unwrapped = self.problem.given.without_lost(unwrapped, usable)
+        self.result.write(block, unwrapped)
+        return limits_of(unwrapped)
 
 
 #: Part, turns that it is off, and how many pixels say so.
@@ -470,7 +432,3 @@ def median_of(said: Votes) -> int:
         np.searchsorted(until, k, side="right") for k in ((until[-1] - 1) // 2, until[-1] // 2)
     )
     return int(np.round((said[low, 1] + said[high, 1]) / 2))
-
-
-#: The methods by their ids, for results that lie anywhere.
-OWN = {"directional-growing": growing_into, "directional-l1": l1_into}

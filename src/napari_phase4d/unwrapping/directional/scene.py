@@ -16,14 +16,15 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
+from napari_phase4d.phasors import turned
 from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, Stack, Store
-from napari_phase4d.unwrapping.background import Background, turned
+from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.directional.filtering import HALO, along_slope
 from napari_phase4d.unwrapping.given import Given, working_blocks
 from napari_phase4d.unwrapping.registration import centre, moved
 
-__all__ = ["Frames", "Recorded", "Scene", "Seen", "find_scene", "follow_object", "seams"]
+__all__ = ["NOISY", "Frames", "Recorded", "Scene", "Seen", "find_scene", "follow_object", "seams"]
 
 #: Pixels of the empty field that are kept round the object.
 MARGIN = 3

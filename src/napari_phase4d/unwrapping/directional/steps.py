@@ -2,24 +2,35 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled, vectorized
+from napari_phase4d.compiling import vectorized
+from napari_phase4d.phasors import turned
 from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, blocks_outwards
-from napari_phase4d.unwrapping.background import turned
 from napari_phase4d.unwrapping.boxes import change_on_both_sides, known_mean
 from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
 from napari_phase4d.unwrapping.ends import ends_along
 from napari_phase4d.unwrapping.given import working_frames
 
-__all__ = ["Floors", "Opinion", "Weighed", "fading", "floors_of", "roughness", "weighed_steps"]
+__all__ = [
+    "Along",
+    "Courses",
+    "Floors",
+    "Opinion",
+    "Weighed",
+    "courses_of",
+    "fading",
+    "floors_of",
+    "roughness",
+    "turns_between",
+    "weighed_steps",
+]
 
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
@@ -31,11 +42,6 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 #: Amplitude, as a share of its median, below which fading does not grow; and the roughness in
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
-HALF_A_TURN = np.float32(np.pi)
-#: Followed steps count where they are steadier than this, in radians.
-FOLLOWED = 3.0
-#: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
-STEEP = 1.5
 #: Frames before and after a frame that the weights of its steps depend on.
 BEFORE, AFTER = 2, 3
 
@@ -236,7 +242,7 @@ def weighed_steps(
     def work(block: Block) -> Weighed:
         return weigh(scene, floors, block)
 
-    return with_followed(in_threads(work, [*ahead, *behind], watch, large=True), start)
+    return in_threads(work, [*ahead, *behind], watch, large=True)
 
 
 def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
@@ -389,138 +395,6 @@ def courses_of(
         steps.valid & ~steps.bare,
         unsteady.astype(np.float32),
     )
-
-
-def with_followed(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
-    """Add the second opinions: steps followed along time from a frame where they are small.
-
-    A wall that grows through half a turn looks smooth again near a whole one. Its step a moment
-    before was smaller and is known; what it has changed since is small and is known as well. So a
-    step may be that at the start plus all its changes since; it is as doubtful as the roughest
-    that was met on the way.
-
-    Parameters
-    ----------
-    blocks : iterable of Weighed
-        From the start on, then those before it.
-    start : int
-        Frame at which the object is thin.
-    """
-    first: dict[int, tuple[Image, Image]] = {}
-    last: dict[int, tuple[Image, Image]] = {}
-    for weighed in blocks:
-        block = weighed.block
-        for axis, course in weighed.along.items():
-            forward = block.start >= start
-            before = None
-            if block.start > start:
-                before = last[axis]
-            elif not forward:
-                before = first[axis]
-            followed, doubt = follow(course, block, before, forward=forward)
-            if block.start == start:
-                first[axis] = followed[0].copy(), doubt[0].copy()
-            edge = -1 if forward else 0
-            ends = followed[edge].copy(), doubt[edge].copy()
-            if forward:
-                last[axis] = ends
-            else:
-                first[axis] = ends
-            second_opinion(weighed, axis, course, followed, doubt)
-        weighed.along.clear()
-        yield weighed
-
-
-def follow(
-    course: Courses, block: Block, before: tuple[Image, Image] | None, *, forward: bool
-) -> tuple[Image, Image]:
-    """Return followed steps of a block and their doubt, see `with_followed`.
-
-    Parameters
-    ----------
-    course : Courses
-        What the steps do over time.
-    block : Block
-        Frames to follow through.
-    before : tuple of ndarray, or None
-        Followed steps and doubt of the frame next to the block; None at the start itself.
-    forward : bool
-        Whether that frame lies before the block.
-    """
-    own = block.of(course.near)
-    shape = (len(block), math.prod(course.step.shape[1:]))
-    followed, doubt = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    step, unsteady = (part.reshape(len(part), -1) for part in (course.step, course.unsteady))
-    k = own.start if forward else own.stop - 1
-    if before is None:
-        steep = np.maximum(np.abs(step[k]) - np.float32(STEEP), 0)
-        now = step[k], course.rough[k].ravel() + steep
-        followed[0], doubt[0] = now
-        k += 1
-    else:
-        now = before[0].ravel(), before[1].ravel()
-    way = 1 if forward else -1
-    follow_lines(step, unsteady, *now, followed, doubt, k, own.start, own.stop, way)
-    whole = (len(block), *course.step.shape[1:])
-    return followed.reshape(whole), doubt.reshape(whole)
-
-
-@compiled
-def follow_lines(
-    step: Image,
-    unsteady: Image,
-    before: Image,
-    doubt_before: Image,
-    followed: Image,
-    doubt: Image,
-    k: int,
-    first: int,
-    stop: int,
-    way: int,
-) -> None:
-    """Follow steps (time, place) from frame k on, one way; what was before is given."""
-    turn = np.float32(2 * np.pi)
-    while first <= k < stop:
-        link = min(k, k - way)
-        for i in range(step.shape[1]):
-            change = step[k, i] - step[k - way, i]
-            change -= turn * np.round(change / turn)
-            if k - way < first or k - way >= stop:
-                followed[k - first, i] = before[i] + change
-                doubt[k - first, i] = max(doubt_before[i], unsteady[link, i])
-            else:
-                followed[k - first, i] = followed[k - way - first, i] + change
-                doubt[k - first, i] = max(doubt[k - way - first, i], unsteady[link, i])
-        k += way
-
-
-def second_opinion(
-    weighed: Weighed, axis: int, course: Courses, followed: Image, doubt: Image
-) -> None:
-    """Put the second opinion on the steps of a block where it differs and is no more doubtful."""
-    own = weighed.block.of(course.near)
-    rough = doubt
-    if np.ndim(course.fade):
-        rough = doubt + np.asarray(course.fade)[own]
-    step, kept = course.step[own], course.kept[own]
-    other = np.empty(step.shape, dtype=bool)
-    steps, opinions, doubts = (part.reshape(-1) for part in (step, followed, rough))
-    if not mark_others(steps, opinions, doubts, kept.reshape(-1), other.reshape(-1)):
-        return
-    turns = turns_between(course.difference[own], followed)
-    weighed.followed[axis] = Opinion(turns, rough, other, np.zeros_like(other))
-    weighed.by_axis[axis].small[other] = False
-
-
-@compiled
-def mark_others(step: Image, followed: Image, rough: Image, kept: Mask, other: Mask) -> bool:
-    """Mark the steps on which a second opinion differs and is no more doubtful; say if any is."""
-    found = False
-    for i in range(len(step)):
-        differs = abs(followed[i] - step[i]) > HALF_A_TURN
-        other[i] = kept[i] and differs and rough[i] < FOLLOWED
-        found = found or other[i]
-    return found
 
 
 def turns_between(difference: Image, step: Image) -> NDArray[np.int16]:

@@ -7,14 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.phasors import turned
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stack import Block
-from napari_phase4d.unwrapping.background import turned
+from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.merging import held_by_steps
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
 from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
-from napari_phase4d.unwrapping.directional.steps import Opinion, weighed_steps
+from napari_phase4d.unwrapping.directional.steps import Opinion
 from napari_phase4d.unwrapping.ends import ends_along
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registration import moved
@@ -126,7 +127,7 @@ def pixel_graph(field: Field, watch: Watch) -> PixelGraph:
     nodes[free] = np.arange(n_islands, n, dtype=np.int32)
     inside = nodes[:, :, *scene.box]
     columns: list[tuple[Whole, Whole, Whole, Stack]] = []
-    for weighed in weighed_steps(scene, field.floors, watch):
+    for weighed in followed_steps(scene, field.floors, watch):
         first = weighed.block.start
         for opinions in (weighed.by_axis, weighed.followed):
             for axis, opinion in opinions.items():

@@ -1,0 +1,457 @@
+"""The paper's methods: from a thin frame along time, along the angle, and both in turn.
+
+Section 2, steps 1 to 4: the maps are arranged from the optically thin one, which is unwrapped by
+the initial method, to the thick ones; each next map is unwrapped pixel by pixel relative to the
+one before; the maximum of this and the initial method is taken; the mask is applied. The result
+of one pass is the initial method of the next.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from types import MappingProxyType
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.compiling import compiled
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, nothing
+from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of
+from napari_phase4d.unwrapping.alone import (
+    Alone,
+    Framewise,
+    Mask,
+    Phase,
+    Turns,
+    lifted_turns,
+    with_turns,
+)
+from napari_phase4d.unwrapping.given import Given
+from napari_phase4d.unwrapping.growing import coherence
+from napari_phase4d.unwrapping.pieces import (
+    Piece,
+    pieces_between,
+    thickness,
+    with_thin_turning_points,
+)
+from napari_phase4d.unwrapping.registration import moved, rolled
+
+__all__ = [
+    "ORDERS",
+    "Chain",
+    "Maps",
+    "along_time",
+    "angular",
+    "angular_temporal",
+    "spatial_2d",
+    "starts_on",
+    "temporal",
+    "temporal_angular",
+    "unwrap_line",
+]
+
+TURN = np.float32(2 * np.pi)
+ALL = slice(None)
+Boundary = tuple[int, int]
+Check = Callable[[], None]
+
+#: Dimensions that each of these methods goes along, one after the other (Fig. 1).
+ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "temporal-angular": ("time", "angle"),
+        "angular-temporal": ("angle", "time"),
+        "temporal": ("time",),
+        "angular": ("angle",),
+    }
+)
+
+
+class Chained(Framewise, Protocol):
+    """What the paper's methods ask of a problem."""
+
+    @property
+    def boundaries(self) -> list[Boundary]:
+        """The thin frames (time, angle)."""
+
+    def alone(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Alone:
+        """Return all frames unwrapped one by one (step 1)."""
+
+    def shifts(
+        self, progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> NDArray[np.intp]:
+        """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
+
+
+# ---- the methods -----------------------------------------------------------------------------
+
+
+def spatial_2d(
+    problem: Chained,
+    result: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    reliability: str = "herraez",
+) -> list[Limits]:
+    """Unwrap each frame by itself (step 1 of T/A and A/T).
+
+    Parameters
+    ----------
+    problem : Chained
+        What to unwrap.
+    result : Stack
+        Where the unwrapped phase goes.
+    progress, cancelled : callable or None
+        See `unwrap`.
+    reliability : str, optional
+        What is joined first: "herraez", pixels of small second differences (default, and what
+        the paper's methods start from), or "coherence", steps that are like those round them.
+
+    Returns
+    -------
+    list of (float, float)
+        Smallest and largest phase of every block, radians.
+    """
+    alone = problem.alone(progress, cancelled)
+    turns = alone.turns
+    if reliability != "herraez":
+        turns = lifted_turns(problem, alone.mask, coherence, progress, cancelled)
+    finish = FinishBlock(problem.given, turns, alone.mask, result)
+    return problem.each(finish, "writing", progress, cancelled)
+
+
+def chained(
+    problem: Chained,
+    result: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    order: tuple[str, ...],
+    registration: bool = True,
+    split: bool = True,
+) -> list[Limits]:
+    """Apply the building block along one dimension after the other (steps 3 and 4)."""
+    alone = problem.alone(progress, cancelled)
+    shape = problem.given.shape
+    shifts = np.zeros((*shape[:2], 2), dtype=np.intp)
+    if registration:
+        shifts = problem.shifts(progress, cancelled)
+    chain = Chain(problem.given, alone.mask, shifts, problem.boundaries, split)
+    before = alone.turns
+    for dim in order:
+        message = f"unwrapping along {dim}"
+        after = problem.store.temporary(f"along_{dim}", shape, "int16")
+        if dim == "angle":
+            problem.each(AlongAngle(chain, before, after), message, progress, cancelled)
+        else:
+            along_time(chain, before, after, Watch(shape[1], message, progress, cancelled))
+        before = after
+    finish = FinishBlock(problem.given, before, alone.mask, result)
+    return problem.each(finish, "writing", progress, cancelled)
+
+
+#: Along the angle at each time ([11] in the paper).
+angular = partial(chained, order=ORDERS["angular"])
+#: Along time for each angle.
+temporal = partial(chained, order=ORDERS["temporal"])
+#: T/A: along time for each angle, then along the angle at each time (Fig. 1a).
+temporal_angular = partial(chained, order=ORDERS["temporal-angular"])
+#: A/T: along the angle at each time, then along time for each angle (Fig. 1b).
+angular_temporal = partial(chained, order=ORDERS["angular-temporal"])
+
+
+def starts_on(dim: str, other: int, boundaries: list[Boundary]) -> list[int]:
+    """Return where on a line of frames the thin ones are.
+
+    A boundary frame counts for its own line; a line without one starts where the others do, as
+    Fig. 1 shows: the first pass leaves the row of the boundary time (or angle) from which the
+    second starts.
+
+    Parameters
+    ----------
+    dim : str
+        "time" or "angle", along which the line goes.
+    other : int
+        Number of the line: of its angle, if it goes along time, else of its time.
+    boundaries : list of (int, int)
+        Thin frames (time, angle).
+    """
+    along, across = (0, 1) if dim == "time" else (1, 0)
+    own = sorted({b[along] for b in boundaries if b[across] == other})
+    return own or sorted({b[along] for b in boundaries})
+
+
+# ---- one pass --------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Chain:
+    """What all passes of a method need.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    mask : Stack
+        Pixels to unwrap.
+    shifts : ndarray of int, shape (time, angle, 2)
+        How frames are moved, so that the object stays in place.
+    boundaries : list of (int, int)
+        Thin frames (time, angle).
+    split : bool
+        Whether a line that gets thick and thin again is broken into monotonic pieces (last
+        paragraph of section 2).
+    """
+
+    given: Given
+    mask: Stack
+    shifts: NDArray[np.intp]
+    boundaries: list[Boundary]
+    split: bool
+
+    def read(self, block: Block, turns: Stack, angles: slice = ALL) -> tuple[Phase, Turns, Mask]:
+        """Return a block of wrapped phase, turns and mask, moved into place."""
+        wrapped = self.given.read(block, angles)[0]
+        shifts = self.shifts[block.start : block.stop, angles]
+        return (
+            moved(wrapped, shifts),
+            moved(turns.read(block, angles), shifts),
+            moved(self.mask.read(block, angles), shifts),
+        )
+
+
+@dataclass(frozen=True)
+class AlongAngle:
+    """One pass along the angle at each time of a block.
+
+    Parameters
+    ----------
+    chain : Chain
+        What all passes need.
+    initial, result : Stack
+        Turns of the initial method, and where those of the result go.
+    """
+
+    chain: Chain
+    initial: Stack
+    result: Stack
+
+    def __call__(self, block: Block) -> None:
+        """Do a block."""
+        chain = self.chain
+        wrapped, initial, mask = chain.read(block, self.initial)
+        found = np.empty_like(initial)
+        for i, time in enumerate(block.times):
+            starts = starts_on("angle", time, chain.boundaries)
+            maps = [
+                Maps(*of_angle) for of_angle in zip(wrapped[i], initial[i], mask[i], strict=True)
+            ]
+            line = Line(len(maps), maps.__getitem__, found[i].__setitem__)
+            unwrap_line(line, starts, split=chain.split)
+        self.result.write(block, moved(found, -chain.shifts[block.start : block.stop]))
+
+
+def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> None:
+    """Do a pass along time, each angle in a thread of its own.
+
+    One frame follows from the other, so that it is done right here, not on a cluster.
+
+    Parameters
+    ----------
+    chain : Chain
+        What all passes need.
+    initial, result : Stack
+        Turns of the initial method, and where those of the result go.
+    watch : Watch
+        Counts angles.
+    """
+
+    def work(angle: int) -> None:
+        maps = MapsOfAngle(chain, initial, result, angle)
+        line = Line(chain.given.shape[0], maps.read, maps.write)
+        unwrap_line(
+            line,
+            starts_on("time", angle, chain.boundaries),
+            split=chain.split,
+            check=watch.check,
+        )
+
+    for _ in in_threads(work, range(chain.given.shape[1]), watch, wait=True):
+        pass
+
+
+class MapsOfAngle:
+    """The maps of one angle over time, of which a block is held.
+
+    Parameters
+    ----------
+    chain, initial, result
+        See `along_time`.
+    angle : int
+        Number of the angle.
+    """
+
+    def __init__(self, chain: Chain, initial: Stack, result: Stack, angle: int) -> None:
+        self._chain, self._initial, self._result = chain, initial, result
+        self._angle = angle
+        self._block: Block | None = None
+        self._held: tuple[Phase, Turns, Mask]
+
+    def read(self, k: int) -> Maps:
+        """Return what is known of map k, moved into place."""
+        if self._block is None or k not in self._block.times:
+            self._block = block_at(self._chain.given.shape, k)
+            angle = slice(self._angle, self._angle + 1)
+            self._held = self._chain.read(self._block, self._initial, angle)
+        return Maps(*(part[k - self._block.start, 0] for part in self._held))
+
+    def write(self, k: int, turns: Turns) -> None:
+        """Write the turns of the finished map k."""
+        back = rolled(turns, -self._chain.shifts[k, self._angle])
+        self._result.write(Block(k, k + 1), back[None, None], slice(self._angle, self._angle + 1))
+
+
+@dataclass(frozen=True)
+class FinishBlock:
+    """Writes unwrapped phase from the turns that a method found.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    turns, mask : Stack
+        What was found, and where.
+    result : Stack
+        Where unwrapped phase goes.
+    """
+
+    given: Given
+    turns: Stack
+    mask: Stack
+    result: Stack
+
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest phase."""
+        wrapped, usable = self.given.read(block)
+        unwrapped = with_turns(wrapped, self.turns.read(block), self.mask.read(block))
+        unwrapped = self.given.without_lost(unwrapped, usable)
+        self.result.write(block, unwrapped)
+        return limits_of(unwrapped)
+
+
+# ---- the building block ----------------------------------------------------------------------
+
+
+class Maps(NamedTuple):
+    """Wrapped phase, turns by the initial method, and the object, each of shape (y, x)."""
+
+    wrapped: Phase
+    turns: Turns
+    mask: Mask
+
+
+class Line:
+    """Maps to unwrap one after the other, wherever they lie.
+
+    Parameters
+    ----------
+    n : int
+        How many there are.
+    read : callable
+        Returns what is known of a map by its number.
+    write : callable
+        ``write(k, turns)`` takes a finished map.
+    """
+
+    def __init__(
+        self, n: int, read: Callable[[int], Maps], write: Callable[[int, Turns], Any]
+    ) -> None:
+        self.n = n
+        self.read = read
+        self._write = write
+        #: Peak phase of every map of the result.
+        self.profile = np.zeros(n)
+
+    def write(self, k: int, maps: Maps, turns: Turns, *, peak: bool) -> None:
+        """Take a finished map; note its peak."""
+        self._write(k, turns)
+        if peak:
+            self.profile[k] = thickness(with_turns(maps.wrapped, turns, maps.mask), maps.mask)
+
+
+def unwrap_line(
+    line: Line, starts: Sequence[int], *, split: bool = True, check: Check = nothing
+) -> None:
+    """Unwrap a line outwards from its thin maps, and anew where others turn out as thin.
+
+    Parameters
+    ----------
+    line : Line
+        Maps over time or over angle.
+    starts : sequence of int
+        Numbers of the thin maps.
+    split : bool, optional
+        Whether a line that gets thick and thin again is broken into monotonic pieces. Default
+        True.
+    check : callable, optional
+        Called before every map; may raise to stop the work.
+    """
+    again = split and line.n > 2
+    pieces = pieces_between(starts, line.n, profile=None)
+    follow(pieces, line, check, peaks=again)
+    if not again:
+        return
+    all_starts = with_thin_turning_points(line.profile, starts)
+    better = pieces_between(all_starts, line.n, line.profile)
+    if better != pieces:
+        follow(better, line, check, peaks=False)
+
+
+def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) -> None:
+    """Unwrap each piece from its start outwards (steps 1 to 4)."""
+    for piece in pieces:
+        maps = line.read(piece.start)
+        first = np.where(maps.mask, maps.turns, np.int16(0))
+        line.write(piece.start, maps, first, peak=peaks)
+        for way in (
+            range(piece.start + 1, piece.stop),
+            range(piece.start - 1, piece.first - 1, -1),
+        ):
+            before, turns = maps, first
+            for k in way:
+                check()
+                now = line.read(k)
+                found = np.empty_like(turns)
+                next_turns(before, turns, now, found)
+                line.write(k, now, found, peak=peaks)
+                before, turns = now, found
+
+
+@compiled
+def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns) -> None:
+    """Write the turns of the next map (steps 2 to 4).
+
+    Parameters
+    ----------
+    before, turns
+        The map before, and its turns in the result; its phase is 0 outside the mask.
+    now : Maps
+        The next map.
+    out : ndarray of int
+        Where its turns go.
+    """
+    turn = np.float32(2 * np.pi)
+    height, width = out.shape
+    for y in range(height):
+        for x in range(width):
+            if not now.mask[y, x]:
+                out[y, x] = 0
+                continue
+            phase, whole = np.float32(0), 0
+            if before.mask[y, x]:
+                phase, whole = before.wrapped[y, x], turns[y, x]
+            step = (phase - now.wrapped[y, x]) / turn
+            out[y, x] = max(whole + int(np.rint(step)), now.turns[y, x])

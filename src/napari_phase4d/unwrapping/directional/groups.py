@@ -1,0 +1,349 @@
+"""Pixels of one frame that certain steps join, and the steps between what is joined."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.compiling import compiled
+from napari_phase4d.stack import Block, Stack
+from napari_phase4d.unwrapping.directional.edges import (
+    PARTS,
+    SOFTENING,
+    Index,
+    Whole,
+    join,
+    root_of,
+)
+from napari_phase4d.unwrapping.directional.scene import Scene
+from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
+
+__all__ = ["SURE", "SUREST", "Frame", "Grouped", "Runs", "grouped", "runs_between"]
+#: Steps smoother and smaller than this, in radians, are never doubted: their ends move together.
+#: The smoother half of them joins first.
+CERTAIN, SMOOTH = 1.0, 0.5
+#: How far steps may be used: in doubt, certain, certain and smooth.
+DOUBTED, SURE, SUREST = 1, 2, 3
+Mask = NDArray[np.bool_]
+
+
+# ---- within a frame --------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Frame:
+    """The box of the frames of one time, as the steps to the next time need it."""
+
+    groups: Index
+    relative: NDArray[np.int16]
+    free: Mask
+
+
+@dataclass(frozen=True)
+class Runs:
+    """Steps between groups; those that follow each other and ask for the same count as one.
+
+    Parameters
+    ----------
+    ends : ndarray of int, shape (steps, 4)
+        First and second group, turns, and how far they may be used.
+    costs : ndarray of int, shape (steps, 2)
+        Weight, and that of steps between islands of the empty field, in parts of 2^-32.
+    rough : ndarray of float
+        Roughness of the smoothest, radians.
+    """
+
+    ends: Index
+    costs: Whole
+    rough: NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Grouped:
+    """What certain steps join in the frames of a block, and the steps between.
+
+    Parameters
+    ----------
+    block : Block
+        The frames.
+    sizes : list of ndarray of int
+        Of every time, the pixels of the object that each group has.
+    fields : ndarray of int, shape (time, angle, 3)
+        Group of the largest island of the empty field of each frame (-1 if there is none), its
+        turns relative to the group, and its number of pixels.
+    within : list of Runs
+        Steps between groups of one time.
+    ahead : list of Runs
+        Steps from each time but the last to the next one.
+    first, last : Frame
+        The first and the last time.
+    later : Opinion or None
+        Steps from the block's last time to the one after.
+    """
+
+    block: Block
+    sizes: list[Whole]
+    fields: Index
+    within: list[list[Runs]]
+    ahead: list[Runs]
+    first: Frame
+    last: Frame
+    later: Opinion | None
+
+
+def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack) -> Grouped:
+    """Join the pixels of each frame of a block, and list the steps between what is joined."""
+    block = weighed.block
+    islands = scene.islands(block)
+    groups = np.full(islands.shape, -1, dtype=np.int32)
+    relative = np.zeros(islands.shape, dtype=np.int16)
+    free = np.ascontiguousarray(weighed.seen.free)
+    fields = np.full((*islands.shape[:2], 3), -1, dtype=np.int32)
+    sizes = []
+    corner = scene.box[0].start, scene.box[1].start
+    none = Opinion(*(np.zeros((len(block), free.shape[1], 0, 0), d) for d in DTYPES))
+    down, right = (weighed.by_axis.get(axis, none) for axis in (2, 3))
+    for i in range(len(block)):
+        of_time: list[Whole] = []
+        count = 0
+        for angle in range(islands.shape[1]):
+            frame = i, angle
+            n_islands = int(islands[frame].max(initial=-1)) + 1
+            of_island, size = group_frame(
+                islands[frame],
+                n_islands,
+                corner,
+                free[frame],
+                tuple(part[frame] for part in parts_of(down)),
+                tuple(part[frame] for part in parts_of(right)),
+                groups[frame],
+                relative[frame],
+                count,
+            )
+            if n_islands:
+                pixels = np.bincount(islands[frame].ravel() + 1, minlength=n_islands + 1)[1:]
+                largest = int(np.argmax(pixels))
+                fields[frame] = (*of_island[largest], pixels[largest])
+            of_time.append(size)
+            count += len(size)
+        sizes.append(np.concatenate(of_time))
+    groups_to.write(block, groups)
+    relative_to.write(block, relative)
+    inside = (slice(None), slice(None), *scene.box)
+    boxed = (np.ascontiguousarray(stack[inside]) for stack in (groups, relative))
+    part = [Frame(*arrays) for arrays in zip(*boxed, free, strict=True)]
+    within = [
+        [
+            runs_along(part[i], axis, opinions[axis], i)
+            for axis in (1, 2, 3)
+            for opinions in (weighed.by_axis, weighed.followed)
+            if axis in opinions
+        ]
+        for i in range(len(block))
+    ]
+    link = weighed.by_axis.get(0)
+    ahead = [
+        runs_between(part[i], part[i + 1], link, i)
+        for i in range(len(block) - 1)
+        if link is not None
+    ]
+    later = link if link is not None and len(link.turns) == len(block) else None
+    return Grouped(block, sizes, fields, within, ahead, part[0], part[-1], later)
+
+
+DTYPES = ("int16", "float32", "bool", "bool")
+
+
+def parts_of(opinion: Opinion) -> tuple[NDArray[Any], ...]:
+    """Return the arrays of an opinion."""
+    return opinion.turns, opinion.rough, opinion.kept, opinion.small
+
+
+def runs_along(frame: Frame, axis: int, opinion: Opinion, i: int) -> Runs:
+    """List the steps between the groups of one time, along angle, y or x."""
+    return runs_of(frame, frame, opinion, i, (axis == 1, axis == 2, axis == 3))
+
+
+def runs_between(frame: Frame, following: Frame, opinion: Opinion, i: int) -> Runs:
+    """List the steps from one time to the next."""
+    return runs_of(frame, following, opinion, i, (False, False, False))
+
+
+def runs_of(
+    head: Frame, tail: Frame, opinion: Opinion, i: int, step: tuple[bool, bool, bool]
+) -> Runs:
+    """List the steps from each pixel (angle, y, x) of a frame to the next one of another."""
+    asked = tuple(part[i] for part in parts_of(opinion))
+    maps = (*vars(head).values(), *vars(tail).values(), *asked, *(int(s) for s in step))
+    count = 0
+    for _ in range(2):  # counted first, then listed
+        found = Runs(
+            np.empty((count, 4), np.int32),
+            np.empty((count, 2), np.int64),
+            np.empty(count, np.float32),
+        )
+        count = list_runs(*maps, *vars(found).values())
+        if not count:
+            break
+    return found
+
+
+@compiled
+def grade_of(rough: float, kept: bool, small: bool, free: bool) -> int:
+    """Return how far a step may be used; between two islands it is never certain.
+
+    Of the many steps between two islands one may look certain by accident.
+    """
+    if not kept:
+        return 0
+    if not (small and free and rough < CERTAIN):
+        return DOUBTED
+    return SUREST if rough < SMOOTH else SURE
+
+
+@compiled
+def group_frame(  # noqa: C901 - one loop after the other; calls would need all of it again
+    islands: Index,
+    n_islands: int,
+    corner: tuple[int, int],
+    free: Mask,
+    down: tuple[Any, ...],
+    right: tuple[Any, ...],
+    groups: Index,
+    relative: NDArray[np.int16],
+    before: int,
+) -> tuple[Index, Whole]:
+    """Join the pixels of a frame along certain steps.
+
+    Parameters
+    ----------
+    islands : ndarray of int, shape (y, x)
+        Number of the island of the empty field; -1 elsewhere.
+    n_islands : int
+        How many there are.
+    corner : tuple of int
+        Where the box of the object begins.
+    free : ndarray of bool
+        The object in the box.
+    down, right : tuple of ndarray
+        Steps along y and x in the box, see `parts_of`.
+    groups, relative : ndarray of int, shape (y, x)
+        Where the group of every pixel goes, and its turns relative to the group.
+    before : int
+        Number of the first group.
+
+    Returns
+    -------
+    of_island : ndarray of int, shape (islands, 2)
+        Group of every island, and its turns.
+    sizes : ndarray of int
+        Pixels of the object in each group.
+    """
+    height, width = free.shape
+    top, left = corner
+    node = np.full((height, width), -1, dtype=np.int32)
+    n = n_islands
+    for y in range(height):
+        for x in range(width):
+            if free[y, x]:
+                node[y, x] = n
+                n += 1
+            else:
+                node[y, x] = islands[top + y, left + x]
+    parent, offset = np.arange(n).astype(np.int32), np.zeros(n, dtype=np.int32)
+    for least in (SUREST, SURE):
+        for axis, asked in enumerate((down, right)):
+            turns, rough, kept, small = asked
+            for y in range(turns.shape[0]):
+                for x in range(turns.shape[1]):
+                    y2, x2 = y + 1 - axis, x + axis
+                    either = free[y, x] or free[y2, x2]
+                    if grade_of(rough[y, x], kept[y, x], small[y, x], either) >= least:
+                        join(parent, offset, node[y, x], node[y2, x2], turns[y, x])
+    number = np.empty(n, dtype=np.int32)
+    count = 0
+    for i in range(n):
+        root, turn = root_of(parent, offset, i)
+        if root == i:
+            number[i] = before + count
+            count += 1
+        else:
+            number[i] = number[root]
+        offset[i], parent[i] = turn, root
+    sizes = np.zeros(count, dtype=np.int64)
+    for y in range(islands.shape[0]):
+        for x in range(islands.shape[1]):
+            if islands[y, x] >= 0:
+                groups[y, x], relative[y, x] = number[islands[y, x]], offset[islands[y, x]]
+    for y in range(height):
+        for x in range(width):
+            if free[y, x]:
+                i = node[y, x]
+                groups[top + y, left + x], relative[top + y, left + x] = number[i], offset[i]
+                sizes[number[i] - before] += 1
+    of_island = np.empty((n_islands, 2), dtype=np.int32)
+    for i in range(n_islands):
+        of_island[i, 0], of_island[i, 1] = number[i], offset[i]
+    return of_island, sizes
+
+
+@compiled
+def list_runs(
+    groups: Index,
+    relative: NDArray[np.int16],
+    free: Mask,
+    groups_2: Index,
+    relative_2: NDArray[np.int16],
+    free_2: Mask,
+    turns: NDArray[np.int16],
+    rough: NDArray[np.float32],
+    kept: Mask,
+    small: Mask,
+    dv: int,
+    dy: int,
+    dx: int,
+    ends: Index,
+    costs: Whole,
+    least: NDArray[np.float32],
+) -> int:
+    """List the steps between two maps of groups; only count them where there is no room.
+
+    A step leads from each pixel of the first map to that one of the second map which lies so
+    many views, rows and columns further.
+    """
+    count = 0
+    fill = len(ends) > 0
+    same = dv + dy + dx > 0
+    for v in range(turns.shape[0]):
+        for y in range(turns.shape[1]):
+            a0, b0, j0 = -1, -1, 0
+            for x in range(turns.shape[2]):
+                if not kept[v, y, x]:
+                    continue
+                a, b = groups[v, y, x], groups_2[v + dv, y + dy, x + dx]
+                if same and a == b:
+                    continue
+                j = turns[v, y, x] - relative_2[v + dv, y + dy, x + dx] + relative[v, y, x]
+                if a != a0 or b != b0 or j != j0:
+                    a0, b0, j0 = a, b, j
+                    if fill:
+                        ends[count, 0], ends[count, 1], ends[count, 2] = a, b, j
+                        ends[count, 3] = 0
+                        costs[count, 0] = costs[count, 1] = 0
+                        least[count] = np.float32(np.inf)
+                    count += 1
+                if fill:
+                    either = free[v, y, x] or free_2[v + dv, y + dy, x + dx]
+                    r = rough[v, y, x]
+                    grade = grade_of(r, True, small[v, y, x], either)
+                    ends[count - 1, 3] = max(ends[count - 1, 3], grade)
+                    share = 1 / (SOFTENING + np.float64(r)) ** 2
+                    cost = max(np.int64(np.round(PARTS * share * share * share)), 1)
+                    costs[count - 1, 0] += cost
+                    if not either:
+                        costs[count - 1, 1] += cost
+                    least[count - 1] = min(least[count - 1], r)
+    return count
