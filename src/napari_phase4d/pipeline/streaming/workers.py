@@ -138,11 +138,11 @@ class Cluster:
             raise OSError(msg) from error
 
     def _result(self, future: Any, watch: Watch) -> Any:
-        """Wait for what one item gives."""
+        """Wait for what one item gives; a result that dies with its worker is made again."""
         from distributed import KilledWorker
 
         last_seen = looked = time.monotonic()
-        while not future.done():
+        while True:
             watch.check()
             if time.monotonic() - looked > LOOK_AROUND_S:
                 looked = time.monotonic()
@@ -154,13 +154,17 @@ class Cluster:
                         "'dask worker', then run it again"
                     )
                     raise OSError(msg)
-            time.sleep(BETWEEN_S)
-        try:
-            return future.result()
-        except KilledWorker as error:
-            times = error.allowed_failures + 1
-            msg = f"{watch.message}: {times} workers that did it died; see their logs"
-            raise OSError(msg) from error
+            if not future.done():
+                time.sleep(BETWEEN_S)
+                continue
+            try:
+                return future.result(timeout=LOOK_AROUND_S)
+            except TimeoutError:
+                continue
+            except KilledWorker as error:
+                times = error.allowed_failures + 1
+                msg = f"{watch.message}: {times} workers that did it died; see their logs"
+                raise OSError(msg) from error
 
 
 def answers(address: str) -> bool:
