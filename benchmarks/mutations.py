@@ -149,7 +149,7 @@ MUTATIONS = (
              '("nm", "nanometer", "nanometre"), 1e-3', '("nm", "nanometer", "nanometre"), 1e3',
              ("test_io",)),
     Mutation("Itoh's limit of half a turn", "analysis/itoh.py",
-             "float((steps > 1)[counted].mean())", "float((steps > 2)[counted].mean())",
+             "steps = steps_along(values, axis) > 1", "steps = steps_along(values, axis) > 2",
              ("test_itoh",)),
     Mutation("last frame of a streamed block", "stack.py",
              "Block(t, min(t + each, shape[0])) for",

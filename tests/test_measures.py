@@ -10,7 +10,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.analysis import measure, polygon_mask, region_masks, traces
+from napari_phase4d.analysis import measure, polygon_mask, region_masks, traces, traces_of
 from napari_phase4d.progress import Cancelled
 
 OPTICS = p4d.Optics(wavelength_um=0.532, medium_index=1.337)
@@ -293,6 +293,6 @@ def test_traces_follow_the_cursor() -> None:
     took = []
     for x in range(20):
         began = time.perf_counter()
-        traces(results, (30, 1), (100, x))
+        traces_of(results, (30, 1), (100, x))
         took.append(time.perf_counter() - began)
     assert min(took) < 0.002

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import re
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -121,6 +122,9 @@ def test_wheel_is_the_package_and_nothing_else(dist: Path) -> None:
     assert "napari-phase4d = napari_phase4d:napari.yaml" in entries
     assert "napari-phase4d = napari_phase4d.cli:main" in entries
     assert "Classifier: Framework :: napari" in facts
+    needed = re.findall(r"^Requires-Dist: ([\w-]+)[^;\n]*$", facts, re.MULTILINE)
+    assert "numba" in needed
+    assert not {"napari", "magicgui", "qtpy", "pyqt6", "pyside6"} & {n.lower() for n in needed}
 
 
 def test_sdist_builds_and_tests_itself_and_holds_nothing_else(dist: Path) -> None:
@@ -185,3 +189,27 @@ def test_a_users_mypy_sees_the_types(tmp_path: Path) -> None:
         ("wrong.py", "7", "attr-defined"),
         ("wrong.py", "8", "arg-type"),
     ], done.stdout
+
+
+def test_one_line_sets_the_address(tmp_path: Path) -> None:
+    for name in ("pyproject.toml", "README.md", "LICENSE", "tools/metadata.py", "napari.yaml"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        shutil.copy(ROOT / name, tmp_path / name)
+    (tmp_path / PACKAGE).mkdir(parents=True)
+    (tmp_path / PACKAGE / "__init__.py").write_text("")
+    project = tmp_path / "pyproject.toml"
+    text = project.read_text(encoding="utf-8")
+    assert text.count('\naddress = ""\n') == 1
+    address = "https://example.org/napari-phase4d"
+    project.write_text(text.replace('\naddress = ""\n', f'\naddress = "{address}"\n'), "utf-8")
+    line = [sys.executable, "-m", "hatchling", "build", "-t", "wheel", "-d", tmp_path]
+    subprocess.run(line, cwd=tmp_path, check=True, capture_output=True)
+    (wheel,) = tmp_path.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        (name,) = (n for n in archive.namelist() if n.endswith("METADATA"))
+        facts = archive.read(name).decode()
+    assert f"Project-URL: Issues, {address}/issues" in facts
+    links = re.findall(r"\]\(([^)]+)\)", facts)
+    assert len(links) > 5
+    assert all(link.startswith(("https://", "#")) for link in links)
+    assert f"{address}/blob/main/docs/explanation/limits.md" in links

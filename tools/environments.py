@@ -14,8 +14,10 @@ from pathlib import Path
 
 from dev import SIDE_BY_SIDE, WARM_UP, XVFB_SCREEN, has_display
 
-EXTRAS = ("bio", "cluster", "codecs", "flow", "video")
-NAPARI = "napari[{}]>=0.9.2,<0.10"
+EXTRAS = ("bio", "cluster", "codecs", "flow", "napari", "video")
+NAPARI = "napari[{}]>=0.9.2,<0.11"
+#: What is tried before it is released.
+NEXT_NAPARI = "napari[{}]>=0.10.0rc0,<0.11"
 #: What the table names.
 SHOWN = ("napari", "numpy", "scipy", "numba", "xarray", "zarr", "pydantic")
 UV = (sys.executable, "-m", "uv")
@@ -24,7 +26,7 @@ NAME = re.compile(r"^[A-Za-z0-9._-]+")
 
 @dataclass(frozen=True)
 class Combination:
-    """Which Python, which Qt binding, and whether the newest or the lowest dependencies."""
+    """Which Python, which Qt binding, and which dependencies: newest, lowest, or napari's next."""
 
     python: str
     qt: str
@@ -80,8 +82,9 @@ class Environment:
         uv("venv", "--seed", "--python", interpreter, self.folder)
         install = ("pip", "install", "--python", self.python)
         tools = [*install, "--group", f"{self.source / 'pyproject.toml'}:test-tools"]
-        napari = NAPARI.format(self.combination.qt.lower())
-        if self.combination.dependencies == "newest":
+        following = self.combination.dependencies == "next"
+        napari = (NEXT_NAPARI if following else NAPARI).format(self.combination.qt.lower())
+        if self.combination.dependencies != "lowest":
             uv(*install, f"{wheel}[{','.join(EXTRAS)}]", napari)
             uv(*tools, "--group", f"{self.source / 'pyproject.toml'}:test-schemas")
         else:

@@ -1,4 +1,4 @@
-"""Try the wheel in fresh environments: both Qt bindings, newest and lowest dependencies.
+"""Try the wheel in fresh environments: both Qt bindings, newest, lowest and coming dependencies.
 
 ``python3 dev.py matrix`` builds sdist and wheel and, for each combination, makes an environment in
 a temporary folder, installs the wheel there, and runs the tests that the sdist brings: the checks
@@ -27,6 +27,7 @@ from tools.environments import Combination, Environment, interpreter
 #: Which tests are run beside the release checks; the lowest versions are tried in depth.
 TESTS = {
     "newest": "(not gui and not slow and not release) or story",
+    "next": "(not gui and not slow and not release) or story",
     "lowest": "(not gui and not release) or story",
 }
 COLUMNS = ("Python", "Qt", "dependencies", "versions", "release checks", "tests", "minutes")
@@ -66,6 +67,7 @@ def combinations() -> list[Combination]:
         Combination(here, "PyQt6", "newest"),
         Combination(here, "PySide6", "newest"),
         Combination(here, "PyQt6", "lowest"),
+        Combination(here, "PyQt6", "next"),
     ]
     return found + [Combination(v, "PyQt6", "newest") for v in supported() if v != here]
 

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import TypeVar
+from typing import Any, TypeVar
 
-__all__ = ["AXES", "PLAIN_AXES", "UNITS", "coordinate"]
+import xarray as xr
+from numpy.typing import NDArray
+
+__all__ = ["AXES", "PLAIN_AXES", "UNITS", "coordinate", "in_full"]
 
 V = TypeVar("V")
 
@@ -22,3 +25,13 @@ PLAIN_AXES: Mapping[int, tuple[str, ...]] = MappingProxyType(
 def coordinate(axis: str, places: V) -> tuple[str, V, dict[str, str]]:
     """Return the places along an axis, with their unit, as xarray takes them."""
     return axis, places, {"units": UNITS[axis]}
+
+
+def in_full(stack: xr.DataArray) -> NDArray[Any]:
+    """Return the values with all four axes (time, angle, y, x); a view."""
+    if stack.dims == AXES:  # which takes microseconds, and is the rule
+        return stack.values
+    values: NDArray[Any] = (
+        stack.expand_dims([d for d in AXES if d not in stack.dims]).transpose(*AXES).values
+    )
+    return values

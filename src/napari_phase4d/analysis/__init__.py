@@ -7,7 +7,7 @@ from napari_phase4d.analysis.itoh import itoh_margin, order_shares, residues
 from napari_phase4d.analysis.loading import frame_of, in_memory
 from napari_phase4d.analysis.measures import measure, polygon_mask, region_masks
 from napari_phase4d.analysis.noise import noise_figures, noise_sentence, with_wavelength
-from napari_phase4d.analysis.traces import Traces, difference, traces
+from napari_phase4d.analysis.traces import Traces, difference, traces, traces_of
 from napari_phase4d.analysis.verdict import (
     Verdict,
     best_known,
@@ -43,6 +43,7 @@ __all__ = [
     "slipped_frames",
     "steps_sentence",
     "traces",
+    "traces_of",
     "with_wavelength",
     "wrong_cycle_map",
     "wrong_cycle_share",

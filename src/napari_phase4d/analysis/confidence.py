@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 
+from napari_phase4d.axes import in_full
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
 from napari_phase4d.unwrapping import Problem, Support, astray, run_method, support_by_steps
@@ -134,7 +133,7 @@ def chance_of_right(
     own = support_of(problem, result, progress, cancelled)
     other = problem.once("support", lambda: support_of(problem, reference, progress, cancelled))
     noise = problem.once("astray", lambda: astray(problem, progress, cancelled))
-    differs = in_full(problem, turns_off(result, reference)) != 0
+    differs = in_full(turns_off(result, reference)) != 0
     weight, rival = odds_of_right(own), odds_of_right(other)
     weight = np.where(differs, weight, np.maximum(weight, rival))
     chance = (1 - noise) * weight / (1 + weight + np.where(differs, rival, 0))
@@ -156,7 +155,7 @@ def support_of(
 
     Faint amplitude counts as roughness, as it does in the steps.
     """
-    values = in_full(problem, result.values)
+    values = in_full(result)
     if result.attrs.get("mask", "none") != "none":
         values = np.where(values == 0, np.float32(np.nan), values)  # taken for empty field
     return support_by_steps(problem, values, progress, cancelled)
@@ -170,18 +169,14 @@ def odds_of_right(support: Support) -> Stack:
     return odds
 
 
-def in_full(problem: Problem, values: NDArray[Any]) -> NDArray[Any]:
-    """Return values in the form of a problem's phase with all four axes."""
-    return values.reshape(problem.wrapped.shape)
-
-
-def turns_off(result: xr.DataArray, reference: xr.DataArray) -> Stack:
+def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     """Return by how many whole turns two results differ; 0 where one of them was masked."""
-    off: Stack = np.nan_to_num(np.round((result.values - reference.values) / np.float32(TURN)))
+    reference = reference.transpose(*result.dims)
+    off = np.nan_to_num(np.round((result.values - reference.values) / np.float32(TURN)))
     for stack in (result, reference):
         if stack.attrs.get("mask", "none") != "none":
             off = np.where(stack.values == 0, np.float32(0), off)
-    return off
+    return result.copy(data=off)
 
 
 def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
@@ -194,7 +189,7 @@ def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
     trust : DataArray
         What `confidence` gave.
     """
-    wrong = in_full(problem, trust.values) < FIRM
+    wrong = in_full(trust) < FIRM
     objects = problem.usable & ~problem.background().mask
     found = np.zeros(wrong.shape[:2], dtype=bool)
     for frame in np.argwhere(~problem.lost()):

@@ -8,7 +8,9 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.loading import in_memory, parts_over_time
+from napari_phase4d.stacks import check_rising, unwrapped_stack
 from napari_phase4d.unwrapping import both_ends, loop_sums
+from napari_phase4d.words import check_type
 
 __all__ = ["itoh_margin", "order_shares", "residues"]
 
@@ -42,6 +44,7 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
     >>> itoh_margin(ramp)["along_x"].attrs["share_beyond"]
     0.5
     """
+    phase = checked(phase)
     inside = None if where is None else where.transpose(*phase.dims)
     maps = {}
     for axis, dim in enumerate(phase.dims):
@@ -57,6 +60,15 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         margin.attrs = {"units": "pi rad", "share_beyond": share_beyond(phase, inside, axis)}
         maps[f"along_{dim}"] = margin
     return xr.Dataset(maps)
+
+
+def checked(phase: xr.DataArray) -> xr.DataArray:
+    """Return unwrapped phase, which may lack any axis, or say what is wrong with it."""
+    check_type("the phase", phase, xr.DataArray, "give its axes names")
+    missing = [axis for axis in ("y", "x") if axis not in phase.dims]
+    stack = unwrapped_stack(phase.expand_dims(missing), "the phase")
+    check_rising(stack, "the phase")
+    return stack.isel(dict.fromkeys(missing, 0))
 
 
 def steps_along(values: NDArray[np.floating], axis: int) -> NDArray[np.floating]:
@@ -109,6 +121,7 @@ def order_shares(
     dict
         Method id "temporal-angular" and "angular-temporal" to a share from 0 to 1.
     """
+    phase = checked(phase)
     stack = in_memory(phase.transpose("time", "angle", "y", "x")).values
     inside = (
         np.ones(stack.shape, dtype=bool)

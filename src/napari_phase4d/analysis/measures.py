@@ -190,7 +190,7 @@ def measure(
     >>> bool((table["dry mass (pg)"] > 0).all())
     True
     """
-    stack = in_full(unwrapped)
+    stack = on_four_axes(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
     masks = {name: fitted(name, mask, stack) for name, mask in checked_regions(regions).items()}
     pixel_um2 = pixel_area_um2(stack)
@@ -257,7 +257,7 @@ def frames_of(stack: xr.DataArray) -> dict[str, NDArray[np.float64]]:
     return {"time (s)": times.ravel(), "angle (deg)": angles.ravel()}
 
 
-def in_full(unwrapped: xr.DataArray | Any) -> xr.DataArray:
+def on_four_axes(unwrapped: xr.DataArray | Any) -> xr.DataArray:
     """Return phase with all four dims, or say what is wrong with it."""
     if not isinstance(unwrapped, xr.DataArray):
         msg = f"the phase must be a DataArray with coordinates, but is {type(unwrapped).__name__}"

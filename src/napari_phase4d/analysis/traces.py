@@ -12,12 +12,12 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.loading import in_memory
-from napari_phase4d.axes import AXES
-from napari_phase4d.stacks import KIND, UNWRAPPED, on_grid_of, unwrapped_stack
+from napari_phase4d.axes import in_full
+from napari_phase4d.stacks import KIND, UNWRAPPED, check_rising, on_grid_of, unwrapped_stack
 from napari_phase4d.unwrapping import METHODS, label_of
 from napari_phase4d.words import check_type, shown
 
-__all__ = ["Traces", "difference", "traces"]
+__all__ = ["Traces", "difference", "traces", "traces_of"]
 
 #: Part of a frame, and which of its pixels count.
 Place = tuple[slice, slice, NDArray[np.bool_]]
@@ -70,8 +70,8 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
     Raises
     ------
     ValueError
-        If there are no results, if they differ in shape, or if the frame or the place lies
-        outside of them.
+        If there are no results, if they are no unwrapped phase or differ in shape, or if the
+        frame or the place lies outside of them.
 
     Examples
     --------
@@ -81,13 +81,22 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
     [7.0, 15.0, 23.0]
     """
     check_type("results", results, Mapping, "give {method: stack}, as Comparison.results is")
+    known = {}
+    for method, given in results.items():
+        known[method] = unwrapped_stack(given, f"the result {method}")
+        check_rising(known[method], f"the result {method}")
+    return traces_of(known, frame, where)
+
+
+def traces_of(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: Any) -> Traces:
+    """Return `traces` of results that are known to be sound: fast enough to follow the mouse."""
     if np.shape(frame) != (2,) or np.asarray(frame).dtype.kind not in "iu":
         msg = f"the frame must be two whole numbers (time, angle), but is {shown(frame)}"
         raise ValueError(msg)
     if not results:
         msg = "there are no results yet; run a method first"
         raise ValueError(msg)
-    stacks = {method: on_all_axes(result) for method, result in results.items()}
+    stacks = {method: in_full(in_memory(result)) for method, result in results.items()}
     first = next(iter(stacks.values()))
     if any(stack.shape != first.shape for stack in stacks.values()):
         msg = f"the results differ in shape: {', '.join(str(s.shape) for s in stacks.values())}"
@@ -105,15 +114,6 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
         {method: mean_at(stack[time], place) for method, stack in stacks.items()},
         (time, angle),
     )
-
-
-def on_all_axes(stack: xr.DataArray) -> NDArray[Any]:
-    """Return the values as (time, angle, y, x); a view."""
-    stack = in_memory(stack)
-    if stack.dims == AXES:  # which takes microseconds, and is the rule
-        return stack.values
-    full = stack.expand_dims([d for d in AXES if d not in stack.dims])
-    return full.transpose(*AXES).values
 
 
 def places_along(stack: xr.DataArray, dim: str, count: int) -> NDArray[np.float64]:

@@ -10,7 +10,7 @@ from napari_phase4d.io.opening import (
 )
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
-from napari_phase4d.io.reading import needs_layout
+from napari_phase4d.io.reading import needs_layout, parts_beside
 from napari_phase4d.io.results import read_results, write_phase, write_table
 
 __all__ = [
@@ -26,6 +26,7 @@ __all__ = [
     "open_input",
     "open_phase",
     "open_recording",
+    "parts_beside",
     "read_results",
     "step_of",
     "write_figure",

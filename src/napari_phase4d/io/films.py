@@ -18,6 +18,8 @@ from napari_phase4d.io.video import Video, colour_sentence
 __all__ = ["FILM_SUFFIXES", "read_film"]
 
 FILM_SUFFIXES = (".avi", ".mp4", ".mkv", ".mov", ".m4v")
+#: Of what FFmpeg knows: a list of other files that is called .mp4 is not followed.
+FILMS_ONLY = {"format_whitelist": "avi,mov,matroska,webm", "protocol_whitelist": "file"}
 #: Decoded frames kept, since threads ask for neighbours in nearly the right order.
 KEPT = 8
 #: Frames decoded and thrown away rather than to search the file anew.
@@ -49,7 +51,7 @@ def read_film(path: Path) -> Video:
         msg = f"{path.name} is cut short: its header tells of {needed} bytes, the file has {size}"
         raise OSError(msg)
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), options=FILMS_ONLY) as container:
             stream = film_stream(container)
             index = index_of(container, stream, size)
             told = stream.frames
@@ -232,7 +234,7 @@ class FilmReader(FrameReader):
         import av
 
         if self._container is None:
-            self._container = av.open(str(self.path))
+            self._container = av.open(str(self.path), options=FILMS_ONLY)
             film_stream(self._container).thread_type = "AUTO"
         return film_stream(self._container)
 

@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.choosing import Found, chosen_name, other_arrays
-from napari_phase4d.io.lazy import FrameReader, Unsound, in_one_line, lazy_frames
+from napari_phase4d.io.lazy import FrameReader, Unsound, beside, in_one_line, lazy_frames
 from napari_phase4d.io.video import LARGEST_PIECE, MICROMETRES, SECONDS, Facts, Video
 from napari_phase4d.words import size_in_words
 
-__all__ = ["HDF5_SUFFIXES", "read_hdf5"]
+__all__ = ["HDF5_SUFFIXES", "hdf5_parts", "read_hdf5"]
 
 HDF5_SUFFIXES = (".h5", ".hdf5", ".hdf", ".hspy", ".nxs", ".emd")
 #: Arrays looked at; a file with more is no recording, or made to keep us busy.
@@ -306,16 +306,31 @@ def check_sources(path: Path, data: Any) -> None:
         msg = f"{path.name} says that {data.name!r} is {data.shape}, but holds nothing of it"
         raise Unsound(msg)
     for name, dataset in sources:
-        other = path if name == "." else path.parent / name
+        other = path if name == "." else beside(path, name)
         if not other.is_file():
             msg = f"{path.name} needs {name}, which is not there"
-            raise Unsound(msg)
-        if not other.resolve().is_relative_to(path.parent.resolve()):
-            msg = f"{path.name} needs {name}, which is in another folder and not followed; copy it"
             raise Unsound(msg)
         if not is_plain(other, dataset):
             msg = f"{path.name} needs {dataset!r} of {other.name}, which has no numbers of its own"
             raise Unsound(msg)
+
+
+def hdf5_parts(path: Path) -> list[Path]:
+    """Return the other files that virtual datasets of a file show; none of one that is damaged."""
+    import h5py
+
+    found: set[str] = set()
+
+    def note(name: str, item: Any) -> None:
+        if isinstance(item, h5py.Dataset) and item.is_virtual:
+            found.update(source.file_name for source in item.virtual_sources())
+
+    try:
+        with h5py.File(path, "r") as file:
+            file.visititems(note)
+    except Exception:  # h5py raises what it likes; reading it will say what is wrong
+        return []
+    return [path.parent / name for name in sorted(found - {"."})]
 
 
 def is_plain(path: Path, name: str) -> bool:

@@ -32,7 +32,7 @@ from napari_phase4d.io.video import LARGEST_KOALA_SIDE, Video, check_fits
 
 __all__ = [
     "is_koala", "is_koala_phase", "is_koala_raw", "read_koala", "read_koala_file",
-    "read_koala_phase",
+    "read_koala_phase", "times_files",
 ]  # fmt: skip
 
 #: Head of a raw file: width, height, bits a pixel, frames.
@@ -84,13 +84,18 @@ def read_koala(folder: Path) -> Video:
     return timed(video, folder)
 
 
+def times_files(folder: Path) -> list[Path]:
+    """Return the file with the times of the holograms in a folder; none if there is none."""
+    holograms = folder / "Holograms" if (folder / "Holograms").is_dir() else folder
+    places = (holograms / "timestamps.txt", holograms.parent / "timestamps.txt")
+    return [place for place in places if place.is_file()][:1]
+
+
 def timed(video: Video, folder: Path) -> Video:
     """Return the video with the times in timestamps.txt, beside Holograms or in it."""
-    places = (folder / "timestamps.txt", folder.parent / "timestamps.txt")
-    found = next((p for p in places if p.is_file()), None)
-    if found is None:
+    if not (found := times_files(folder)):
         return video
-    lines = found.read_text(encoding="utf-8", errors="replace").splitlines()
+    lines = found[0].read_text(encoding="utf-8", errors="replace").splitlines()
     matches = [TIME_LINE.fullmatch(line.strip()) for line in lines if line.strip()]
     times = np.array([float(m[1]) / 1000 for m in matches if m], np.float64)
     if len(times) != len(matches) or len(times) != len(video.frames):

@@ -20,6 +20,7 @@ __all__ = [
     "MappedFrames",
     "Unsound",
     "WrongFrameError",
+    "beside",
     "in_one_line",
     "lazy_frames",
     "map_frames",
@@ -176,6 +177,24 @@ class WrongFrameError(ValueError):
 
 class Unsound(OSError):  # noqa: N818 - it is an OSError to everybody else
     """What a file says of itself can't be true, or may not be followed; its message is whole."""
+
+
+def beside(path: Path, name: str) -> Path:
+    """Return the place of a file that another one names as a part of it.
+
+    Only what lies in the folder of that file, or below, is followed: a file that came from
+    elsewhere must not bring in others of the user's.
+
+    Raises
+    ------
+    Unsound
+        If it lies elsewhere, itself or as a link.
+    """
+    other = path.parent / name
+    if not other.resolve().is_relative_to(path.parent.resolve()):
+        msg = f"{path.name} needs {name}, which is in another folder and not followed; copy it"
+        raise Unsound(msg)
+    return other
 
 
 class FrameReader(ABC):

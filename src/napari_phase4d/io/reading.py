@@ -9,13 +9,14 @@ from pathlib import Path
 
 from napari_phase4d.io.bio import BIO_SUFFIXES, read_bio
 from napari_phase4d.io.films import FILM_SUFFIXES, read_film
-from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
+from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, hdf5_parts, read_hdf5
 from napari_phase4d.io.koala import (
     is_koala,
     is_koala_phase,
     is_koala_raw,
     read_koala,
     read_koala_file,
+    times_files,
 )
 from napari_phase4d.io.numpy_files import read_npy, read_npz
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout, read_raw
@@ -28,7 +29,7 @@ from napari_phase4d.io.sequences import (
     read_files,
     read_image,
 )
-from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff, tiff_parts
 from napari_phase4d.io.video import Video
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 
@@ -37,6 +38,7 @@ __all__ = [
     "READABLE_SUFFIXES",
     "check_there",
     "needs_layout",
+    "parts_beside",
     "read_list",
     "read_video",
 ]
@@ -89,6 +91,30 @@ def check_there(path: Path) -> None:
     if not (path.is_file() or path.is_dir()):
         msg = f"{path.name} is neither a file nor a folder, but a pipe or a device"
         raise OSError(msg)
+
+
+def parts_beside(path: Path) -> list[Path]:
+    """Return the other files that are read with one: a change of theirs changes the recording.
+
+    Parameters
+    ----------
+    path : Path
+        A file or folder.
+
+    Returns
+    -------
+    list of Path
+        Those that hold frames of an OME-TIFF series or of a virtual HDF5 dataset, and the times
+        of a Koala recording. They need not be there.
+    """
+    suffix = path.suffix.lower()
+    if path.is_dir():
+        return times_files(path) if is_koala(path) else []
+    if suffix in TIFF_SUFFIXES:
+        return tiff_parts(path)
+    if suffix in HDF5_SUFFIXES:
+        return hdf5_parts(path)
+    return times_files(path.parent) if suffix in RAW_SUFFIXES and is_koala_raw(path) else []
 
 
 def needs_layout(path: Path) -> bool:

@@ -19,6 +19,7 @@ from napari_phase4d.io.lazy import (
     FrameReader,
     Unsound,
     WrongFrameError,
+    beside,
     in_one_line,
     lazy_frames,
     map_frames,
@@ -34,7 +35,7 @@ from napari_phase4d.io.video import (
     quiet,
 )
 
-__all__ = ["TIFF_SUFFIXES", "check_described", "read_tiff"]
+__all__ = ["TIFF_SUFFIXES", "check_described", "read_tiff", "tiff_parts"]
 
 TIFF_SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
 
@@ -67,6 +68,8 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     try:
         with quiet(), tifffile.TiffFile(path) as tif:
             check_described(tif, path)
+            for name in named_parts(tif):
+                beside(path, name)
             axes, shape, single = layout_of(tif)
             offset = None if single else tif.series[0].dataoffset
             described = tif.is_ome or tif.is_imagej or tif.is_shaped
@@ -354,6 +357,28 @@ def ome_pixels(tif: tifffile.TiffFile) -> ET.Element | None:
     except ET.ParseError:
         return None
     return next((e for e in root.iter() if re.sub(r"\{.*\}", "", e.tag) == "Pixels"), None)
+
+
+def named_parts(tif: tifffile.TiffFile) -> list[str]:
+    """Return the names of the other files that hold frames of an OME-TIFF series.
+
+    A file that was renamed is still known by its number in the description.
+    """
+    pixels = ome_pixels(tif) if tif.is_ome else None
+    if pixels is None:
+        return []
+    own = ET.fromstring(tif.ome_metadata or "<OME/>").get("UUID", "")
+    others = [e for e in pixels.iter() if e.get("FileName") and (e.text or "").strip() != own]
+    return sorted({e.get("FileName", "") for e in others} - {tif.filename})
+
+
+def tiff_parts(path: Path) -> list[Path]:
+    """Return the other files of an OME-TIFF series; none of a file that is damaged."""
+    try:
+        with quiet(), tifffile.TiffFile(path) as tif:
+            return [path.parent / name for name in named_parts(tif)]
+    except Exception:  # a damaged file leads to any error; reading it will say what is wrong
+        return []
 
 
 def number(value: Any) -> float:

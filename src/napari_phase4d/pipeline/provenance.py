@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import glob
 import hashlib
+import os
 import platform
 import threading
 from collections.abc import Iterator
@@ -16,7 +17,7 @@ from typing import Any
 
 import xarray as xr
 
-from napari_phase4d.io import PROGRAM
+from napari_phase4d.io import PROGRAM, parts_beside
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.starting import FOUND_BY
@@ -56,8 +57,9 @@ class Fingerprint:
     bytes : int, optional
         Size; of a folder, of all files in it. None for a sample.
     sha256 : str, optional
-        Of a file, SHA-256 of what it holds, as other programs give it. Of a folder, SHA-256 of
-        the name, size and content of each file in it, in the order of their names.
+        Of a file, SHA-256 of what it holds, as other programs give it. Of a folder, or of a file
+        that is read with others, SHA-256 of the name, size and content of each, in the order of
+        their names.
     """
 
     name: str
@@ -88,7 +90,7 @@ class Hashing:
         self._before = [] if is_sample(self.source) else parts_of(self.source)
         self._stopped = threading.Event()
         self._pool = ThreadPoolExecutor(1, THREADS)
-        is_file = Path(self.source).is_file()
+        is_file = Path(self.source).is_file() and len(self._before) == 1
         self._future = self._pool.submit(hashed, self._before, self._stopped, is_file=is_file)
 
     @property
@@ -174,20 +176,33 @@ class Remembered:
 
 
 def parts_of(source: str) -> Parts:
-    """Return the files of an input with their sizes and times, in the order of their names."""
+    """Return the files of an input with their sizes and times, in the order of their names.
+
+    With all that is read beside those that were named, and what lies behind links.
+    """
     path = Path(source)
     if path.is_dir():
-        found = {p.relative_to(path).as_posix(): p for p in path.rglob("*") if p.is_file()}
-    elif path.exists():
-        found = {path.name: path}
+        found = {p.relative_to(path).as_posix(): p for p in files_below(path)}
+        found |= {os.path.relpath(p, path): p for p in parts_beside(path) if p.is_file()}
     else:
-        found = {Path(p).name: Path(p) for p in glob.glob(source) if Path(p).is_file()}  # noqa: PTH207
+        named = [path] if path.exists() else [Path(p) for p in glob.glob(source)]  # noqa: PTH207
+        found = {p.name: p for p in named if p.is_file()}
+        for one in named:
+            found |= {os.path.relpath(p, one.parent): p for p in parts_beside(one) if p.is_file()}
     if not found and not path.is_dir():
         msg = f"there is no file or folder {source}"
         raise OSError(msg)
     kept = sorted((name, p) for name, p in found.items() if p.name not in LITTER)
     facts = [(name, p, p.stat()) for name, p in kept]
     return [(name, p, stat.st_size, stat.st_mtime_ns) for name, p, stat in facts]
+
+
+def files_below(folder: Path) -> Iterator[Path]:
+    """Yield the files in a folder and below, also behind links, but no folder within itself."""
+    for place, folders, names in os.walk(folder, followlinks=True):
+        here = Path(place).resolve()
+        folders[:] = [f for f in folders if not here.is_relative_to((here / f).resolve())]
+        yield from (p for name in names if (p := Path(place) / name).is_file())
 
 
 def hashed(parts: Parts, stopped: threading.Event, *, is_file: bool) -> str:

@@ -16,7 +16,12 @@ from napari_phase4d.stacks.coordinates import (
     some,
     with_coordinates,
 )
-from napari_phase4d.stacks.kinds import check_unwrapped, check_wrapped, refuse_counts
+from napari_phase4d.stacks.kinds import (
+    check_unwrapped,
+    check_wrapped,
+    refuse_counts,
+    refuse_nothing,
+)
 
 __all__ = [
     "as_stack",
@@ -69,6 +74,7 @@ def unwrapped_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataAr
     """
     stack = as_stack(phase, name)
     refuse_counts(stack, name)
+    refuse_nothing(stack, name)
     check_unwrapped(stack, name)
     return stack
 

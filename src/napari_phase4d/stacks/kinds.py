@@ -19,6 +19,7 @@ __all__ = [
     "kind_of",
     "looks_wrapped",
     "refuse_counts",
+    "refuse_nothing",
 ]
 
 #: The attribute that notes which of the two phase is.
@@ -56,6 +57,13 @@ def refuse_counts(stack: xr.DataArray, name: str) -> None:
             "reconstruct() makes it of holograms"
         )
         raise TypeError(msg)
+
+
+def refuse_nothing(stack: xr.DataArray, name: str) -> None:
+    """Refuse a stack of which no number is known."""
+    if stack.dtype.kind == "f" and not sample_of(stack).size and not np.isfinite(stack).any():
+        msg = f"{name} holds nothing but NaN or infinite numbers"
+        raise ValueError(msg)
 
 
 def check_wrapped(stack: xr.DataArray, name: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.axes import AXES
+from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.machine import cores
 from napari_phase4d.progress import (
     CancelledCall,
@@ -391,13 +391,6 @@ def relative_amplitude(values: NDArray[Any], bright: NDArray[np.float64]) -> NDA
         view = values[:, angle]
         share[:, angle] = np.where(np.isfinite(view), view, 0) / bright[angle]
     return share
-
-
-def in_full(stack: xr.DataArray) -> NDArray[Any]:
-    """Return the values with all four axes (time, angle, y, x)."""
-    full = stack.expand_dims([d for d in AXES if d not in stack.dims])
-    values: NDArray[Any] = full.transpose(*AXES).values
-    return values
 
 
 def checked_boundaries(

@@ -24,7 +24,7 @@ from napari_phase4d._napari.viewing.pointing import (
 )
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.analysis import most_trusted, traces
+from napari_phase4d.analysis import most_trusted, traces_of
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import named_results
 from napari_phase4d.unwrapping import METHODS
@@ -193,7 +193,7 @@ class TracePart(Step):
             self.plot.message("These results lie on disk; Measure gives curves of a region.")
             return
         stacks = named_results(outcome.comparison, self.session.truth)
-        found = traces(stacks, self.presenter.current_frame(), where)
+        found = traces_of(stacks, self.presenter.current_frame(), where)
         time, angle = found.frame
         place = "mean of the region" if self._mask is not None else f"pixel {where}"
         panels = [

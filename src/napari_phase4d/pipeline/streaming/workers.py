@@ -26,6 +26,10 @@ AHEAD = 2
 BETWEEN_S = 0.01
 #: Seconds to wait for blocks that are under way when the work is stopped.
 ENDING_S = 30
+#: Seconds between two looks at whether there are workers.
+LOOK_AROUND_S = 1
+#: Seconds to wait for a new worker where all have died; what looks after them may start others.
+NEW_WORKER_S = 8
 #: Where dask's scheduler listens unless told otherwise.
 SCHEDULER_PORT = 8786
 #: Seconds to wait for the scheduler to answer.
@@ -98,7 +102,7 @@ class Cluster:
         watch.check()
         try:
             while True:
-                room = AHEAD * max(sum(self._client.nthreads().values()), 1) - len(waiting)
+                room = AHEAD * max(self._threads(watch), 1) - len(waiting)
                 for item in islice(left, max(room, 1)):
                     waiting.append(self._client.submit(work, item, pure=False))
                 if not waiting:
@@ -125,19 +129,42 @@ class Cluster:
                 return
             time.sleep(LOOK_UP_S)
 
+    def _threads(self, watch: Watch) -> int:
+        """Return how many threads the workers have."""
+        try:
+            return sum(self._client.nthreads().values())
+        except OSError as error:
+            msg = f"{watch.message}: the dask scheduler is gone; start one with 'dask scheduler'"
+            raise OSError(msg) from error
+
     def _result(self, future: Any, watch: Watch) -> Any:
-        """Wait for what one item gives."""
+        """Wait for what one item gives; a result that dies with its worker is made again."""
         from distributed import KilledWorker
 
-        while not future.done():
+        last_seen = looked = time.monotonic()
+        while True:
             watch.check()
-            time.sleep(BETWEEN_S)
-        try:
-            return future.result()
-        except KilledWorker as error:
-            times = error.allowed_failures + 1
-            msg = f"{watch.message}: {times} workers that did it died; see their logs"
-            raise OSError(msg) from error
+            if time.monotonic() - looked > LOOK_AROUND_S:
+                looked = time.monotonic()
+                if self._threads(watch):
+                    last_seen = looked
+                elif looked - last_seen > NEW_WORKER_S:
+                    msg = (
+                        f"{watch.message}: all workers of the cluster are gone; start some with "
+                        "'dask worker', then run it again"
+                    )
+                    raise OSError(msg)
+            if not future.done():
+                time.sleep(BETWEEN_S)
+                continue
+            try:
+                return future.result(timeout=LOOK_AROUND_S)
+            except TimeoutError:
+                continue
+            except KilledWorker as error:
+                times = error.allowed_failures + 1
+                msg = f"{watch.message}: {times} workers that did it died; see their logs"
+                raise OSError(msg) from error
 
 
 def answers(address: str) -> bool:
