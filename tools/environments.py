@@ -14,7 +14,7 @@ from pathlib import Path
 
 from dev import SIDE_BY_SIDE, WARM_UP, XVFB_SCREEN, has_display
 
-EXTRAS = ("bio", "cluster", "codecs", "flow", "napari", "video")
+EXTRAS = ("bio", "cells", "cluster", "codecs", "flow", "napari", "video")
 NAPARI = "napari[{}]>=0.9.2,<0.11"
 #: What is tried before it is released.
 NEXT_NAPARI = "napari[{}]>=0.10.0rc0,<0.11"

@@ -10,6 +10,7 @@ The chain, in the order of use:
 - `score_boundaries`: which frame is thin enough to start from;
 - `METHODS`, `unwrap`, `compare`: unwrapped phase, and methods side by side;
 - `confidence`: how far to trust each pixel of a result;
+- `find_cells`, `measure`: the cells, followed, and what each of them weighs;
 - `Recipe`, `run`: all of it in one call;
 - `simulation`: objects with exact phase, and holograms of them.
 """
@@ -24,10 +25,10 @@ if TYPE_CHECKING:
     __version__: str
 
     from napari_phase4d import simulation
-    from napari_phase4d.analysis import Comparison, compare
+    from napari_phase4d.analysis import Comparison, compare, find_cells, follow_cells, measure
     from napari_phase4d.analysis.confidence import confidence
     from napari_phase4d.holography import Lobe, find_lobes, power_spectrum, reconstruct
-    from napari_phase4d.io import RawLayout, open_recording, read_results, write_phase
+    from napari_phase4d.io import RawLayout, open_phase, open_recording, read_results, write_phase
     from napari_phase4d.optics import Optics
     from napari_phase4d.pipeline import Recipe, run
     from napari_phase4d.progress import Cancelled
@@ -45,7 +46,11 @@ __all__ = [
     "Recording",
     "compare",
     "confidence",
+    "find_cells",
     "find_lobes",
+    "follow_cells",
+    "measure",
+    "open_phase",
     "open_recording",
     "power_spectrum",
     "read_results",
@@ -68,7 +73,11 @@ _HOME = {
     "Recording": "recording",
     "compare": "analysis",
     "confidence": "analysis",
+    "find_cells": "analysis",
     "find_lobes": "holography",
+    "follow_cells": "analysis",
+    "measure": "analysis",
+    "open_phase": "io",
     "open_recording": "io",
     "power_spectrum": "holography",
     "read_results": "io",

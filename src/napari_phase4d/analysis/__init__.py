@@ -1,5 +1,6 @@
 """How good an unwrapping is, methods side by side, and what they say of the object."""
 
+from napari_phase4d.analysis.cells import find_cells, follow_cells
 from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
 from napari_phase4d.analysis.confidence import REFERENCE, confidence, slip_warning, slipped_frames
 from napari_phase4d.analysis.errors import mean_squared_error, wrong_cycle_map, wrong_cycle_share
@@ -26,6 +27,8 @@ __all__ = [
     "compare_on",
     "confidence",
     "difference",
+    "find_cells",
+    "follow_cells",
     "frame_of",
     "in_memory",
     "itoh_margin",

@@ -12,11 +12,12 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from skimage.draw import polygon2mask
 
+from napari_phase4d.analysis.cell_table import table_of_cells
 from napari_phase4d.analysis.loading import parts_over_time
-from napari_phase4d.axes import AXES
+from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.stacks import mask_on, pixel_um, unwrapped_stack
+from napari_phase4d.stacks import mask_on, on_grid_of, pixel_um, unwrapped_stack
 from napari_phase4d.words import as_numbers, shown
 
 __all__ = ["measure", "polygon_mask", "region_masks"]
@@ -124,28 +125,32 @@ NM_PER_UM = 1000
 
 def measure(
     unwrapped: xr.DataArray,
-    regions: Mapping[str, Any],
+    regions: Mapping[str, Any] | xr.DataArray | ArrayLike,
     optics: Optics,
     *,
     object_index: float | None = None,
     refraction_increment_ml_per_g: float = REFRACTION_INCREMENT_ML_PER_G,
+    oblique: bool = False,
+    confidence: xr.DataArray | ArrayLike | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
 ) -> pd.DataFrame:
-    """Measure regions in every frame.
+    """Measure cells, or regions, in every frame.
 
-    Phase is taken as it is: the empty field should be at 0. NaN and infinite pixels count as
-    outside of every region; pixels that a mask set to 0 count as flat.
+    NaN and infinite pixels count as outside; pixels that a mask set to 0 count as flat. In regions
+    phase is taken as it is: the empty field should be at 0. For cells the level of the empty field
+    round them is taken off.
 
     Parameters
     ----------
     unwrapped : xarray.DataArray
         Unwrapped phase in radians, dims among (time, angle, y, x), with coordinates in seconds,
         degrees and micrometres.
-    regions : mapping of str to array of bool
-        Name to mask: a DataArray that names its dims, or a plain array (y, x), (time, y, x),
-        which holds at every angle, or (time, angle, y, x); see `region_masks` and
-        `polygon_mask`. Time and angle may be 1 long and then hold always.
+    regions : array of int, or mapping of str to array of bool
+        Cells as `find_cells` gives them: 0 is none, a number is the same cell everywhere; dims
+        or shape as those of the phase. Or name to mask: a DataArray that names its dims, or a
+        plain array (y, x), (time, y, x), which holds at every angle, or (time, angle, y, x); see
+        `region_masks` and `polygon_mask`. Time and angle may be 1 long and then hold always.
     optics : Optics
         The microscope; its wavelength must be that of the phase, where the phase notes one.
     object_index : float, optional
@@ -154,13 +159,29 @@ def measure(
     refraction_increment_ml_per_g : float, optional
         How much one gram of dry matter in a millilitre raises the refractive index. Default 0.18
         mL/g (Barer, Nature 169, 366, 1952), which is 0.18 um^3/pg.
+    oblique : bool, optional
+        Whether phase of oblique views is multiplied by the cosine of their angle in the medium,
+        by which rays that come at an angle go through more of the object, where the image is
+        not foreshortened as well. Default False. For cells only.
+    confidence : DataArray or array_like, optional
+        What `confidence` gives: pixels in doubt make the error of a cell larger.
     progress, cancelled : callable, optional
-        ``progress(done, total, message)`` after each region; ``cancelled()`` stops the work.
+        ``progress(done, total, message)`` after each region or frame; ``cancelled()`` stops the
+        work.
 
     Returns
     -------
     pandas.DataFrame
-        One row a region, time and angle, in this order. Columns: "region", "time (s)",
+        Of cells one row a cell, time and angle, by number. Columns: "cell", "parent" (0 if it came
+        from no other), "time (s)", "angle (deg)", "y (um)", "x (um)" (its middle),
+        "speed (um/s)", "area (um^2)", "mean phase (rad)", "largest phase (rad)",
+        "mean optical path difference (nm)", "dry mass (pg)", "dry mass error (pg)",
+        "mass density (pg/um^2)", "circularity" (1 is a disc); with ``object_index``
+        "mean height (um)", "volume (um^3)", "volume error (um^3)". An error is one standard
+        deviation: of means over as much empty field, of where the cell ends, and of pixels in
+        doubt; not of the refraction increment.
+
+        Of regions one row a region, time and angle, in this order. Columns: "region", "time (s)",
         "angle (deg)", "area (um^2)", "mean phase (rad)", "mean optical path difference (nm)";
         with ``object_index`` "mean height (um)" and "volume (um^3)"; "dry mass (pg)". Where a
         region has no pixel in a frame, its means are NaN, its area, volume and mass 0. Time or
@@ -192,6 +213,18 @@ def measure(
     """
     stack = on_four_axes(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
+    if not isinstance(regions, Mapping) and hasattr(regions, "dtype"):
+        return table_of_cells(
+            stack, labels_on(regions, stack), parents_of(regions), optics,
+            sides_um=pixel_um(stack, "the phase"),
+            object_index=object_index,
+            refraction_increment_ml_per_g=refraction_increment_ml_per_g,
+            oblique=oblique,
+            confidence=None if confidence is None else in_full(
+                on_grid_of(confidence, unwrapped, "the confidence")
+            ),
+            watch=Watch(math.prod(stack.shape[:2]), "measuring", progress, cancelled),
+        )  # fmt: skip
     masks = {name: fitted(name, mask, stack) for name, mask in checked_regions(regions).items()}
     pixel_um2 = pixel_area_um2(stack)
     watch = Watch(len(masks), "measuring", progress, cancelled)
@@ -207,6 +240,27 @@ def measure(
         tables.append(pd.DataFrame(row))
         watch.step()
     return pd.concat(tables, ignore_index=True)
+
+
+def labels_on(labels: Any, stack: xr.DataArray) -> NDArray[Any]:
+    """Return labels (time, angle, y, x) that fit the phase, or say why they don't."""
+    if labels.dtype.kind not in "iu":
+        msg = f"cells must be whole numbers, as find_cells() gives them, but are {labels.dtype}"
+        raise TypeError(msg)
+    if isinstance(labels, xr.DataArray):
+        found = in_full(on_grid_of(labels, stack, "the cells"))
+    else:
+        found = np.asarray(labels)
+    if found.shape != stack.shape:
+        msg = f"the cells are {found.shape}, which does not fit the phase, {stack.shape}"
+        raise ValueError(msg)
+    return found
+
+
+def parents_of(labels: Any) -> dict[int, int]:
+    """Return the parent of each cell that came from another one."""
+    noted = getattr(labels, "attrs", {}).get("parents", ())
+    return {int(child): int(parent) for child, parent in noted}
 
 
 def totals(

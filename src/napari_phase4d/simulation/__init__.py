@@ -5,6 +5,7 @@ from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, project
 from napari_phase4d.simulation.faults import FAULTS, with_fault
 from napari_phase4d.simulation.hard_shapes import HARD_SHAPES, hard_shape
 from napari_phase4d.simulation.multiplexing import multiplexed_video
+from napari_phase4d.simulation.populations import swimming_cells
 from napari_phase4d.simulation.shapes import SHAPES, moving_shape, with_noise
 
 __all__ = [
@@ -19,6 +20,7 @@ __all__ = [
     "multiplexed_video",
     "phase_stack",
     "projected_phase",
+    "swimming_cells",
     "swimming_euglena",
     "with_fault",
     "with_noise",

@@ -12,7 +12,13 @@ import xarray as xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, projected_phase, rotation
 
-__all__ = ["Budding", "budding_yeast", "swimming_euglena"]
+__all__ = [
+    "EUGLENA_ANGLES_DEG",
+    "FRAME_RATE_HZ",
+    "Budding",
+    "budding_yeast",
+    "swimming_euglena",
+]
 
 YEAST_ANGLES_DEG = (0.0, 5.0, 10.0, 15.0, 20.0, 25.0)
 N_TIMES = 19

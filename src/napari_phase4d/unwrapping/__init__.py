@@ -22,6 +22,7 @@ from napari_phase4d.unwrapping.framewise import frame_by_frame
 from napari_phase4d.unwrapping.given import Given, is_known, working_frames
 from napari_phase4d.unwrapping.masks import left_out_advice
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
+from napari_phase4d.unwrapping.noise import noise_of
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS
 from napari_phase4d.unwrapping.running import (
@@ -61,6 +62,7 @@ __all__ = [
     "label_of",
     "left_out_advice",
     "loop_sums",
+    "noise_of",
     "noted",
     "roughest_on_the_way",
     "run_method",

@@ -1,0 +1,522 @@
+"""Cells: found in every frame, told apart where they touch, and followed over time and views."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import ArrayLike, NDArray
+from scipy import ndimage
+from scipy.optimize import linear_sum_assignment
+from skimage.filters import apply_hysteresis_threshold
+from skimage.morphology import h_maxima
+from skimage.segmentation import expand_labels, watershed
+
+from napari_phase4d.analysis.loading import parts_over_time
+from napari_phase4d.axes import AXES, PLAIN_AXES
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.stacks import check_rising, unwrapped_stack
+from napari_phase4d.unwrapping import noise_of
+from napari_phase4d.words import check_number
+
+__all__ = ["find_cells", "follow_cells"]
+
+#: A cell rises by so many radians above the empty field somewhere, if the noise allows it; with
+#: noise, by so many of its standard deviations after smoothing over a pixel.
+THRESHOLD_RAD, DEVIATIONS, SMOOTHING = 0.25, 6.0, 1.0
+#: All that is joined to it and rises by this share of that belongs to it, and so many pixels more.
+LOW, RIM = 0.4, 1
+#: Smaller blobs, in pixels, are no cells unless it is said how small a cell may be.
+SMALLEST_PIXELS = 30
+#: Two parts of a blob are two cells where its width between them is less than this share of that
+#: of the narrower one.
+NECK = 0.72
+#: A cell of the frame before takes part in a blob where this share of it lies in the blob.
+OVERLAP = 0.35
+#: Cells are looked for within so many of their diameters from frame to frame, also after as many
+#: frames without them as here.
+REACH, GAP = 1.0, 2
+#: To begin or end is dearer than any link that is allowed, by this factor.
+COSTLIER = 1.05
+#: A daughter takes at most this share of its parent's area.
+DAUGHTER = 0.85
+#: Tracks of two views are one cell's where they stay within so many diameters.
+REACH_ACROSS = 1.5
+#: ... and are seen together in this share of the frames of the shorter one.
+TOGETHER = 0.3
+
+Image = NDArray[np.float32]
+Labels = NDArray[np.int32]
+Mask = NDArray[np.bool_]
+
+
+def find_cells(
+    unwrapped: xr.DataArray | ArrayLike,
+    *,
+    threshold_rad: float | None = None,
+    smallest_um2: float | None = None,
+    largest_um2: float | None = None,
+    at_border: bool = True,
+    split: bool = True,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.DataArray:
+    """Find the cells of every frame, and give each one the same number everywhere.
+
+    What rises out of the empty field is a cell; blobs with a neck are cut at it, and where several
+    cells of the frame before have come together they are kept apart. Cells are then followed by
+    `follow_cells`.
+
+    Parameters
+    ----------
+    unwrapped : DataArray or array_like
+        Unwrapped phase in radians, dims among (time, angle, y, x), denser cells positive.
+    threshold_rad : float, optional
+        Phase above the empty field that some pixel of a cell must have. Default 0.25 rad, more
+        with much noise.
+    smallest_um2, largest_um2 : float, optional
+        Areas between which a cell lies, in square micrometres (in pixels where the phase has no
+        places along y and x). Default 30 pixels, and no upper limit.
+    at_border : bool, optional
+        Whether cells count that the border of the frame cuts off. Default True.
+    split : bool, optional
+        Whether blobs are cut where they have a neck. Default True.
+    progress, cancelled : callable, optional
+        See `unwrap`.
+
+    Returns
+    -------
+    xarray.DataArray
+        int32 in the form of the phase: 0 where there is no cell, else its number, from 1 in the
+        order in which cells appear. ``attrs["parents"]`` lists (daughter, parent) of every
+        division.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not fit.
+    ImportError
+        If the package that follows cells is not installed.
+    Cancelled
+        If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    measure : What each cell weighs.
+    follow_cells : For labels of another program.
+
+    Examples
+    --------
+    >>> import napari_phase4d as p4d
+    >>> sample = p4d.simulation.swimming_cells((96, 96), 3, 2, divisions=0, leaving=0, entering=0)
+    >>> cells = p4d.find_cells(sample["phase"])
+    >>> sorted(set(cells.values.ravel().tolist()))
+    [0, 1, 2]
+    """
+    phase = unwrapped_stack(unwrapped)
+    check_rising(phase, "phase")
+    stack = phase.expand_dims([d for d in AXES if d not in phase.dims]).transpose(*AXES)
+    area = math.prod(pixel_sides(stack))
+    rule = Rule(
+        None if threshold_rad is None else positive("threshold_rad", threshold_rad),
+        SMALLEST_PIXELS if smallest_um2 is None else positive("smallest_um2", smallest_um2) / area,
+        math.inf if largest_um2 is None else positive("largest_um2", largest_um2) / area,
+        at_border,
+        split,
+    )
+    labels = np.zeros(stack.shape, dtype=np.int32)
+    watch = Watch(math.prod(stack.shape[:2]), "finding cells", progress, cancelled)
+    for part, values in parts_over_time(stack):
+        frames = [values[place] for place in np.ndindex(*values.shape[:2])]
+        found = labels[part].reshape(-1, *stack.shape[2:])
+        for target, of_frame in zip(found, in_threads(rule.found_in, frames, watch), strict=True):
+            target[:] = of_frame
+    for angle in range(labels.shape[1]):
+        keep_apart(labels[:, angle])
+    full = xr.DataArray(labels, dims=AXES, coords=stack.coords)
+    followed = follow_cells(full, progress=progress, cancelled=cancelled)
+    missing = [d for d in AXES if d not in phase.dims]
+    result = followed.isel(dict.fromkeys(missing, 0), drop=True).transpose(*phase.dims)
+    named: xr.DataArray = result.rename("cells")
+    return named
+
+
+def positive(name: str, value: Any) -> float:
+    """Return a number above 0, or say that it is none."""
+    number = check_number(name, value)
+    if not number > 0:
+        msg = f"{name} must be a number above 0, but is {value!r}"
+        raise ValueError(msg)
+    return number
+
+
+def pixel_sides(stack: xr.DataArray) -> tuple[float, float]:
+    """Return height and width of a pixel in micrometres; 1 where there are no places."""
+    sides = []
+    for axis in ("y", "x"):
+        places = stack.coords[axis].values if axis in stack.coords else np.arange(2)
+        sides.append(abs(float(places[1] - places[0])) if len(places) > 1 else 1.0)
+    return sides[0], sides[1]
+
+
+# ---- in a frame ------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Rule:
+    """What a cell is, see `find_cells`; areas in pixels."""
+
+    threshold: float | None
+    smallest: float
+    largest: float
+    at_border: bool
+    split: bool
+
+    def found_in(self, phase: Image) -> Labels:
+        """Return the cells of a frame (y, x), numbered from 1."""
+        known = np.isfinite(phase)
+        filled = np.where(known, phase, 0).astype(np.float32)
+        if not known.any():
+            return np.zeros(phase.shape, dtype=np.int32)
+        noise = noise_of(filled, known) / (2 * math.sqrt(math.pi) * SMOOTHING)
+        high = self.threshold or max(THRESHOLD_RAD, DEVIATIONS * noise)
+        height = ndimage.gaussian_filter(filled - level_of(filled[known]), SMOOTHING)
+        height[~known] = 0
+        above = apply_hysteresis_threshold(height, max(LOW * high, 3 * noise), high)
+        above = ndimage.binary_fill_holes(ndimage.binary_opening(above, iterations=1))
+        labels, count = ndimage.label(above)
+        labels = labels.astype(np.int32)
+        if self.split and count:
+            labels = cut_at_necks(labels, self.smallest)
+        labels = expand_labels(labels, RIM).astype(np.int32)
+        return self._numbered(labels)
+
+    def _numbered(self, labels: Labels) -> Labels:
+        """Give those blobs that may be cells new numbers."""
+        sizes = np.bincount(labels.ravel())
+        kept = (sizes >= self.smallest) & (sizes <= self.largest)
+        kept[0] = False
+        if not self.at_border:
+            rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+            kept[rim] = False
+        number = np.cumsum(kept, dtype=np.int32) * kept
+        found: Labels = number[labels].astype(np.int32)
+        return found
+
+
+def level_of(values: NDArray[np.floating]) -> float:
+    """Return the commonest of some numbers: the level of the empty field."""
+    low, high = np.quantile(values, (0.001, 0.999))
+    bins = int(np.clip((high - low) / 0.05, 8, 4096))
+    counts, edges = np.histogram(values, bins, (low, max(high, low + 1e-3)))
+    smooth = ndimage.gaussian_filter1d(counts.astype(float), 1.5)
+    middle = float(edges[int(np.argmax(smooth))] + (edges[1] - edges[0]) / 2)
+    near = values[np.abs(values - middle) < 0.3]
+    return float(np.median(near)) if near.size else middle
+
+
+def cut_at_necks(labels: Labels, smallest: float) -> Labels:
+    """Cut blobs in two where they are narrow between two wide parts."""
+    found = labels.copy()
+    count = int(labels.max())
+    for number, box in enumerate(ndimage.find_objects(labels), 1):
+        if box is None:
+            continue
+        blob = np.pad(labels[box] == number, 1)
+        depth = ndimage.gaussian_filter(ndimage.distance_transform_edt(blob), 1.0) * blob
+        deepest = float(depth.max())
+        markers, n = ndimage.label(h_maxima(depth, 0.1 * deepest))
+        if n < 2:
+            continue
+        parts = joined_over_wide_necks(watershed(-depth, markers, mask=blob), depth, smallest)
+        inner = parts[1:-1, 1:-1]
+        for extra in range(2, int(parts.max()) + 1):
+            count += 1
+            found[box][inner == extra] = count
+    return found
+
+
+def joined_over_wide_necks(parts: Labels, depth: Image, smallest: float) -> Labels:
+    """Join parts of a blob whose neck is not narrow, or that are too small, numbered from 1."""
+    parts = parts.astype(np.int32)
+    while parts.max() > 1:
+        sizes = np.bincount(parts.ravel())
+        widest = ndimage.maximum(depth, parts, np.arange(len(sizes)))
+        best: tuple[float, int, int] | None = None
+        for a, b, neck in necks(parts, depth):
+            share = neck / min(widest[a], widest[b])
+            if min(sizes[a], sizes[b]) < smallest:
+                share = 2.0
+            if share > NECK and (best is None or share > best[0]):
+                best = share, a, b
+        if best is None:
+            break
+        _, a, b = best
+        parts[parts == b] = a
+        parts[parts > b] -= 1
+    return parts
+
+
+def necks(parts: Labels, depth: Image) -> Iterable[tuple[int, int, float]]:
+    """Yield the pairs of parts that touch, and the greatest depth where they do."""
+    found: dict[tuple[int, int], float] = {}
+    for axis in (0, 1):
+        one = parts[:-1] if axis == 0 else parts[:, :-1]
+        other = parts[1:] if axis == 0 else parts[:, 1:]
+        here = depth[:-1] if axis == 0 else depth[:, :-1]
+        there = depth[1:] if axis == 0 else depth[:, 1:]
+        touch = (one != other) & (one > 0) & (other > 0)
+        lower = np.minimum(here, there)[touch]
+        for a, b, d in zip(
+            one[touch].tolist(), other[touch].tolist(), lower.tolist(), strict=True
+        ):
+            pair = (min(a, b), max(a, b))
+            found[pair] = max(found.get(pair, 0.0), d)
+    return ((a, b, d) for (a, b), d in sorted(found.items()))
+
+
+# ---- from frame to frame ---------------------------------------------------------------------
+
+
+def keep_apart(labels: Labels) -> None:
+    """Cut blobs of a view (time, y, x) that several cells of the time before make up, in place."""
+    for before, now in pairwise(labels):
+        both = (before > 0) & (now > 0)
+        if not both.any():
+            continue
+        sizes = np.bincount(before.ravel())
+        pairs, overlap = np.unique(np.stack([now[both], before[both]]), axis=1, return_counts=True)
+        shared = overlap >= OVERLAP * sizes[pairs[1]]
+        blobs, members = np.unique(pairs[0][shared], return_counts=True)
+        for blob in blobs[members > 1]:
+            cells = pairs[1][shared & (pairs[0] == blob)]
+            split_as_before(now, int(blob), before, cells)
+
+
+def split_as_before(now: Labels, blob: int, before: Labels, cells: NDArray[Any]) -> None:
+    """Cut one blob of a frame, in place, into the cells that it is made of."""
+    inside = now == blob
+    markers = np.zeros_like(now)
+    for number, cell in enumerate(cells, 1):
+        core = ndimage.binary_erosion((before == cell) & inside, iterations=2)
+        markers[core] = number
+    if len(np.unique(markers)) <= 2:
+        return
+    depth = ndimage.distance_transform_edt(inside)
+    parts = watershed(-depth, markers, mask=inside)
+    top = int(now.max())
+    for extra in range(2, int(parts.max()) + 1):
+        top += 1
+        now[parts == extra] = top
+
+
+def follow_cells(
+    labels: xr.DataArray | ArrayLike,
+    *,
+    reach_um: float | None = None,
+    gap: int = GAP,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.DataArray:
+    """Give cells that were found frame by frame the same number at all times and in all views.
+
+    Cells of following frames are linked so that the sum of squared ways is least (LAP tracking,
+    Jaqaman et al., Nat. Methods 5, 695, 2008, by the package laptrack); gaps are closed, and a
+    cell that is followed by two smaller ones has divided. Tracks of two views are one cell's where
+    they run side by side.
+
+    Parameters
+    ----------
+    labels : DataArray or array_like of int, dims among (time, angle, y, x)
+        0 is no cell; in each frame every other number is one. Numbers of different frames need
+        not have to do with each other.
+    reach_um : float, optional
+        How far a cell moves from frame to frame at most. Default one diameter.
+    gap : int, optional
+        For how many frames a cell may not be found and still be the same one.
+    progress, cancelled : callable, optional
+        See `unwrap`.
+
+    Returns
+    -------
+    xarray.DataArray
+        int32 in the form of the labels, see `find_cells`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If the labels are none.
+    ImportError
+        If the package laptrack is not installed.
+    """
+    given = as_labels(labels)
+    stack = given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES)
+    values = np.asarray(stack.data).astype(np.int32)
+    sides = pixel_sides(stack)
+    watch = Watch(values.shape[1], "following cells", progress, cancelled)
+    views = []
+    for angle in range(values.shape[1]):
+        watch.check()
+        views.append(tracks_of(spots_of(values[:, angle], sides), reach_um, gap))
+        watch.step()
+    parents = joined_views(views)
+    followed = np.zeros_like(values)
+    for angle, spots in enumerate(views):
+        of_spot = spots[["frame", "label", "cell"]].to_numpy(np.int64)
+        for time in np.unique(of_spot[:, 0]):
+            frame, here = values[time, angle], of_spot[of_spot[:, 0] == time]
+            number = np.zeros(int(frame.max()) + 1, dtype=np.int32)
+            number[here[:, 1]] = here[:, 2]
+            followed[time, angle] = number[frame]
+    missing = [d for d in AXES if d not in given.dims]
+    full = xr.DataArray(followed, dims=AXES, coords=stack.coords)
+    result = full.isel(dict.fromkeys(missing, 0), drop=True).transpose(*given.dims)
+    result.attrs = {"kind": "cells", "parents": [list(pair) for pair in parents]}
+    return result
+
+
+def as_labels(given: Any) -> xr.DataArray:
+    """Return labels with names of their axes, or say what is wrong with them."""
+    if isinstance(given, xr.DataArray):
+        labels: xr.DataArray = given
+    else:
+        values = np.asarray(given)
+        if values.ndim not in PLAIN_AXES:
+            msg = f"labels must have two to four axes, but are {values.shape}"
+            raise ValueError(msg)
+        labels = xr.DataArray(values, dims=PLAIN_AXES[values.ndim])
+    if labels.dtype.kind not in "iub":
+        msg = f"labels must be whole numbers, but are {labels.dtype}"
+        raise TypeError(msg)
+    if set(labels.dims) - set(AXES) or not {"y", "x"} <= set(labels.dims):
+        msg = f"labels have dims {tuple(labels.dims)}; they must be among {', '.join(AXES)}"
+        raise ValueError(msg)
+    if labels.dtype.kind != "b" and bool((labels < 0).any()):
+        msg = "labels must be 0 or more, but some are negative"
+        raise ValueError(msg)
+    return labels
+
+
+def spots_of(labels: Labels, sides: tuple[float, float]) -> pd.DataFrame:
+    """Return place (um) and width of every cell of a view (time, y, x)."""
+    rows: list[tuple[float, ...]] = []
+    for time, frame in enumerate(labels):
+        sizes = np.bincount(frame.ravel())
+        numbers = np.flatnonzero(sizes[1:]) + 1
+        if not len(numbers):
+            continue
+        centres = ndimage.center_of_mass(np.ones(frame.shape), frame, numbers)
+        for number, (y, x) in zip(numbers, centres, strict=True):
+            area = sizes[number] * sides[0] * sides[1]
+            rows.append((time, int(number), y * sides[0], x * sides[1], area))
+    found = pd.DataFrame(rows, columns=["frame", "label", "y", "x", "area"])
+    return found.astype({"frame": int, "label": int})
+
+
+def tracks_of(spots: pd.DataFrame, reach_um: float | None, gap: int) -> pd.DataFrame:
+    """Add to the cells of a view their "track" and its "parent", -1 where there is none."""
+    if spots.empty:
+        return spots.assign(track=pd.Series(dtype=int), parent=pd.Series(dtype=int))
+    try:
+        from laptrack import LapTrack
+    except ImportError as error:
+        msg = 'following cells needs one more package; run: pip install "napari-phase4d[cells]"'
+        raise ImportError(msg) from error
+    diameter = 2 * math.sqrt(float(spots["area"].median()) / math.pi)
+    reach = REACH * diameter if reach_um is None else positive("reach_um", reach_um)
+
+    # A change of the area counts as a way, so that a small cell is not taken for a large one.
+    spots = spots.assign(size=0.5 * diameter * np.log(spots["area"]))
+    tracker = LapTrack(
+        cutoff=reach**2,
+        gap_closing_cutoff=(1.5 * reach) ** 2, gap_closing_max_frame_count=gap,
+        splitting_cutoff=diameter**2,
+        # Else what a new cell costs would hang on what the others cost.
+        track_start_cost=COSTLIER * reach**2, track_end_cost=COSTLIER * reach**2,
+        segment_start_cost=COSTLIER * (1.5 * reach) ** 2,
+        segment_end_cost=COSTLIER * (1.5 * reach) ** 2,
+        no_splitting_cost=COSTLIER * diameter**2,
+    )  # fmt: skip
+    found, divisions, _ = tracker.predict_dataframe(
+        spots, coordinate_cols=["y", "x", "size"], frame_col="frame", only_coordinate_cols=False
+    )
+    found = found.reset_index(drop=True).rename(columns={"track_id": "track", "frame_y": "frame"})
+    if "frame" not in found:
+        found["frame"] = spots["frame"].to_numpy()
+    ends = found.groupby("track")["area"].agg(["first", "last"])
+    parent = dict.fromkeys(found["track"].tolist(), -1)
+    pairs = () if divisions.empty else divisions[["child_track_id", "parent_track_id"]].to_numpy()
+    for child, mother in pairs:
+        if ends["first"][child] <= DAUGHTER * ends["last"][mother]:
+            parent[child] = mother
+    return pd.DataFrame(found).assign(parent=[parent[track] for track in found["track"]])
+
+
+def joined_views(views: list[pd.DataFrame]) -> list[tuple[int, int]]:
+    """Give tracks of all views the numbers of cells, as "cell"; return (daughter, parent)."""
+    first = next((view for view in views if not view.empty), views[0])
+    keys: list[dict[int, int]] = []  # of every view, track -> group
+    count = 0
+    for view in views:
+        same = {} if view is first or view.empty else across(first, view)
+        base = next((k for v, k in zip(views, keys, strict=False) if v is first), {})
+        groups: dict[int, int] = {}
+        for track in view["track"].unique().tolist():
+            if track in same and same[track] in base:
+                groups[track] = base[same[track]]
+            else:
+                groups[track] = count
+                count += 1
+        keys.append(groups)
+    began: dict[int, tuple[float, ...]] = {}
+    for number, (view, groups) in enumerate(zip(views, keys, strict=True)):
+        for track, *place in view[["track", "frame", "y", "x"]].to_numpy(np.float64).tolist():
+            here = (place[0], number, *place[1:])
+            group = groups[int(track)]
+            began[group] = min(began.get(group, here), here)
+    order = {group: i for i, group in enumerate(sorted(began, key=began.__getitem__), 1)}
+    parents: dict[int, int] = {}
+    for view, groups in zip(views, keys, strict=True):
+        view["cell"] = [order[groups[track]] for track in view["track"].tolist()]
+        for track, parent in set(map(tuple, view[["track", "parent"]].to_numpy(int).tolist())):
+            if parent >= 0:
+                parents.setdefault(order[groups[track]], order[groups[parent]])
+    return sorted((child, parent) for child, parent in parents.items() if child != parent)
+
+
+def across(first: pd.DataFrame, other: pd.DataFrame) -> dict[int, int]:
+    """Return for tracks of a view those of the first one that run beside them."""
+    columns = ["track", "y", "x", "area"]
+    diameter = 2 * math.sqrt(float(first["area"].median()) / math.pi)
+    both = first.merge(other, on="frame", suffixes=("", "_2"))
+    one = both[columns].to_numpy(np.float64)
+    two = both[[f"{name}_2" for name in columns]].to_numpy(np.float64)
+    way = two[:, 1:3] - one[:, 1:3]
+    near = np.hypot(*way.T) < 2 * REACH_ACROSS * diameter
+    shift = np.median(way[near], axis=0) if near.any() else np.zeros(2)
+    off = np.hypot(*(way - shift).T)
+    grown = 0.5 * diameter * np.abs(np.log(two[:, 3] / one[:, 3]))
+    tracks = [np.unique(part[:, 0]).astype(int) for part in (one, two)]
+    lengths = [np.bincount(view["track"].to_numpy(int)) for view in (first, other)]
+    limit = REACH_ACROSS * diameter
+    cost = np.full((len(tracks[0]), len(tracks[1])), 10 * limit)
+    for i, j in np.ndindex(*cost.shape):
+        of_pair = (one[:, 0] == tracks[0][i]) & (two[:, 0] == tracks[1][j])
+        if not of_pair.any():
+            continue
+        share = of_pair.sum() / min(lengths[0][tracks[0][i]], lengths[1][tracks[1][j]])
+        apart = float(np.median(off[of_pair]))
+        if apart < limit and share > TOGETHER:
+            cost[i, j] = apart + float(np.median(grown[of_pair])) - 0.1 * limit * share
+    rows, found = linear_sum_assignment(cost)
+    return {
+        int(tracks[1][j]): int(tracks[0][i])
+        for i, j in zip(rows, found, strict=True)
+        if cost[i, j] < 2 * limit
+    }

@@ -1,0 +1,213 @@
+"""Cells found, followed and weighed, against simulated cells whose labels and masses are exact."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+from scipy.optimize import linear_sum_assignment
+
+import napari_phase4d as p4d
+from napari_phase4d.simulation import swimming_cells
+
+#: Cells at first, shape, what happens.
+RECORDINGS = {
+    "few": (3, (160, 160), {}),
+    "some": (7, (200, 256), {}),
+    "many": (14, (288, 360), {"divisions": 2, "leaving": 2, "entering": 2}),
+}
+
+
+@lru_cache
+def recording(name: str, noise: float, seed: int = 0) -> tuple[xr.Dataset, xr.DataArray]:
+    count, shape, events = RECORDINGS[name]
+    data = swimming_cells(shape, 40, count, seed=seed, **events)
+    rng = np.random.default_rng(seed)
+    noisy = data["phase"] + rng.normal(0, noise, data["phase"].shape).astype(np.float32)
+    noisy.attrs = data["phase"].attrs
+    return data, noisy
+
+
+@lru_cache
+def found_in(name: str, noise: float, seed: int = 0) -> xr.DataArray:
+    return p4d.find_cells(recording(name, noise, seed)[1])
+
+
+def overlaps(true: np.ndarray, found: np.ndarray) -> tuple[list[tuple[int, int]], int, int]:
+    """Return the pairs of cells that overlap by half, and how many there are on either side."""
+    n = int(found.max()) + 1
+    joint = np.bincount((true.ravel() * n + found.ravel()), minlength=(true.max() + 1) * n)
+    joint = joint.reshape(-1, n).astype(float)
+    sizes = joint.sum(1), joint.sum(0)
+    share = joint / (sizes[0][:, None] + sizes[1][None] - joint + 1e-9)
+    share[0], share[:, 0] = 0, 0
+    rows, columns = linear_sum_assignment(-share)
+    pairs = [(i, j) for i, j in zip(rows, columns, strict=True) if share[i, j] >= 0.5]
+    return pairs, int((sizes[0][1:] >= 30).sum()), int((sizes[1][1:] > 0).sum())
+
+
+CASES = [(name, noise) for name in RECORDINGS for noise in (0.0, 0.3)]
+
+
+@pytest.mark.parametrize(("name", "noise"), CASES)
+def test_cells_are_found_and_keep_their_numbers(name: str, noise: float) -> None:
+    data, _ = recording(name, noise)
+    true, found = data["cells"].values, found_in(name, noise).values
+    hits = wanted = given = switches = 0
+    for angle in range(2):
+        number: dict[int, int] = {}
+        for time in range(len(true)):
+            pairs, there, here = overlaps(true[time, angle], found[time, angle])
+            hits, wanted, given = hits + len(pairs), wanted + there, given + here
+            for cell, label in pairs:
+                switches += number.setdefault(cell, label) != label
+                number[cell] = label
+    assert 2 * hits / (wanted + given) >= 0.98
+    assert switches <= 1
+
+
+@pytest.mark.parametrize(("name", "noise"), CASES)
+def test_divisions_are_found(name: str, noise: float) -> None:
+    data, _ = recording(name, noise)
+    found = found_in(name, noise)
+    daughters = data["cell"].values[data["parent"].values > 0]
+    assert len(found.attrs["parents"]) == len(daughters)
+    number = {}
+    for t in range(data.sizes["time"]):
+        for cell, label in overlaps(data["cells"].values[t, 0], found.values[t, 0])[0]:
+            number.setdefault(cell, label)
+    parent = dict(found.attrs["parents"])
+    for daughter in daughters:
+        mother = int(data["parent"].sel(cell=daughter))
+        assert parent[number[int(daughter)]] == number[mother]
+
+
+def test_both_views_have_the_same_numbers() -> None:
+    data, _ = recording("some", 0.3)
+    found = found_in("some", 0.3).values
+    for t in (0, 12, 39):
+        sides = []
+        for angle in range(2):
+            pairs, _, _ = overlaps(data["cells"].values[t, angle], found[t, angle])
+            sides.append(dict(pairs))
+        both = sides[0].keys() & sides[1].keys()
+        assert len(both) >= 6
+        assert all(sides[0][cell] == sides[1][cell] for cell in both)
+
+
+def table_of(name: str, noise: float, seed: int) -> pd.DataFrame:
+    """Measure a recording; add the true mass of each cell that is wholly in view."""
+    data, noisy = recording(name, noise, seed)
+    cells = found_in(name, noise, seed)
+    table = p4d.measure(noisy, cells, p4d.Optics())
+    times, angles = data["time"].values.tolist(), data["angle"].values.tolist()
+    true = []
+    for row in table.itertuples(index=False, name=None):
+        t = int(np.argmin(np.abs(np.array(times) - row[2])))
+        a = angles.index(row[3])
+        of_cell = np.bincount(data["cells"].values[t, a][cells.values[t, a] == row[0]])
+        of_cell[0] = 0
+        cell = int(of_cell.argmax())
+        true.append(float(data["dry_mass_pg"].sel(cell=cell)[t]) if of_cell.any() else np.nan)
+    return table.assign(true=true).dropna(subset=["true"])
+
+
+@pytest.mark.parametrize("noise", [0.2, 0.5])
+def test_masses_are_right_and_their_errors_cover(noise: float) -> None:
+    table = pd.concat([table_of("some", noise, seed) for seed in (0, 1, 2)])
+    off = table["dry mass (pg)"] - table["true"]
+    assert (off.abs() / table["true"]).median() < 0.01
+    covered = (off.abs() < table["dry mass error (pg)"]).mean()
+    assert 0.6 < covered < 0.8
+
+
+def test_a_disc_has_its_area_and_form() -> None:
+    y, x = np.mgrid[:64, :64] - 31.5
+    disc = np.where(y**2 + x**2 < 15**2, 2.0, 0.0).astype(np.float32)
+    phase = xr.DataArray(
+        disc[None, None].repeat(2, 0), dims=("time", "angle", "y", "x"),
+        coords={"time": [0.0, 1.0], "angle": [0.0], "y": y[:, 0] / 2, "x": x[0] / 2},
+    )  # fmt: skip
+    optics = p4d.Optics()
+    table = p4d.measure(phase, (phase.values > 1).astype(np.int32), optics, object_index=1.4)
+    assert table["cell"].tolist() == [1, 1]
+    assert table["area (um^2)"][0] == pytest.approx(np.pi * 7.5**2, rel=0.02)
+    assert table["circularity"][0] > 0.95
+    assert table["mean phase (rad)"][0] == pytest.approx(2.0)
+    assert table["speed (um/s)"].tolist()[1] == 0
+    height = optics.height_um(2.0, 1.4)
+    assert table["volume (um^3)"][0] == pytest.approx(height * table["area (um^2)"][0])
+    tilted = phase.assign_coords(angle=[60.0])
+    cells = (phase.values > 1).astype(np.int32)
+    half = p4d.measure(tilted, cells, optics, oblique=True)["dry mass (pg)"][0]
+    assert half == pytest.approx(0.5 * table["dry mass (pg)"][0])
+
+
+def test_pixels_in_doubt_make_the_error_larger() -> None:
+    _, noisy = recording("few", 0.3)
+    cells = found_in("few", 0.3)
+    sure = p4d.measure(noisy, cells, p4d.Optics(), confidence=xr.ones_like(noisy))
+    doubted = p4d.measure(noisy, cells, p4d.Optics(), confidence=xr.ones_like(noisy) * 0.9)
+    name = "dry mass error (pg)"
+    np.testing.assert_allclose(sure[name], p4d.measure(noisy, cells, p4d.Optics())[name])
+    assert (doubted[name] > sure[name]).all()
+
+
+def test_labels_of_another_program_are_followed() -> None:
+    data, _ = recording("some", 0.0)
+    labels = data["cells"].values.copy()
+    rng = np.random.default_rng(0)
+    for frame in labels.reshape(-1, *labels.shape[2:]):  # as found frame by frame
+        frame[:] = np.append(0, rng.permutation(np.arange(1, 40)))[frame]
+    followed = p4d.follow_cells(labels).values
+    for angle in range(2):
+        for cell in range(1, 8):
+            numbers = np.unique(followed[:, angle][data["cells"].values[:, angle] == cell])
+            assert len(numbers) == 1
+
+
+def test_sizes_and_the_border_are_minded() -> None:
+    _, noisy = recording("few", 0.0)
+    pixel = float(noisy["x"][1] - noisy["x"][0])
+    area = np.bincount(p4d.find_cells(noisy[:1]).values[0, 0].ravel())[1:] * pixel**2
+    assert p4d.find_cells(noisy[:1], largest_um2=area.min() * 0.9).values.max() == 0
+    assert p4d.find_cells(noisy[:1], smallest_um2=area.max() * 1.5).values.max() == 0
+    inside = p4d.find_cells(noisy, at_border=False).values
+    assert not inside[..., 0].any()
+    assert not inside[..., -1, :].any()
+
+
+@pytest.mark.parametrize(
+    ("call", "sentence"),
+    [
+        (lambda p: p4d.find_cells(p, threshold_rad=-1), "threshold_rad must be a number above 0"),
+        (lambda p: p4d.find_cells(p > 1), "bool, as masks are"),
+        (lambda p: p4d.follow_cells(p), "labels must be whole numbers"),
+        (lambda p: p4d.follow_cells(-np.ones((3, 9, 9), int)), "some are negative"),
+        (lambda p: p4d.follow_cells(np.ones(9, int)), "two to four axes"),
+        (lambda p: p4d.measure(p, np.ones((3, 3), int), p4d.Optics()), "does not fit the phase"),
+        (lambda p: p4d.measure(p, p.values, p4d.Optics()), "cells must be whole numbers"),
+        (lambda p: p4d.measure(p, np.zeros(p.shape, int), p4d.Optics()), "there are no cells"),
+    ],
+)
+def test_what_can_not_be_is_said(call, sentence: str) -> None:
+    with pytest.raises((TypeError, ValueError), match=sentence):
+        call(recording("few", 0.0)[0]["phase"])
+
+
+def test_a_stack_on_disk_gives_the_same() -> None:
+    _, noisy = recording("few", 0.3)
+    cells = p4d.find_cells(noisy.chunk({"time": 4}))
+    xr.testing.assert_identical(cells.drop_attrs(), found_in("few", 0.3).drop_attrs())
+
+
+def test_other_axes_give_the_same() -> None:
+    _, noisy = recording("few", 0.0)
+    turned = p4d.find_cells(noisy.transpose("x", "time", "angle", "y"))
+    assert turned.dims == ("x", "time", "angle", "y")
+    np.testing.assert_array_equal(turned.transpose(*noisy.dims), found_in("few", 0.0))
+    one = p4d.find_cells(noisy.isel(time=0, angle=0))
+    assert one.dims == ("y", "x")
