@@ -129,6 +129,13 @@ def docs(rest: list[str]) -> int:
     return run_graphical([*build, *rest])
 
 
+def looks(rest: list[str]) -> int:
+    """Make the pictures anew that the window's five steps are compared with."""
+    setup([])
+    variables = {"PHASE4D_LOOKS_ANEW": "1"}
+    return run_graphical(["-m", "pytest", "-n0", "tests/_napari/test_looks.py", *rest], variables)
+
+
 def pictures(rest: list[str]) -> int:
     """Make the pictures of the documents from the real program."""
     setup([])
@@ -268,7 +275,8 @@ def python_in_venv() -> Path:
 
 
 ALL = (
-    setup, demo, napari, test, check, docs, pictures, bench, accuracy, mutations, matrix, review,
+    setup, demo, napari, test, check, docs, looks, pictures, bench, accuracy, mutations, matrix,
+    review,
 )  # fmt: skip
 COMMANDS = {function.__name__: function for function in ALL}
 

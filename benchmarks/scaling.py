@@ -89,7 +89,7 @@ SCRIPTS = {
     ),
     "... and by all methods": (
         "import numpy as np, napari_phase4d as p4d; "
-        "p4d.compare(np.random.default_rng(0).uniform(-3, 3, (3, 2, 40, 40)), list(p4d.METHODS))"
+        "p4d.compare(np.random.default_rng(0).uniform(-3, 3, (3, 2, 40, 40)))"
     ),
 }
 

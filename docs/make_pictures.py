@@ -26,6 +26,7 @@ MAKERS = {
         "5_measure",
         "5_save",
     ),
+    ("stills", "stills_of_the_cells"): ("5_cells",),
     ("stills", "stills_of_the_yeast"): ("6_yeast", "7_steps", "8_trust", "9_difference", "light"),
     ("moving", "moving_picture"): ("window",),
     ("results", "figures_of_the_paper"): ("figure_2", "figure_4"),

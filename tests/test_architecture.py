@@ -38,7 +38,7 @@ ALLOWED = {
         "optics", "recording", "progress", "stack", "io", "holography", "unwrapping", "analysis",
         "sample",
     },
-    "scripting": {"optics", "io", "holography", "unwrapping", "pipeline"},
+    "scripting": {"optics", "io", "holography", "unwrapping", "analysis", "pipeline"},
     "reproduction": {
         "progress", "io", "analysis", "plotting", "unwrapping", "pipeline", "sample", "simulation",
     },

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import json
 import shutil
@@ -22,6 +23,7 @@ import napari_phase4d as p4d
 from batches import RECIPE, batch, names, statuses, write_phases
 from helpers import command
 from napari_phase4d.io import read_results
+from napari_phase4d.io.atomic import remove_folder
 from napari_phase4d.pipeline import Outcome, run_batch, sentence_of
 from napari_phase4d.pipeline import fingerprint as fingerprint_of
 from small_disks import small_disk
@@ -281,3 +283,27 @@ def test_ctrl_c_is_one_sentence_and_nothing_half_written(phases: Path, tmp_path:
     assert 3 <= len(folders) < 300
     assert all((folder / "run.json").exists() for folder in folders)
     assert names(tmp_path / "out") == {f.name for f in folders} | {"batch.log", "summary.csv"}
+
+
+def test_a_folder_goes_although_something_is_still_written_into_it(tmp_path: Path) -> None:
+    """Zarr's chunks are written side by side: when one fails, others still come."""
+    folder = tmp_path / ".large-partial"
+
+    def late() -> None:
+        for number in range(8):
+            (folder / "c").mkdir(parents=True, exist_ok=True)
+            (folder / "c" / str(number)).write_bytes(b"x")
+            time.sleep(0.01)
+
+    def patient() -> None:
+        with contextlib.suppress(OSError):  # its folder is being removed under its hands
+            late()
+
+    writing = [threading.Thread(target=patient) for _ in range(2)]
+    for thread in writing:
+        thread.start()
+    time.sleep(0.01)
+    remove_folder(folder)
+    for thread in writing:
+        thread.join()
+    assert not folder.exists()

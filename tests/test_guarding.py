@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+import zarr
+from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.cli import main
@@ -20,6 +22,7 @@ from napari_phase4d.io.atomic import machine
 from napari_phase4d.pipeline import run_batch
 from napari_phase4d.pipeline.batch.folders import NOTE
 from napari_phase4d.pipeline.batch.lock import began
+from napari_phase4d.pipeline.guarding import result_folder
 
 #: No process has this number.
 NO_PROCESS = 2**22 + 1
@@ -247,3 +250,77 @@ def test_results_without_a_note_are_known_by_themselves(phase: Path, tmp_path: P
     (out / "spatial-2d.ome.tif").write_bytes(b"mine")
     assert run_one(phase, out) == 1
     assert (out / "spatial-2d.ome.tif").read_bytes() == b"mine"
+
+
+@pytest.mark.parametrize("name", ["spatial-2d.ome.tif", "table.csv", "recipe.json"])
+def test_what_was_changed_since_a_run_is_not_written_over(
+    name: str, phase: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    assert run_one(phase, out) == 0
+    (out / name).write_text("my remarks")
+    capsys.readouterr()
+    assert run_one(phase, out) == 1
+    assert "was changed since" in " ".join(capsys.readouterr().err.split())
+    run_one(phase, out, method="angular")
+    assert (out / name).read_text() == "my remarks"
+
+
+def test_names_that_a_killed_run_has_only_announced_are_the_users(
+    phase: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    with result_folder(out, p4d.Recipe(recording=str(phase))):
+        note = (out / NOTE).read_text()
+    out.mkdir(exist_ok=True)
+    (out / NOTE).write_text(note)  # as after a kill
+    (out / "exact.ome.tif").write_text("mine")
+    (out / "amplitude.ome.zarr").mkdir()
+    (out / "amplitude.ome.zarr" / "notes.txt").write_text("mine")
+    assert run_one(phase, out) == 1
+    assert "is there already" in " ".join(capsys.readouterr().err.split())
+    assert (out / "exact.ome.tif").read_text() == "mine"
+    assert (out / "amplitude.ome.zarr" / "notes.txt").read_text() == "mine"
+
+
+def test_tables_of_cells_are_guarded_too(phase: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / "cells.csv").write_text("my cells")
+    assert run_one(phase, out, "--cells") == 1
+    assert (out / "cells.csv").read_text() == "my cells"
+
+
+def test_links_that_go_round_stop_no_batch(phase: Path, tmp_path: Path) -> None:
+    loop = tmp_path / "loop.npy"
+    loop.symlink_to(loop)
+    table = run_batch(p4d.Recipe(methods=("spatial-2d",)), [loop, phase], tmp_path / "out")
+    assert table["status"].tolist() == ["failed", "done"]
+
+
+@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no pipes")
+@pytest.mark.parametrize("name", ["pipe.tif", "pipe.ome.tif", "pipe.npz", "pipe.zarr"])
+def test_pipes_are_not_waited_for(
+    tmp_path: Path, name: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    os.mkfifo(tmp_path / name)
+    for command in ("info", "run"):  # either would wait for ever
+        assert run(command, tmp_path / name) == 1
+        said = " ".join(capsys.readouterr().err.split())
+        assert "pipe or a device" in said or "there is no file" in said
+
+
+def test_results_are_not_written_among_the_frames(tmp_path: Path, phase: Path) -> None:
+    folder = tmp_path / "frames"
+    folder.mkdir()
+    hologram = (100 * np.random.default_rng(0).random((64, 64))).astype(np.uint8)
+    for number in range(2):
+        Image.fromarray(hologram).save(folder / f"{number}.png")
+    before = names(folder)
+    assert run_one(folder, folder) == 1
+    assert names(folder) == before
+    store = tmp_path / "holograms.zarr"
+    zarr.save_array(str(store), np.stack([hologram, hologram]))
+    before = names(store)
+    assert run_one(store, store / "results") == 1
+    assert names(store) == before

@@ -373,3 +373,13 @@ def test_measured_files_open() -> None:
     assert isinstance(red_cells, Recording)
     with pytest.raises(ValueError, match="has 4 dimensions"):
         p4d.open_recording(measured("multiplexed/profilometry_t00-29.tif"))
+
+
+def test_what_a_killed_worker_left_does_not_count_as_a_frame(tmp_path: Path) -> None:
+    path = write_phase(tmp_path / "phase.ome.zarr", stack())
+    chunk = next(file for file in (path / "0" / "c").rglob("*") if file.is_file())
+    chunk.with_suffix(".0123456789abcdef.partial").write_bytes(b"half of it")
+    assert read_results(path).equals(stack())
+    chunk.unlink()
+    with pytest.raises(OSError, match="is not complete"):
+        read_results(path)

@@ -133,3 +133,16 @@ def test_sum_rule_of_a_multi_carrier_hologram() -> None:
     rest = wrap(one + two - both)
     rest = wrap(rest - np.angle(np.exp(1j * rest).mean()))
     assert rms(rest) <= 0.012
+
+
+def test_red_blood_cells_are_found_and_nothing_else() -> None:
+    """Six cells on an uneven background, two of which touch; the halo round them is no cell."""
+    rec = p4d.open_recording(measured("offaxis/pydhm_RBC.jpg"))
+    lobes = p4d.find_lobes(rec, n_views=1)
+    phase = p4d.reconstruct(rec, lobes, background="zernike")["phase"]
+    cells = p4d.find_cells(p4d.unwrap(phase, "spatial-2d"))
+    middles = [(80, 102), (36, 41), (121, 33), (196, 58), (80, 204)]  # seen by eye
+    numbers = [int(cells[0, 0, y, x]) for y, x in middles]
+    assert len(set(numbers)) == 5
+    assert 0 not in numbers
+    assert set(np.unique(cells)) == {0, *numbers}

@@ -158,7 +158,7 @@ def test_measuring_says_what_is_wrong() -> None:
             measure(stack, {"cell": np.ones(shape, bool)}, OPTICS)
     with pytest.raises(ValueError, match="object_index must differ from the medium"):
         measure(stack, regions, OPTICS, object_index=1.337)
-    with pytest.raises(ValueError, match="object_index must be at least 1"):
+    with pytest.raises(ValueError, match="object_index must lie between 1 and 5"):
         measure(stack, regions, OPTICS, object_index=np.nan)
     with pytest.raises(ValueError, match="refraction_increment_ml_per_g must be a number above 0"):
         measure(stack, regions, OPTICS, refraction_increment_ml_per_g=0)

@@ -10,18 +10,19 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import av
-import matplotlib as mpl
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.colors import ListedColormap
 from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.io import write_figure, write_movie
+from napari_phase4d.plotting import phase_colours
 from napari_phase4d.plotting.figures import comparison_figure, movie_frames, phase_limits
 
 LIMITS = (0.0, 30.0)
-#: Video's 8 bits of brightness and colour difference cost up to 2 of 255 in turbo's colours
+#: Video's 8 bits of brightness and colour difference cost up to 2 of 255 in the colours of phase
 #: (1.7 measured here, by BT.601 instead of BT.709 it would be 24); the codec may add one.
 MP4_TOLERANCE = 3
 #: The 256 colours of a frame are chosen among its own; those of large areas are kept (0 measured).
@@ -58,7 +59,8 @@ def frames(columns: dict[str, xr.DataArray]) -> list[np.ndarray]:
 
 def colour(phase: float, limits: tuple[float, float] = LIMITS) -> np.ndarray:
     low, high = limits
-    rgba = mpl.colormaps["turbo"]((phase - low) / (high - low), bytes=True)
+    table = ListedColormap(phase_colours(low, high))
+    rgba = table((phase - low) / (high - low), bytes=True)
     return np.asarray(rgba[:3], dtype=int)
 
 

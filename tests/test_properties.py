@@ -31,12 +31,13 @@ from made_up import (
     same_but_for_one_number,
     turns_between,
 )
+from napari_phase4d.unwrapping import methods_for
 
 pytestmark = pytest.mark.slow
 
 TURN = 2 * np.pi
 DIMS = ("time", "angle", "y", "x")
-METHODS = tuple(p4d.METHODS)
+METHODS = tuple(methods_for(None))
 #: The raw estimate of LBE differs from the wrapped phase by other than whole turns, as documented.
 CONGRUENT = tuple(m for m in METHODS if m != "laplacian")
 #: DE leaves the boundary frame wrapped, as published, so that it has to be thin; LBE estimates.

@@ -151,6 +151,7 @@ def test_samples_open_through_the_plugin_engine() -> None:
     found = [line.split() for line in told(sys.executable, "-c", SAMPLES).splitlines()]
     assert [(key, dimensions, finite) for key, _, dimensions, finite in found] == [
         ("euglena", "{4}", "True"),
+        ("cells", "{4}", "True"),
         ("euglena_phase", "{4}", "True"),
         ("yeast", "{4}", "True"),
     ]

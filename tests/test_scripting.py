@@ -297,7 +297,7 @@ def test_samples_are_opened_by_name(sample: Sample) -> None:
     assert isinstance(phase, xr.DataArray)
     assert phase.attrs["source"] == "sample:yeast"
     with pytest.raises(
-        ValueError, match="no sample 'sample:cat'.*sample:euglena and sample:yeast"
+        ValueError, match="no sample 'sample:cat'.*sample:euglena, sample:cells, sample:yeast"
     ):
         open_by(Recipe(recording="sample:cat"))
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import os
 import signal
+import socket
 import threading
 import time
 import warnings
@@ -21,14 +22,14 @@ from napari_phase4d.io.lazy import FrameReader, lazy_frames
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
-from napari_phase4d.pipeline.streaming.workers import Threads
+from napari_phase4d.pipeline.streaming.workers import Cluster, Threads
 from napari_phase4d.progress import Cancelled, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import block_at, block_frames, blocks_of
-from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.unwrapping.directional import methods, regions, scene, steps
 
-STREAMING = tuple(m for m, method in METHODS.items() if method.streams)
+STREAMING = tuple(m for m in methods_for(None) if METHODS[m].streams)
 
 
 @pytest.fixture(scope="module")
@@ -370,7 +371,7 @@ def test_what_can_not_be_is_said_before_the_work(
     chosen = recipe.changed(storage="disk")
     with pytest.raises(ValueError, match=r"boundary frame \(time 99, angle 0\) does not exist"):
         p4d.run(chosen.changed(boundary=((99, 0),)), video, folder=tmp_path)
-    with pytest.raises(OSError, match="maps of trust need all frames in memory"):
+    with pytest.raises(OSError, match="maps of confidence need all frames in memory"):
         p4d.run(chosen.changed(confidence=True), video, folder=tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match=r"file can't be written .*; choose another one"):
@@ -463,3 +464,21 @@ def test_a_scheduler_file_that_is_not_there(
 ) -> None:
     with pytest.raises(OSError, match=r"no dask scheduler answers at .*none\.json"):
         p4d.run(recipe, video, folder=tmp_path, scheduler=str(tmp_path / "none.json"))
+
+
+def chatter(port: socket.socket, said: bytes) -> None:
+    """Take one connection and say something that no scheduler says, or nothing."""
+    connection, _ = port.accept()
+    with connection, contextlib.suppress(OSError):
+        connection.sendall(said)
+        connection.recv(1000)  # until the other end gives up
+
+
+@pytest.mark.parametrize("said", [b"", b"SSH-2.0-OpenSSH_9.6\r\n", b"\0" * 8])
+def test_what_else_listens_is_no_scheduler(said: bytes) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as port:
+        threading.Thread(target=chatter, args=(port, said), daemon=True).start()
+        began = time.monotonic()
+        with pytest.raises(OSError, match="no dask scheduler answers at tcp"):
+            Cluster(f"tcp://127.0.0.1:{port.getsockname()[1]}")
+        assert time.monotonic() - began < 10

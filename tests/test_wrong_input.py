@@ -226,7 +226,7 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         "2 um high and 1 um wide, but must be square",
     ),
     "phase as a video": (lambda: p4d.open_recording(WRAPPED[:, 0]), "give it to unwrap"),
-    "optics of a video": (lambda: p4d.open_recording(FRAMES, optics="x"), "must be a Optics"),
+    "optics of a video": (lambda: p4d.open_recording(FRAMES, optics="x"), "must be an Optics"),
     "lobe at zero": (
         lambda: p4d.reconstruct(RECORDING, [p4d.Lobe((0, 0), 0.1)]), "on the zero order"
     ),

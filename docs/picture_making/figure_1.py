@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -12,19 +11,21 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
-from napari_phase4d.unwrapping.combined import follow_line
-from napari_phase4d.unwrapping.four_d import angular_temporal, lines_along, temporal_angular
 
 from napari_phase4d.simulation import budding_yeast
+from napari_phase4d.unwrapping import ORDERS
+from napari_phase4d.unwrapping.chain import Line, Maps, starts_on, unwrap_line
 from picture_making.saving import save_figure
 
 Frame = tuple[int, int]
 
 BOUNDARY = (0, 0)
-ORDERS = {
-    "(a)  T/A: along time, then along the angle": temporal_angular,
-    "(b)  A/T: along the angle, then along time": angular_temporal,
+METHODS = {
+    "(a)  T/A: along time, then along the angle": "temporal-angular",
+    "(b)  A/T: along the angle, then along time": "angular-temporal",
 }
+#: A map of one pixel: here nothing but the order matters.
+PIXEL = Maps(np.zeros((1, 1), np.float32), np.zeros((1, 1), np.int16), np.ones((1, 1), dtype=bool))
 #: Every third minute of the yeast, and four of its six views.
 FRAMES = {"time": slice(0, 18, 3), "angle": [0, 2, 3, 5]}
 #: The part of the field in which the yeast is.
@@ -34,60 +35,42 @@ SIDE = 0.7
 BLUE, PALE_BLUE, RED = "#1f5fd0", "#a9c3f2", "#d0312d"
 
 
-@dataclass
-class Watched:
-    """A line of maps that notes in which order they are unwrapped.
-
-    It has the form that `follow_line` asks for; of the maps only the order matters here.
-    """
-
-    n_maps: int
-    order: list[int] = field(default_factory=list)
-
-    def __len__(self) -> int:
-        return self.n_maps
-
-    def given(self, k: int) -> tuple[Any, Any, Any]:
-        """Return wrapped phase, initial phase and mask of a map of one pixel."""
-        return np.zeros((1, 1), np.float32), np.zeros((1, 1), np.float32), np.ones((1, 1), bool)
-
-    def room(self, k: int) -> Any:
-        """Return where the map goes."""
-        return np.empty((1, 1), np.float32)
-
-    def done(self, k: int, values: Any) -> None:
-        """Note that a map has been unwrapped."""
-        self.order.append(k)
-
-
 def steps_of(order: tuple[str, ...], shape: tuple[int, int]) -> Iterator[tuple[int, Frame, Frame]]:
     """Yield pass, frame that is unwrapped from, and frame that is unwrapped."""
+    n_times, n_angles = shape
     for number, dim in enumerate(order, start=1):
-        for index, starts in lines_along(dim, (*shape, 1, 1), [BOUNDARY]):
-            watched = Watched(shape[0] if dim == "time" else shape[1])
-            follow_line(watched, starts, split=False)
+        n_lines, length = (n_angles, n_times) if dim == "time" else (n_times, n_angles)
+        for other in range(n_lines):
             done: list[int] = []
-            for k in watched.order:
+            for k in order_of(length, starts_on(dim, other, [BOUNDARY])):
                 before = next((n for n in (k - 1, k + 1) if n in done), None)
                 done.append(k)
                 if before is not None:
-                    yield number, on_line(index, before), on_line(index, k)
+                    frames = (on_line(dim, other, n) for n in (before, k))
+                    yield number, next(frames), next(frames)
 
 
-def on_line(index: tuple[Any, Any], k: int) -> Frame:
+def order_of(n_maps: int, starts: list[int]) -> list[int]:
+    """Return in which order the program unwraps the maps of a line."""
+    order: list[int] = []
+    line = Line(n_maps, lambda _: PIXEL, lambda k, _: order.append(k))
+    unwrap_line(line, starts, split=False)
+    return order
+
+
+def on_line(dim: str, other: int, k: int) -> Frame:
     """Return the k-th frame (time, angle) of a line."""
-    t, a = (k if isinstance(part, slice) else int(part) for part in index)
-    return t, a
+    return (k, other) if dim == "time" else (other, k)
 
 
 def figure_1(wanted: set[str]) -> None:
     """Draw both orders side by side over frames of the budding yeast."""
     wrapped = budding_yeast()["wrapped"].isel(FRAMES | FIELD)
     figure = Figure(figsize=(11, 4.6), layout="constrained")
-    for axis, (title, method) in zip(figure.subplots(1, 2), ORDERS.items(), strict=True):
+    for axis, (title, method) in zip(figure.subplots(1, 2), METHODS.items(), strict=True):
         show_frames(axis, wrapped)
-        for number, start, end in steps_of(method.keywords["order"], wrapped.shape[:2]):
-            show_step(axis, number, start, end, method.keywords["order"])
+        for number, start, end in steps_of(ORDERS[method], wrapped.shape[:2]):
+            show_step(axis, number, start, end, ORDERS[method])
         axis.set_title(title, fontsize=11)
     figure.legend(handles=legend(), loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     save_figure(figure, *wanted)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from napari_phase4d._napari.demo import let_it_draw, viewer_with_dock, wait_until
-from napari_phase4d.sample import EUGLENA_SOURCE, YEAST_SOURCE
+from napari_phase4d.sample import CELLS_SOURCE, EUGLENA_SOURCE, YEAST_SOURCE
 from picture_making.saving import save_image, window_image
 
 #: Enough for a window.
@@ -60,8 +60,8 @@ def stills_of_the_euglena(wanted: set[str]) -> None:
         picture("4_unwrap")
         press(dock.unwrap.run)
         wait_until(lambda: bool(dock.session.confidence))
-        dock.presenter.go_to(39, 0)
         picture("5_table")
+        dock.presenter.go_to(39, 0)
         stills_of_the_tabs(stills)
     finally:
         stills.viewer.close()
@@ -86,7 +86,7 @@ def stills_of_the_tabs(stills: Stills) -> None:
     dock.compare.tabs.setCurrentIndex(2)
     stills.press(dock.compare.measuring.measure)
     stills.picture("5_measure")
-    dock.compare.tabs.setCurrentIndex(3)
+    dock.compare.tabs.setCurrentWidget(dock.compare.share)
     stills.picture("5_save")
 
 
@@ -96,6 +96,29 @@ def tell_masses(measuring: Any) -> None:
     for angle, rows in table.groupby("angle (deg)"):
         mass = rows["dry mass (pg)"]
         print(f"  dry mass at {angle:g}°: {mass.min():.1f} to {mass.max():.1f} pg")
+
+
+def stills_of_the_cells(wanted: set[str]) -> None:
+    """Show each cell by itself."""
+    stills = Stills(wanted)
+    dock = stills.dock
+    try:
+        stills.press(lambda: dock.recording.open_path(CELLS_SOURCE))
+        stills.press(dock.lobes.find_lobes)
+        stills.press(dock.phase.reconstruct)
+        dock.session.update(methods=("temporal-angular", "directional-l1"))
+        stills.press(dock.unwrap.run)
+        dock.show_step(4)
+        dock.compare.tabs.setCurrentWidget(dock.compare.cells)
+        stills.press(dock.compare.cells.find)
+        dock.presenter.go_to(20, 0)
+        dock.compare.cells.choose(2)
+        dock.scroll.ensureWidgetVisible(dock.compare.cells.save)
+        wait_until(lambda: bool(dock.session.confidence))
+        stills.picture("5_cells")
+        print(dock.session.cells.summary.to_string())
+    finally:
+        stills.viewer.close()
 
 
 def stills_of_the_yeast(wanted: set[str]) -> None:
@@ -108,13 +131,12 @@ def stills_of_the_yeast(wanted: set[str]) -> None:
             dock.unwrap.methods[method].tick.setChecked(True)
         press(dock.unwrap.run)
         wait_until(lambda: bool(dock.session.confidence))
-        dock.presenter.go_to(11, 5)
         picture("6_yeast")
         press(dock.compare.show_margin)
         picture("7_steps")
         press(dock.compare.show_confidence)
         picture("8_trust")
-        dock.compare.difference.value = "less exact"
+        press(dock.compare.show_difference)
         picture("9_difference")
         stills.viewer.theme = "light"
         dock.presenter.side_by_side()

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
 __all__ = [
     "METHODS",
     "Cancelled",
+    "CellSettings",
     "Comparison",
     "Lobe",
     "Optics",
@@ -65,6 +66,7 @@ __all__ = [
 _HOME = {
     "METHODS": "unwrapping",
     "Cancelled": "progress",
+    "CellSettings": "analysis",
     "Comparison": "analysis",
     "Lobe": "holography",
     "Optics": "optics",

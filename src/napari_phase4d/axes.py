@@ -9,13 +9,16 @@ from typing import Any, TypeVar
 import xarray as xr
 from numpy.typing import NDArray
 
-__all__ = ["AXES", "PLAIN_AXES", "UNITS", "coordinate", "in_full"]
+__all__ = ["AXES", "PLAIN_AXES", "UNITS", "WAVELENGTH", "coordinate", "in_full"]
 
 V = TypeVar("V")
 
 AXES = ("time", "angle", "y", "x")
 #: Unit of the coordinates of each axis.
 UNITS: Mapping[str, str] = MappingProxyType({"time": "s", "angle": "deg", "y": "um", "x": "um"})
+#: Coordinate along the angle, in micrometres, of a stack whose views differ in wavelength. Views
+#: of one angle then follow each other by rising wavelength.
+WAVELENGTH = "wavelength"
 #: Axes of plain arrays by their number of dimensions.
 PLAIN_AXES: Mapping[int, tuple[str, ...]] = MappingProxyType(
     {2: ("y", "x"), 3: ("time", "y", "x"), 4: AXES}

@@ -12,6 +12,7 @@ from itertools import islice
 from typing import Generic, TypeVar
 
 from napari_phase4d.machine import cores
+from napari_phase4d.words import check_call
 
 __all__ = [
     "LOOK_UP_S",
@@ -64,6 +65,7 @@ def reworded(progress: ProgressCall | None, words: Callable[[str], str]) -> Prog
     """
     if progress is None:
         return None
+    check_call("progress", progress)
     return lambda done, total, message: progress(done, total, words(message))
 
 
@@ -79,6 +81,7 @@ def counting(progress: ProgressCall | None, each: int, total: int) -> ProgressCa
     """
     if progress is None:
         return None
+    check_call("progress", progress)
     return lambda done, _, message: progress(min(done * each, total), total, message)
 
 
@@ -106,6 +109,8 @@ class Watch:
         progress: ProgressCall | None = None,
         cancelled: CancelledCall | None = None,
     ) -> None:
+        check_call("progress", progress)
+        check_call("cancelled", cancelled)
         self.total = total
         self.message = message
         self._progress = progress

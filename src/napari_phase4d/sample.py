@@ -1,26 +1,36 @@
 """Sample recordings and phases: simulated, so that their exact phase is known.
 
-Each has a name, "sample:euglena" and "sample:yeast", that stands in a recipe where the name of a
-file would. It is simulated anew from fixed seeds, with the same numbers every time.
+Each has a name, "sample:euglena", "sample:cells" and "sample:yeast", that stands in a recipe where
+the name of a file would. It is simulated anew from fixed seeds, with the same numbers every time.
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import xarray as xr
 
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
-from napari_phase4d.simulation import budding_yeast, multiplexed_video, swimming_euglena
+from napari_phase4d.simulation import (
+    budding_yeast,
+    multiplexed_video,
+    swimming_cells,
+    swimming_euglena,
+)
 
 __all__ = [
+    "CELLS",
+    "CELLS_SOURCE",
     "EUGLENA",
     "EUGLENA_SOURCE",
+    "RECORDINGS",
     "SAMPLES",
     "SAMPLE_PREFIX",
     "YEAST_SOURCE",
     "Sample",
+    "cells_sample",
     "euglena_sample",
     "is_sample",
     "open_sample",
@@ -30,13 +40,16 @@ __all__ = [
 #: What the names of samples begin with, and all of them.
 SAMPLE_PREFIX = "sample:"
 EUGLENA_SOURCE = f"{SAMPLE_PREFIX}euglena"
+CELLS_SOURCE = f"{SAMPLE_PREFIX}cells"
 YEAST_SOURCE = f"{SAMPLE_PREFIX}yeast"
-SAMPLES = (EUGLENA_SOURCE, YEAST_SOURCE)
+SAMPLES = (EUGLENA_SOURCE, CELLS_SOURCE, YEAST_SOURCE)
 
-#: What a layer of the sample notes, so that it is known again.
-EUGLENA = "euglena"
-SHAPE = (512, 512)
+#: What a layer of the samples notes, so that they are known again.
+EUGLENA, CELLS = "euglena", "cells"
+SHAPE, CELLS_SHAPE = (512, 512), (512, 640)
 N_TIMES = 40
+#: Cells at the first frame; one divides, one leaves, one comes in.
+N_CELLS = 5
 #: Drift between the arms from frame to frame, as real interferometers have it.
 DRIFT_RAD = 0.2
 EUGLENA_ANGLES_DEG = (-7.0, 21.0)
@@ -50,6 +63,9 @@ class Sample:
     ----------
     recording : Recording
         Hologram video of two multiplexed views.
+    exact : callable
+        ``exact(shape, n_times, pixel_um)`` returns the exact phase (time, angle, y, x) on frames
+        of that height and width, with pixels of that height and width in micrometres.
     angles_deg : tuple of float
         Viewing angles, in the order in which `find_lobes` finds the views.
     boundary : tuple of int
@@ -57,6 +73,7 @@ class Sample:
     """
 
     recording: Recording
+    exact: Callable[[tuple[int, int], int, tuple[float, float]], xr.DataArray]
     angles_deg: tuple[float, ...] = EUGLENA_ANGLES_DEG
     boundary: tuple[int, int] = (0, 0)
 
@@ -71,26 +88,54 @@ class Sample:
         if tuple(like["angle"].values) != self.angles_deg:
             msg = f"the exact phase is known at {self.angles_deg} degrees only"
             raise ValueError(msg)
-        optics = Optics()  # those it was simulated with, whatever has been typed in since
-        pixel = optics.pixel_um
+        pixel = Optics().pixel_um  # as it was simulated with, whatever has been typed in since
         height, width = like.sizes["y"], like.sizes["x"]
-        exact = swimming_euglena(
-            (height, width),
-            like.sizes["time"],
-            optics=optics,
-            pixel_um=(SHAPE[0] * pixel / height, SHAPE[1] * pixel / width),
-        )
-        return exact["phase"].assign_coords(like.coords)
+        rows, columns = self.recording.frame_shape
+        sides = (rows * pixel / height, columns * pixel / width)
+        return self.exact((height, width), like.sizes["time"], sides).assign_coords(like.coords)
 
 
 def euglena_sample() -> Sample:
     """Simulate the sample: a euglena seen at -7 and +21 degrees, 6 frames a second."""
+    return sample_of(exact_euglena, SHAPE, EUGLENA_SOURCE, "euglena hologram video")
+
+
+def cells_sample() -> Sample:
+    """Simulate several cells that swim, touch, divide, leave and come in, seen likewise."""
+    return sample_of(exact_cells, CELLS_SHAPE, CELLS_SOURCE, "hologram video of cells")
+
+
+def sample_of(
+    exact: Callable[[tuple[int, int], int, tuple[float, float]], xr.DataArray],
+    shape: tuple[int, int],
+    source: str,
+    name: str,
+) -> Sample:
+    """Return a sample whose arms drift, as those of real interferometers do."""
     optics = Optics()
-    exact = swimming_euglena(SHAPE, N_TIMES, optics=optics)
-    recording = multiplexed_video(
-        exact["phase"], optics, drift_rad=DRIFT_RAD, name="euglena hologram video"
-    )
-    return Sample(replace(recording, source=EUGLENA_SOURCE))
+    phase = exact(shape, N_TIMES, (optics.pixel_um, optics.pixel_um))
+    recording = multiplexed_video(phase, optics, drift_rad=DRIFT_RAD, name=name)
+    return Sample(replace(recording, source=source), exact)
+
+
+def exact_euglena(
+    shape: tuple[int, int], n_times: int, pixel_um: tuple[float, float]
+) -> xr.DataArray:
+    """Return the exact phase of the euglena."""
+    data = swimming_euglena(shape, n_times, optics=Optics(), pixel_um=pixel_um)
+    return data["phase"]
+
+
+def exact_cells(
+    shape: tuple[int, int], n_times: int, pixel_um: tuple[float, float]
+) -> xr.DataArray:
+    """Return the exact phase of the cells, whose pixels must be squares."""
+    optics = Optics()
+    return swimming_cells(shape, n_times, N_CELLS, optics=optics, pixel_um=pixel_um[0])["phase"]
+
+
+#: How the exact phase of each recording is simulated, by what its layer notes.
+RECORDINGS = {EUGLENA: exact_euglena, CELLS: exact_cells}
 
 
 def yeast_sample() -> xr.Dataset:
@@ -113,7 +158,7 @@ def open_sample(
     Parameters
     ----------
     source : str
-        "sample:euglena" for a hologram video, "sample:yeast" for wrapped phase.
+        "sample:euglena" or "sample:cells" for a hologram video, "sample:yeast" for wrapped phase.
     optics, frame_rate_hz : Optics, float, optional
         Microscope and frames per second to take a hologram video for recorded with. Default:
         those that it was simulated with. Wrapped phase has its own pixel and times.
@@ -123,11 +168,11 @@ def open_sample(
     ValueError
         If there is no such sample.
     """
-    if source == EUGLENA_SOURCE:
-        recording = euglena_sample().recording
+    if source in (EUGLENA_SOURCE, CELLS_SOURCE):
+        recording = (euglena_sample() if source == EUGLENA_SOURCE else cells_sample()).recording
         as_simulated = optics is None and frame_rate_hz is None
         return recording if as_simulated else recording.calibrated(optics, frame_rate_hz)
     if source == YEAST_SOURCE:
         return yeast_sample()["wrapped"]
-    msg = f"there is no sample {source!r}; the samples are {' and '.join(SAMPLES)}"
+    msg = f"there is no sample {source!r}; the samples are {', '.join(SAMPLES)}"
     raise ValueError(msg)

@@ -10,6 +10,7 @@ from types import MappingProxyType
 
 import numpy as np
 
+from napari_phase4d.analysis import CellSettings
 from napari_phase4d.holography import Lobe
 from napari_phase4d.io import RawLayout
 from napari_phase4d.optics import Optics
@@ -35,6 +36,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "frame_rate_hz": "Frames per second.",
         "n_views": "How many views to look for in the spectrum, where no lobes are given.",
         "angles_deg": "Viewing angles in degrees.",
+        "wavelengths_um": "Wavelengths of the views in micrometres, where they differ.",
         "lobes": "The views: each is a lobe, a bright disk in the spectrum of the frames. Its "
         "carrier is where its middle lies (ky, kx), in cycles per camera pixel, as is its radius; "
         "flip takes the disk opposite instead, which changes the sign of the phase.",
@@ -55,6 +57,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "methods": "How to unwrap; each method gives a result.",
         "options": "Settings of single methods.",
         "confidence": "Whether to say how far each pixel of each result is to be trusted.",
+        "cells": "How cells are found, followed and measured in the result most to be trusted.",
         "storage": 'Where stacks are held: "memory", "disk", or "auto" for memory if they fit.',
     }
 )
@@ -88,6 +91,13 @@ for method, phase in outcome.comparison.results.items():
     p4d.write_phase(folder / f"{{method}}.ome.tif", phase)
 """
 
+CELLS = """\
+# The cells: their labels, a row for each cell, time and view, and a row for each cell.
+p4d.write_phase(folder / "cells.ome.tif", outcome.cells.labels)
+outcome.cells.table.to_csv(folder / "cells.csv", index=False)
+outcome.cells.summary.to_csv(folder / "cell_summary.csv", index=False)
+"""
+
 END = """\
 outcome.comparison.table.to_csv(folder / "table.csv")
 outcome.recipe.to_file(folder / "recipe.json")
@@ -117,7 +127,8 @@ def as_python(recipe: Recipe, *, folder: str = "phase4d_results") -> str:
     folder : str, optional
         Where the script saves: ``wrapped.ome.tif``, ``amplitude.ome.tif`` where it is known, a
         file for each method named after its id, ``confidence_<id>.ome.tif`` where the recipe asks
-        for it, ``table.csv`` and ``recipe.json``.
+        for it, ``cells.ome.tif``, ``cells.csv`` and ``cell_summary.csv`` likewise,
+        ``table.csv`` and ``recipe.json``.
 
     Returns
     -------
@@ -138,7 +149,8 @@ def as_python(recipe: Recipe, *, folder: str = "phase4d_results") -> str:
     head = HEAD.format(version=program_version())
     tail = TAIL.format(folder=literal(folder))
     end = END_WITH_TRUST if recipe.confidence else END
-    return head + source_of(settings(recipe)) + tail + end
+    cells = "" if recipe.cells is None else CELLS
+    return head + source_of(settings(recipe)) + tail + cells + end
 
 
 @dataclass(frozen=True)
@@ -237,7 +249,7 @@ def as_group(value: object, room: int) -> Group | None:
     """Return what has to be written one below the other, None where a line is enough."""
     if isinstance(value, Group):
         return value
-    if isinstance(value, Lobe | Optics | RawLayout):
+    if isinstance(value, CellSettings | Lobe | Optics | RawLayout):
         entries = [Entry(getattr(value, f.name), f"{f.name}=") for f in fields(value)]
         return Group(f"p4d.{type(value).__name__}(", entries, ")")
     if isinstance(value, tuple):

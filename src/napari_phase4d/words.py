@@ -16,7 +16,9 @@ __all__ = [
     "EXPECTED",
     "as_numbers",
     "check_bool",
+    "check_call",
     "check_number",
+    "check_positive",
     "check_type",
     "counted",
     "is_expected",
@@ -73,7 +75,27 @@ def check_number(name: str, value: Any) -> float:
     if isinstance(value, bool) or not isinstance(value, Real):
         msg = f"{name} must be a number, but is {shown(value)}"
         raise TypeError(msg)
-    return float(value)
+    try:
+        return float(value)
+    except OverflowError as error:
+        msg = f"{name} is too large a number"
+        raise ValueError(msg) from error
+
+
+def check_positive(name: str, value: Any, most: float = 1e12) -> float:
+    """Return a number above 0 as float; ValueError if it is not, or not finite."""
+    number = check_number(name, value)
+    if not 0 < number <= most:
+        msg = f"{name} must be a number above 0, at most {most:g}, but is {shown(value)}"
+        raise ValueError(msg)
+    return number
+
+
+def check_call(name: str, value: Any) -> None:
+    """Raise TypeError for what can't be called; None is nothing to call."""
+    if value is not None and not callable(value):
+        msg = f"{name} must be a function, but is {shown(value)}"
+        raise TypeError(msg)
 
 
 def check_bool(name: str, value: Any) -> None:
@@ -86,12 +108,16 @@ def check_bool(name: str, value: Any) -> None:
 def check_type(name: str, value: Any, wanted: type, advice: str) -> None:
     """Raise TypeError for what is of another class, and say where to get the right one."""
     if not isinstance(value, wanted):
-        msg = f"{name} must be a {wanted.__name__}, but is {type(value).__name__}; {advice}"
+        article = "an" if wanted.__name__[0] in "AEIOU" else "a"
+        kind = wanted.__name__
+        msg = f"{name} must be {article} {kind}, but is {type(value).__name__}; {advice}"
         raise TypeError(msg)
 
 
 def as_numbers(name: str, values: Any) -> NDArray[Any]:
-    """Return real numbers as an array; TypeError if they are none."""
+    """Return real numbers as an array, NaN where masked; TypeError if they are none."""
+    if isinstance(values, np.ma.MaskedArray) and values.dtype.kind in "iuf":
+        values = np.ma.filled(values.astype(np.result_type(values.dtype, np.float32)), np.nan)
     try:
         found = np.asarray(values)
     except ValueError as error:

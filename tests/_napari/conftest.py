@@ -76,6 +76,10 @@ def click(dock: Any, qtbot: Any) -> Callable[[str], None]:
             if tabs.widget(number).isAncestorOf(widget) and tabs.currentIndex() != number:
                 place = tabs.tabBar().tabRect(number).center()
                 qtbot.mouseClick(tabs.tabBar(), Qt.MouseButton.LeftButton, pos=place)
+        more = dock.unwrap.list.more
+        if dock.unwrap.list.rest.isAncestorOf(widget) and not more.isChecked():
+            dock.scroll.ensureWidgetVisible(more)
+            qtbot.mouseClick(more, Qt.MouseButton.LeftButton)
         QApplication.processEvents()  # so that a section just opened has its size
         dock.scroll.ensureWidgetVisible(widget)
         assert widget.isVisible()

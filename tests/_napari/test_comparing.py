@@ -229,14 +229,16 @@ def test_trust_and_suggestion_by_clicks(viewer, dock, click) -> None:
     click("run")
     click("show_confidence")
     shown = [layer for layer in viewer.layers if layer.visible]
-    assert [layer.name for layer in shown] == ["trust in 2-D", "trust in T/A", "trust in WL1"]
+    assert [layer.name for layer in shown] == [
+        f"confidence in {name}" for name in ("2-D", "T/A", "WL1")
+    ]
     for layer, method in zip(shown, dock.session.confidence, strict=True):
         expected = dock.session.outcome.comparison.confidence(method)
         np.testing.assert_array_equal(layer.data, expected.values)
         assert layer.contrast_limits == [0, 1]
         assert layer.axis_labels == AXES
     words = dock.status.text()
-    assert "yellow more likely a cycle off" in words
+    assert "dark is more likely a cycle off" in words
     assert "may be off in 2-D" in words
     doubtful = cells(dock)[0][headings(dock).index("doubt %")]
     trust = dock.session.confidence["spatial-2d"]

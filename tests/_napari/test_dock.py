@@ -16,6 +16,7 @@ from qtpy.QtWidgets import QApplication, QWidget
 
 import napari_phase4d as p4d
 from helpers import measured, wrap
+from napari_phase4d._napari.dock import binding_advice
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
 from napari_phase4d.axes import AXES
 from napari_phase4d.io import read_results
@@ -313,3 +314,9 @@ def test_every_field_says_what_it_is(dock) -> None:
                 ("heading", "qt_", "ScrollLeft", "ScrollRight")
             ):
                 assert widget.toolTip(), widget.objectName()
+
+
+def test_a_binding_that_ends_the_program_is_told() -> None:
+    assert "pip install 'PySide6<6.12'" in binding_advice((3, 11, 7), "6.12.0")
+    for python, pyside in (((3, 12, 0), "6.12.0"), ((3, 11, 7), "6.11.3"), ((3, 11, 7), None)):
+        assert not binding_advice(python, pyside)

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 import pytest
 from driving import drag
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication
+
+import napari_phase4d as p4d
+from napari_phase4d.holography import pair_distance
 
 pytestmark = pytest.mark.gui
 
@@ -107,3 +112,22 @@ def test_lobes_are_added_and_removed(ready, click) -> None:
     click("remove_lobe")
     assert len(ready.session.lobes) == 2
     assert ready.session.lobes[-1].angle_deg == 2
+
+
+def test_views_are_counted_anew_for_each_recording(dock, small_video, click) -> None:
+    exact = p4d.simulation.swimming_euglena((128, 128), 6, pixel_um=0.35, peak_rad=6)
+    one = p4d.simulation.multiplexed_video(exact["phase"][:, :1], carriers=[(0.19, 0.21)])
+    for recording, count in ((one, 1), (small_video, 2), (one, 1)):
+        dock.session.set_recording(recording)
+        click("find_lobes")
+        assert len(dock.session.lobes) == count
+        assert dock.lobes.n_views.native.currentText() == "auto"
+
+
+def test_every_new_circle_has_a_place_of_its_own(ready, click) -> None:
+    for _ in range(3):
+        click("add_lobe")
+    carriers = [lobe.carrier for lobe in ready.session.lobes]
+    assert len(carriers) == 5
+    apart = [pair_distance(a, b) for a, b in itertools.combinations(carriers, 2)]
+    assert min(apart) > 0.05

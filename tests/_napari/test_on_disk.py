@@ -50,6 +50,7 @@ def test_the_window_shows_frames_on_demand(viewer, on_disk, small_video) -> None
         np.testing.assert_array_equal(shown, phase[time, angle].values)
 
 
+@pytest.mark.story
 def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Path) -> None:
     session = on_disk.session
     session.update(methods=("spatial-2d", "temporal-angular"))

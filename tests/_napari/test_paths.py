@@ -19,7 +19,7 @@ from napari_phase4d._napari.widgets.paths import (
 
 def ways(path: str, boundary: tuple[int, int], **limits: int) -> set[tuple[Any, Any, int]]:
     """Arrows over 4 times and 3 angles."""
-    arrows = path_arrows(path, 4, 3, boundary, **limits)
+    arrows = path_arrows(path, 4, 3, [boundary], **limits)
     assert len(set(arrows)) == len(arrows)
     return {(arrow.start, arrow.end, arrow.pass_number) for arrow in arrows}
 
@@ -53,6 +53,22 @@ def test_a_boundary_in_the_middle_is_left_both_ways() -> None:
     }
 
 
+def test_each_start_is_left_until_half_way_to_the_next() -> None:
+    arrows = path_arrows("temporal", 10, 2, [(2, 0), (7, 0)])
+    found = {(arrow.start, arrow.end) for arrow in arrows if arrow.start[1] == 0}
+    assert found == {
+        ((2, 0), (0, 0)),
+        ((2, 0), (4, 0)),
+        ((7, 0), (5, 0)),
+        ((7, 0), (9, 0)),
+    }
+    # Two starts on lines of their own: each line of the first pass is left from its own.
+    firsts = [
+        a for a in path_arrows("temporal-angular", 4, 3, [(0, 0), (3, 2)]) if a.start[1] == 2
+    ]
+    assert Arrow((3, 2), (0, 2), 1) in firsts
+
+
 def test_one_pass_goes_along_every_line() -> None:
     assert ways("temporal", (1, 2)) == {
         *(((1, a), (3, a), 1) for a in range(3)),
@@ -62,12 +78,12 @@ def test_one_pass_goes_along_every_line() -> None:
 
 
 def test_the_first_pass_comes_first() -> None:
-    numbers = [a.pass_number for a in path_arrows("angular-temporal", 4, 3, (1, 1))]
+    numbers = [a.pass_number for a in path_arrows("angular-temporal", 4, 3, [(1, 1)])]
     assert numbers == sorted(numbers)
 
 
 def test_fewer_arrows_where_they_would_crowd() -> None:
-    arrows = path_arrows("temporal-angular", 600, 2, (301, 0), most_times=20)
+    arrows = path_arrows("temporal-angular", 600, 2, [(301, 0)], most_times=20)
     columns = [arrow.start[0] for arrow in arrows if arrow.pass_number == 2]
     assert columns == list(range(1, 600, 30))
     assert Arrow((301, 0), (599, 0), 1) in arrows
@@ -86,15 +102,15 @@ def test_spread_is_even_and_never_too_many(count: int) -> None:
 
 
 def test_no_path_and_a_single_frame_have_no_arrows() -> None:
-    assert path_arrows(None, 4, 3, (0, 0)) == []
-    assert path_arrows("temporal-angular", 1, 1, (0, 0)) == []
+    assert path_arrows(None, 4, 3, [(0, 0)]) == []
+    assert path_arrows("temporal-angular", 1, 1, [(0, 0)]) == []
 
 
 def test_wrong_paths_are_refused() -> None:
     with pytest.raises(ValueError, match="path is 'sideways'; it must be one of temporal-angular"):
-        path_arrows("sideways", 4, 3, (0, 0))
+        path_arrows("sideways", 4, 3, [(0, 0)])
     with pytest.raises(ValueError, match=r"boundary is \(4, 0\), but there are 4 times"):
-        path_arrows("temporal", 4, 3, (4, 0))
+        path_arrows("temporal", 4, 3, [(4, 0)])
 
 
 def test_times_are_round() -> None:

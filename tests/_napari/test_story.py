@@ -9,6 +9,7 @@ from typing import Any
 
 import imageio.v3 as iio
 import numpy as np
+import pandas as pd
 import pytest
 from driving import LEFT, PLAIN, answer_dialog, canvas_of, click_cell, drag, place_of
 from qtpy.QtCore import QPoint, Qt
@@ -18,6 +19,7 @@ from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
 from napari_phase4d.io import read_results
+from napari_phase4d.simulation import swimming_cells
 
 pytestmark = [pytest.mark.gui, pytest.mark.story]
 
@@ -80,6 +82,37 @@ def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: P
     run_the_copied_script(viewer, dock, click, tmp_path)
 
 
+def test_from_holograms_to_a_table_of_cells(viewer, dock, click, qtbot, tmp_path: Path) -> None:
+    for name in ("try_cells", "find_lobes", "reconstruct"):
+        click(name)
+    dock.session.update(methods=("directional-l1",))
+    click("run")
+    click("find_cells")
+    summary = dock.session.cells.summary
+    assert len(summary) == 8
+    assert summary["parent"].tolist().count(summary["parent"].max()) == 2  # one has divided
+    true = swimming_cells((512, 640), 40, 5, pixel_um=p4d.Optics().pixel_um)["dry_mass_pg"]
+    masses = np.nanmedian(true.values[:, :5], axis=0)
+    for mass in masses:
+        nearest = float(np.abs(summary["dry mass (pg)"] / mass - 1).min())
+        assert nearest < 0.02
+    # A cell, clicked in the picture.
+    table, cells = dock.session.cells.table, dock.compare.cells
+    dock.presenter.go_to(3, 0)
+    now = table[(table["angle (deg)"] == -7) & np.isclose(table["time (s)"], 0.5)]
+    row = now[now["cell"] == 4].iloc[0]
+    place = place_of(viewer, row["y (um)"], row["x (um)"])
+    QTest.mouseMove(canvas_of(viewer), place)
+    qtbot.wait(50)
+    QTest.mouseClick(canvas_of(viewer), LEFT, PLAIN, place)
+    qtbot.waitUntil(lambda: cells.chosen == [4], timeout=5000)
+    path = tmp_path / "cells.csv"
+    answered = answer_dialog(path)
+    click("save_cells")
+    assert answered()
+    pd.testing.assert_frame_equal(pd.read_csv(path), table)
+
+
 def look_at_a_pixel(viewer: Any, dock: Any, click: Any, qtbot: Any) -> None:
     """The trace of the pixel under the mouse, by every method."""
     click("leave_grid")
@@ -116,6 +149,7 @@ def measure_a_drawn_region(viewer: Any, dock: Any, click: Any, qtbot: Any) -> No
     QTest.mouseRelease(canvas, LEFT, PLAIN, end)
     qtbot.waitUntil(lambda: len(layer.data) == 1, timeout=5000)
     assert dock.compare.measuring.regions.value == layer
+    click("regions_follow")
     click("measure")
     table = dock.compare.measuring.measured
     assert set(table["region"]) == {"region 1"}

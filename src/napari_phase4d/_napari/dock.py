@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from pathlib import Path
 from typing import Any
 
+import qtpy
+from napari.utils.notifications import show_warning
 from napari.viewer import Viewer
-from qtpy.QtCore import QEvent, QObject, Qt, QTimer
+from qtpy.QtCore import QEvent, QObject, QSize, QTimer
 from qtpy.QtGui import QDragEnterEvent, QDropEvent, QShowEvent
 from qtpy.QtWidgets import (
     QFrame,
@@ -21,7 +24,7 @@ from qtpy.QtWidgets import (
 )
 
 from napari_phase4d._napari.jobs import Jobs, TimeLeft, in_words
-from napari_phase4d._napari.session import Session, StepState, step_states
+from napari_phase4d._napari.session import StepState, step_states
 from napari_phase4d._napari.steps import (
     CompareStep,
     LobesStep,
@@ -37,9 +40,18 @@ from napari_phase4d.unwrapping import left_out_advice
 
 __all__ = ["Phase4DDock"]
 
-WIDTH = 380
+WIDTH, WIDEST = 380, 480
+#: What it takes of the width of a large screen.
+OF_SCREEN = 0.25
+#: Letters of the font that it is at least as wide as.
+LETTERS = 49
 #: Readable on napari's dark and light themes.
 WRONG_STYLE = "color: #e8594a; font-weight: bold;"
+#: Where the keyboard is.
+FOCUS_STYLE = """
+QPushButton:focus, QToolButton:focus, QAbstractSpinBox:focus, QComboBox:focus, QCheckBox:focus,
+QTableWidget:focus, QTabBar:focus, QSlider:focus { border: 1px solid #3d8fe0; }
+"""
 #: What is done unasked begins so long after the last thing that the user did.
 QUIET_AFTER_MS = 150
 #: Colour and words of each state; readable on napari's dark and light themes.
@@ -47,6 +59,7 @@ LOOKS = {
     StepState.TO_DO: ("#8a8f98", "to do", "An earlier step comes first."),
     StepState.READY: ("#3d8fe0", "● ready", "This is what to do next."),
     StepState.DONE: ("#3aa76d", "✓ done", "Nothing is left to do here; it can be done again."),
+    StepState.DOUBTED: ("#d98324", "⚠ look", ""),
     StepState.STALE: (
         "#d98324",
         "↻ changed",
@@ -54,6 +67,18 @@ LOOKS = {
     ),
 }
 FIRST_WORDS = "Open a recording, or try the sample."
+#: With it each call takes a reference from None, until a Python before 3.12 ends for lack of them.
+ENDING_PYSIDE = "6.12.0"
+
+
+def binding_advice(python: tuple[int, ...], pyside: str | None) -> str:
+    """Return what is wrong with a version of the Qt binding for one of Python, or nothing."""
+    if python >= (3, 12) or pyside != ENDING_PYSIDE:
+        return ""
+    return (
+        f"PySide6 {ENDING_PYSIDE} makes Python {python[0]}.{python[1]} end without a word after "
+        "some minutes; install another version of it, for example: pip install 'PySide6<6.12'"
+    )
 
 
 class Phase4DDock(QWidget):  # type: ignore[misc]
@@ -67,13 +92,20 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def __init__(self, napari_viewer: Viewer) -> None:
         super().__init__()
-        self.session = Session()
-        self._next_words = ""
+        self.presenter = Presenter.of(napari_viewer)
+        self.session = self.presenter.session
+        #: What was said last that was no error.
+        self._next_words = self._said = ""
+        #: Whether what stands there is the error of a job.
+        self._of_job = False
+        #: Where the dock has scrolled to by itself.
+        self._scrolled_to = 0
         self._time_left = TimeLeft()
         #: Titles of what failed unasked, which is not tried again.
         self._failed_unasked: list[str] = []
         self.jobs = Jobs(self)
-        self.presenter = Presenter(napari_viewer, self.session)
+        # Before the steps, which look at what it shows.
+        self.presenter.listen()
         parts = (self.session, self.jobs, self.presenter)
         self.recording = RecordingStep(*parts)
         self.lobes = LobesStep(*parts)
@@ -90,6 +122,11 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._closing.setSingleShot(True)
         self._closing.setInterval(0)
         self._closing.timeout.connect(self._look_if_closed)
+        # The window has grown for the dock only after this.
+        self._fitting = QTimer(self)
+        self._fitting.setSingleShot(True)
+        self._fitting.setInterval(0)
+        self._fitting.timeout.connect(self._fit_screen)
         self._opened: Section | None = None
         # What a section holds has its height only once the window has laid it out.
         self._laid_out = QTimer(self)
@@ -102,7 +139,23 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.destroyed.connect(self.following.stop)
         self.setAcceptDrops(True)
         self.say(FIRST_WORDS)
+        if advice := binding_advice(sys.version_info[:3], qtpy.PYSIDE_VERSION):
+            show_warning(advice)
+        self._catch_up()
         warm_up_elsewhere()
+
+    def _catch_up(self) -> None:
+        """Go on where an earlier dock of this viewer was closed."""
+        session = self.session
+        if session.recording is None and session.reconstruction is None:
+            return
+        self.reset_choices()
+        with self.presenter.still():
+            session.catch_up()
+        states = step_states(session)
+        ready = [n for n, state in enumerate(states) if state != StepState.DONE]
+        self.show_step(ready[0] if ready else len(states) - 1)
+        self.say("Here is all as it was when the panel was closed.")
 
     def reset_choices(self, event: Any = None) -> None:
         """Let napari tell that layers were added or removed."""
@@ -112,8 +165,11 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.compare.reset_choices()
         self.following.watch_regions(self.compare.region_drawn)
 
-    def say(self, sentence: str, *, wrong: bool = False) -> None:
-        """Show one sentence at the foot of the dock."""
+    def say(self, sentence: str, *, wrong: bool = False, passing: bool = False) -> None:
+        """Show one sentence at the foot of the dock; one in passing does not come back."""
+        self._of_job = False
+        if not wrong:
+            self._said = "" if passing else sentence
         self.status.setText(f"⚠ {sentence}" if wrong else sentence)
         if self.status.property("wrong") is not wrong:
             self.status.setProperty("wrong", wrong)
@@ -123,12 +179,18 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         """Open one step (0 to 4), close the others and scroll to it."""
         for i, section in enumerate(self.sections):
             section.set_open(i == number)
-        self.scroll.ensureWidgetVisible(self.sections[number], 0, 0)
+        self._look_at_opened(self.sections[number])
 
     def _look_at_opened(self, section: Section) -> None:
         """Scroll to a step whose heading was clicked: what it holds may lie below the fold."""
         self._opened = section
         self._laid_out.start()
+
+    def _look_again(self) -> None:
+        """Scroll to the step that is open, as it has grown, unless the user has scrolled."""
+        stays = self.scroll.verticalScrollBar().value() == self._scrolled_to
+        if self._opened is not None and self._opened.is_open and stays:
+            self._laid_out.start()
 
     def _scroll_to_opened(self) -> None:
         if self._opened is not None:
@@ -137,18 +199,21 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
                 self.scroll.verticalScrollBar().setValue(top)
             else:
                 self.scroll.ensureWidgetVisible(self._opened, 0, 0)
+            self._scrolled_to = self.scroll.verticalScrollBar().value()
 
     def close_down(self) -> None:
         """Stop what is running and let go of the viewer."""
         self._quiet.stop()
         self.jobs.close()
         self.following.stop()
+        self.presenter.leave()
 
     def showEvent(self, event: QShowEvent | None) -> None:  # noqa: N802 - Qt's name
         """Watch the window that the dock is in, to stop work when it closes."""
         super().showEvent(event)
         if isinstance(self.window(), QMainWindow):  # and not a dock that floats
             self.window().installEventFilter(self)
+            self._fitting.start()
 
     def eventFilter(self, watched: QObject | None, event: QEvent | None) -> bool:  # noqa: N802
         """Stop what is running when the window closes; napari may ask, and the user refuse."""
@@ -161,10 +226,37 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             self.close_down()
 
     def changeEvent(self, event: QEvent | None) -> None:  # noqa: N802
-        """Stop what is running when the dock is taken out of its window."""
+        """Follow the font; stop what is running when the dock is taken out of its window."""
         super().changeEvent(event)
+        fonts = (QEvent.Type.FontChange, QEvent.Type.StyleChange)
+        if event is not None and event.type() in fonts and hasattr(self, "status"):
+            self._fit_font()
         if event is not None and event.type() == QEvent.Type.ParentChange and not self.parent():
             self.close_down()
+
+    def _fit_font(self) -> None:
+        """Be as wide as the words of this font need, at most half of the screen."""
+        screen = self.screen()
+        most = WIDTH if screen is None else max(WIDTH, screen.availableGeometry().width() // 2)
+        self.status.ensurePolished()
+        letters = self.status.fontMetrics().horizontalAdvance("x" * LETTERS)
+        self.setMinimumWidth(min(max(WIDTH, letters), most))
+
+    def sizeHint(self) -> QSize:  # noqa: N802 - Qt's name
+        """Return the size it opens with: pictures grow with it, as far as the screen has room."""
+        hint, screen = super().sizeHint(), self.screen()
+        room = 0 if screen is None else int(screen.availableGeometry().width() * OF_SCREEN)
+        return QSize(max(self.minimumWidth(), min(room, WIDEST)), hint.height())
+
+    def _fit_screen(self) -> None:
+        """Let the window be no larger than the screen that there is."""
+        window, screen = self.window(), self.screen()
+        if not isinstance(window, QMainWindow) or screen is None or window.isMaximized():
+            return
+        room = screen.availableGeometry()
+        width, height = min(window.width(), room.width()), min(window.height(), room.height())
+        if (width, height) != (window.width(), window.height()):
+            window.resize(width, height)
 
     def dragEnterEvent(self, event: QDragEnterEvent | None) -> None:  # noqa: N802
         """Accept one file or folder."""
@@ -179,6 +271,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             self.recording.guarded(lambda: self.recording.open_path(path))
 
     def _build(self) -> None:
+        self.setStyleSheet(FOCUS_STYLE)
         column = QVBoxLayout(self)
         column.setContentsMargins(4, 4, 4, 4)
         column.setSpacing(3)
@@ -188,16 +281,15 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         sections.setSpacing(2)
         self.sections: list[Section] = []
         for step in self.steps:
-            section = Section(step.title, step)
+            section = Section(step.title, step, grows=step.grows)
             section.opened.connect(self._look_at_opened)
-            sections.addWidget(section)
+            sections.addWidget(section, int(step.grows))
             self.sections.append(section)
         sections.addStretch()
         self.scroll = QScrollArea()
         self.scroll.setWidget(inner)
         self.scroll.setWidgetResizable(True)
         self.scroll.setFrameShape(QFrame.Shape.NoFrame)
-        self.scroll.setHorizontalScrollBarPolicy(Qt.ScrollBarPolicy.ScrollBarAlwaysOff)
         column.addWidget(self.scroll)
         row = QHBoxLayout()
         self.progress = QProgressBar()
@@ -214,7 +306,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.status.setWordWrap(True)
         self.status.setMinimumHeight(2 * self.status.fontMetrics().lineSpacing())
         column.addWidget(self.status)
-        self.setMinimumWidth(WIDTH)
+        self._fit_font()
         self._idle()
         self.show_step(0)
 
@@ -239,20 +331,30 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             session.reconstruction_changed,
             session.outcome_changed,
             session.recipe_changed,
+            session.spectrum_changed,
+            session.calibration_changed,
+            session.confidence_changed,
         ):
             signal.connect(self._show_states)
         session.recipe_changed.connect(self._settings_changed)
+        session.confidence_changed.connect(self._look_again)
+        self.compare.tabs.currentChanged.connect(lambda _: self._look_again())
         self._show_states()
 
     def _settings_changed(self) -> None:
-        """Compute anew, unasked, what is no longer known."""
+        """Take an error back, whose cause may be mended now, and compute what is not known."""
+        if self.status.property("wrong") and not self._of_job:
+            self.say(self._said)
         if not self.jobs.busy:
             self._quiet.start()
 
     def _show_states(self) -> None:
         """Say at each heading how far its step is."""
-        for section, state in zip(self.sections, step_states(self.session), strict=True):
-            section.set_state(*LOOKS[state])
+        states = step_states(self.session)
+        for section, step, state in zip(self.sections, self.steps, states, strict=True):
+            doubts = step.doubts() if state == StepState.DONE else ()
+            colour, words, meaning = LOOKS[StepState.DOUBTED if doubts else state]
+            section.set_state(colour, words, "\n".join(doubts) or meaning)
 
     def _started(self, title: str) -> None:
         self._next_words = ""
@@ -260,7 +362,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.progress.setVisible(True)
         self.cancel.setEnabled(True)
         self.cancel.setVisible(True)
-        self.say(f"{title} …")
+        self.say(f"{title} …", passing=True)
 
     def _progressed(self, done: int, total: int, message: str) -> None:
         if not self.jobs.running:  # a late word of a job that has ended
@@ -268,7 +370,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.progress.setRange(0, total)
         self.progress.setValue(done)
         left = in_words(self._time_left.seconds(done, total, message))
-        self.say(f"{message}: {done} of {total}{left}")
+        self.say(f"{message}: {done} of {total}{left}", passing=True)
 
     def _idle(self) -> None:
         self.progress.setVisible(False)
@@ -276,7 +378,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _cancel(self) -> None:
         self.cancel.setEnabled(False)
-        self.say("Stopping …")
+        self.say("Stopping …", passing=True)
         self.jobs.cancel()
 
     def _cancelled(self, title: str, has_parts: bool) -> None:
@@ -287,7 +389,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _failed(self, sentence: str) -> None:
         self._idle()
+        self.presenter.drop_finished()
         self.say(sentence, wrong=True)
+        self._of_job = True  # no setting mends it
 
     def _finished(self, title: str) -> None:
         self._idle()
@@ -310,6 +414,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def _recording_opened(self) -> None:
         self._failed_unasked = []
         if self.session.recording is None:
+            return
+        if self.session.lobes:  # those of a recipe
+            self._go_on(2, "The lobes are as they were saved: press Reconstruct.")
             return
         # What had to be assumed of the microscope is to be checked first.
         assumed = bool(self.session.recording.notes)

@@ -38,9 +38,16 @@ from napari_phase4d.io.results import is_result
 from napari_phase4d.io.sequences import by_number
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
-from napari_phase4d.sample import EUGLENA, euglena_sample, yeast_sample
+from napari_phase4d.sample import CELLS, EUGLENA, cells_sample, euglena_sample, yeast_sample
 
-__all__ = ["budding_yeast", "euglena_phase", "euglena_video", "get_reader", "write_stack"]
+__all__ = [
+    "budding_yeast",
+    "cells_video",
+    "euglena_phase",
+    "euglena_video",
+    "get_reader",
+    "write_stack",
+]
 
 RECIPE_SUFFIX = ".json"
 #: What is told by its unit alone.
@@ -201,6 +208,11 @@ def with_ending(path: Path) -> Path:
 def euglena_video() -> list[LayerTuple]:
     """Return the simulated hologram video of a swimming euglena."""
     return [hologram_layer(euglena_sample().recording, EUGLENA)]
+
+
+def cells_video() -> list[LayerTuple]:
+    """Return the simulated hologram video of several cells."""
+    return [hologram_layer(cells_sample().recording, CELLS)]
 
 
 def euglena_phase() -> list[LayerTuple]:

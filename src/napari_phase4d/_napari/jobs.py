@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import atexit
 import threading
 import time
+import weakref
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from napari.qt.threading import FunctionWorker, create_worker
 from psygnal import EmitLoopError
-from qtpy.QtCore import QObject, QTimer, Signal
+from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
 
 from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d.progress import Cancelled
@@ -18,6 +21,8 @@ from napari_phase4d.progress import Cancelled
 __all__ = ["Jobs", "TimeLeft", "in_words", "sentence_of"]
 
 TELL_EVERY_MS = 100
+#: Work that was told to stop gets so long at the end of the program.
+LONGEST_END_MS = 3000
 
 
 @dataclass
@@ -70,6 +75,7 @@ class Jobs(QObject):  # type: ignore[misc]
         self._look.setInterval(TELL_EVERY_MS)
         self._look.timeout.connect(self._tell)
         self._gate = Gate()
+        GATES.add(self._gate)
         self.destroyed.connect(self._gate.shut)
         self._plan: Plan | None = None
 
@@ -159,9 +165,16 @@ class Jobs(QObject):  # type: ignore[misc]
         latest, self._latest = self._latest, None
         if latest is not None and self.running:
             self.progressed.emit(*latest)
+        if self.running and self._plan is not None:
+            take_part(self._plan)
 
     def _returned(self, worker: FunctionWorker, plan: Plan, ended: Ended) -> None:
         if worker is not self._worker:
+            return
+        if ended.error is None and take_part(plan):  # one a turn, so that the window goes on
+            gate = self._gate
+            again = partial(self._returned, worker, plan, ended)
+            QTimer.singleShot(0, lambda: None if gate.closed else again())
             return
         stopped = isinstance(ended.error, Cancelled) or self._gate.stop.is_set()
         # A result that arrives after Cancel is not wanted any more, but finished parts are.
@@ -194,6 +207,31 @@ class Jobs(QObject):  # type: ignore[misc]
             # What has changed meanwhile can be tried again; a real error can't.
             again = isinstance(error, Changed) or not plan.gives_way
             self.idle.emit("" if again else plan.title)
+
+
+def take_part(plan: Plan) -> bool:
+    """Take one finished part of a plan into the session; return whether there was one.
+
+    One that can't be shown on the way must not hold up the whole, which says what is wrong.
+    """
+    try:
+        return plan.next_part()
+    except Exception:
+        return True
+
+
+#: Of all windows, for the end of the program.
+GATES: weakref.WeakSet[Gate] = weakref.WeakSet()
+
+
+@atexit.register
+def end_all_work() -> None:
+    """Stop what still runs when a script ends without closing its window; Qt would abort else."""
+    for gate in GATES:
+        gate.shut()
+    pool = QThreadPool.globalInstance()
+    if pool is not None:
+        pool.waitForDone(LONGEST_END_MS)
 
 
 def sentence_of(error: BaseException) -> str:

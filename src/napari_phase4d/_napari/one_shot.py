@@ -29,6 +29,7 @@ from napari_phase4d._napari.viewing.layers import (
 )
 from napari_phase4d.holography import find_lobes, reconstruct
 from napari_phase4d.optics import Optics
+from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, unwrap
 
 __all__ = [
@@ -108,9 +109,11 @@ def dry_mass_density(viewer: Viewer) -> None:
 
 def nanometres(stack: xr.DataArray) -> Any:
     """Return the optical path difference of phase, float32."""
-    noted = stack.attrs.get("wavelength_um")
-    optics = (own_optics() or Optics()) if noted is None else Optics(wavelength_um=noted)
-    return (1000 * optics.optical_path_um(stack.values)).astype(np.float32)
+    light = wavelengths_of(stack)
+    if light is None:
+        light = np.full(stack.sizes["angle"], (own_optics() or Optics()).wavelength_um)
+    path_um = stack.values * (light / (2 * np.pi))[:, None, None]
+    return (1000 * path_um).astype(np.float32)
 
 
 def is_unwrapped_layer(layer: Any) -> bool:

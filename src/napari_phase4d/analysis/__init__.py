@@ -1,5 +1,13 @@
 """How good an unwrapping is, methods side by side, and what they say of the object."""
 
+from napari_phase4d.analysis.cell_results import (
+    Cells,
+    CellSettings,
+    cells_in,
+    region_with_cell,
+    summary_of_cells,
+    with_empty_field,
+)
 from napari_phase4d.analysis.cells import find_cells, follow_cells
 from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
 from napari_phase4d.analysis.confidence import REFERENCE, confidence, slip_warning, slipped_frames
@@ -19,10 +27,13 @@ from napari_phase4d.analysis.verdict import (
 
 __all__ = [
     "REFERENCE",
+    "CellSettings",
+    "Cells",
     "Comparison",
     "Traces",
     "Verdict",
     "best_known",
+    "cells_in",
     "compare",
     "compare_on",
     "confidence",
@@ -41,12 +52,15 @@ __all__ = [
     "order_verdict",
     "polygon_mask",
     "region_masks",
+    "region_with_cell",
     "residues",
     "slip_warning",
     "slipped_frames",
     "steps_sentence",
+    "summary_of_cells",
     "traces",
     "traces_of",
+    "with_empty_field",
     "with_wavelength",
     "wrong_cycle_map",
     "wrong_cycle_share",

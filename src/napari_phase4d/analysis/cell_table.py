@@ -11,19 +11,30 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.measure import regionprops_table
+from skimage.segmentation import expand_labels
 
 from napari_phase4d.analysis.loading import parts_over_time
+from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.optics import Optics
-from napari_phase4d.progress import Watch
+from napari_phase4d.progress import Watch, in_threads
+from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.unwrapping import noise_of
+from napari_phase4d.words import warn
 
-__all__ = ["table_of_cells"]
+__all__ = ["path_scale", "table_of_cells"]
 
 #: Sides in pixels of the squares of empty field by whose means the error of a sum is told, how
 #: many of them there must be, and how far from cells they lie.
 SQUARES, LEAST_SQUARES, AWAY = (1, 2, 4, 8, 16, 32), 6, 4
 #: Of what so many pixels at the rim of a cell hold, this share is uncertain: where a cell ends is
 #: a choice, and pixels are coarse.
-RIM, RIM_SHARE = 3, 0.008
+RIM, RIM_SHARE = 3, 0.002
+#: Within so many pixels of where cells touch, this share of what they hold is uncertain.
+CONTACT, CONTACT_SHARE = 3, 0.08
+#: Pixels round a cell over which its mass is summed as well.
+BLURRED = 3
+#: No light of a view comes from further aside.
+STEEPEST_DEG = 85.0
 TURN = 2 * math.pi
 
 Image = NDArray[np.floating]
@@ -50,34 +61,50 @@ def table_of_cells(
         else np.full(stack.sizes[dim], np.nan)
         for dim in ("time", "angle", "y", "x")
     }
+    if oblique and not (np.abs(places["angle"]) < STEEPEST_DEG).all():
+        msg = (
+            f"oblique needs viewing angles of less than {STEEPEST_DEG:g} degrees, but they are "
+            f"{places['angle'].tolist()}"
+        )
+        raise ValueError(msg)
     pixel_um2 = sides_um[0] * sides_um[1]
-    frames = []
+    scale = path_scale(stack, optics)
+    light = wavelengths_of(stack) if WAVELENGTH in stack.coords else None
+    masked = stack.attrs.get("mask", "none") != "none"
+    frames: list[pd.DataFrame] = []
     for part, phase in parts_over_time(stack):
-        for i, angle in np.ndindex(*phase.shape[:2]):
-            watch.check()
-            time = part.start + i
-            of_frame = np.asarray(labels[time, angle])
+
+        def measured(place: tuple[int, int], part: Any = part, phase: Any = phase) -> Any:
+            """Return the cells of one frame."""
+            (i, angle), time = place, part.start + place[0]
+            # Some programs number in 8 bits, in which SciPy can't count up.
+            of_frame = np.asarray(labels[time, angle]).astype(np.int32)
             trust = None if confidence is None else np.asarray(confidence[time, angle])
-            found = cells_of_frame(phase[i, angle], of_frame, trust)
-            if len(found["cell"]):
-                along = math.cos(math.radians(places["angle"][angle])) if oblique else 1.0
-                found |= {
-                    "time (s)": places["time"][time],
-                    "angle (deg)": places["angle"][angle],
-                    "frame": time,
-                    "view": angle,
-                    "along": along if math.isfinite(along) else 1.0,
-                }
-                frames.append(pd.DataFrame(found))
-            watch.step()
+            found = cells_of_frame(phase[i, angle], of_frame, trust, masked=masked)
+            along = math.cos(math.radians(places["angle"][angle])) if oblique else 1.0
+            return found | {
+                "time (s)": places["time"][time],
+                "angle (deg)": places["angle"][angle],
+                "frame": time,
+                "view": angle,
+                "along": along if math.isfinite(along) else 1.0,
+            }
+
+        every = in_threads(measured, np.ndindex(*phase.shape[:2]), watch)
+        frames += [pd.DataFrame(found) for found in every if len(found["cell"])]
     if not frames:
         msg = "there are no cells to measure; find some with find_cells()"
         raise ValueError(msg)
     table = pd.concat(frames, ignore_index=True)
-    sums, errors = (table[c].to_numpy() * table["along"].to_numpy() for c in ("sum", "error"))
+    sums, masses, errors = (
+        table[c].to_numpy() * table["along"].to_numpy() for c in ("sum", "mass", "error")
+    )
+    # What is proportional to the path is taken of phase as it is at the optics' wavelength.
+    own = scale[table["view"].to_numpy()]
+    masses, errors = masses * own, errors * own
     area = table["count"].to_numpy() * pixel_um2
     increment = refraction_increment_ml_per_g
-    mass = np.array([optics.dry_mass_pg(s, pixel_um2, increment) for s in sums])
+    mass = np.array([optics.dry_mass_pg(s, pixel_um2, increment) for s in masses])
     mean = sums / table["count"].to_numpy()
     columns: dict[str, Any] = {
         "cell": table["cell"],
@@ -89,21 +116,42 @@ def table_of_cells(
         "area (um^2)": area,
         "mean phase (rad)": mean,
         "largest phase (rad)": table["largest"].to_numpy() * table["along"].to_numpy(),
-        "mean optical path difference (nm)": 1000 * optics.optical_path_um(mean),
+        "mean optical path difference (nm)": 1000 * optics.optical_path_um(mean * own),
         "dry mass (pg)": mass,
         "dry mass error (pg)": [optics.dry_mass_pg(e, pixel_um2, increment) for e in errors],
         "mass density (pg/um^2)": mass / area,
         "circularity": np.minimum(
             4 * math.pi * table["count"] / np.maximum(table["perimeter"], 1.0) ** 2, 1.0
         ),
+        "wholly in view": table["whole"],
     }
     if object_index is not None:
-        columns["mean height (um)"] = optics.height_um(mean, object_index)
-        columns["volume (um^3)"] = optics.height_um(sums, object_index) * pixel_um2
+        columns["mean height (um)"] = optics.height_um(mean * own, object_index)
+        columns["volume (um^3)"] = optics.height_um(masses, object_index) * pixel_um2
         columns["volume error (um^3)"] = np.abs(optics.height_um(errors, object_index)) * pixel_um2
+    if np.median(mass) < 0:
+        warn(
+            "most cells have a negative dry mass; where they are denser than the medium, the sign "
+            "of the phase is wrong: flip the lobe, or give -phase"
+        )
     result = pd.DataFrame(columns)
-    result.insert(6, "speed (um/s)", speeds(result))
-    return result.sort_values(["cell", "time (s)", "angle (deg)"], ignore_index=True)
+    keys = ["angle (deg)"]
+    if light is not None:
+        result.insert(4, "wavelength (um)", light[table["view"].to_numpy()])
+        keys.append("wavelength (um)")
+    result.insert(list(result.columns).index("x (um)") + 1, "speed (um/s)", speeds(result, keys))
+    return result.sort_values(["cell", "time (s)", *keys], ignore_index=True)
+
+
+def path_scale(stack: xr.DataArray, optics: Optics) -> NDArray[np.float64]:
+    """Return what phase of each view is multiplied by to be that at the optics' wavelength.
+
+    It is 1 where views do not differ in wavelength: then the optics count.
+    """
+    light = wavelengths_of(stack)
+    if light is None or WAVELENGTH not in stack.coords:
+        return np.ones(stack.sizes.get("angle", 1))
+    return light / optics.wavelength_um
 
 
 def at(places: NDArray[np.float64], pixel: float) -> float:
@@ -111,48 +159,73 @@ def at(places: NDArray[np.float64], pixel: float) -> float:
     return float(np.interp(pixel, np.arange(len(places)), places))
 
 
-def cells_of_frame(phase: Image, labels: Labels, trust: Image | None) -> dict[str, Any]:
+def cells_of_frame(
+    phase: Image, labels: Labels, trust: Image | None, *, masked: bool
+) -> dict[str, Any]:
     """Return sums over the pixels of every cell of a frame (y, x), and their errors, in radians.
 
-    The level of the empty field round the cells is taken off.
+    The level of the empty field round the cells is taken off. Where a mask has left that out, as
+    0, the level is taken to be 0, and the error is that of the noise alone.
     """
-    known = np.isfinite(phase)
+    known = np.isfinite(phase) & ((phase != 0) | (not masked))
     inside = np.where(known, labels, 0)
     counts = np.bincount(inside.ravel())
     numbers = np.flatnonzero(counts[1:]) + 1
     if not len(numbers):
         return {"cell": numbers}
+    # The optics blur the end of a cell: what lies just outside of it is part of its mass.
+    summed = np.where(known, expand_labels(labels, BLURRED), 0)
+    n_summed = np.bincount(summed.ravel())[numbers]
     empty = known & (ndimage.maximum_filter(labels, 2 * AWAY + 1) == 0)
     level = float(np.median(phase[empty])) if empty.any() else 0.0
     height = np.where(known, phase - level, 0.0)
     sums = np.bincount(inside.ravel(), height.ravel())[numbers]
+    masses = np.bincount(summed.ravel(), height.ravel())[numbers]
     count = counts[numbers]
-    squared = (count * error_of_mean(height, empty, count)) ** 2
+    noise = noise_of(height.astype(np.float32), known)
+    squared = (n_summed * error_of_mean(height, empty, n_summed, noise)) ** 2
     rim = inside * (ndimage.grey_erosion(inside, 2 * RIM + 1) != inside)
     of_rim = np.bincount(rim.ravel(), height.ravel(), counts.size)[numbers]
     squared += (RIM_SHARE * of_rim) ** 2
+    touching = np.bincount(summed.ravel(), (height * at_contact(summed)).ravel(), counts.size)
+    squared += (CONTACT_SHARE * touching[numbers]) ** 2
     if trust is not None:
         doubt = np.bincount(inside.ravel(), (1 - np.nan_to_num(trust)).ravel(), counts.size)
         squared += (TURN * doubt[numbers]) ** 2
     centres = np.array(ndimage.center_of_mass(np.ones(labels.shape), inside, numbers))
+    edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     props = regionprops_table(inside, properties=("label", "perimeter_crofton"))
     return {
         "cell": numbers,
         "count": count,
         "sum": sums,
+        "mass": masses,
         "error": np.sqrt(squared),
         "largest": ndimage.maximum(height, inside, numbers),
         "y": centres[:, 0],
         "x": centres[:, 1],
         "perimeter": props["perimeter_crofton"],
+        "whole": ~np.isin(numbers, edge),
     }
 
 
-def error_of_mean(height: Image, empty: NDArray[np.bool_], count: NDArray[np.intp]) -> Image:
+def at_contact(labels: Labels) -> NDArray[np.bool_]:
+    """Return the pixels near to where cells touch: which of them they belong to is a choice."""
+    highest = ndimage.maximum_filter(labels, 3)
+    lowest = ndimage.minimum_filter(np.where(labels > 0, labels, np.iinfo(np.int32).max), 3)
+    line = (labels > 0) & (highest != lowest)
+    found: NDArray[np.bool_] = ndimage.binary_dilation(line, iterations=CONTACT) & (labels > 0)
+    return found
+
+
+def error_of_mean(
+    height: Image, empty: NDArray[np.bool_], count: NDArray[np.intp], noise: float
+) -> Image:
     """Return the standard deviation of means of so many pixels, as the empty field shows it.
 
     Means over squares of several sizes tell what noise is left in a mean, and what is no noise but
-    an uneven background. Beyond the largest squares that fit it stays as it is there.
+    an uneven background. Beyond the largest squares that fit it stays as it is there. Without
+    empty field in view there is but the noise of single pixels to go by.
     """
     sizes, spread = [], []
     for side in SQUARES:
@@ -168,16 +241,19 @@ def error_of_mean(height: Image, empty: NDArray[np.bool_], count: NDArray[np.int
         sizes.append(side * side)
         spread.append(max(float(np.std(means)), 1e-9))
     if not sizes:
-        return np.full(len(count), np.nan)
+        return np.asarray(noise / np.sqrt(count))
     found: Image = np.exp(np.interp(np.log(count), np.log(sizes), np.log(spread)))
     # The level was told from the same field.
     return np.hypot(found, spread[-1] / math.sqrt(max(int(empty.sum()) / sizes[-1], 1.0)))
 
 
-def speeds(table: pd.DataFrame) -> NDArray[np.float64]:
-    """Return how fast each cell moves from the frame before, NaN at its first."""
-    ordered = table.sort_values(["cell", "angle (deg)", "time (s)"])
-    of_cell = ordered.groupby(["cell", "angle (deg)"], dropna=False)
+def speeds(table: pd.DataFrame, keys: list[str]) -> NDArray[np.float64]:
+    """Return how fast each cell moves from the frame before, NaN at its first.
+
+    ``keys`` are the columns that tell a view.
+    """
+    ordered = table.sort_values(["cell", *keys, "time (s)"])
+    of_cell = ordered.groupby(["cell", *keys], dropna=False)
     steps = of_cell[["y (um)", "x (um)", "time (s)"]].diff()
     values = steps.to_numpy(np.float64)
     speed = np.hypot(values[:, 0], values[:, 1]) / values[:, 2]

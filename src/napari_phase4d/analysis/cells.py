@@ -3,8 +3,13 @@
 from __future__ import annotations
 
 import math
+import mmap
+import os
+import shutil
+import tempfile
 from collections.abc import Iterable
 from dataclasses import dataclass
+from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
 
@@ -16,22 +21,25 @@ from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
 from skimage.filters import apply_hysteresis_threshold
 from skimage.morphology import h_maxima
-from skimage.segmentation import expand_labels, watershed
+from skimage.segmentation import watershed
 
 from napari_phase4d.analysis.loading import parts_over_time
-from napari_phase4d.axes import AXES, PLAIN_AXES
+from napari_phase4d.axes import AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
-from napari_phase4d.stacks import check_rising, unwrapped_stack
+from napari_phase4d.stacks import check_rising, checked_labels, unwrapped_stack
 from napari_phase4d.unwrapping import noise_of
-from napari_phase4d.words import check_number
+from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 
-__all__ = ["find_cells", "follow_cells"]
+__all__ = ["check_follower", "find_cells", "follow_cells"]
 
 #: A cell rises by so many radians above the empty field somewhere, if the noise allows it; with
 #: noise, by so many of its standard deviations after smoothing over a pixel.
 THRESHOLD_RAD, DEVIATIONS, SMOOTHING = 0.25, 6.0, 1.0
-#: All that is joined to it and rises by this share of that belongs to it, and so many pixels more.
-LOW, RIM = 0.4, 1
+#: All that is joined to it and rises by this share of that may belong to it.
+LOW = 0.4
+#: It ends where phase falls below this share of the highest so many pixels round about. For a step
+#: that would be half; for a ball, which is steepest at its end, it is a fifth.
+RISEN, RIM = 0.35, 3
 #: Smaller blobs, in pixels, are no cells unless it is said how small a cell may be.
 SMALLEST_PIXELS = 30
 #: Two parts of a blob are two cells where its width between them is less than this share of that
@@ -41,7 +49,7 @@ NECK = 0.72
 OVERLAP = 0.35
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
 #: frames without them as here.
-REACH, GAP = 1.0, 2
+REACH, GAP, MOST_GAP = 1.0, 2, 1000
 #: To begin or end is dearer than any link that is allowed, by this factor.
 COSTLIER = 1.05
 #: A daughter takes at most this share of its parent's area.
@@ -121,16 +129,26 @@ def find_cells(
     """
     phase = unwrapped_stack(unwrapped)
     check_rising(phase, "phase")
+    check_bool("at_border", at_border)
+    check_bool("split", split)
     stack = phase.expand_dims([d for d in AXES if d not in phase.dims]).transpose(*AXES)
     area = math.prod(pixel_sides(stack))
     rule = Rule(
-        None if threshold_rad is None else positive("threshold_rad", threshold_rad),
-        SMALLEST_PIXELS if smallest_um2 is None else positive("smallest_um2", smallest_um2) / area,
-        math.inf if largest_um2 is None else positive("largest_um2", largest_um2) / area,
+        None if threshold_rad is None else check_positive("threshold_rad", threshold_rad),
+        SMALLEST_PIXELS
+        if smallest_um2 is None
+        else check_positive("smallest_um2", smallest_um2) / area,
+        math.inf if largest_um2 is None else check_positive("largest_um2", largest_um2) / area,
         at_border,
         split,
     )
-    labels = np.zeros(stack.shape, dtype=np.int32)
+    if rule.smallest > rule.largest:
+        msg = (
+            f"smallest_um2 ({smallest_um2 or 'by default 30 pixels'}) is larger than largest_um2 "
+            f"({largest_um2:g}), so that no cell fits"
+        )
+        raise ValueError(msg)
+    labels = no_labels(stack)
     watch = Watch(math.prod(stack.shape[:2]), "finding cells", progress, cancelled)
     for part, values in parts_over_time(stack):
         frames = [values[place] for place in np.ndindex(*values.shape[:2])]
@@ -147,13 +165,42 @@ def find_cells(
     return named
 
 
-def positive(name: str, value: Any) -> float:
-    """Return a number above 0, or say that it is none."""
-    number = check_number(name, value)
-    if not number > 0:
-        msg = f"{name} must be a number above 0, but is {value!r}"
-        raise ValueError(msg)
-    return number
+def no_labels(like: xr.DataArray) -> Labels:
+    """Return zeros in the form of a stack: in memory, or in a file that nobody sees.
+
+    They lie in a file where the stack does, whose place is taken now: a disk that is full later
+    would end the program.
+
+    Raises
+    ------
+    OSError
+        If there is no room for them.
+    """
+    if not lies_in_file(like.data):
+        return np.zeros(like.shape, dtype=np.int32)
+    needed = 4 * math.prod(like.shape)
+    with tempfile.TemporaryFile() as file:
+        free = shutil.disk_usage(tempfile.gettempdir()).free
+        if needed > free:
+            msg = (
+                f"the labels of all cells need {size_in_words(needed)} in "
+                f"{tempfile.gettempdir()}, but {size_in_words(free)} are free there; make room, "
+                "or set TMPDIR to another folder"
+            )
+            raise OSError(msg)
+        file.truncate(needed)
+        if hasattr(os, "posix_fallocate"):
+            os.posix_fallocate(file.fileno(), 0, needed)
+        return np.memmap(file, dtype=np.int32, mode="r+", shape=like.shape)
+
+
+def lies_in_file(data: Any) -> bool:
+    """Say whether numbers are not in memory: lazy ones, and views of mapped files."""
+    if not isinstance(data, np.ndarray):
+        return True
+    while isinstance(data, np.ndarray) and not isinstance(data, np.memmap):
+        data = data.base
+    return isinstance(data, np.memmap | mmap.mmap)
 
 
 def pixel_sides(stack: xr.DataArray) -> tuple[float, float]:
@@ -184,17 +231,18 @@ class Rule:
         filled = np.where(known, phase, 0).astype(np.float32)
         if not known.any():
             return np.zeros(phase.shape, dtype=np.int32)
-        noise = noise_of(filled, known) / (2 * math.sqrt(math.pi) * SMOOTHING)
-        high = self.threshold or max(THRESHOLD_RAD, DEVIATIONS * noise)
+        noise = noise_of(filled, known)
         height = ndimage.gaussian_filter(filled - level_of(filled[known]), SMOOTHING)
         height[~known] = 0
-        above = apply_hysteresis_threshold(height, max(LOW * high, 3 * noise), high)
+        # What the noise leaves after smoothing, or how uneven the empty field is.
+        left = max(noise / (2 * math.sqrt(math.pi) * SMOOTHING), unevenness(height[known]))
+        high = self.threshold or max(THRESHOLD_RAD, DEVIATIONS * left)
+        above = apply_hysteresis_threshold(height, max(LOW * high, 4.5 * left), high)
         above = ndimage.binary_fill_holes(ndimage.binary_opening(above, iterations=1))
-        labels, count = ndimage.label(above)
+        labels, count = ndimage.label(above & ends_half_way(height, above))
         labels = labels.astype(np.int32)
         if self.split and count:
             labels = cut_at_necks(labels, self.smallest)
-        labels = expand_labels(labels, RIM).astype(np.int32)
         return self._numbered(labels)
 
     def _numbered(self, labels: Labels) -> Labels:
@@ -210,6 +258,12 @@ class Rule:
         return found
 
 
+def unevenness(height: NDArray[np.floating]) -> float:
+    """Return the standard deviation of an empty field about 0, told from what lies below it."""
+    below = -height[height < 0]
+    return 1.4826 * float(np.median(below)) if below.size else 0.0
+
+
 def level_of(values: NDArray[np.floating]) -> float:
     """Return the commonest of some numbers: the level of the empty field."""
     low, high = np.quantile(values, (0.001, 0.999))
@@ -219,6 +273,17 @@ def level_of(values: NDArray[np.floating]) -> float:
     middle = float(edges[int(np.argmax(smooth))] + (edges[1] - edges[0]) / 2)
     near = values[np.abs(values - middle) < 0.3]
     return float(np.median(near)) if near.size else middle
+
+
+def ends_half_way(height: Image, blobs: Mask) -> Mask:
+    """Return the pixels of blobs within the line where phase has risen about half-way.
+
+    Smoothing and the optics blur the end of a cell to both sides of it: what is far below the
+    phase a few pixels further in lies outside.
+    """
+    near = ndimage.maximum_filter(height, 2 * RIM + 1)
+    inside: Mask = ndimage.binary_fill_holes(blobs & (height > RISEN * near))
+    return inside & blobs
 
 
 def cut_at_necks(labels: Labels, smallest: float) -> Labels:
@@ -355,23 +420,32 @@ def follow_cells(
     ImportError
         If the package laptrack is not installed.
     """
-    given = as_labels(labels)
+    given = checked_labels(labels)
+    if set(given.dims) - set(AXES) or not {"y", "x"} <= set(given.dims):
+        msg = f"labels have dims {tuple(given.dims)}; they must be among {', '.join(AXES)}"
+        raise ValueError(msg)
+    if reach_um is not None:
+        check_positive("reach_um", reach_um)
+    if isinstance(gap, bool) or not isinstance(gap, int | np.integer) or not 0 <= gap <= MOST_GAP:
+        msg = f"gap must be a number of frames from 0 to {MOST_GAP}, but is {shown(gap)}"
+        raise ValueError(msg)
     stack = given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES)
-    values = np.asarray(stack.data).astype(np.int32)
     sides = pixel_sides(stack)
-    watch = Watch(values.shape[1], "following cells", progress, cancelled)
+    watch = Watch(stack.sizes["angle"], "following cells", progress, cancelled)
     views = []
-    for angle in range(values.shape[1]):
+    for angle in range(stack.sizes["angle"]):
         watch.check()
-        views.append(tracks_of(spots_of(values[:, angle], sides), reach_um, gap))
+        views.append(tracks_of(spots_of(stack[:, angle], sides, watch), reach_um, gap))
         watch.step()
     parents = joined_views(views)
-    followed = np.zeros_like(values)
+    followed = no_labels(stack)
     for angle, spots in enumerate(views):
         of_spot = spots[["frame", "label", "cell"]].to_numpy(np.int64)
         for time in np.unique(of_spot[:, 0]):
-            frame, here = values[time, angle], of_spot[of_spot[:, 0] == time]
-            number = np.zeros(int(frame.max()) + 1, dtype=np.int32)
+            watch.check()
+            frame = np.asarray(stack.data[time, angle]).astype(np.int64)
+            here = of_spot[of_spot[:, 0] == time]
+            number = np.zeros(max(int(frame.max()), int(here[:, 1].max())) + 1, dtype=np.int32)
             number[here[:, 1]] = here[:, 2]
             followed[time, angle] = number[frame]
     missing = [d for d in AXES if d not in given.dims]
@@ -381,32 +455,12 @@ def follow_cells(
     return result
 
 
-def as_labels(given: Any) -> xr.DataArray:
-    """Return labels with names of their axes, or say what is wrong with them."""
-    if isinstance(given, xr.DataArray):
-        labels: xr.DataArray = given
-    else:
-        values = np.asarray(given)
-        if values.ndim not in PLAIN_AXES:
-            msg = f"labels must have two to four axes, but are {values.shape}"
-            raise ValueError(msg)
-        labels = xr.DataArray(values, dims=PLAIN_AXES[values.ndim])
-    if labels.dtype.kind not in "iub":
-        msg = f"labels must be whole numbers, but are {labels.dtype}"
-        raise TypeError(msg)
-    if set(labels.dims) - set(AXES) or not {"y", "x"} <= set(labels.dims):
-        msg = f"labels have dims {tuple(labels.dims)}; they must be among {', '.join(AXES)}"
-        raise ValueError(msg)
-    if labels.dtype.kind != "b" and bool((labels < 0).any()):
-        msg = "labels must be 0 or more, but some are negative"
-        raise ValueError(msg)
-    return labels
-
-
-def spots_of(labels: Labels, sides: tuple[float, float]) -> pd.DataFrame:
+def spots_of(labels: xr.DataArray, sides: tuple[float, float], watch: Watch) -> pd.DataFrame:
     """Return place (um) and width of every cell of a view (time, y, x)."""
     rows: list[tuple[float, ...]] = []
-    for time, frame in enumerate(labels):
+    for time in range(labels.sizes["time"]):
+        watch.check()
+        frame = np.asarray(labels.data[time]).astype(np.int64)
         sizes = np.bincount(frame.ravel())
         numbers = np.flatnonzero(sizes[1:]) + 1
         if not len(numbers):
@@ -419,17 +473,22 @@ def spots_of(labels: Labels, sides: tuple[float, float]) -> pd.DataFrame:
     return found.astype({"frame": int, "label": int})
 
 
+def check_follower() -> None:
+    """Raise ImportError if the package that follows cells is missing: before long work."""
+    if find_spec("laptrack") is None:
+        msg = 'following cells needs one more package; run: pip install "napari-phase4d[cells]"'
+        raise ImportError(msg)
+
+
 def tracks_of(spots: pd.DataFrame, reach_um: float | None, gap: int) -> pd.DataFrame:
     """Add to the cells of a view their "track" and its "parent", -1 where there is none."""
     if spots.empty:
         return spots.assign(track=pd.Series(dtype=int), parent=pd.Series(dtype=int))
-    try:
-        from laptrack import LapTrack
-    except ImportError as error:
-        msg = 'following cells needs one more package; run: pip install "napari-phase4d[cells]"'
-        raise ImportError(msg) from error
+    check_follower()
+    from laptrack import LapTrack
+
     diameter = 2 * math.sqrt(float(spots["area"].median()) / math.pi)
-    reach = REACH * diameter if reach_um is None else positive("reach_um", reach_um)
+    reach = REACH * diameter if reach_um is None else check_positive("reach_um", reach_um)
 
     # A change of the area counts as a way, so that a small cell is not taken for a large one.
     spots = spots.assign(size=0.5 * diameter * np.log(spots["area"]))

@@ -32,14 +32,16 @@ from napari_phase4d.analysis.errors import (
 )
 from napari_phase4d.analysis.verdict import Verdict, verdict_on
 from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
-from napari_phase4d.stacks import without_masked, wrapped_stack
+from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
 from napari_phase4d.unwrapping import (
     METHODS,
     Problem,
     check_method,
     label_of,
+    methods_for,
     run_method,
 )
+from napari_phase4d.words import check_call, shown
 
 __all__ = ["Comparison", "compare", "compare_on", "measured"]
 
@@ -253,7 +255,8 @@ def compare(
     phase : DataArray or array_like
         Wrapped phase in radians, see `unwrap`.
     methods : sequence of str, optional
-        Ids among `METHODS`. Default: all.
+        Ids among `METHODS`. Default: all that suit the phase: those that need several wavelengths
+        only where it has them.
     boundary, mask, amplitude, cancelled
         See `unwrap`.
     truth : DataArray or array_like, optional
@@ -297,16 +300,43 @@ def compare(
     >>> found.results["temporal-angular"].dims
     ('time', 'angle', 'y', 'x')
     """
-    chosen = list(METHODS) if methods is None else list(methods)
-    options = options or {}
+    chosen = list(METHODS) if methods is None else as_methods(methods)
+    options = {} if options is None else options
+    if not isinstance(options, Mapping) or not all(
+        isinstance(own, Mapping) for own in options.values()
+    ):
+        msg = (
+            f"options must map method ids to their options, but is {shown(options)}; give "
+            '{"laplacian": {"borders": "mirror"}}, or leave them out'
+        )
+        raise TypeError(msg)
+    check_call("finished", finished)
     for method in (*chosen, *options):
         check_method(method, options.get(method, {}))
     mask = without_masked(phase, mask)
-    problem = Problem(wrapped_stack(phase), boundary, mask, amplitude)
+    stack = wrapped_stack(phase)
+    if methods is None:
+        chosen = methods_for(wavelengths_of(stack))
+    problem = Problem(stack, boundary, mask, amplitude)
     try:
         return compare_on(problem, chosen, truth, options, progress, cancelled, finished)
     finally:
         problem.forget_field()
+
+
+def as_methods(methods: Any) -> list[str]:
+    """Return ids of methods as a list; a single one will do."""
+    if isinstance(methods, str):
+        return [methods]
+    try:
+        found = list(methods)
+    except TypeError as error:
+        msg = f"methods must be a list of method ids, but is {shown(methods)}"
+        raise TypeError(msg) from error
+    if not found:
+        msg = f"methods is empty; give at least one of {', '.join(METHODS)}"
+        raise ValueError(msg)
+    return found
 
 
 def compare_on(

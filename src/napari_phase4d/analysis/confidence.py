@@ -10,7 +10,15 @@ from scipy import ndimage
 from napari_phase4d.axes import in_full
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
-from napari_phase4d.unwrapping import Problem, Support, astray, run_method, support_by_steps
+from napari_phase4d.unwrapping import (
+    Problem,
+    Support,
+    astray,
+    chance_by_wavelengths,
+    run_method,
+    support_by_steps,
+)
+from napari_phase4d.words import warn
 
 __all__ = [
     "REFERENCE",
@@ -34,6 +42,8 @@ LEVEL, PER_RADIAN, PER_HOLD = -3.4, 1.0, -9.6
 ROUGHEST = 4.0
 #: No result is held less than this.
 LOOSEST = -0.2
+#: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
+NOT_WHOLE, MANY_OFF = 0.02, 0.1
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
 #: ... and may have slipped if at least this share of it is trusted less than so much.
@@ -57,7 +67,8 @@ def confidence(
     time, angle, y and x along steps that agree with the result, the one whose roughest step is
     smoothest. Where a result differs from directional L1, both ways compete. So it also falls
     where a whole object has slipped: then no smooth way leads into it, or a smoother one
-    contradicts it.
+    contradicts it. Where every angle has several wavelengths, it is judged by how far these
+    agree instead: sheer walls have no smooth way, and need none then.
 
     Parameters
     ----------
@@ -99,8 +110,25 @@ def confidence(
     problem = Problem(wrapped_stack(phase), mask=mask, amplitude=amplitude)
     name = "the unwrapped phase"
     values = unwrapped_stack(on_grid_of(unwrapped, problem.template, name), name)
+    doubt_other_phase(values, problem)
     reference = reference_of(problem, progress, cancelled)
     return chance_of_right(problem, values, reference, progress, cancelled)
+
+
+def doubt_other_phase(unwrapped: xr.DataArray, problem: Problem) -> None:
+    """Warn if a result is not the phase and whole turns: it may be of another recording."""
+    if unwrapped.attrs.get("method") == "laplacian":  # an estimate, as its page says
+        return
+    off = (in_full(unwrapped) - problem.wrapped) / np.float32(TURN)
+    known = problem.usable & np.isfinite(off)
+    if unwrapped.attrs.get("mask", "none") != "none":
+        known &= in_full(unwrapped) != 0
+    share = float((np.abs(off - np.round(off))[known] > NOT_WHOLE).mean()) if known.any() else 0.0
+    if share > MANY_OFF:
+        warn(
+            f"in {100 * share:.0f} % of the pixels the unwrapped phase is not the wrapped phase "
+            "and whole turns; are both of the same recording?"
+        )
 
 
 def reference_of(
@@ -130,6 +158,8 @@ def chance_of_right(
     progress, cancelled : callable, optional
         See `unwrap`.
     """
+    if problem.parts():
+        return chance_of_colours(problem, result, reference, progress, cancelled)
     own = support_of(problem, result, progress, cancelled)
     other = problem.once("support", lambda: support_of(problem, reference, progress, cancelled))
     noise = problem.once("astray", lambda: astray(problem, progress, cancelled))
@@ -141,6 +171,38 @@ def chance_of_right(
     found = problem.result(
         chance.astype(np.float32), "confidence", {"of": result.attrs.get("method", "")}
     )
+    found.attrs["units"] = "1"
+    return found
+
+
+def chance_of_colours(
+    problem: Problem,
+    result: xr.DataArray,
+    reference: xr.DataArray,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.DataArray:
+    """Return `confidence` where views differ in wavelength.
+
+    Where every angle has several, by how far they agree, which tells sheer walls too; else by the
+    steps of each wavelength by itself.
+    """
+    values = in_full(result)
+    if result.attrs.get("mask", "none") != "none":
+        values = np.where(values == 0, np.float32(np.nan), values)
+    chance = chance_by_wavelengths(problem, values)
+    if chance is None:
+        chance = np.zeros_like(values)
+        for views, part in problem.parts():
+            chosen = {"angle": list(views)}
+            of_part = chance_of_right(
+                part, result.isel(chosen), reference.isel(chosen), progress, cancelled
+            )
+            chance[:, list(views)] = in_full(of_part)
+    else:
+        chance[np.isnan(values)] = 1  # masked: taken for empty field
+    chance[problem.lost()] = 0
+    found = problem.result(chance, "confidence", {"of": result.attrs.get("method", "")})
     found.attrs["units"] = "1"
     return found
 

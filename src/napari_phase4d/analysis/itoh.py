@@ -8,8 +8,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.loading import in_memory, parts_over_time
-from napari_phase4d.stacks import check_rising, unwrapped_stack
-from napari_phase4d.unwrapping import both_ends, loop_sums
+from napari_phase4d.stacks import check_rising, unwrapped_stack, wavelengths_of
+from napari_phase4d.unwrapping import both_ends, frames_among, loop_sums, views_by_light
 from napari_phase4d.words import check_type
 
 __all__ = ["itoh_margin", "order_shares", "residues"]
@@ -50,6 +50,9 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
     for axis, dim in enumerate(phase.dims):
         if phase.sizes[dim] < 2:
             continue
+        if dim == "angle" and (groups := same_wavelength(phase)):
+            maps["along_angle"] = margin_of_each(phase, where, groups)
+            continue
         if phase.chunks is None:
             largest = larger_step(phase.values, axis)
         else:
@@ -60,6 +63,34 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         margin.attrs = {"units": "pi rad", "share_beyond": share_beyond(phase, inside, axis)}
         maps[f"along_{dim}"] = margin
     return xr.Dataset(maps)
+
+
+def same_wavelength(phase: xr.DataArray) -> list[list[int]]:
+    """Return the views of each wavelength, empty if all have one: others make no step."""
+    return [list(views) for views in views_by_light(wavelengths_of(phase))]
+
+
+def margin_of_each(
+    phase: xr.DataArray, where: xr.DataArray | None, groups: list[list[int]]
+) -> xr.DataArray:
+    """Return the margin along the angle between views of one wavelength, 0 where there are none.
+
+    Views of different wavelengths have different phase, which is no step of the object.
+    """
+    margin = phase.copy(data=np.zeros(phase.shape, dtype=np.float32))
+    beyond = count = 0.0
+    for views in groups:
+        if len(views) < 2:
+            continue
+        part = phase.isel(angle=views)
+        inside = None if where is None else where.isel(angle=views)
+        own = itoh_margin(part.assign_coords(wavelength=("angle", [1.0] * len(views))), inside)
+        margin[{"angle": views}] = own["along_angle"].values
+        steps = len(views) - 1
+        beyond += steps * own["along_angle"].attrs["share_beyond"]
+        count += steps
+    margin.attrs = {"units": "pi rad", "share_beyond": beyond / count if count else 0.0}
+    return margin
 
 
 def checked(phase: xr.DataArray) -> xr.DataArray:
@@ -134,6 +165,22 @@ def order_shares(
         """Return for each step of a part of the frames whether it is too large."""
         steps = np.abs(np.diff(stack[part], axis=axis)) > np.pi
         return steps[both_ends(inside[part], axis)]
+
+    groups = same_wavelength(phase)
+    if groups:  # each by itself, as it is unwrapped
+        found = [
+            order_shares(
+                phase.isel(angle=views).drop_vars("wavelength"),
+                frames_among([(t, a)], views, phase["angle"].values)[0],
+                None if where is None else where.isel(angle=views),
+            )
+            for views in groups
+        ]
+        weights = [len(views) for views in groups]
+        return {
+            way: float(np.average([own[way] for own in found], weights=weights))
+            for way in found[0]
+        }
 
     everywhere = (slice(None), slice(None))
     ways = {

@@ -12,13 +12,20 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from skimage.draw import polygon2mask
 
-from napari_phase4d.analysis.cell_table import table_of_cells
+from napari_phase4d.analysis.cell_table import path_scale, table_of_cells
 from napari_phase4d.analysis.loading import parts_over_time
-from napari_phase4d.axes import AXES, in_full
+from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH, in_full
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.stacks import mask_on, on_grid_of, pixel_um, unwrapped_stack
-from napari_phase4d.words import as_numbers, shown
+from napari_phase4d.stacks import (
+    checked_labels,
+    mask_on,
+    on_grid_of,
+    pixel_um,
+    unwrapped_stack,
+    wavelengths_of,
+)
+from napari_phase4d.words import as_numbers, check_bool, check_number, shown, warn
 
 __all__ = ["measure", "polygon_mask", "region_masks"]
 
@@ -121,6 +128,8 @@ def polygon_mask(vertices_yx: ArrayLike, shape: tuple[int, int]) -> Mask:
 
 
 NM_PER_UM = 1000
+#: Nothing transparent has a larger refractive index.
+LARGE_INDEX = 5.0
 
 
 def measure(
@@ -152,7 +161,8 @@ def measure(
         plain array (y, x), (time, y, x), which holds at every angle, or (time, angle, y, x); see
         `region_masks` and `polygon_mask`. Time and angle may be 1 long and then hold always.
     optics : Optics
-        The microscope; its wavelength must be that of the phase, where the phase notes one.
+        The microscope; its wavelength must be that of the phase, where the phase notes one. Where
+        views differ in wavelength, that of each view counts instead.
     object_index : float, optional
         Refractive index of the object, taken as the same everywhere in it. Without it there is
         neither height nor volume.
@@ -176,10 +186,13 @@ def measure(
         from no other), "time (s)", "angle (deg)", "y (um)", "x (um)" (its middle),
         "speed (um/s)", "area (um^2)", "mean phase (rad)", "largest phase (rad)",
         "mean optical path difference (nm)", "dry mass (pg)", "dry mass error (pg)",
-        "mass density (pg/um^2)", "circularity" (1 is a disc); with ``object_index``
-        "mean height (um)", "volume (um^3)", "volume error (um^3)". An error is one standard
-        deviation: of means over as much empty field, of where the cell ends, and of pixels in
-        doubt; not of the refraction increment.
+        "mass density (pg/um^2)", "circularity" (1 is a disc), "wholly in view" (whether it
+        does not touch the border of the frame); with ``object_index`` "mean height (um)",
+        "volume (um^3)", "volume error (um^3)". An error is one standard deviation: of means
+        over as much empty field, of where the cell ends, and of pixels in doubt; not of the
+        refraction increment.
+
+        Where views differ in wavelength, "wavelength (um)" stands beside the angle.
 
         Of regions one row a region, time and angle, in this order. Columns: "region", "time (s)",
         "angle (deg)", "area (um^2)", "mean phase (rad)", "mean optical path difference (nm)";
@@ -213,6 +226,7 @@ def measure(
     """
     stack = on_four_axes(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
+    check_bool("oblique", oblique)
     if not isinstance(regions, Mapping) and hasattr(regions, "dtype"):
         return table_of_cells(
             stack, labels_on(regions, stack), parents_of(regions), optics,
@@ -220,22 +234,25 @@ def measure(
             object_index=object_index,
             refraction_increment_ml_per_g=refraction_increment_ml_per_g,
             oblique=oblique,
-            confidence=None if confidence is None else in_full(
-                on_grid_of(confidence, unwrapped, "the confidence")
-            ),
+            confidence=None if confidence is None else chances(confidence, unwrapped),
             watch=Watch(math.prod(stack.shape[:2]), "measuring", progress, cancelled),
         )  # fmt: skip
+    if oblique or confidence is not None:
+        warn("oblique and confidence count for cells only; for regions they do nothing")
     masks = {name: fitted(name, mask, stack) for name, mask in checked_regions(regions).items()}
     pixel_um2 = pixel_area_um2(stack)
+    scale = np.tile(path_scale(stack, optics), stack.shape[0])
     watch = Watch(len(masks), "measuring", progress, cancelled)
     watch.check()
     tables = []
     for name, mask in masks.items():
         sums, counts = totals(stack, mask, watch)
         row = {"region": name, **frames_of(stack), "area (um^2)": counts * pixel_um2}
-        row |= phase_columns(sums, counts, pixel_um2, optics, object_index)
+        row |= light_column(stack)
+        row |= phase_columns(sums, counts, pixel_um2, optics, object_index, scale)
         row["dry mass (pg)"] = [
-            optics.dry_mass_pg(total, pixel_um2, refraction_increment_ml_per_g) for total in sums
+            optics.dry_mass_pg(total, pixel_um2, refraction_increment_ml_per_g)
+            for total in sums * scale
         ]
         tables.append(pd.DataFrame(row))
         watch.step()
@@ -244,10 +261,11 @@ def measure(
 
 def labels_on(labels: Any, stack: xr.DataArray) -> NDArray[Any]:
     """Return labels (time, angle, y, x) that fit the phase, or say why they don't."""
-    if labels.dtype.kind not in "iu":
-        msg = f"cells must be whole numbers, as find_cells() gives them, but are {labels.dtype}"
-        raise TypeError(msg)
-    if isinstance(labels, xr.DataArray):
+    labels = checked_labels(labels, "the cells") if labels.ndim in PLAIN_AXES else labels
+    missing = [dim for dim in stack.dims if dim not in labels.dims and stack.sizes[dim] == 1]
+    if missing and isinstance(labels, xr.DataArray):  # as the phase was before it had four axes
+        labels = labels.drop_vars(missing, errors="ignore").expand_dims(missing)
+    if isinstance(labels, xr.DataArray) and set(labels.dims) == set(stack.dims):
         found = in_full(on_grid_of(labels, stack, "the cells"))
     else:
         found = np.asarray(labels)
@@ -260,7 +278,27 @@ def labels_on(labels: Any, stack: xr.DataArray) -> NDArray[Any]:
 def parents_of(labels: Any) -> dict[int, int]:
     """Return the parent of each cell that came from another one."""
     noted = getattr(labels, "attrs", {}).get("parents", ())
-    return {int(child): int(parent) for child, parent in noted}
+    try:
+        return {int(child): int(parent) for child, parent in noted}
+    except (TypeError, ValueError) as error:
+        msg = (
+            f'the cells note parents as {shown(noted)}; attrs["parents"] must be a list of '
+            "(daughter, parent), as find_cells() gives it"
+        )
+        raise ValueError(msg) from error
+
+
+def chances(confidence: Any, unwrapped: xr.DataArray) -> NDArray[Any]:
+    """Return how far pixels are to be trusted, or say why that can't be."""
+    found = in_full(on_grid_of(confidence, unwrapped, "the confidence"))
+    if found.dtype.kind not in "fiu":
+        msg = f"the confidence must be real numbers from 0 to 1, but is {found.dtype}"
+        raise TypeError(msg)
+    low, high = float(np.nanmin(found, initial=np.inf)), float(np.nanmax(found, initial=-np.inf))
+    if not 0 <= low <= high <= 1:  # high is below low where nothing is known
+        msg = f"the confidence must lie between 0 and 1, but runs from {low:.4g} to {high:.4g}"
+        raise ValueError(msg)
+    return found
 
 
 def totals(
@@ -286,18 +324,22 @@ def phase_columns(
     pixel_um2: float,
     optics: Optics,
     object_index: float | None,
+    scale: NDArray[np.float64],
 ) -> dict[str, NDArray[Any]]:
-    """Return the columns of phase, optical path and, where it can be told, height and volume."""
+    """Return the columns of phase, optical path and, where it can be told, height and volume.
+
+    ``scale`` is what phase of each frame is multiplied by to be that at the optics' wavelength.
+    """
     mean = np.full(sums.shape, np.nan)
     np.divide(sums, counts, out=mean, where=counts > 0)
     columns = {
         "mean phase (rad)": mean,
-        "mean optical path difference (nm)": NM_PER_UM * optics.optical_path_um(mean),
+        "mean optical path difference (nm)": NM_PER_UM * optics.optical_path_um(mean * scale),
     }
     if object_index is not None:
         # All of these are proportional to phase, so that they may be taken of its sum.
-        columns["mean height (um)"] = optics.height_um(mean, object_index)
-        columns["volume (um^3)"] = optics.height_um(sums, object_index) * pixel_um2
+        columns["mean height (um)"] = optics.height_um(mean * scale, object_index)
+        columns["volume (um^3)"] = optics.height_um(sums * scale, object_index) * pixel_um2
     return columns
 
 
@@ -309,6 +351,14 @@ def frames_of(stack: xr.DataArray) -> dict[str, NDArray[np.float64]]:
     ]
     times, angles = np.meshgrid(*places, indexing="ij")
     return {"time (s)": times.ravel(), "angle (deg)": angles.ravel()}
+
+
+def light_column(stack: xr.DataArray) -> dict[str, NDArray[np.float64]]:
+    """Return the wavelength of frame after frame, where views differ in it."""
+    light = wavelengths_of(stack)
+    if light is None or WAVELENGTH not in stack.coords:
+        return {}
+    return {"wavelength (um)": np.tile(light, stack.shape[0])}
 
 
 def on_four_axes(unwrapped: xr.DataArray | Any) -> xr.DataArray:
@@ -369,17 +419,33 @@ def check_numbers(
     if not isinstance(optics, Optics):
         msg = f"optics must be an Optics, but is {optics!r}; give Optics(wavelength_um=...)"
         raise TypeError(msg)
-    noted = stack.attrs.get("wavelength_um")
+    noted = None
+    if WAVELENGTH not in stack.coords and "wavelength_um" in stack.attrs:
+        noted = stack.attrs["wavelength_um"]
+    if noted is not None:
+        noted = check_number('attrs["wavelength_um"] of the phase', noted)
     if noted is not None and not math.isclose(noted, optics.wavelength_um, rel_tol=1e-6):
         msg = (
             f"the phase was measured at a wavelength of {noted:g} um, but the optics say "
             f"{optics.wavelength_um:g} um; give the optics of the recording"
         )
         raise ValueError(msg)
-    if object_index is not None and not (math.isfinite(object_index) and object_index >= 1):
-        msg = f"object_index must be at least 1, but is {object_index!r}"
-        raise ValueError(msg)
-    increment = refraction_increment_ml_per_g
+    if object_index is not None:
+        index = check_number("object_index", object_index)
+        if not 1 <= index <= LARGE_INDEX:
+            msg = f"object_index must lie between 1 and {LARGE_INDEX:g}, but is {object_index!r}"
+            raise ValueError(msg)
+        if index < optics.medium_index:
+            warn(
+                f"the object's refractive index, {index:g}, is below that of the medium, "
+                f"{optics.medium_index:g}, so heights and volumes come out negative"
+            )
+    increment = check_number("refraction_increment_ml_per_g", refraction_increment_ml_per_g)
+    if math.isfinite(increment) and increment > 0 and not 0.05 <= increment <= 1:
+        warn(
+            f"a refraction increment of {increment:g} mL/g is unusual: cells have 0.18 to 0.21; "
+            "is it in another unit?"
+        )
     if not (math.isfinite(increment) and increment > 0):
         msg = f"refraction_increment_ml_per_g must be a number above 0, but is {increment!r}"
         raise ValueError(msg)

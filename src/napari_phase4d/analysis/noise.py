@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.stacks import wavelengths_of
 
 __all__ = ["noise_figures", "noise_sentence", "with_wavelength"]
 
@@ -84,7 +85,8 @@ def noise_figures(
         msg = "noise is measured on phase; give what reconstruct() returns"
         raise ValueError(msg)
     phase = ds["phase"]
-    wavelength = float(phase.attrs.get("wavelength_um", ds.attrs.get("wavelength_um", math.nan)))
+    known = wavelengths_of(phase)
+    light = wavelengths_of(ds) if known is None else known
     visibility = visibility_of_angles(ds)
     times = chosen_times(phase.sizes["time"])
     watch = Watch(len(times) * phase.sizes["angle"], "noise", progress, cancelled)
@@ -94,7 +96,8 @@ def noise_figures(
             {"view": view + 1, "angle_deg": float(angle), "fringe_visibility": visibility[view]}
             | figures_of(sums_of(ds, view, times, watch))
         )
-    return with_wavelength(pd.DataFrame(rows).set_index("view"), wavelength)
+    table = pd.DataFrame(rows).set_index("view")
+    return with_wavelength(table, np.full(len(rows), math.nan) if light is None else light)
 
 
 def visibility_of_angles(ds: xr.Dataset) -> list[float]:
@@ -102,6 +105,8 @@ def visibility_of_angles(ds: xr.Dataset) -> list[float]:
     angles = [float(a) for a in ds["phase"]["angle"].values]
     visibility = [float(v) for v in ds.attrs.get("fringe_visibility", ())]
     lobes = ds.attrs.get("lobes", ())
+    if len(set(angles)) < len(angles):  # of several wavelengths
+        return visibility if len(visibility) == len(angles) else [math.nan] * len(angles)
     noted = [float(lobe["angle_deg"]) for lobe in lobes if isinstance(lobe, dict)]
     if len(noted) != len(visibility):
         return visibility if len(visibility) == len(angles) else [math.nan] * len(angles)
@@ -111,8 +116,13 @@ def visibility_of_angles(ds: xr.Dataset) -> list[float]:
     return [known.get(angle, math.nan) for angle in angles]
 
 
-def with_wavelength(table: pd.DataFrame, wavelength_um: float) -> pd.DataFrame:
-    """Return the same phase noise with its optical path at another wavelength, in micrometres."""
+def with_wavelength(
+    table: pd.DataFrame, wavelength_um: float | NDArray[np.floating]
+) -> pd.DataFrame:
+    """Return the same phase noise with its optical path at another wavelength, in micrometres.
+
+    It may be one for each view.
+    """
     paths = {
         f"{name}_path_nm": table[f"{name}_phase_mrad"] * wavelength_um / (2 * np.pi)
         for name in ("temporal", "spatial")

@@ -26,6 +26,8 @@ __all__ = [
 SAFE = 0.1
 #: Results count as equally good if their shares in doubt differ by less than this.
 ALIKE = 1e-3
+#: Methods that don't count turns, but estimate the phase; they differ from all others everywhere.
+ESTIMATES = ("laplacian",)
 
 
 class Verdict(str):
@@ -43,15 +45,30 @@ class Verdict(str):
         Share of the object there on which not all methods agree, in percent.
     lost_frames : list of tuple of int
         Frames (time, angle) that say nothing of the object.
+    disagreement : DataArray
+        Share of each frame's object on which not all methods agree, 0 to 1.
     """
 
-    __slots__ = ("disagreement_percent", "doubtful_percent", "frame", "lost_frames", "method")
+    __slots__ = (
+        "disagreement",
+        "disagreement_percent",
+        "doubtful_percent",
+        "frame",
+        "lost_frames",
+        "method",
+    )
 
     method: str
     doubtful_percent: float
     frame: tuple[int, int] | None
     disagreement_percent: float
     lost_frames: list[tuple[int, int]]
+    disagreement: xr.DataArray
+
+    @property
+    def is_safe(self) -> bool:
+        """Whether no more than a tenth of the object is in doubt."""
+        return self.doubtful_percent <= 100 * SAFE
 
     def __call__(self) -> Verdict:
         """Return itself, for those who call it."""
@@ -82,6 +99,12 @@ def disagreement(results: Mapping[str, xr.DataArray], inside: xr.DataArray) -> x
     return share.fillna(0.0)
 
 
+def counting_turns(results: Mapping[str, xr.DataArray]) -> Mapping[str, xr.DataArray]:
+    """Leave estimates out, where two other results are left."""
+    exact = {m: r for m, r in results.items() if m not in ESTIMATES}
+    return exact if len(exact) > 1 else results
+
+
 def verdict_on(
     problem: Problem,
     results: Mapping[str, xr.DataArray],
@@ -108,7 +131,7 @@ def verdict_on(
     doubt = {m: float(((t < DOUBTFUL) & known).sum()) / count for m, t in trust.items()}
     own = doubt.pop(REFERENCE) if REFERENCE not in results else None
     best = min(doubt, key=lambda m: (round(doubt[m] / ALIKE), m != REFERENCE))
-    shares = disagreement(results, known)
+    shares = disagreement(counting_turns(results), known)
     values = np.asarray(shares.values)
     lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
     place = np.unravel_index(int(np.argmax(values)), values.shape) if values.size else ()
@@ -127,6 +150,7 @@ def verdict_on(
     found.method, found.doubtful_percent = best, 100 * doubt[best]
     found.frame = (named.get("time", 0), named.get("angle", 0)) if most > 0 else None
     found.disagreement_percent, found.lost_frames = 100 * most, lost
+    found.disagreement = shares
     return found
 
 
@@ -142,7 +166,13 @@ def lost_pixels(problem: Problem) -> NDArray[np.bool_]:
 
 def percent(share: float) -> str:
     """Return a share in words."""
-    return f"{100 * share:.2g} %" if share >= 1e-4 else "less than 0.01 %"
+    if share < 1e-4:
+        return "less than 0.01 %"
+    return (
+        f"{100 * share:.{0 if share >= 0.1 else 1}f} %"
+        if share >= 0.01
+        else f"{100 * share:.2g} %"
+    )
 
 
 def first_words(label: str, doubt: float, n: int) -> str:
@@ -186,7 +216,7 @@ def lost_words(lost: list[tuple[int, int]], n: int) -> str:
 
 BOTH = ("temporal-angular", "angular-temporal")
 #: Results in the order in which a look at the steps relies on them.
-TRUSTED = (REFERENCE, *BOTH, "temporal", "angular")
+TRUSTED = ("synthetic-wavelength", REFERENCE, *BOTH, "temporal", "angular")
 #: The choice between T/A and A/T makes no difference where they differ by less than this share of
 #: all pixels, or by less than this part of what the worse one has: of 108 simulated recordings,
 #: all 6 in which the one nearer to directional L1 was the worse one lie within that part.
@@ -272,18 +302,17 @@ def nearer(results: Mapping[str, xr.DataArray]) -> str:
 def fewer(shares: Mapping[str, float], does: str) -> str:
     """Say which of the two does it in fewer of the pixels, or that it makes no difference."""
     first, second = sorted(BOTH, key=lambda m: shares[m])
-    labels, percent = (
+    labels, said = (
         (METHODS[first].label, METHODS[second].label),
-        [f"{100 * shares[m]:.2g} %" for m in (first, second)],
+        [percent(shares[m]) for m in (first, second)],
     )
     if alike(shares[first], shares[second]):
         return (
-            f"T/A or A/T makes no difference: {labels[0]} {does} {percent[0]} of the pixels, "
-            f"{labels[1]} in {percent[1]}."
+            f"T/A or A/T makes no difference: {labels[0]} {does} {said[0]} of the pixels, "
+            f"{labels[1]} in {said[1]}."
         )
     return (
-        f"{labels[0]} suits better: it {does} {percent[0]} of the pixels, "
-        f"{labels[1]} in {percent[1]}."
+        f"{labels[0]} suits better: it {does} {said[0]} of the pixels, {labels[1]} in {said[1]}."
     )
 
 

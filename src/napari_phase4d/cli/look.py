@@ -43,8 +43,8 @@ from napari_phase4d.pipeline import (
 from napari_phase4d.plotting import Circle, look_figure
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import (
-    METHODS,
     SCORED_TIMES,
+    methods_for,
     scores_of_some,
     scores_sentence,
     unwrap,
@@ -61,7 +61,8 @@ def info(
     file: Annotated[
         Path,
         typer.Argument(
-            help="Hologram video of any format, or a folder; or sample:euglena, sample:yeast."
+            help="Hologram video of any format, or a folder; or sample:euglena, sample:cells, "
+            "sample:yeast."
         ),
     ],
     views: Annotated[
@@ -120,15 +121,16 @@ def print_needs(
     table = Table(title="What a run needs, about", title_justify="left")
     for heading in ("methods", "memory", "or in parts", "disk", "time"):
         table.add_column(heading, justify="left" if heading == "methods" else "right")
+    every = methods_for(None)
     choices = {
         "T/A": ("temporal-angular",),
         f"the usual {len(DEFAULT_METHODS)}": DEFAULT_METHODS,
-        f"all {len(METHODS)}": tuple(METHODS),
+        f"all {len(every)}": tuple(every),
     }
     for name, methods in choices.items():
         found = needs(methods)
         sizes = [size_in_words(n) for n in (found.in_memory, found.on_disk, found.disk)]
-        time = time_in_words(seconds(methods)) if len(methods) < len(METHODS) else ""
+        time = time_in_words(seconds(methods)) if len(methods) < len(every) else ""
         table.add_row(name, *sizes, time)
     console.print(table)
     free = free_memory()

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, TypedDict, Unpack
+from typing import Annotated, Any, TypedDict, Unpack
 
 import typer
 
+from napari_phase4d.analysis import CellSettings
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.unwrapping import METHODS
@@ -15,10 +17,15 @@ from napari_phase4d.unwrapping import METHODS
 __all__ = [
     "Angles",
     "Boundary",
+    "Cells",
+    "Colours",
     "Confidence",
     "Dataset",
+    "Increment",
+    "ObjectIndex",
     "Raw",
     "Refocus",
+    "SmallestCell",
     "Storage",
     "TiltPerFrame",
     "Views",
@@ -33,6 +40,13 @@ __all__ = [
 Views = Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")]
 Angles = Annotated[
     list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
+]
+Colours = Annotated[
+    list[float] | None,
+    typer.Option(
+        "--view-wavelength",
+        help="Wavelength of a view in um, where views differ; once for each, as --angle.",
+    ),
 ]
 Boundary = Annotated[
     str | None,
@@ -65,6 +79,22 @@ WholeField = Annotated[
 Confidence = Annotated[
     bool, typer.Option(help="Also write how far to trust each pixel of each result.")
 ]
+Cells = Annotated[
+    bool, typer.Option("--cells", help="Find, follow and measure cells in the best result.")
+]
+SmallestCell = Annotated[
+    float | None, typer.Option(help="Area in um^2 that a cell has at least; implies --cells.")
+]
+ObjectIndex = Annotated[
+    float | None,
+    typer.Option(help="Refractive index of the cells, for height and volume; implies --cells."),
+]
+Increment = Annotated[
+    float | None,
+    typer.Option(
+        help="Refraction increment in mL/g (default 0.18), for dry mass; implies --cells."
+    ),
+]
 
 
 def recipe_and_files(inputs: Sequence[Path]) -> tuple[Recipe, list[Path]]:
@@ -87,6 +117,7 @@ class Typed(TypedDict, total=False):
 
     views: int | None
     angle: Sequence[float] | None
+    view_wavelength: Sequence[float] | None
     boundary: str | None
     method: Sequence[str] | None
     frame_rate: float | None
@@ -97,6 +128,10 @@ class Typed(TypedDict, total=False):
     refocus: str | None
     tilt_per_frame: bool
     whole_field: bool
+    cells: bool
+    smallest_cell: float | None
+    object_index: float | None
+    increment: float | None
 
 
 def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
@@ -106,6 +141,7 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
     changes: dict[str, object] = {
         "n_views": len(angles) if angles and views is None else views,
         "angles_deg": tuple(angles) if angles else None,
+        "wavelengths_um": tuple(typed.get("view_wavelength") or ()) or None,
         "methods": tuple(map(method_id, methods)) if methods else None,
         "frame_rate_hz": typed.get("frame_rate"),
         "boundary": boundary_of(boundary),
@@ -119,6 +155,14 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
     chosen = {k: v for k, v in changes.items() if v is not None}
     if typed.get("whole_field"):
         chosen["mask"] = None
+    numbers = {
+        "smallest_um2": typed.get("smallest_cell"),
+        "object_index": typed.get("object_index"),
+        "refraction_increment_ml_per_g": typed.get("increment"),
+    }
+    of_cells: dict[str, Any] = {k: v for k, v in numbers.items() if v is not None}
+    if typed.get("cells") or of_cells:
+        chosen["cells"] = replace(recipe.cells or CellSettings(), **of_cells)
     return recipe.changed(**chosen)
 
 

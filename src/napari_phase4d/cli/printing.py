@@ -25,12 +25,14 @@ from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.plotting import comparison_figure, named_results, telling_frames
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.unwrapping import METHODS, left_out_advice
+from napari_phase4d.words import counted
 
 __all__ = [
     "NOISE_FRAMES",
     "bar",
     "console",
     "errors",
+    "print_cells",
     "print_lobes",
     "print_missed_views",
     "print_notes",
@@ -104,14 +106,15 @@ def print_lobes(lobes: Sequence[Lobe]) -> None:
     if not lobes:
         return
     table = Table(title="Views", title_justify="left")
-    for heading in ("view", "ky (1/px)", "kx (1/px)", "radius (1/px)", "angle (deg)", "flipped"):
+    named = any(lobe.wavelength_um is not None for lobe in lobes)
+    headings = ["view", "ky (1/px)", "kx (1/px)", "radius (1/px)", "angle (deg)", "flipped"]
+    for heading in headings + ["wavelength (um)"] * named:
         table.add_column(heading, justify="right")
     for i, lobe in enumerate(lobes, start=1):
         ky, kx = lobe.carrier
-        flip = "yes" if lobe.flip else "no"
-        table.add_row(
-            str(i), f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}", flip
-        )
+        row = [str(i), f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}"]
+        light = "" if lobe.wavelength_um is None else f"{lobe.wavelength_um:g}"
+        table.add_row(*row, "yes" if lobe.flip else "no", *[light] * named)
     console.print(table)
     doubts = lobes.doubts if isinstance(lobes, FoundLobes) else ()
     for warning in (*doubts, *lobe_warnings(lobes)):
@@ -137,6 +140,47 @@ def print_table(frame: pd.DataFrame, title: str = "Unwrapping") -> None:
         )
     for row in frame.itertuples(index=False):
         table.add_row(*(cell(value) for value in row))
+    console.print(table)
+
+
+#: Columns of the summary of cells that are printed, with their headings and digits.
+OF_CELLS = {
+    "cell": ("cell", ".0f"),
+    "parent": ("parent", ".0f"),
+    "from (s)": ("from (s)", ".3g"),
+    "to (s)": ("to (s)", ".3g"),
+    "dry mass (pg)": ("dry mass (pg)", ".2f"),
+    "dry mass error (pg)": ("+/-", ".2f"),
+    "area (um^2)": ("area (um²)", ".1f"),
+    "mass density (pg/um^2)": ("pg/um²", ".3f"),
+    "volume (um^3)": ("volume (um³)", ".1f"),
+    "speed (um/s)": ("speed (um/s)", ".2f"),
+}
+#: Cells of which a line is printed; the files have all.
+MOST_CELLS = 40
+
+
+def print_cells(outcome: Outcome) -> None:
+    """Print a line for each cell, where cells were looked for."""
+    if outcome.cells is None:
+        return
+    summary, label = outcome.cells.summary, METHODS[outcome.cells.method].label
+    if summary.empty:
+        console.print(f"[yellow]No cells were found in the result of {label}.[/yellow]")
+        return
+    many = f"{counted(len(summary), 'cell')} in the result of {label}; medians over its frames"
+    table = Table(title=many, title_justify="left")
+    columns = {name: look for name, look in OF_CELLS.items() if name in summary}
+    for heading, _ in columns.values():
+        table.add_column(heading, justify="right")
+    for row in summary.head(MOST_CELLS).to_dict("records"):
+        cells = ((name, float(row[name]), digits) for name, (_, digits) in columns.items())
+        table.add_row(
+            *(
+                "" if value != value or (name == "parent" and not value) else f"{value:{digits}}"
+                for name, value, digits in cells
+            )
+        )
     console.print(table)
 
 

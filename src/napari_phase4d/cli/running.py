@@ -10,8 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
+import numpy as np
 import typer
 import xarray as xr
+from numpy.typing import NDArray
 from rich.markup import escape
 
 from napari_phase4d.analysis import (
@@ -25,10 +27,15 @@ from napari_phase4d.analysis import (
 from napari_phase4d.cli.options import (
     Angles,
     Boundary,
+    Cells,
+    Colours,
     Confidence,
     Dataset,
+    Increment,
+    ObjectIndex,
     Raw,
     Refocus,
+    SmallestCell,
     Storage,
     TiltPerFrame,
     Views,
@@ -41,6 +48,7 @@ from napari_phase4d.cli.printing import (
     bar,
     console,
     errors,
+    print_cells,
     print_lobes,
     print_missed_views,
     print_notes,
@@ -49,7 +57,7 @@ from napari_phase4d.cli.printing import (
     print_verdict,
     write_picture,
 )
-from napari_phase4d.io import open_phase
+from napari_phase4d.io import holds_phase, open_phase
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     Outcome,
@@ -66,7 +74,8 @@ from napari_phase4d.pipeline import (
     write_outcome,
 )
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.words import counted
 
 __all__ = ["compare_command", "run_command"]
@@ -79,6 +88,7 @@ def run_command(
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_output"),
     views: Views = None,
     angle: Angles = None,
+    view_wavelength: Colours = None,
     boundary: Boundary = None,
     method: Annotated[
         list[str] | None, typer.Option(help="Method id; may be given several times.")
@@ -102,6 +112,10 @@ def run_command(
     refocus: Refocus = None,
     tilt_per_frame: TiltPerFrame = False,
     whole_field: WholeField = False,
+    cells: Cells = False,
+    smallest_cell: SmallestCell = None,
+    object_index: ObjectIndex = None,
+    increment: Increment = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
     ] = None,
@@ -116,6 +130,7 @@ def run_command(
         recipe,
         views=views,
         angle=angle,
+        view_wavelength=view_wavelength,
         boundary=boundary,
         method=method,
         frame_rate=frame_rate,
@@ -126,6 +141,10 @@ def run_command(
         refocus=refocus,
         tilt_per_frame=tilt_per_frame,
         whole_field=whole_field,
+        cells=cells,
+        smallest_cell=smallest_cell,
+        object_index=object_index,
+        increment=increment,
     )
     adapt = partial(
         typed_in,
@@ -167,6 +186,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         print_missed_views(outcome, recipe)
         print_start(outcome)
         print_table(outcome.comparison.table)
+        print_cells(outcome)
         with bar() as progress:
             source = hashing.result()
             written = write_outcome(outcome, folder, progress, form=form, source=source)
@@ -199,6 +219,7 @@ def compare_command(
     ] = None,
     views: Views = None,
     angle: Angles = None,
+    view_wavelength: Colours = None,
     boundary: Boundary = None,
     method: Annotated[
         list[str] | None, typer.Option(help="Method id; default: all of them.")
@@ -213,11 +234,14 @@ def compare_command(
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
-    all_methods = None if any(is_recipe(p) for p in inputs) else list(METHODS)
+    all_methods = None
+    if not any(is_recipe(p) for p in inputs):
+        all_methods = methods_for(view_wavelength or light_in(files))
     recipe = with_settings(
         recipe,
         views=views,
         angle=angle,
+        view_wavelength=view_wavelength,
         boundary=boundary,
         method=method or all_methods,
         confidence=confidence,
@@ -237,6 +261,13 @@ def compare_command(
             return
         recording = found_anywhere(files[0] if files else recipe.recording)
         compare_one(recipe.changed(recording=recording), exact, out)
+
+
+def light_in(files: Sequence[Path]) -> NDArray[np.float64] | None:
+    """Return the wavelengths of the views of a file of phase, None of holograms or several."""
+    if len(files) != 1 or not holds_phase(files[0]):
+        return None
+    return wavelengths_of(open_phase(files[0]))
 
 
 def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:

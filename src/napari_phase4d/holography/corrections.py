@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import PLAIN_AXES
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.background import (
     MUCH_LEFT_RAD,
@@ -247,6 +249,9 @@ def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
 
 def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]:
     """Return the frame of the reference: the mean, if it is a recording of several."""
+    if isinstance(reference, bool):
+        msg = "reference must be a frame number, an array or a Recording, but is " + str(reference)
+        raise TypeError(msg)
     if isinstance(reference, (int, np.integer)):
         if not -rec.n_frames <= reference < rec.n_frames:
             msg = (
@@ -260,7 +265,8 @@ def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]
         msg = f"open the reference {reference} with open_recording() first"
         raise TypeError(msg)
     else:
-        recording = Recording.from_frames(reference, optics=rec.optics, name="the reference")
+        frames = in_order_of_axes(reference) if hasattr(reference, "dims") else reference
+        recording = Recording.from_frames(frames, optics=rec.optics, name="the reference")
     if recording.frame_shape != rec.frame_shape:
         msg = (
             f"the reference is {recording.frame_shape} pixels, "
@@ -271,6 +277,15 @@ def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]
     for frame in recording.frames():
         total += frame
     return (total / recording.n_frames).astype(np.float32)
+
+
+def in_order_of_axes(reference: xr.DataArray) -> NDArray[np.generic]:
+    """Return frames (time, y, x) or (y, x) of a named array, whatever the order of its axes."""
+    axes = [axis for axis in PLAIN_AXES[3] if axis in reference.dims]
+    if len(axes) != reference.ndim or axes[-2:] != ["y", "x"]:
+        msg = f"the reference has dims {tuple(reference.dims)}; it must have y and x, or time too"
+        raise ValueError(msg)
+    return np.asarray(reference.transpose(*axes).values)
 
 
 def reference_note(reference: Reference) -> str:

@@ -132,7 +132,7 @@ class Demodulator:
         if not lobes:
             msg = "there is no lobe to demodulate; find or place at least one"
             raise ValueError(msg)
-        if window not in WINDOWS:
+        if not isinstance(window, str) or window not in WINDOWS:
             msg = f"window must be one of {', '.join(WINDOWS)}, but is {window!r}"
             raise ValueError(msg)
         self.shape = (int(shape[0]), int(shape[1]))

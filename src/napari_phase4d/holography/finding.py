@@ -44,7 +44,14 @@ from napari_phase4d.holography.spectrum import (
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
-from napari_phase4d.words import as_numbers, check_type, counted, shown
+from napari_phase4d.words import (
+    as_numbers,
+    check_bool,
+    check_positive,
+    check_type,
+    counted,
+    shown,
+)
 
 __all__ = ["FoundLobes", "find_lobes"]
 
@@ -131,6 +138,7 @@ def find_lobes(
     n_views: int | None = 2,
     *,
     angles_deg: Sequence[float] | None = None,
+    wavelengths_um: Sequence[float] | None = None,
     radius: float | None = None,
     orient: bool = True,
     progress: ProgressCall | None = None,
@@ -147,6 +155,9 @@ def find_lobes(
     angles_deg : sequence of float, optional
         Viewing angles in degrees, in the order of the lobes. A hologram can't tell them; by
         default the views are numbered 0, 1, 2 ...
+    wavelengths_um : sequence of float, optional
+        Wavelengths in micrometres, in the order of the lobes, where views differ in them. A
+        hologram can't tell them either. Default: all have that of the recording.
     radius : float, optional
         Radius of all lobes in cycles per pixel. Default: as large as the pupil seems to be and
         as the neighbours allow.
@@ -188,7 +199,11 @@ def find_lobes(
     ()
     """
     check_type("rec", rec, Recording, "open_recording() makes one of a file or an array")
-    n_views = checked_number(n_views, angles_deg)
+    n_views = checked_number(n_views, angles_deg, wavelengths_um)
+    check_bool("orient", orient)
+    if radius is not None and not 1e-3 <= check_positive("radius", radius) <= 0.5:
+        msg = f"radius must lie between 0.001 and 0.5 cycles per pixel, but is {radius!r}"
+        raise ValueError(msg)
     plane = plane_of(rec, progress, cancelled)
     plain = sum(peak.is_plain for peak in plane.peaks)
     if not plain or len(plane.peaks) < (n_views or 1):
@@ -209,7 +224,16 @@ def find_lobes(
         replace(lobe, doubt=doubts[-1] if other and not is_among(lobe, other) else sign)
         for lobe, sign in zip(lobes, sign_doubts(signs), strict=True)
     ]
-    return FoundLobes(doubted, best.chance, doubts, other)
+    coloured = [coloured_lobes(each, wavelengths_um) for each in (doubted, other)]
+    return FoundLobes(coloured[0], best.chance, doubts, coloured[1])
+
+
+def coloured_lobes(lobes: list[Lobe], wavelengths_um: Sequence[float] | None) -> list[Lobe]:
+    """Return lobes with the wavelengths that were named, in their order."""
+    if wavelengths_um is None or not lobes:
+        return lobes
+    pairs = zip(lobes, wavelengths_um, strict=True)
+    return [replace(lobe, wavelength_um=float(light)) for lobe, light in pairs]
 
 
 def can_be(choice: Choice, peaks: Sequence[Peak]) -> bool:
@@ -217,8 +241,19 @@ def can_be(choice: Choice, peaks: Sequence[Peak]) -> bool:
     return choice.beats_seen or all(peaks[i].is_plain for i in choice.views)
 
 
-def checked_number(n_views: int | None, angles_deg: Sequence[float] | None) -> int | None:
+def checked_number(
+    n_views: int | None,
+    angles_deg: Sequence[float] | None,
+    wavelengths_um: Sequence[float] | None = None,
+) -> int | None:
     """Return how many views to look for; ValueError if that can't be."""
+    if wavelengths_um is not None:
+        light = as_numbers("wavelengths_um", wavelengths_um)
+        if light.ndim != 1 or not (np.isfinite(light).all() and (light > 0).all()):
+            msg = f"wavelengths_um must be lengths above 0, but is {shown(wavelengths_um)}"
+            raise ValueError(msg)
+        if angles_deg is None and n_views is None:
+            n_views = len(light)
     known = isinstance(n_views, (int, np.integer)) and not isinstance(n_views, bool)
     if n_views is not None and not (known and 1 <= n_views <= MAX_VIEWS):
         msg = f"n_views must lie between 1 and {MAX_VIEWS}, but is {shown(n_views)}"
@@ -230,6 +265,9 @@ def checked_number(n_views: int | None, angles_deg: Sequence[float] | None) -> i
         n_views = len(angles_deg)
     if angles_deg is not None and len(angles_deg) != n_views:
         msg = f"angles_deg has {len(angles_deg)} angles for {n_views} views; give one each"
+        raise ValueError(msg)
+    if wavelengths_um is not None and len(wavelengths_um) != n_views:
+        msg = f"wavelengths_um has {len(wavelengths_um)} for {n_views} views; give one each"
         raise ValueError(msg)
     return n_views
 

@@ -14,7 +14,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, coordinate
+from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
 from napari_phase4d.holography.aberrations import ABERRATION_NAMES
 from napari_phase4d.holography.demodulation import (
     WINDOWS,
@@ -31,7 +31,7 @@ from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.optics import Optics
 from napari_phase4d.phasors import to_polar
 from napari_phase4d.recording import BrokenFrameError, Recording
-from napari_phase4d.stacks import KIND, WRAPPED
+from napari_phase4d.stacks import KIND, WRAPPED, wavelength_coordinate
 
 __all__ = [
     "FrameReconstructor",
@@ -49,6 +49,30 @@ class ReadsRawFrames(Protocol):
 
     def raw_frame(self, index: int) -> NDArray[np.generic]:
         """Return one frame, shape (y, x)."""
+
+
+class Carries(Protocol):
+    """What carries the fields of all views of a frame to another plane."""
+
+    def __call__(self, field: NDArray[np.complexfloating], /) -> NDArray[np.complex64]:
+        """Return fields (view, y, x) as they are there."""
+
+
+@dataclass(frozen=True)
+class EachByItsLight:
+    """Carries each view by its own wavelength.
+
+    Parameters
+    ----------
+    carry : tuple of Propagator
+        One for each view.
+    """
+
+    carry: tuple[Propagator, ...]
+
+    def __call__(self, field: NDArray[np.complexfloating]) -> NDArray[np.complex64]:
+        """Return fields (view, y, x) in the other plane."""
+        return np.stack([carry(view) for carry, view in zip(self.carry, field, strict=True)])
 
 
 @dataclass(frozen=True)
@@ -75,6 +99,8 @@ class FrameReconstructor:
         Tells frames that the camera lost.
     tilt : FrameTilt, optional
         Takes the tilt of each frame off its fields.
+    light : tuple of float, optional
+        Wavelength of each view in micrometres, where they differ.
     """
 
     demodulate: Demodulator
@@ -82,9 +108,10 @@ class FrameReconstructor:
     drift: bool
     angles: list[float]
     attrs: dict[str, Any]
-    refocus: Propagator | None = None
+    refocus: Carries | None = None
     lost: LostFrames | None = None
     tilt: FrameTilt | None = None
+    light: tuple[float, ...] | None = None
 
     def __call__(
         self,
@@ -151,7 +178,7 @@ class FrameReconstructor:
         lowest = min((share for share in shares if not np.isnan(share)), default=0.0)
         attrs = {**self.attrs, "background_share": lowest, "lost_times": lost}
         ratio = self.demodulate.pixel_ratio
-        return as_dataset(rec, self.angles, ratio, phase, amplitude, attrs)
+        return as_dataset(rec, (self.angles, self.light), ratio, phase, amplitude, attrs)
 
 
 def nothing_seen(phase: NDArray[np.float32], amplitude: NDArray[np.float32]) -> float:
@@ -161,13 +188,22 @@ def nothing_seen(phase: NDArray[np.float32], amplitude: NDArray[np.float32]) -> 
 
 
 def propagator_for(
-    frame_shape: tuple[int, int], shape: tuple[int, int], optics: Optics, distance_um: float
-) -> Propagator:
-    """Return what carries fields of some height and width, from such frames, over a distance."""
+    frame_shape: tuple[int, int],
+    shape: tuple[int, int],
+    optics: Optics,
+    distance_um: float,
+    light: Sequence[float] | None = None,
+) -> Carries:
+    """Return what carries fields of some height and width, from such frames, over a distance.
+
+    ``light`` is the wavelength of each view, where that is not the one of the optics.
+    """
     height, width = (optics.pixel_um * n / m for n, m in zip(frame_shape, shape, strict=True))
-    return Propagator(
-        shape, distance_um, optics.wavelength_um, (height, width), optics.medium_index
-    )
+
+    def of(wavelength_um: float) -> Propagator:
+        return Propagator(shape, distance_um, wavelength_um, (height, width), optics.medium_index)
+
+    return of(optics.wavelength_um) if light is None else EachByItsLight(tuple(map(of, light)))
 
 
 @dataclass(frozen=True)
@@ -262,7 +298,7 @@ class Preview:
         """
         if not lobes:
             return []
-        if window not in WINDOWS:
+        if not isinstance(window, str) or window not in WINDOWS:
             msg = f"window must be one of {', '.join(WINDOWS)}, but is {window!r}"
             raise ValueError(msg)
         shape = field_shape(self.shape, lobes, window)
@@ -282,7 +318,8 @@ class Preview:
         )
         if asked.carried is not None:
             distance, optics = asked.carried
-            carry = propagator_for(self.shape, asked.shape, optics, distance)
+            own = asked.lobe.wavelength_um or optics.wavelength_um
+            carry = propagator_for(self.shape, asked.shape, optics, distance, (own,))
             field = carry(field[None])[0]
         turn = np.exp(-1j * np.angle(field.mean(dtype=np.complex128)))
         field *= np.complex64(turn)
@@ -296,11 +333,13 @@ Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
 
 def lobe_note(lobe: Lobe) -> dict[str, object]:
     """Return a lobe as JSON can hold it."""
+    light = {} if lobe.wavelength_um is None else {"wavelength_um": lobe.wavelength_um}
     return {
         "carrier": list(lobe.carrier),
         "radius": lobe.radius,
         "angle_deg": lobe.angle_deg,
         "flip": lobe.flip,
+        **light,
     }
 
 
@@ -347,11 +386,12 @@ def recalibrated(stack: Stack, rec: Recording) -> Stack:
         The same frames with another microscope or frame rate.
     """
     shape = (stack.sizes["y"], stack.sizes["x"])
+    # Where lobes named their wavelengths, these stay as they are.
+    noted = [note.get("wavelength_um") for note in stack.attrs.get("lobes", ())]
     changed = stack.assign_coords(times_and_places(rec, stack.attrs["pixel_ratio"], shape))
-    light = {
-        "wavelength_um": rec.optics.wavelength_um,
-        "medium_index": rec.optics.medium_index,
-    }
+    light = {"medium_index": rec.optics.medium_index}
+    if WAVELENGTH not in stack.coords and not any(noted):
+        light["wavelength_um"] = rec.optics.wavelength_um
     changed.attrs = {**stack.attrs, **light}
     if isinstance(changed, xr.Dataset):
         for name, variable in changed.data_vars.items():
@@ -361,17 +401,20 @@ def recalibrated(stack: Stack, rec: Recording) -> Stack:
 
 def as_dataset(
     rec: Recording,
-    angles: list[float],
+    views: tuple[list[float], tuple[float, ...] | None],
     pixel_ratio: tuple[float, float],
     phase: NDArray[np.float32],
     amplitude: NDArray[np.float32],
     attrs: dict[str, Any],
 ) -> xr.Dataset:
-    """Give the arrays their names, axes and units."""
+    """Give the arrays their names, axes and units; views are their angles, and wavelengths."""
+    angles, light = views
     coords = {
         "angle": coordinate("angle", np.asarray(angles)),
         **times_and_places(rec, pixel_ratio, phase.shape[2:]),
     }
+    if light is not None:
+        coords[WAVELENGTH] = wavelength_coordinate(np.asarray(light))
     return xr.Dataset(
         {
             "phase": xr.DataArray(

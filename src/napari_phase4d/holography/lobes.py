@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -19,10 +19,14 @@ __all__ = [
     "StrayTerm",
     "canonical",
     "check_lobes",
+    "in_order_of_angle",
+    "light_of",
     "lobe_doubts",
     "lobe_warnings",
+    "one_wavelength",
     "pair_distance",
     "stray_terms",
+    "with_wavelengths",
     "wrapped_distance",
 ]
 
@@ -47,6 +51,9 @@ class Lobe:
         Viewing angle in degrees. A hologram can't tell it; until it is given, views are numbered.
     flip : bool
         Whether to take the conjugate term instead, which changes the sign of the phase.
+    wavelength_um : float, optional
+        Vacuum wavelength of the view in micrometres, where several are recorded in one hologram.
+        Default None: that of the recording's `Optics`.
     doubt : str
         What `find_lobes` could not know of it, in a sentence; empty if nothing. It does not count
         where lobes are compared.
@@ -54,7 +61,7 @@ class Lobe:
     Raises
     ------
     ValueError
-        If the carrier or the radius lies outside the spectrum.
+        If the carrier or the radius lies outside the spectrum, or the wavelength is not above 0.
 
     See Also
     --------
@@ -64,13 +71,14 @@ class Lobe:
     Examples
     --------
     >>> Lobe(carrier=(0.19, 0.21), radius=0.09, angle_deg=-7)
-    Lobe(carrier=(0.19, 0.21), radius=0.09, angle_deg=-7, flip=False)
+    Lobe(carrier=(0.19, 0.21), radius=0.09, angle_deg=-7.0, flip=False, wavelength_um=None)
     """
 
     carrier: tuple[float, float]
     radius: float
     angle_deg: float = 0.0
     flip: bool = False
+    wavelength_um: float | None = None
     doubt: str = field(default="", compare=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -91,6 +99,19 @@ class Lobe:
             msg = f"the viewing angle must be a number of degrees, but is {self.angle_deg!r}"
             raise ValueError(msg)
         object.__setattr__(self, "carrier", (ky, kx))
+        if self.wavelength_um is not None:
+            light = check_number("wavelength_um of a lobe", self.wavelength_um)
+            if not (math.isfinite(light) and light > 0):
+                msg = (
+                    f"wavelength_um of a lobe must be a number of micrometres above 0, but is "
+                    f"{self.wavelength_um!r}"
+                )
+                raise ValueError(msg)
+            object.__setattr__(self, "wavelength_um", light)
+        # As plain numbers, which recipes can be written with.
+        object.__setattr__(self, "radius", float(self.radius))
+        object.__setattr__(self, "angle_deg", float(self.angle_deg))
+        object.__setattr__(self, "flip", bool(self.flip))
 
 
 def carrier_of(carrier: Any) -> tuple[float, float]:
@@ -130,6 +151,8 @@ def canonical(carrier: Sequence[float], tolerance: float = 1e-9) -> tuple[float,
 STRONG_SHARE = 0.68
 #: Circles that only touch do not overlap, however their numbers are rounded.
 TINY = 1e-6
+#: Two carriers nearer than this share of a radius are of the same view.
+SAME = 0.1
 
 
 @dataclass(frozen=True)
@@ -172,7 +195,8 @@ def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
     Where two beams interfere, the Fourier plane holds the correlation of their two disks, which
     reaches as far as both radii together (Goodman, Introduction to Fourier Optics, on the least
     angle of the reference): the largest lobe with itself round zero, and lobes i and j with each
-    other, the *beat*, round k_i - k_j.
+    other, the *beat*, round k_i - k_j. Beams of different wavelengths do not interfere: their
+    beat moves by terahertz, and no camera sees it.
 
     Parameters
     ----------
@@ -182,12 +206,15 @@ def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
     Returns
     -------
     list of StrayTerm
-        The zero order, then one beat for each pair of views; empty if there is no view.
+        The zero order, then one beat for each pair of views of one wavelength; empty if there is
+        no view.
     """
     if not lobes:
         return []
     terms = [StrayTerm((0.0, 0.0), 2 * max(lobe.radius for lobe in lobes))]
     for (i, a), (j, b) in itertools.combinations(enumerate(lobes), 2):
+        if a.wavelength_um != b.wavelength_um:
+            continue
         ky, kx = (float(d - round(d)) for d in np.subtract(a.carrier, b.carrier))
         terms.append(StrayTerm((ky, kx), a.radius + b.radius, (i, j)))
     return terms
@@ -234,7 +261,7 @@ def check_lobes(lobes: Sequence[Lobe]) -> None:
             )
             raise ValueError(msg)
         for number, other in enumerate(lobes[index + 1 :], start=index + 2):
-            if pair_distance(lobe.carrier, other.carrier) < TINY:
+            if pair_distance(lobe.carrier, other.carrier) < SAME * min(lobe.radius, other.radius):
                 msg = (
                     f"lobes {index + 1} and {number} are the same view (or its conjugate); leave "
                     "one of them out"
@@ -321,16 +348,81 @@ def beats_of(pairs: Sequence[str]) -> str:
 
 
 def angle_warnings(lobes: Sequence[Lobe]) -> list[str]:
-    """Say which circles have the same viewing angle."""
-    by_angle: dict[float, list[int]] = {}
+    """Say which circles have the same viewing angle, and the same wavelength."""
+    by_angle: dict[tuple[float, float | None], list[int]] = {}
     for number, lobe in enumerate(lobes, start=1):
-        by_angle.setdefault(lobe.angle_deg, []).append(number)
+        by_angle.setdefault((lobe.angle_deg, lobe.wavelength_um), []).append(number)
     return [
         f"{named('Circle', numbers)} have the same angle ({angle:g}°): "
         "type in their angles, or all views will be numbered."
-        for angle, numbers in by_angle.items()
+        for (angle, _), numbers in by_angle.items()
         if len(numbers) > 1
     ]
+
+
+def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:
+    """Return the lobes sorted by angle, and their angles (numbers if not all differ).
+
+    Views of one angle that differ in wavelength follow each other by it.
+    """
+
+    def place(lobe: Lobe) -> tuple[float, float]:
+        return lobe.angle_deg, lobe.wavelength_um or 0.0
+
+    if len({place(lobe) for lobe in lobes}) < len(lobes):
+        return list(lobes), [float(i) for i in range(len(lobes))]
+    ordered = sorted(lobes, key=place)
+    return ordered, [lobe.angle_deg for lobe in ordered]
+
+
+def with_wavelengths(lobes: Sequence[Lobe], wavelength_um: float) -> list[Lobe]:
+    """Return lobes each of which names its wavelength, or none if that is the recording's.
+
+    Parameters
+    ----------
+    lobes : sequence of Lobe
+        The views.
+    wavelength_um : float
+        What those have that name none, in micrometres.
+
+    Returns
+    -------
+    list of Lobe
+        In the same order.
+    """
+    light = [lobe.wavelength_um or wavelength_um for lobe in lobes]
+    unnamed = set(light) == {wavelength_um}
+    return [
+        replace(lobe, wavelength_um=None if unnamed else own)
+        for lobe, own in zip(lobes, light, strict=True)
+    ]
+
+
+def light_of(
+    lobes: Sequence[Lobe], wavelength_um: float
+) -> tuple[NDArray[np.float64], list[float]]:
+    """Return the wavelength and the angle of each view, in the order of a reconstruction.
+
+    Parameters
+    ----------
+    lobes : sequence of Lobe
+        The views.
+    wavelength_um : float
+        What those have that name none, in micrometres.
+
+    Returns
+    -------
+    ndarray of shape (view,), list of float
+        Wavelengths in micrometres, and angles in degrees (numbers if not all views differ).
+    """
+    ordered, angles = in_order_of_angle(with_wavelengths(lobes, wavelength_um))
+    return np.array([lobe.wavelength_um or wavelength_um for lobe in ordered]), angles
+
+
+def one_wavelength(lobes: Sequence[Lobe], wavelength_um: float) -> float | None:
+    """Return the wavelength of all views in micrometres, None if they differ in it."""
+    light = {lobe.wavelength_um or wavelength_um for lobe in lobes}
+    return light.pop() if len(light) == 1 else None
 
 
 def named(word: str, numbers: Sequence[int]) -> str:

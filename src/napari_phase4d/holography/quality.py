@@ -22,6 +22,8 @@ APART, WINDOW = 3, 11
 #: Noise is less alike to itself than this, from 0 to 1, and darker than this share of what is
 #: bright in the view: its 90 % quantile. What is fainter than another share is noise in any case.
 ALIKE, DARK, FAINT, BRIGHT = 0.5, 0.25, 0.05, 0.9
+#: Visibility below which there are no fringes, but noise.
+FAINTEST = 0.004
 #: From so many percent of a view on it is worth a warning.
 MUCH_PERCENT = 5.0
 
@@ -167,6 +169,13 @@ def fringe_advice(attrs: Mapping[str, Any]) -> str:
     attrs : mapping
         The notes of a reconstruction.
     """
+    faint = [(i, v) for i, v in enumerate(attrs.get("fringe_visibility", ())) if 0 < v < FAINTEST]
+    if faint:
+        views = " and ".join(f"view {i} ({value:.3f})" for i, value in faint)
+        return (
+            f"The visibility of the fringes is next to nothing in {views}, so that its phase is "
+            "noise; is its circle on a lobe of the spectrum?"
+        )
     percents = attrs.get("without_fringes_percent", ())
     much = [(i, percent) for i, percent in enumerate(percents) if percent > MUCH_PERCENT]
     if not much:

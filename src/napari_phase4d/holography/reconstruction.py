@@ -29,9 +29,17 @@ from napari_phase4d.holography.frames import (
     lobe_note,
     propagator_for,
 )
-from napari_phase4d.holography.lobes import Lobe, check_lobes, lobe_doubts
+from napari_phase4d.holography.lobes import (
+    Lobe,
+    check_lobes,
+    in_order_of_angle,
+    lobe_doubts,
+    one_wavelength,
+    with_wavelengths,
+)
 from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
+from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import check_bool, shown, warn
@@ -92,8 +100,9 @@ def reconstruct(
     rec : Recording
         The hologram video; read one frame at a time.
     lobes : sequence of Lobe
-        The views; the result holds them in the order of their angles. Where two have the same
-        angle, the views are numbered instead.
+        The views; the result holds them in the order of their angles, and of their wavelengths
+        where angles repeat. Where two have the same angle and wavelength, the views are numbered
+        instead.
     reference : optional
         What to divide the field by, so that static errors of the optics drop out: ``None`` for
         nothing, a frame number, ``"median"`` for the median over time, which is free of the
@@ -125,7 +134,9 @@ def reconstruct(
     xarray.Dataset
         ``phase`` wrapped to (-pi, pi] and ``amplitude``, float32, dims (time, angle, y, x).
         The pixel is larger than the camera's, since the lobe holds fewer frequencies than the
-        frame; ``attrs["pixel_ratio"]`` says by how much.
+        frame; ``attrs["pixel_ratio"]`` says by how much. Where lobes differ in wavelength, the
+        coordinate ``wavelength`` along the angle holds that of each view in micrometres;
+        elsewhere ``attrs["wavelength_um"]`` holds that of all.
 
     Raises
     ------
@@ -223,7 +234,9 @@ def frame_reconstructor(
     for switch in ("drift", "tilt_per_frame"):
         check_bool(switch, getattr(settings, switch))
     check_lobes(lobes)
-    lobes, angles = in_order_of_angle(lobes)
+    # A view that names the wavelength of the recording is like one that names none.
+    common_um = one_wavelength(lobes, rec.optics.wavelength_um)
+    lobes, angles = in_order_of_angle(with_wavelengths(lobes, rec.optics.wavelength_um))
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
     lost, seen = usual_fringes(rec, demodulate, cancelled)
     middle = list(seen)[len(seen) // 2]
@@ -232,8 +245,8 @@ def frame_reconstructor(
     found = corrections(
         rec, demodulate, settings.reference, background, order, lost, seen, cancelled
     )
-    attrs = {
-        "wavelength_um": rec.optics.wavelength_um,
+    attrs: dict[str, Any] = {} if common_um is None else {"wavelength_um": common_um}
+    attrs |= {
         "medium_index": rec.optics.medium_index,
         "recording": rec.name,
         "lobes": [lobe_note(lobe) for lobe in lobes],
@@ -255,12 +268,19 @@ def frame_reconstructor(
     if background == "zernike":
         attrs["aberrations_rad"] = [aberration_note(view) for view in found.coefficients]
     tilt = FrameTilt(demodulate.output_shape) if settings.tilt_per_frame else None
+    light = wavelengths_um(lobes)
     work = FrameReconstructor(
-        demodulate, found.factor, settings.drift, angles, attrs, lost=lost, tilt=tilt
+        demodulate, found.factor, settings.drift, angles, attrs, lost=lost, tilt=tilt, light=light
     )
     if settings.refocus_um is None:
         return work
     return with_refocus(work, rec, settings.refocus_um, cancelled)
+
+
+def wavelengths_um(lobes: Sequence[Lobe]) -> tuple[float, ...] | None:
+    """Return the wavelength of each view, None where all have the same."""
+    light = [lobe.wavelength_um for lobe in lobes if lobe.wavelength_um is not None]
+    return tuple(light) if len(set(light)) > 1 else None
 
 
 def without_fringes_percent(fields: Sequence[NDArray[np.complex64]]) -> list[float]:
@@ -291,10 +311,24 @@ def with_refocus(
         refocus_um, note = focus.distance_um, focus_note(focus)
     distance_um = checked_distance(refocus_um)
     carry = propagator_for(
-        work.demodulate.shape, work.demodulate.output_shape, rec.optics, distance_um
+        work.demodulate.shape,
+        work.demodulate.output_shape,
+        with_common_light(rec.optics, work),
+        distance_um,
+        work.light,
     )
     note["refocus_um"] = distance_um
     return replace(work, refocus=carry, attrs=work.attrs | note)
+
+
+def with_common_light(optics: Optics, work: FrameReconstructor) -> Optics:
+    """Return the microscope with the wavelength of the views, their mean where they differ."""
+    light = work.attrs.get("wavelength_um", np.mean(work.light or [optics.wavelength_um]))
+    return replace(optics, wavelength_um=float(light))
+
+
+#: Fields are carried no farther.
+FARTHEST_UM = 1e5
 
 
 def checked_distance(refocus_um: object) -> float:
@@ -302,7 +336,14 @@ def checked_distance(refocus_um: object) -> float:
     if isinstance(refocus_um, bool) or not isinstance(refocus_um, Real):
         msg = f'refocus_um must be a number of micrometres or "auto", but is {shown(refocus_um)}'
         raise ValueError(msg)
-    return float(refocus_um)
+    distance = float(refocus_um)
+    if not abs(distance) <= FARTHEST_UM:
+        msg = (
+            f"refocus_um must lie within {FARTHEST_UM:g} um of the camera's focus, but is "
+            f"{distance:g}"
+        )
+        raise ValueError(msg)
+    return distance
 
 
 def find_focus(
@@ -335,7 +376,8 @@ def find_focus(
     pixel_um = [rec.optics.pixel_um * ratio for ratio in work.demodulate.pixel_ratio]
     return autofocus(
         fields,
-        rec.optics.wavelength_um,
+        # One distance for all views: it is looked for at the mean wavelength where they differ.
+        with_common_light(rec.optics, work).wavelength_um,
         pixel_um,
         rec.optics.medium_index,
         metric=metric,
@@ -343,12 +385,3 @@ def find_focus(
         progress=progress,
         cancelled=cancelled,
     )
-
-
-def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:
-    """Return the lobes sorted by angle, and their angles (numbers if not all differ)."""
-    ordered = sorted(lobes, key=lambda lobe: lobe.angle_deg)
-    angles = [lobe.angle_deg for lobe in ordered]
-    if len(set(angles)) < len(angles):
-        return list(lobes), [float(i) for i in range(len(angles))]
-    return ordered, angles

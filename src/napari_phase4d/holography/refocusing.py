@@ -20,6 +20,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.stacks import wavelengths_of
 
 __all__ = [
     "EDGES",
@@ -214,10 +215,11 @@ def refocused(
     if "amplitude" not in ds or "phase" not in ds:
         msg = "refocusing needs phase and amplitude; give what reconstruct() returns"
         raise ValueError(msg)
+    light = wavelengths_of(ds)
     missing = [
         name
         for name, known in (
-            ("wavelength_um", "wavelength_um" in ds.attrs),
+            ("wavelength_um", light is not None),
             ("medium_index", medium_index is not None or "medium_index" in ds.attrs),
             ("y", "y" in ds.coords and ds.sizes["y"] > 1),
             ("x", "x" in ds.coords and ds.sizes["x"] > 1),
@@ -230,18 +232,22 @@ def refocused(
             "give what reconstruct() returns"
         )
         raise ValueError(msg)
-    carry = Propagator(
-        (ds.sizes["y"], ds.sizes["x"]),
-        distance_um,
-        ds.attrs["wavelength_um"],
-        pixel_of(ds),
-        ds.attrs["medium_index"] if medium_index is None else medium_index,
-    )
+    assert light is not None
+    index = ds.attrs["medium_index"] if medium_index is None else medium_index
+    shape = (ds.sizes["y"], ds.sizes["x"])
+    carry = {
+        own: Propagator(shape, distance_um, own, pixel_of(ds), index)
+        for own in dict.fromkeys(light.tolist())
+    }
     phase, amplitude = (np.empty(ds[n].shape, np.float32) for n in ("phase", "amplitude"))
 
     def work(index: int) -> None:
         angles, sizes = (ds[n][index].values.astype(np.float32) for n in ("phase", "amplitude"))
-        fields = carry(sizes * np.exp(1j * angles))
+        before = sizes * np.exp(1j * angles)
+        if len(carry) == 1:
+            fields = carry[light[0]](before)
+        else:
+            fields = np.stack([carry[own](view) for own, view in zip(light, before, strict=True)])
         np.abs(fields, out=amplitude[index])
         np.arctan2(fields.imag, fields.real, out=phase[index])
 

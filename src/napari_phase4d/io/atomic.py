@@ -10,6 +10,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 import zlib
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -24,6 +25,7 @@ __all__ = [
     "machine",
     "put_in_place",
     "remove_dead",
+    "remove_folder",
     "written_whole",
 ]
 
@@ -68,6 +70,23 @@ def remove_dead(parent: Path, begins: str = ".") -> None:
         else:
             with suppress(OSError):  # another user's, or held open
                 path.unlink(missing_ok=True)
+
+
+#: Between tries to remove what is still written into, in seconds, and how often.
+AGAIN_S, TRIES = 0.05, 40
+
+
+def remove_folder(folder: Path) -> None:
+    """Remove a folder for good, if it is there; what can't be removed is left.
+
+    Zarr writes chunks side by side: when one fails, as on a full disk, others still come and make
+    their folder anew.
+    """
+    for _ in range(TRIES):
+        if not folder.exists():
+            return
+        shutil.rmtree(folder, ignore_errors=True)
+        time.sleep(AGAIN_S)
 
 
 #: A disk with less room than this is full.
@@ -129,7 +148,7 @@ def folder_written_whole(path: Path) -> Iterator[Path]:
         raise not_written(path, error) from error
     finally:
         if temporary is not None:
-            shutil.rmtree(temporary, ignore_errors=True)
+            remove_folder(temporary)
 
 
 def put_in_place(new: Path, path: Path, old: Path) -> None:

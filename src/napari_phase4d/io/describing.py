@@ -13,9 +13,10 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES
+from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io.atomic import UnreadableError
 from napari_phase4d.progress import THREADS, CancelledCall, ProgressCall, Watch
+from napari_phase4d.stacks import wavelength_coordinate, wavelengths_of
 
 __all__ = [
     "OME_TIFF",
@@ -29,6 +30,7 @@ __all__ = [
     "slabs",
     "stack_of",
     "step_of",
+    "view_names",
 ]
 
 #: Marks the description of a file that this program wrote.
@@ -43,13 +45,26 @@ LARGEST = sys.float_info.max
 
 def described(stack: xr.DataArray) -> dict[str, Any]:
     """Return the name, coordinates, units and attributes of a stack, as JSON can hold them."""
-    return {
+    found = {
         "program": PROGRAM,
         "name": name_of(stack),
         "coords": {d: [float(v) for v in stack[d].values] for d in AXES},
         "units": {d: str(stack[d].attrs["units"]) for d in AXES if "units" in stack[d].attrs},
         "attrs": json_able(stack.attrs),
     }
+    light = wavelengths_of(stack)
+    if light is not None and WAVELENGTH in stack.coords:
+        found["wavelengths_um"] = light.tolist()
+    return found
+
+
+def view_names(stack: xr.DataArray) -> list[str]:
+    """Return what other programs call the views of a stack: their angles, and wavelengths."""
+    names = [f"view {a:g} deg" for a in stack["angle"].values]
+    light = wavelengths_of(stack)
+    if light is None or WAVELENGTH not in stack.coords:
+        return names
+    return [f"{name}, {1000 * own:g} nm" for name, own in zip(names, light, strict=True)]
 
 
 def name_of(stack: xr.DataArray) -> str:
@@ -70,7 +85,9 @@ def checked(found: Any) -> dict[str, Any] | None:
         isinstance(values, list) and all(is_number(v) for v in values)
         for values in coords.values()
     )
-    return found if numbers else None
+    light = found.get("wavelengths_um", [1.0] * len(coords["angle"]))
+    numbers = numbers and isinstance(light, list) and len(light) == len(coords["angle"])
+    return found if numbers and all(is_number(v) and v > 0 for v in light) else None
 
 
 def is_number(value: Any) -> bool:
@@ -87,7 +104,7 @@ def stack_of(description: dict[str, Any], values: Any) -> xr.DataArray:
         If the values have another shape.
     """
     units = description.get("units", {})
-    coords = {
+    coords: dict[str, Any] = {
         name: (
             name,
             np.asarray(places, np.float64),
@@ -95,6 +112,9 @@ def stack_of(description: dict[str, Any], values: Any) -> xr.DataArray:
         )
         for name, places in description["coords"].items()
     }
+    if "wavelengths_um" in description:
+        light = np.asarray(description["wavelengths_um"], np.float64)
+        coords[WAVELENGTH] = wavelength_coordinate(light)
     shape = tuple(len(places) for places in description["coords"].values())
     return xr.DataArray(
         values.reshape(shape),

@@ -82,7 +82,12 @@ def read_npz(
         raise
     except Exception as error:
         raise OSError(unreadable(path, error)) from error
-    return Video(values, kind="NPZ", dataset=name if len(arrays) > 1 else "")
+    notes: tuple[str, ...] = ()
+    if dataset is None and name not in usual_names and len(arrays) > 1:
+        notes = (
+            f"{path.name} holds {listed(list(arrays))}; {name} is read. Name another as dataset.",
+        )
+    return Video(values, kind="NPZ", dataset=name if len(arrays) > 1 else "", notes=notes)
 
 
 def loaded(path: Path, name: str) -> NDArray[Any]:

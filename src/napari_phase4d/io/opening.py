@@ -15,13 +15,20 @@ from napari_phase4d.axes import PLAIN_AXES
 from napari_phase4d.io.choosing import axes_in_words, axes_to_choose, choice
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RawLayout
-from napari_phase4d.io.reading import JOINED_SUFFIXES, READABLE_SUFFIXES, read_list, read_video
+from napari_phase4d.io.reading import (
+    JOINED_SUFFIXES,
+    READABLE_SUFFIXES,
+    check_there,
+    read_list,
+    read_video,
+)
 from napari_phase4d.io.results import result_attrs
 from napari_phase4d.io.video import LARGEST_SIDE, Video, colour_sentence, memory_lacks
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (
     check_rising,
+    factor_to,
     looks_wrapped,
     spacing,
     times_in_s,
@@ -169,6 +176,8 @@ def open_input(
     OSError, TypeError, ValueError
         If the file can't be read as such.
     """
+    if Path(path).exists():
+        check_there(Path(path))  # a pipe would be waited for
     noted = result_attrs(path) or {}
     if "method" in noted:
         msg = (
@@ -267,6 +276,10 @@ def check_frame_size(frames: Any, name: str) -> None:
         raise ValueError(msg)
 
 
+#: How programs write that numbers are phase.
+RADIANS = ("rad", "radian", "radians")
+
+
 def open_data_array(
     data: xr.DataArray, optics: Optics | None, frame_rate_hz: float | None
 ) -> Recording:
@@ -275,7 +288,7 @@ def open_data_array(
     if data.ndim in (2, 3) and not set(data.dims) <= set(axes):
         msg = f"the array has dims {tuple(data.dims)}; a hologram video has time, y and x"
         raise ValueError(msg)
-    if data.attrs.get("units") == "rad":
+    if data.attrs.get("units") in RADIANS:
         msg = f"{name} is phase in radians, as it notes, and no hologram; give it to unwrap()"
         raise ValueError(msg)
     if data.ndim in (2, 3):
@@ -311,13 +324,19 @@ def square_pixel_um(data: xr.DataArray, name: str) -> float | None:
         if data.sizes.get(axis, 1) > 1 and axis in data.coords and data[axis].attrs.get("units")
     ]
     steps = [spacing(data, axis, name) for axis in known]
-    if len(steps) == 2 and not math.isclose(*steps, rel_tol=0.01):
+    if len(steps) == 2:
+        check_square(steps[0], steps[1], name, "correct the coordinates, or give optics")
+    return steps[-1] if steps else None
+
+
+def check_square(height_um: float, width_um: float, name: str, advice: str) -> None:
+    """Refuse pixels that are not as high as wide."""
+    if not math.isclose(height_um, width_um, rel_tol=0.01):
         msg = (
-            f"the pixels of {name} are {steps[0]:g} um high and {steps[1]:g} um wide, but must be "
-            "square; correct the coordinates, or give optics"
+            f"the pixels of {name} are {height_um:g} um high and {width_um:g} um wide, but must "
+            f"be square; {advice}"
         )
         raise ValueError(msg)
-    return steps[-1] if steps else None
 
 
 def optics_for_pixel(pixel_um: float) -> Optics:
@@ -326,12 +345,24 @@ def optics_for_pixel(pixel_um: float) -> Optics:
     return replace(base, magnification=base.camera_pixel_um / pixel_um)
 
 
+def steps_in(wanted: str, scale: Sequence[float], units: Sequence[str]) -> list[float | None]:
+    """Return steps along a layer's axes in a unit, None where it names none of that kind."""
+    factors = [factor_to(unit, wanted) for unit in units]
+    return [
+        None if factor is None else step * factor
+        for step, factor in zip(scale, factors, strict=True)
+    ]
+
+
 def open_layer(layer: Any, optics: Optics | None, frame_rate_hz: float | None) -> Recording:
     """Take frames from a napari image layer, with its time step where that is in seconds."""
     units = tuple(str(u) for u in getattr(layer, "units", ()))
     scale = tuple(float(s) for s in getattr(layer, "scale", ()))
-    interval = scale[0] if len(scale) == 3 and units[:1] == ("second",) else None
-    pixel = scale[-1] if units[-1:] == ("micrometer",) else None
+    known = len(scale) == len(units) >= 2
+    interval = steps_in("s", scale[:1], units[:1])[0] if known and len(scale) == 3 else None
+    height, pixel = steps_in("um", scale[-2:], units[-2:]) if known else (None, None)
+    if height and pixel and optics is None:
+        check_square(height, pixel, str(layer.name), "correct the layer's scale, or give optics")
     video = Video(
         layer.data, pixel_um=pixel, interval_s=interval, colour=bool(getattr(layer, "rgb", False))
     )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -19,11 +20,25 @@ from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video, check_fits
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 from napari_phase4d.stacks import looks_wrapped
+from napari_phase4d.words import as_numbers, check_positive, shown
 
 __all__ = ["holds_phase", "open_phase"]
 
+#: No pixel in a sample is wider.
+LARGE_PIXEL_UM = 1e4
 #: Names looked for first in an .npz file with several arrays.
 PHASE_NAMES = ("wrapped", "phase", "unwrapped")
+
+
+def as_path(path: Any) -> Path:
+    """Return a path; TypeError for what is none."""
+    if not isinstance(path, (str, PathLike)):
+        msg = (
+            f"path must be a file or folder, but is {type(path).__name__}; phase that is an array "
+            "already goes to unwrap() as it is"
+        )
+        raise TypeError(msg)
+    return Path(path)
 
 
 def open_phase(
@@ -64,7 +79,13 @@ def open_phase(
     ValueError
         If it holds no such stack.
     """
-    path = Path(path)
+    path = as_path(path)
+    if pixel_um is not None:
+        check_positive("pixel_um", pixel_um, LARGE_PIXEL_UM)
+    if frame_rate_hz is not None:
+        check_positive("frame_rate_hz", frame_rate_hz)
+    if angles_deg is not None:
+        check_angles(angles_deg)
     check_there(path)
     if is_result(path):
         found = read_results(path)
@@ -102,6 +123,21 @@ def open_phase(
     if missing:
         attrs["notes"] = [f"Not in the file, so counted in ones: {', '.join(missing)}."]
     return full.assign_coords(coords).assign_attrs(attrs)
+
+
+def check_angles(angles_deg: Any) -> None:
+    """Refuse what is no list of different angles in degrees."""
+    angles = as_numbers("angles_deg", angles_deg)
+    if angles.ndim != 1 or angles.dtype.kind == "b":
+        msg = (
+            f"angles_deg must be a list of degrees, one for each view, but is {shown(angles_deg)}"
+        )
+        raise TypeError(msg)
+    if not np.isfinite(angles).all() or np.unique(angles).size < angles.size:
+        msg = (
+            f"angles_deg must be finite and different from each other, but is {shown(angles_deg)}"
+        )
+        raise ValueError(msg)
 
 
 def holds_phase(path: str | Path, dataset: str | None = None) -> bool:

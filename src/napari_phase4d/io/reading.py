@@ -107,6 +107,8 @@ def parts_beside(path: Path) -> list[Path]:
         Those that hold frames of an OME-TIFF series or of a virtual HDF5 dataset, and the times
         of a Koala recording. They need not be there.
     """
+    if not (path.is_file() or path.is_dir()):  # a pipe would be waited for
+        return []
     suffix = path.suffix.lower()
     if path.is_dir():
         return times_files(path) if is_koala(path) else []

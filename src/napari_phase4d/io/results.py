@@ -21,6 +21,7 @@ from napari_phase4d.io.zarr_results import (
     zarr_description,
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.stacks import in_units
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,7 +93,7 @@ def write_phase(
     if 0 in stack.shape:
         msg = f"the stack for {path.name} is empty: its shape is {stack.shape}"
         raise ValueError(msg)
-    stack = stack.transpose(*AXES)
+    stack = in_units(stack.transpose(*AXES), "the stack")
     write = write_zarr_result if path.suffix.lower() == ZARR_SUFFIX else write_tiff_result
     write(path, stack, progress, cancelled)
     return path

@@ -79,6 +79,8 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             times = ome_times(tif) if tif.is_ome else None
             check_number(tif, path, shape)
             kind = kind_of(tif)
+            coloured = not tif.is_imagej and has_colours(tif.series[0].keyframe)
+            left_out = () if single else pages_left_out(tif)
             dtype = np.dtype(tif.series[0].dtype)
             order = tif.byteorder
     except Unsound:
@@ -93,6 +95,12 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     if axes.rstrip("S")[-2:] != "YX":
         msg = f"{path.name} holds no pictures, but {axes_in_words(axes, shape)}; it may be damaged"
         raise OSError(msg)
+    if coloured:
+        msg = (
+            f"{path.name} holds numbers of colours in a palette, not grey values; save it as grey "
+            "values"
+        )
+        raise ValueError(msg)
     if dtype.kind not in "buif":
         msg = f"{path.name} holds {dtype} values; a hologram video needs real numbers"
         raise ValueError(msg)
@@ -106,7 +114,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
     return Video(
         frames, kind=kind, axes=left, dataset=dataset or "",
-        times_s=times if in_time and "interval_s" not in facts else None, **facts,
+        times_s=times if in_time and "interval_s" not in facts else None, notes=left_out, **facts,
     )  # fmt: skip
 
 
@@ -117,6 +125,17 @@ def layout_of(tif: tifffile.TiffFile) -> tuple[str, tuple[int, ...], bool]:
     if single:
         return f"T{series.axes}", (len(single), *series.shape), True
     return series.axes, tuple(int(n) for n in series.shape), False
+
+
+def pages_left_out(tif: tifffile.TiffFile) -> tuple[str, ...]:
+    """Say that a file has pages besides those that are read: of another kind, or added later."""
+    used, further = len(tif.series[0].pages), sum(len(s.pages) for s in tif.series[1:])
+    if not further:
+        return ()
+    return (
+        f"Of {used + further} pages the first {used} are read; the others are of another kind, or "
+        "were added later. Write them as one stack if they belong to it.",
+    )
 
 
 def single_frames(tif: tifffile.TiffFile) -> list[Any]:
@@ -240,6 +259,17 @@ def kind_of(tif: tifffile.TiffFile) -> str:
     packing = tif.series[0].keyframe.compression
     packed = "" if packing == 1 else f", {getattr(packing, 'name', packing)}".lower()
     return f"{program}{base}{packed}"
+
+
+def has_colours(page: Any) -> bool:
+    """Say whether numbers of a page stand for colours of a palette, and not for grey values."""
+    if page.photometric != tifffile.PHOTOMETRIC.PALETTE:
+        return False
+    palette = None if page.colormap is None else np.asarray(page.colormap).astype(np.int64)
+    if palette is None or palette.ndim != 2:
+        return True
+    is_grey = bool((palette == palette[0]).all() and (np.diff(palette[0]) >= 0).all())
+    return not is_grey
 
 
 def check_described(tif: tifffile.TiffFile, path: Path) -> None:

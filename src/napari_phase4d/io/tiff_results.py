@@ -22,6 +22,7 @@ from napari_phase4d.io.describing import (
     slabs,
     stack_of,
     step_of,
+    view_names,
 )
 from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.io.tiff import check_described
@@ -70,7 +71,7 @@ def ome_metadata(stack: xr.DataArray) -> dict[str, Any]:
         "UUID": str(uuid.uuid5(NAMESPACE, f"{stack.shape} {stack.dtype} {description}")),
         # The description has the whole name; tifffile before 2026.2.24 doesn't escape quotes here.
         "Name": name_of(stack).replace('"', "'"),
-        "Channel": {"Name": [f"view {a:g} deg" for a in stack["angle"].values]},
+        "Channel": {"Name": view_names(stack)},
         "PhysicalSizeX": step_of(stack["x"].values),
         "PhysicalSizeXUnit": "µm",
         "PhysicalSizeY": step_of(stack["y"].values),

@@ -27,6 +27,7 @@ from napari_phase4d.io.describing import (
     slabs,
     stack_of,
     step_of,
+    view_names,
 )
 from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.progress import CancelledCall, ProgressCall, on_all_cores
@@ -162,8 +163,8 @@ def ome_note(stack: xr.DataArray, limits: Limits) -> dict[str, Any]:
     datasets = [{"path": ARRAY, "coordinateTransformations": transformations}]
     name = name_of(stack)
     channels = [
-        channel(f"view {angle:g} deg", low, high)
-        for angle, low, high in zip(places[1], *limits, strict=True)
+        channel(view, low, high)
+        for view, low, high in zip(view_names(stack), *limits, strict=True)
     ]
     return {
         "version": VERSION,
@@ -200,7 +201,9 @@ def read_zarr_result(path: Path) -> xr.DataArray:
     if frames.shape != wanted:
         msg = f"{path.name} is damaged: it has {frames.shape} pixels, but notes {wanted}"
         raise OSError(msg)
-    count = sum(len(files) for _, _, files in os.walk(path / ARRAY / "c"))
+    # A worker that was killed may have left a piece with another name, whose block was done again.
+    every = os.walk(path / ARRAY / "c")
+    count = sum(file.isdigit() for _, _, files in every for file in files)
     if count != frames.n_files:
         msg = f"{path.name} is not complete: it has {count} of {frames.n_files} files of frames"
         raise OSError(msg)

@@ -15,6 +15,7 @@ from napari_phase4d.pipeline.recipe import (
     PHASE_SETTINGS,
     Recipe,
 )
+from napari_phase4d.pipeline.reopening import holds_outcome, read_outcome
 from napari_phase4d.pipeline.running import (
     Outcome,
     focus_by,
@@ -52,12 +53,14 @@ __all__ = [
     "fingerprinting",
     "focus_by",
     "found_anywhere",
+    "holds_outcome",
     "make_folder",
     "needed_bytes",
     "needs_of",
     "noting_start",
     "open_by",
     "phase_needs",
+    "read_outcome",
     "reconstruct_by",
     "result_folder",
     "result_folders",

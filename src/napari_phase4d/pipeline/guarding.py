@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -12,6 +13,7 @@ from typing import Any
 from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM
 from napari_phase4d.io.atomic import remove_dead, written_whole
 from napari_phase4d.io.results import is_result
+from napari_phase4d.io.zarr_files import is_zarr
 from napari_phase4d.pipeline.batch.folders import NOTE, noted
 from napari_phase4d.pipeline.batch.lock import alone
 from napari_phase4d.pipeline.places import make_folder
@@ -22,6 +24,9 @@ __all__ = ["ResultFolder", "result_folder"]
 
 #: What a run writes beside its methods' results.
 STACKS, FILES = ("wrapped", "amplitude", "exact"), ("table.csv", "recipe.json")
+CELL_TABLES = ("cells.csv", "cell_summary.csv")
+#: How the tables of a run begin.
+TABLES_BEGIN = (b"id,method", b"cell,parent")
 
 
 class ResultFolder:
@@ -39,7 +44,10 @@ class ResultFolder:
         self.folder, self.planned = folder, planned
         note = noted(folder)
         #: Names of what earlier runs have made.
-        self.own: set[str] = {file["name"] for file in note["files"]} if note else set()
+        noted_files = note["files"] if note else []
+        self.own: set[str] = {f["name"] for f in noted_files if is_as_noted(folder, f)}
+        #: Names of what they have made and somebody has changed since.
+        self.changed = {f["name"] for f in noted_files} - self.own
         if not (folder / NOTE).exists():
             self.own = made_before(folder, planned)
         #: The input, where it lies in the folder, and whether an earlier run made it.
@@ -50,12 +58,14 @@ class ResultFolder:
 
         Wrapped phase may be the input: it is left as it is.
         """
-        given = Path(source).resolve() if source else None
+        given = real(source) if source else None
+        if given is not None and Path(given).is_dir():
+            check_outside(self.folder, Path(given))
         for name in (*self.planned, NOTE):
             path = self.folder / name
             if not (path.exists() or path.is_symlink()):
                 continue
-            is_input = given is not None and path.resolve() == given
+            is_input = given is not None and real(path) == given
             if is_input:
                 self.given = name
                 self.foreign = {name} - self.own
@@ -65,9 +75,10 @@ class ResultFolder:
                 msg = f"results would be written over the input {path}; choose another folder"
                 raise OSError(msg)
             if name not in self.own and not (name == NOTE and is_damaged_or_own(path)):
+                how = "was changed since" if name in self.changed else "was not made by a run"
                 msg = (
-                    f"{path} is there already and was not made by a run; move it away, or choose "
-                    "another folder for the results"
+                    f"{path} is there already and {how}; move it away, or choose another folder "
+                    "for the results"
                 )
                 raise OSError(msg)
 
@@ -90,7 +101,7 @@ class ResultFolder:
         names = {path.name for path in written} - self.foreign
         for name in self.own - names:
             path = self.folder / name
-            if not given or path.resolve() != Path(given).resolve():
+            if not given or real(path) != real(given):
                 remove(path)
         self.write_note(names | (self.own & {self.given}), source.as_dict())
 
@@ -106,7 +117,7 @@ class ResultFolder:
 
     def write_note(self, names: Iterable[str], source: dict[str, Any]) -> None:
         """Write the note that makes these files those of a run."""
-        files = [{"name": name} for name in sorted(set(names))]
+        files = [{"name": name, **stamp_of(self.folder / name)} for name in sorted(set(names))]
         note = {"program": PROGRAM, "input": source, "asked": {}, "facts": {}, "files": files}
         with written_whole(self.folder / NOTE) as temporary:
             temporary.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")
@@ -114,7 +125,7 @@ class ResultFolder:
 
 @contextmanager
 def result_folder(
-    folder: str | Path, recipe: Recipe, more: Sequence[str] = ()
+    folder: str | Path, recipe: Recipe, more: Iterable[str] = (), *, with_cells: bool = False
 ) -> Iterator[ResultFolder]:
     """Keep a folder for one run, made if it is not there; one made in vain goes again.
 
@@ -129,6 +140,8 @@ def result_folder(
         What is run.
     more : sequence of str, optional
         Names of further files that will be written.
+    with_cells : bool, optional
+        Whether cells are written that the recipe does not ask for.
 
     Raises
     ------
@@ -142,7 +155,7 @@ def result_folder(
     try:
         with alone(folder):
             remove_dead(folder)
-            found = ResultFolder(folder, [*planned_names(recipe), *more])
+            found = ResultFolder(folder, [*planned_names(recipe, with_cells=with_cells), *more])
             found.check(recipe.recording)
             try:
                 found.announce()
@@ -171,11 +184,74 @@ def made_before(folder: Path, planned: Sequence[str]) -> set[str]:
     return there if ours else set()
 
 
-def planned_names(recipe: Recipe) -> list[str]:
+def planned_names(recipe: Recipe, *, with_cells: bool = False) -> list[str]:
     """Return the names that a run may write."""
+    with_cells = with_cells or recipe.cells is not None
     trust = [f"confidence_{method}" for method in recipe.methods] if recipe.confidence else []
-    stacks = (*STACKS, *recipe.methods, *trust)
-    return [f"{stack}{end}" for stack in stacks for end in (OME_TIFF, OME_ZARR)] + list(FILES)
+    of_cells = ("cells",) if with_cells else ()
+    tables = CELL_TABLES if with_cells else ()
+    stacks = (*STACKS, *recipe.methods, *trust, *of_cells)
+    names = [f"{stack}{end}" for stack in stacks for end in (OME_TIFF, OME_ZARR)]
+    return [*names, *FILES, *tables]
+
+
+def check_outside(folder: Path, recording: Path) -> None:
+    """Refuse to write results among the frames of a recording that is a folder itself."""
+    where = Path(real(folder))
+    inside = where == recording or (is_zarr(recording) and where.is_relative_to(recording))
+    if inside:
+        msg = f"{folder} is the recording itself; choose another folder for the results"
+        raise OSError(msg)
+
+
+def real(path: str | Path) -> str:
+    """Return where a path leads; unlike `Path.resolve` it takes links that go round."""
+    return os.path.realpath(path)
+
+
+def stamp_of(path: Path) -> dict[str, Any]:
+    """Return size and time of a file, or of all files in a folder; nothing where there is none."""
+    if path.is_symlink() or not path.exists():
+        return {}
+    files = [p for p in path.rglob("*") if p.is_file()] if path.is_dir() else [path]
+    facts = [p.stat() for p in files]
+    return {
+        "bytes": sum(fact.st_size for fact in facts),
+        "changed_ns": max((fact.st_mtime_ns for fact in facts), default=0),
+    }
+
+
+def is_as_noted(folder: Path, noted_file: dict[str, Any]) -> bool:
+    """Say whether a file is what a run made of it, or is not there (any more).
+
+    A run that was killed has noted names alone: then what the file holds must be of this program.
+    """
+    path = folder / str(noted_file["name"])
+    if not path.exists() and not path.is_symlink():
+        return True
+    stamp = stamp_of(path)
+    if not stamp:
+        return False
+    if "sha256" in noted_file:  # of a batch, whose files may have been copied
+        return bool(noted_file.get("bytes") == stamp["bytes"])
+    if "changed_ns" in noted_file:
+        return all(noted_file.get(key) == value for key, value in stamp.items())
+    return looks_own(path)
+
+
+def looks_own(path: Path) -> bool:
+    """Say whether a file holds what a run writes under its name."""
+    try:
+        if path.name.endswith((OME_TIFF, OME_ZARR)):
+            return is_result(path)
+        if path.suffix == ".csv":
+            with path.open("rb") as lines:
+                return lines.readline(200).startswith(TABLES_BEGIN)
+        if path.name == "recipe.json":
+            Recipe.from_file(path)
+    except (OSError, ValueError):
+        return False
+    return True
 
 
 def is_damaged_or_own(note: Path) -> bool:

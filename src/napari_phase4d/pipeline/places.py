@@ -15,6 +15,7 @@ import psutil
 import xarray as xr
 
 from napari_phase4d.analysis import Comparison, compare_on
+from napari_phase4d.io.atomic import remove_folder
 from napari_phase4d.pipeline.needs import Needs
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming import (
@@ -137,7 +138,7 @@ def find_place(
         return None
     if recipe.confidence:
         msg = (
-            "maps of trust need all frames in memory at once, but these stay on disk; leave "
+            "maps of confidence need all frames in memory at once, but these stay on disk; leave "
             "confidence out, or cut the recording into shorter ones"
         )
         raise OSError(msg)
@@ -158,7 +159,7 @@ def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
     try:
         yield hidden
     finally:
-        shutil.rmtree(hidden, ignore_errors=True)
+        remove_folder(hidden)
 
 
 def make_folder(out: Path) -> None:

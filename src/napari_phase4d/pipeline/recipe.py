@@ -7,16 +7,19 @@ from dataclasses import asdict, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
     Field,
     FiniteFloat,
     ValidationError,
+    ValidationInfo,
     field_serializer,
     field_validator,
 )
 
+from napari_phase4d.analysis import CellSettings
 from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, WINDOWS, Lobe
 from napari_phase4d.io import RawLayout
 from napari_phase4d.io.atomic import written_whole
@@ -53,7 +56,7 @@ class Recipe(BaseModel):
     ----------
     recording : str
         File or folder of the hologram video, a file of wrapped phase, or a sample,
-        "sample:euglena" or "sample:yeast"; empty if it is given to `run` directly.
+        "sample:euglena", "sample:cells" or "sample:yeast"; empty if it is given to `run`.
     dataset : str, optional
         Which array of a file that holds several.
     raw : RawLayout, optional
@@ -64,10 +67,14 @@ class Recipe(BaseModel):
         The microscope. Default: what the file says, else that of the paper.
     frame_rate_hz : float, optional
         Frames per second. Default: what the file says, else 1.
-    n_views : int
-        Number of views to find if no lobes are given, 1 to 6.
+    n_views : int, optional
+        Number of views to find if no lobes are given, 1 to 6. Default: as many as there are
+        angles, else they are counted.
     angles_deg : tuple of float, optional
         Viewing angles of the views that are found, in degrees.
+    wavelengths_um : tuple of float, optional
+        Wavelengths of the views that are found, in micrometres, in the same order; where lobes
+        are given, these name their own. Default: all have that of the optics.
     lobes : tuple of Lobe
         The views; empty to find them.
     reference : int, str or None
@@ -96,6 +103,9 @@ class Recipe(BaseModel):
         Method id to that method's options.
     confidence : bool
         Whether a map of how far to trust it is written with each result.
+    cells : CellSettings, optional
+        How cells are found, followed and measured in the result most to be trusted. Default: they
+        are not looked for.
     storage : str
         Where stacks are held: "memory", "disk" (a block of frames at a time in memory, as for
         recordings larger than it), or "auto" (default) for memory if they fit.
@@ -126,8 +136,9 @@ class Recipe(BaseModel):
     content: Literal["auto", "holograms", "phase"] = "auto"
     optics: Optics | None = None
     frame_rate_hz: float | None = Field(default=None, gt=0)
-    n_views: int = Field(default=2, ge=1, le=6)
+    n_views: int | None = Field(default=None, ge=1, le=6)
     angles_deg: tuple[float, ...] | None = None
+    wavelengths_um: tuple[float, ...] | None = None
     lobes: tuple[Lobe, ...] = ()
     reference: int | str | None = None
     window: str = "smooth-disk"
@@ -141,6 +152,7 @@ class Recipe(BaseModel):
     methods: tuple[str, ...] = DEFAULT_METHODS
     options: Options = Field(default_factory=dict)
     confidence: bool = False
+    cells: CellSettings | None = None
     storage: Literal["auto", "memory", "disk"] = "auto"
 
     if not TYPE_CHECKING:  # type checkers know the settings from the fields
@@ -150,6 +162,43 @@ class Recipe(BaseModel):
                 super().__init__(**settings)
             except ValidationError as error:
                 raise ValueError(first_fault(error)) from error
+
+    @field_validator("*", mode="before")
+    @classmethod
+    def _bool_is_no_number(cls, value: Any, info: ValidationInfo) -> Any:
+        wants_bool = str(info.field_name) in ("drift", "tilt_per_frame", "confidence")
+        if isinstance(value, bool) and not wants_bool:
+            msg = f"it must not be {value}"
+            raise ValueError(msg)
+        if wants_bool and not isinstance(value, bool | np.bool_):
+            msg = f"it must be True or False, but is {value!r}"
+            raise ValueError(msg)
+        if info.field_name in ("recording", "reference", "dataset") and isinstance(value, Path):
+            return str(value)
+        if info.field_name == "methods" and isinstance(value, str):
+            return (value,)
+        return value
+
+    @field_validator("boundary", mode="before")
+    @classmethod
+    def _one_frame_will_do(cls, value: Any) -> Any:
+        if isinstance(value, str):
+            if value != "auto":
+                msg = f'it must be "auto" or frames (time, angle), but is {value!r}'
+                raise ValueError(msg)
+            return value
+        try:
+            frames = [value] if all(np.ndim(part) == 0 for part in value) and value else value
+            whole = [tuple(frame) for frame in frames]
+        except TypeError as error:
+            msg = f'it must be "auto" or frames (time, angle) such as ((0, 0),), but is {value!r}'
+            raise ValueError(msg) from error
+        numbers = [n for frame in whole for n in frame]
+        plain = all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in numbers)
+        if not plain or any(len(frame) != 2 for frame in whole):
+            msg = f"it must be frames (time, angle) of whole numbers, but is {value!r}"
+            raise ValueError(msg)
+        return tuple((int(t), int(a)) for t, a in whole)
 
     @field_validator("recording", "dataset", "reference")
     @classmethod
@@ -168,8 +217,14 @@ class Recipe(BaseModel):
 
     @field_serializer("lobes")
     def _lobes_without_doubt(self, lobes: tuple[Lobe, ...]) -> list[dict[str, object]]:
+        # A wavelength that no lobe names is not written, so that older versions can read it.
+        left_out = [
+            {"doubt"} | ({"wavelength_um"} if lobe.wavelength_um is None else set())
+            for lobe in lobes
+        ]
         return [
-            {key: value for key, value in asdict(lobe).items() if key != "doubt"} for lobe in lobes
+            {key: value for key, value in asdict(lobe).items() if key not in without}
+            for lobe, without in zip(lobes, left_out, strict=True)
         ]
 
     @field_validator("window")
@@ -198,6 +253,15 @@ class Recipe(BaseModel):
         for method in value:
             check_method(method, {})
         return value
+
+    @property
+    def wanted_views(self) -> int | None:
+        """How many views to look for; None to count them."""
+        if self.n_views is None and self.angles_deg is not None:
+            return len(self.angles_deg)
+        if self.n_views is None and self.wavelengths_um is not None:
+            return len(self.wavelengths_um)
+        return self.n_views
 
     @property
     def reference_file(self) -> str | None:
@@ -269,16 +333,22 @@ class Recipe(BaseModel):
 
 def settings_in(path: Path) -> Any:
     """Return what a JSON file holds, or raise ValueError in one sentence."""
+    if not path.is_file() and path.exists():
+        msg = f"{path.name} is no recipe: it is no file"
+        raise ValueError(msg)
     if path.stat().st_size > LARGEST_FILE:
         msg = f"{path.name} is no recipe: it is larger than {LARGEST_FILE // 2**20} MB"
         raise ValueError(msg)
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(path.read_text(encoding="utf-8"), object_pairs_hook=without_doubles)
     except UnicodeDecodeError as error:
         msg = f"{path.name} is no recipe: it is not a text file"
         raise ValueError(msg) from error
     except json.JSONDecodeError as error:
         msg = f"{path.name} is no recipe: line {error.lineno} is not JSON"
+        raise ValueError(msg) from error
+    except DoubledError as error:
+        msg = f"{path.name} is no recipe: it sets {error} twice"
         raise ValueError(msg) from error
     except RecursionError as error:
         msg = f"{path.name} is no recipe: it is nested too deeply"
@@ -286,6 +356,20 @@ def settings_in(path: Path) -> Any:
     except ValueError as error:  # of Python, for numbers of thousands of digits
         msg = f"{path.name} is no recipe: it holds a number that is too long"
         raise ValueError(msg) from error
+
+
+def without_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """Return settings of JSON; ValueError if one is there twice."""
+    found = dict(pairs)
+    if len(found) < len(pairs):
+        names = [name for name, _ in pairs]
+        twice = next(name for name in names if names.count(name) > 1)
+        raise DoubledError(twice)
+    return found
+
+
+class DoubledError(ValueError):
+    """A setting is there twice."""
 
 
 def first_fault(error: ValidationError) -> str:

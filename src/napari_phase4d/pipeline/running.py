@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 
-from napari_phase4d.analysis import Comparison, compare
+from napari_phase4d.analysis import Cells, Comparison, cells_in, compare, most_trusted
+from napari_phase4d.analysis.cells import check_follower
 from napari_phase4d.holography import (
     Focus,
     Lobe,
@@ -17,9 +21,11 @@ from napari_phase4d.holography import (
     find_focus,
     find_lobes,
     frame_reconstructor,
+    light_of,
     reconstruct_frames,
 )
 from napari_phase4d.io import open_recording
+from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline.needs import needs_of, phase_needs
 from napari_phase4d.pipeline.places import Place, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
@@ -27,11 +33,12 @@ from napari_phase4d.pipeline.starting import noting_start, open_by, with_start
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import is_known
+from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.unwrapping import check_light, is_known
 from napari_phase4d.unwrapping.problem import checked_boundaries
-from napari_phase4d.words import check_type
+from napari_phase4d.words import check_type, warn
 
-__all__ = ["Outcome", "focus_by", "reconstruct_by", "run", "unwrap_by"]
+__all__ = ["Outcome", "cells_by", "focus_by", "mask_of", "reconstruct_by", "run", "unwrap_by"]
 
 
 @dataclass(frozen=True)
@@ -54,6 +61,8 @@ class Outcome:
     scores : xarray.DataArray, optional
         How safe each frame was found to be as the start, see `score_boundaries`; None if the
         recipe named the frame.
+    cells : Cells, optional
+        The cells of the result most to be trusted, if the recipe asks for them.
     """
 
     recording: Recording | None
@@ -62,6 +71,7 @@ class Outcome:
     comparison: Comparison
     truth: xr.DataArray | None = None
     scores: xr.DataArray | None = None
+    cells: Cells | None = None
 
 
 def run(
@@ -124,25 +134,34 @@ def run(
     if recording is None and not recipe.recording:
         msg = "the recipe names no recording; give run() one, or a recipe with a file"
         raise ValueError(msg)
+    if recipe.cells is not None:
+        check_follower()
+    if recording is not None:
+        say_what_counts(recipe, recording)
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
         check_start(recipe, opened.shape)
+        check_light(recipe.methods, wavelengths_of(opened), opened["angle"].values)
         finds_start = recipe.boundary == "auto"
         needs = phase_needs(recipe.methods, opened.shape, finds_start=finds_start)
         with place_for(recipe, needs, folder, scheduler) as place:
             used, scores = with_start(recipe, opened, progress, cancelled)
             comparison = unwrap_by(used, opened, truth, progress, cancelled, place=place)
         comparison = noting_start(comparison, scores)
-        return Outcome(None, used, xr.Dataset({"phase": opened}), comparison, truth, scores)
+        cells = cells_by(used, comparison, opened, Optics(), progress, cancelled)
+        data = xr.Dataset({"phase": opened})
+        return Outcome(None, used, data, comparison, truth, scores, cells)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
         recording,
-        recipe.n_views,
+        recipe.wanted_views,
         angles_deg=recipe.angles_deg,
+        wavelengths_um=recipe.wavelengths_um,
         progress=progress,
         cancelled=cancelled,
     )
     check_start(recipe, (recording.n_frames, len(lobes)))
+    check_light(recipe.methods, *light_of(lobes, recording.optics.wavelength_um))
     needs = needs_of(recipe, recording, lobes)
     with place_for(recipe, needs, folder, scheduler) as place:
         data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
@@ -159,7 +178,62 @@ def run(
     used = used.changed(
         lobes=tuple(lobes), optics=recording.optics, refocus_um=data.attrs.get("refocus_um")
     )
-    return Outcome(recording, used, data, noting_start(comparison, scores), truth, scores)
+    cells = cells_by(used, comparison, data["phase"], recording.optics, progress, cancelled)
+    return Outcome(recording, used, data, noting_start(comparison, scores), truth, scores, cells)
+
+
+def say_what_counts(recipe: Recipe, recording: Recording) -> None:
+    """Warn where a recipe names another microscope or rate than the recording that was given."""
+    passed_over = []
+    if recipe.optics is not None and recipe.optics != recording.optics:
+        passed_over.append("optics")
+    rate = recording.frame_rate_hz
+    # A rate that was counted back from times is off in its last digit.
+    asked = recipe.frame_rate_hz
+    if asked is not None and rate is not None and not math.isclose(asked, rate):
+        passed_over.append("frame_rate_hz")
+    if passed_over:
+        warn(
+            f"the {' and '.join(passed_over)} of the recording count, not those of the recipe; "
+            "give them to open_recording() to use them"
+        )
+
+
+def cells_by(
+    recipe: Recipe,
+    comparison: Comparison,
+    wrapped: xr.DataArray,
+    optics: Optics,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Cells | None:
+    """Find, follow and measure cells as a recipe asks for, None if it does not.
+
+    They are those of the result most to be trusted; where the phase notes its wavelength, that
+    counts.
+    """
+    if recipe.cells is None:
+        return None
+    method = most_trusted(comparison.results)
+    result = comparison.results[method]
+    noted = result.attrs.get("wavelength_um")
+    if noted is not None:
+        optics = replace(optics, wavelength_um=float(noted))
+    found = cells_in(
+        result,
+        recipe.optics or optics,
+        recipe.cells,
+        method=method,
+        wrapped=wrapped,
+        progress=progress,
+        cancelled=cancelled,
+    )
+    if found.table.empty:
+        warn(
+            "no cells were found; is the object thinner than threshold_rad, or smaller than "
+            "smallest_um2?"
+        )
+    return found
 
 
 def check_start(recipe: Recipe, shape: Sequence[int]) -> None:
@@ -190,13 +264,12 @@ def unwrap_by(
     if place is not None:
         found = place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
         return noting_start(found, scores)
-    known = is_known(phase.values)
     found = compare(
         phase,
         recipe.methods,
         recipe.start_frames,
         truth,
-        mask=known if recipe.mask is None and not known.all() else recipe.mask,
+        mask=mask_of(recipe, phase),
         amplitude=amplitude,
         options=recipe.options,
         progress=progress,
@@ -204,6 +277,14 @@ def unwrap_by(
         finished=finished,
     )
     return noting_start(found, scores)
+
+
+def mask_of(recipe: Recipe, phase: xr.DataArray) -> NDArray[np.bool_] | str | None:
+    """Return what a recipe unwraps of a phase in memory: what is known, where it says nothing."""
+    if recipe.mask is not None:
+        return recipe.mask
+    known = is_known(phase.values)
+    return None if known.all() else known
 
 
 def reconstruct_by(

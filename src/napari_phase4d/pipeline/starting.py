@@ -55,7 +55,8 @@ def found_anywhere(source: str | Path) -> str:
     Names of samples, and of files that are not there, stay as they are.
     """
     if str(source) and not is_sample(str(source)):
-        with suppress(OSError, ValueError):  # not there, or no name of a file at all
+        # Not there, no name of a file at all, or a link to itself.
+        with suppress(OSError, RuntimeError, ValueError):
             return str(Path(source).resolve(strict=True))
     return str(source)
 

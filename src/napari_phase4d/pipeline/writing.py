@@ -33,10 +33,11 @@ def write_outcome(
 ) -> list[Path]:
     """Write phase, amplitude, every result, the table and the recipe into a folder.
 
-    Where it is there, the exact phase is written too; last, where the recipe asks for it, how far
-    to trust each result. All stacks have their pixel, times and angles, and note in
-    ``attrs["provenance"]`` what made them, see `write_phase`. Wrapped phase that the run began
-    with, and that lies there already, is left as it is.
+    Where they are there, the exact phase is written too, and the cells: ``cells``, their labels,
+    ``cells.csv`` with a row a cell, time and view, ``cell_summary.csv`` with a row a cell; last,
+    where the recipe asks for it, how far to trust each result. All stacks have their pixel, times
+    and angles, and note in ``attrs["provenance"]`` what made them, see `write_phase`. Wrapped
+    phase that the run began with, and that lies there already, is left as it is.
 
     Parameters
     ----------
@@ -87,6 +88,12 @@ def write_outcome(
     written = write(stacks)
     table = write_table(folder / "table.csv", comparison.table)
     written += [table, outcome.recipe.to_file(folder / "recipe.json")]
+    if outcome.cells is not None:
+        written += write({"cells": outcome.cells.labels})
+        written += [
+            write_table(folder / "cells.csv", outcome.cells.table.set_index("cell")),
+            write_table(folder / "cell_summary.csv", outcome.cells.summary.set_index("cell")),
+        ]
     if outcome.recipe.confidence:
         # Only now: what has been found by then is not lost if this fails.
         trust = comparison.confidences(None, progress, cancelled)

@@ -13,8 +13,10 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
+from napari_phase4d.plotting.colours import phase_colours
 
 if TYPE_CHECKING:
+    from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
 
@@ -31,7 +33,6 @@ __all__ = [
 
 #: Inches that one picture takes.
 CELL = 1.7
-COLOURS = "turbo"
 #: Pixels of a movie an inch; a power of two, so that sizes in pixels are exact.
 MOVIE_DPI = 128
 #: Inches that one picture of a movie takes at least and at most, and all of them about.
@@ -71,11 +72,12 @@ def comparison_figure(
     axes = figure.subplots(rows, n_columns, squeeze=False)
     shown = [frame_of(s, t, a) for s in columns.values() for t, a in frames]
     low, high = limits or phase_limits(shown)
+    colours = phase_scale(low, high)
     for row, (t, a) in enumerate(frames):
         for column, (title, stack) in enumerate(columns.items()):
             axis = axes[row, column]
             image = axis.imshow(
-                frame_of(stack, t, a), vmin=low, vmax=high, cmap=COLOURS, extent=extent_of(first)
+                frame_of(stack, t, a), vmin=low, vmax=high, cmap=colours, extent=extent_of(first)
             )
             axis.set_xticks([])
             axis.set_yticks([])
@@ -197,7 +199,7 @@ def movie_figure(
     aspect = min(max(y_end / x_end, 0.3), 3.0)
     grid = Grid.of(len(stacks), stacks[0].sizes["angle"], aspect, lines * LINE)
     figure = Figure(figsize=grid.size, dpi=MOVIE_DPI)
-    images = []
+    images, colours = [], phase_scale(*limits)
     for row in range(grid.n_rows):
         for column, stack in enumerate(stacks):
             axis = figure.add_axes(grid.place(row, column))
@@ -207,7 +209,7 @@ def movie_figure(
                 stack.values[0, row],
                 vmin=limits[0],
                 vmax=limits[1],
-                cmap=COLOURS,
+                cmap=colours,
                 extent=extent_of(stack),
                 animated=True,
             )
@@ -251,6 +253,13 @@ def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
         return -np.pi, np.pi
     low, high = (float(v) for v in np.quantile(shown, (0.001, 0.9995)))
     return low, high
+
+
+def phase_scale(low: float, high: float) -> Colormap:
+    """Return `phase_colours` as matplotlib wants them."""
+    from matplotlib.colors import ListedColormap
+
+    return ListedColormap(phase_colours(low, high), name="phase")
 
 
 def extent_of(stack: xr.DataArray) -> tuple[float, float, float, float]:
@@ -395,7 +404,11 @@ def show_view(
             data["phase"].values[0, view],
             {"cmap": "twilight", "vmin": -np.pi, "vmax": np.pi},
         ),
-        ("unwrapped phase (rad)", height, {"cmap": "turbo", "vmin": low, "vmax": high}),
+        (
+            "unwrapped phase (rad)",
+            height,
+            {"cmap": phase_scale(low, high), "vmin": low, "vmax": high},
+        ),
     ]
     for axis, (name, image, scale) in zip(row, pictures, strict=True):
         shown = axis.imshow(image, **scale)

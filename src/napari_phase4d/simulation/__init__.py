@@ -7,6 +7,7 @@ from napari_phase4d.simulation.hard_shapes import HARD_SHAPES, hard_shape
 from napari_phase4d.simulation.multiplexing import multiplexed_video
 from napari_phase4d.simulation.populations import swimming_cells
 from napari_phase4d.simulation.shapes import SHAPES, moving_shape, with_noise
+from napari_phase4d.simulation.wavelengths import at_wavelengths, step_phantom
 
 __all__ = [
     "FAULTS",
@@ -14,12 +15,14 @@ __all__ = [
     "SHAPES",
     "Budding",
     "Ellipsoid",
+    "at_wavelengths",
     "budding_yeast",
     "hard_shape",
     "moving_shape",
     "multiplexed_video",
     "phase_stack",
     "projected_phase",
+    "step_phantom",
     "swimming_cells",
     "swimming_euglena",
     "with_fault",

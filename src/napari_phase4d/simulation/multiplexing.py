@@ -10,8 +10,10 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
+from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.words import check_type
 
 __all__ = ["CARRIERS", "multiplexed_video"]
@@ -44,22 +46,26 @@ def multiplexed_video(
     """Record sample beams and a reference beam on one camera.
 
     The frame is |R + sum_i S_i exp(2 pi i k_i r)|^2 with S_i = a_i P[exp(i phase_i)], P the
-    objective's pupil: so all cross-correlation pairs appear, those of each sample beam with the
-    reference at +-k_i, and those of the sample beams with each other ("beats") at k_i - k_j.
+    objective's pupil, summed over the wavelengths if there are several: so all cross-correlation
+    pairs of a wavelength appear, those of each sample beam with the reference at +-k_i, and those
+    of the sample beams with each other ("beats") at k_i - k_j.
     Then come the camera's shot noise, read noise and quantisation.
 
     Parameters
     ----------
     phase : xarray.DataArray
         Exact phase, dims (time, angle, y, x), radians, on the camera's pixels; ``time`` in
-        seconds.
+        seconds. Its views may differ in the coordinate ``wavelength``, as `at_wavelengths` makes
+        them: then each wavelength has a reference of its own, and beams interfere with those of
+        their wavelength only.
     optics : Optics, optional
         The microscope, by default that of the paper.
     carriers : sequence of (ky, kx), optional
-        One carrier for each angle, in cycles per camera pixel. The lobe at +k holds +phase.
+        One carrier for each view, in cycles per camera pixel. The lobe at +k holds +phase.
     pupil_radius : float, optional
-        Radius of the pupil in cycles per camera pixel; default 0.089, a numerical aperture of
-        0.65 in the paper's microscope.
+        Radius of the pupil in cycles per camera pixel at the wavelength of the optics; default
+        0.089, a numerical aperture of 0.65 in the paper's microscope. At other wavelengths the
+        same aperture has a radius in inverse proportion.
     beam_amplitudes : sequence of float, optional
         Amplitude of each sample beam, default 1.
     reference_amplitude : float, optional
@@ -113,22 +119,29 @@ def multiplexed_video(
     check_beams(n_angles, carriers, amplitudes, bits, unevenness)
     rng = np.random.default_rng(seed)
     envelope = uneven_beam((height, width), unevenness)
-    pupil = pupil_mask((height, width), pupil_radius)
+    light = wavelengths_of(phase) if WAVELENGTH in phase.coords else None
+    colours = np.full(n_angles, optics.wavelength_um) if light is None else light
+    radii = pupil_radius * optics.wavelength_um / colours
+    pupils = [pupil_mask((height, width), radius) for radius in radii]
     tilts = [tilted_wave((height, width), k) for k in carriers]
     drift = drifting(drift_rad, n_times, rng)
     bent = np.exp(-1j * curvature_rad * radius_squared((height, width)))
     reference = reference_amplitude * envelope * bent
-    # The brightest possible pixel: all beams in phase.
-    brightest = (reference_amplitude + sum(amplitudes)) ** 2
+    # The brightest possible pixel: all beams of each wavelength in phase.
+    together = [np.flatnonzero(colours == colour) for colour in np.unique(colours)]
+    brightest = sum((reference_amplitude + sum(amplitudes[a] for a in v)) ** 2 for v in together)
     camera = Camera(bits, full_well_electrons, read_noise_electrons, brightest)
     video = np.empty((n_times, height, width), dtype=np.uint8 if bits <= 8 else np.uint16)
     for t in range(n_times):
-        total = reference * np.exp(-1j * drift[t])
-        for a in range(n_angles):
-            field = np.exp(1j * phase.values[t, a].astype(np.float64))
-            seen = scipy.fft.ifft2(scipy.fft.fft2(field) * pupil)
-            total = total + amplitudes[a] * envelope * seen * tilts[a]
-        video[t] = camera.exposed(np.abs(total) ** 2, rng)
+        intensity = np.zeros((height, width))
+        for views in together:
+            total = reference * np.exp(-1j * drift[t])
+            for a in views:
+                field = np.exp(1j * phase.values[t, a].astype(np.float64))
+                seen = scipy.fft.ifft2(scipy.fft.fft2(field) * pupils[a])
+                total = total + amplitudes[a] * envelope * seen * tilts[a]
+            intensity += np.abs(total) ** 2
+        video[t] = camera.exposed(intensity, rng)
     return Recording.from_frames(
         video,
         optics=optics,
@@ -139,6 +152,7 @@ def multiplexed_video(
             "angles_deg": [float(v) for v in phase["angle"].values],
             "pupil_radius": pupil_radius,
             "drift_rad": [float(v) for v in drift],
+            **({} if light is None else {"wavelengths_um": light.tolist()}),
         },
     )
 

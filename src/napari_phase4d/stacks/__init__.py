@@ -6,6 +6,8 @@ warned of once. All public functions that take phase, masks, regions or frames a
 
 from napari_phase4d.stacks.coordinates import (
     check_rising,
+    factor_to,
+    in_units,
     pixel_um,
     spacing,
     times_in_s,
@@ -20,6 +22,8 @@ from napari_phase4d.stacks.entry import (
     wrapped_stack,
 )
 from napari_phase4d.stacks.kinds import KIND, UNWRAPPED, WRAPPED, kind_of, looks_wrapped
+from napari_phase4d.stacks.labels import checked_labels
+from napari_phase4d.stacks.light import wavelength_coordinate, wavelengths_of
 
 __all__ = [
     "KIND",
@@ -27,6 +31,9 @@ __all__ = [
     "WRAPPED",
     "as_stack",
     "check_rising",
+    "checked_labels",
+    "factor_to",
+    "in_units",
     "kind_of",
     "looks_wrapped",
     "mask_on",
@@ -35,6 +42,8 @@ __all__ = [
     "spacing",
     "times_in_s",
     "unwrapped_stack",
+    "wavelength_coordinate",
+    "wavelengths_of",
     "with_coordinates",
     "without_masked",
     "wrapped_stack",

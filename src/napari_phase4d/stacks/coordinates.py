@@ -11,12 +11,15 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import UNITS
+from napari_phase4d.axes import UNITS, WAVELENGTH
 from napari_phase4d.words import warn
 
 __all__ = [
+    "SINCE",
     "check_rising",
     "factor_to",
+    "in_units",
+    "on_the_clock_of",
     "pixel_um",
     "plain",
     "same_places",
@@ -26,12 +29,18 @@ __all__ = [
     "with_coordinates",
 ]
 
+#: Under this name times note the date that they are counted from.
+SINCE = "since"
 #: The base unit of all angles; pint counts it as a pure number, as percent and counts are.
 ANGLE = "radian"
 #: Units as pint calls them -> how they are mostly written.
 SHORT = MappingProxyType({"micrometer": "um", "degree": "deg", "second": "s", "radian": "rad"})
 #: What is said to be a unit of length by pint, but is none that a microscope has.
 PIXELS = ("px", "pixel", "pixels")
+
+
+#: No name of a unit is longer.
+LONGEST_UNIT = 24
 
 
 @cache
@@ -61,6 +70,9 @@ def factor_to(units: str, wanted: str) -> float | None:
     written = units.strip()
     if written == wanted:
         return 1.0
+    # A file may say anything, which pint would compute: no powers, no long sums.
+    if len(written) > LONGEST_UNIT or "*" in written or "^" in written:
+        return None
     if written.casefold() in PIXELS:
         return None
     try:
@@ -92,15 +104,55 @@ def with_coordinates(stack: xr.DataArray, name: str) -> xr.DataArray:
     Places along y and x are even as well. What is not so is refused.
     """
     for axis in UNITS:
-        if axis not in stack.dims or axis not in stack.coords:
+        if axis not in stack.coords:
+            continue
+        if axis not in stack.dims and stack.coords[axis].ndim == 0:
+            stack = with_place(stack, axis, name)
+        if axis not in stack.dims:
             continue
         given = stack.coords[axis]
         places = in_usual_units(given, axis, name)
-        check_places(places, axis, name)
+        check_places(places, axis, name, twice=axis == "angle" and WAVELENGTH in stack.coords)
         if places is not given.values:
             units = {**given.attrs, "units": UNITS[axis]}
+            if given.dtype.kind == "M":
+                units[SINCE] = str(given.values[0])
             stack = stack.assign_coords({axis: (axis, places, units)})
     return stack
+
+
+def on_the_clock_of(given: xr.DataArray, wanted: xr.DataArray) -> NDArray[Any]:
+    """Return times of one stack as another counts them, where both have noted their dates."""
+    own, theirs = (times.attrs.get(SINCE) for times in (given, wanted))
+    if own is None or theirs is None or own == theirs:
+        return given.values
+    apart = np.datetime64(own) - np.datetime64(theirs)
+    return given.values + apart / np.timedelta64(1, "s")
+
+
+def in_units(stack: xr.DataArray, name: str) -> xr.DataArray:
+    """Return a stack with coordinates in the usual units, where they note others."""
+    for axis in UNITS:
+        given = stack.coords.get(axis)
+        if given is None or given.attrs.get("units", UNITS[axis]) == UNITS[axis]:
+            continue
+        places = in_usual_units(given, axis, name)
+        units = {**given.attrs, "units": UNITS[axis]}
+        stack = stack.assign_coords({axis: (given.dims, places, units)})
+    return stack
+
+
+def with_place(stack: xr.DataArray, axis: str, name: str) -> xr.DataArray:
+    """Return a stack of one time, or one angle, whose place is in the usual unit."""
+    given = stack.coords[axis]
+    if axis == "time" and given.dtype.kind in "mM":
+        # A date by itself: there is nothing that it could be counted from.
+        return stack.drop_vars(axis).assign_coords({axis: 0.0})
+    place = float(in_usual_units(given, axis, name))
+    if not np.isfinite(place):
+        msg = f"the {axis} of {name} is {place}; give {IN_WORDS[axis]}"
+        raise ValueError(msg)
+    return stack.assign_coords({axis: ((), place, {**given.attrs, "units": UNITS[axis]})})
 
 
 def in_usual_units(given: xr.DataArray, axis: str, name: str) -> NDArray[Any]:
@@ -133,8 +185,8 @@ def times_in_s(times: NDArray[Any]) -> NDArray[np.float64]:
     return np.asarray(times, dtype=np.float64)
 
 
-def check_places(places: NDArray[Any], axis: str, name: str) -> None:
-    """Refuse places that are not finite, there twice, or uneven along y and x."""
+def check_places(places: NDArray[Any], axis: str, name: str, *, twice: bool = False) -> None:
+    """Refuse places that are not finite, there twice where they must not, or uneven in y or x."""
     bad = int(np.count_nonzero(~np.isfinite(places)))
     if bad:
         msg = (
@@ -142,7 +194,7 @@ def check_places(places: NDArray[Any], axis: str, name: str) -> None:
             f"in {IN_WORDS[axis]}, or take them off with drop_vars({axis!r})"
         )
         raise ValueError(msg)
-    if len(np.unique(places)) < len(places):
+    if not twice and len(np.unique(places)) < len(places):
         msg = (
             f"two {axis} coordinates of {name} are the same; leave one of them out with "
             f"drop_duplicates({axis!r}), or correct them"
@@ -158,12 +210,15 @@ def check_places(places: NDArray[Any], axis: str, name: str) -> None:
 
 def plain(values: Any, name: str) -> Any:
     """Return an array of what was given, lazy ones as they are; ValueError if it is none."""
-    if hasattr(values, "dask"):
+    if hasattr(values, "dask") and hasattr(values, "chunks"):
         return values
     try:
         return np.asarray(values)
     except ValueError as error:
         msg = f"{name} is no array: its rows differ in length"
+        raise ValueError(msg) from error
+    except Exception as error:  # whatever another package says of its own arrays
+        msg = f"{name} can't be read as an array: {error}"
         raise ValueError(msg) from error
 
 
@@ -179,7 +234,11 @@ def check_rising(stack: xr.DataArray, name: str) -> None:
         if axis not in stack.dims or axis not in stack.coords:
             continue
         places = np.asarray(stack.coords[axis].values, dtype=np.float64)
-        if (np.diff(places) <= 0).any():
+        steps = np.diff(places)
+        if axis == "angle" and WAVELENGTH in stack.coords:
+            # Views of one angle follow each other by their wavelengths.
+            steps = np.where(steps == 0, np.diff(stack.coords[WAVELENGTH].values), steps)
+        if (steps <= 0).any():
             msg = (
                 f"the {axis} coordinates of {name} do not rise ({some(places)}), so neighbours "
                 f"are none; sort it with its data, as with sortby({axis!r})"
@@ -200,7 +259,10 @@ def same_places(one: NDArray[Any], other: NDArray[Any]) -> bool:
     a, b = np.asarray(one, dtype=np.float64), np.asarray(other, dtype=np.float64)
     rounding = 1e-6 * float(np.abs(a).max(initial=0))  # of single precision
     if len(a) > 1:
-        apart = float(np.min(np.abs(np.diff(a))))
+        steps = np.abs(np.diff(a))
+        apart = float(np.min(steps[steps > 0], initial=np.inf))
+        if not np.isfinite(apart):
+            apart = 0.0
         rounding = max(UNEVEN * apart, min(rounding, 0.4 * apart))
     return bool(np.all(np.abs(a - b) <= max(rounding, 1e-9)))
 

@@ -11,6 +11,7 @@ from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.stacks.coordinates import (
     check_rising,
     factor_to,
+    on_the_clock_of,
     plain,
     same_places,
     some,
@@ -22,6 +23,8 @@ from napari_phase4d.stacks.kinds import (
     refuse_counts,
     refuse_nothing,
 )
+from napari_phase4d.stacks.light import check_light, same_light, views_in_order, with_light
+from napari_phase4d.words import shown
 
 __all__ = [
     "as_stack",
@@ -88,10 +91,13 @@ def as_stack(phase: xr.DataArray | Any, name: str = "phase") -> xr.DataArray:
         msg = f"{name} has dims {found}; they must be among time, angle, y, x, with y and x"
         raise ValueError(msg)
     check_numbers(stack, name)
+    if any(np.isnan(length) for length in stack.shape):
+        msg = f"{name} is a dask array whose lengths are not known; call its compute_chunk_sizes()"
+        raise ValueError(msg)
     if stack.size == 0:
         msg = f"{name} is empty: its shape is {stack.shape}"
         raise ValueError(msg)
-    return with_coordinates(in_radians(stack, name), name)
+    return with_coordinates(with_light(in_radians(stack, name), name), name)
 
 
 def with_names(phase: Any, name: str) -> xr.DataArray:
@@ -127,7 +133,11 @@ def check_numbers(stack: xr.DataArray, name: str) -> None:
 
 def in_radians(stack: xr.DataArray, name: str) -> xr.DataArray:
     """Return phase in radians, by the units that it notes."""
-    units = str(stack.attrs.get("units") or PHASE_UNITS)
+    noted = stack.attrs.get("units")
+    if noted is not None and not isinstance(noted, str):
+        msg = f'attrs["units"] of {name} must be a word such as "rad", but is {shown(noted)}'
+        raise TypeError(msg)
+    units = noted or PHASE_UNITS
     if units in NO_UNITS:
         return stack
     factor = factor_to(units, PHASE_UNITS)
@@ -159,7 +169,7 @@ def on_grid_of(other: xr.DataArray | Any, stack: xr.DataArray, name: str) -> xr.
             "the same frames"
         )
         raise ValueError(msg)
-    given = in_order_of(with_coordinates(given, name), stack, name)
+    given = in_order_of(with_coordinates(with_light(given, name), name), stack, name)
     return given.transpose(*stack.dims)
 
 
@@ -197,7 +207,8 @@ def mask_on(mask: xr.DataArray | Any, stack: xr.DataArray, name: str) -> Any:
                 "name its axes with an xarray.DataArray if they are others"
             )
             raise ValueError(msg)
-    given = in_order_of(with_coordinates(as_bool(given, name), name), stack, name)
+    given = with_coordinates(with_light(as_bool(given, name), name), name)
+    given = in_order_of(given, stack, name)
     return given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES).data
 
 
@@ -218,6 +229,10 @@ def without_masked(phase: Any, mask: Any) -> Any:
 
 def named(values: Any, name: str) -> xr.DataArray:
     """Return a plain array with the names of its axes."""
+    if isinstance(values, xr.Dataset):
+        held = ", ".join(map(str, values)) or "nothing"
+        msg = f"{name} is a Dataset of {held}; give one of them"
+        raise TypeError(msg)
     if isinstance(values, np.ma.MaskedArray):
         outside: Any = False if values.dtype.kind in "biu" else np.nan
         values = values.filled(outside)
@@ -254,9 +269,14 @@ def in_order_of(given: xr.DataArray, stack: xr.DataArray, name: str) -> xr.DataA
         if not known or given.sizes[axis] != stack.sizes[axis]:
             continue
         own, wanted = given[axis].values, stack[axis].values
-        if same_places(wanted, own):
+        if axis == "time":
+            own = on_the_clock_of(given[axis], stack[axis])
+        if same_places(wanted, own) and (axis != "angle" or same_light(given, stack)):
             continue
         order, target = np.argsort(own), np.argsort(wanted)
+        if axis == "angle":
+            order, target = views_in_order(given), views_in_order(stack)
+            check_light(given.isel(angle=order), stack.isel(angle=target), name)
         if not same_places(wanted[target], own[order]):
             msg = (
                 f"{name} has other {axis} coordinates ({some(own)}) than the phase "

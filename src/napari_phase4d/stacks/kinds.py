@@ -69,6 +69,7 @@ def refuse_nothing(stack: xr.DataArray, name: str) -> None:
 def check_wrapped(stack: xr.DataArray, name: str) -> None:
     """Refuse what notes to be unwrapped, and is; warn of what looks like no wrapped phase."""
     known = sample_of(stack)
+    refuse_labels(stack, name)
     known = known[np.abs(known) <= BEYOND]  # Problem counts the others as unknown
     if in_most(known, -LARGEST, LARGEST):  # what never wraps is both
         doubt_turns(name, known)
@@ -119,8 +120,32 @@ def doubt_turns(name: str, known: NDArray[Any]) -> None:
         )
 
 
+def refuse_labels(stack: xr.DataArray, name: str) -> None:
+    """Refuse what notes to be labels of cells."""
+    if stack.attrs.get(KIND) == "cells":
+        msg = f"{name} holds labels of cells, as it notes; give the unwrapped phase"
+        raise ValueError(msg)
+
+
+def refuse_absurd(stack: xr.DataArray, name: str) -> None:
+    """Refuse numbers that are no phase in single precision; of lazy ones some frames are read."""
+    values = stack.values if stack.chunks is None else sample_of(stack)
+    low, high = float(values.min(initial=0)), float(values.max(initial=0))
+    if np.isnan(low) or np.isnan(high) or np.isinf([low, high]).any():
+        known = values[np.isfinite(values)]
+        low, high = float(known.min(initial=0)), float(known.max(initial=0))
+    if max(-low, high) > BEYOND:
+        msg = (
+            f"{name} runs from {low:.4g} to {high:.4g}, but beyond {BEYOND:g} rad its turns are "
+            "lost; set what is not known to NaN"
+        )
+        raise ValueError(msg)
+
+
 def check_unwrapped(stack: xr.DataArray, name: str) -> None:
     """Refuse what notes to be wrapped, and is; warn of what looks like no unwrapped phase."""
+    refuse_labels(stack, name)
+    refuse_absurd(stack, name)
     noted = kind_of(stack)
     if noted == UNWRAPPED:
         return

@@ -1,5 +1,6 @@
 """Unwrapping methods behind one function."""
 
+from napari_phase4d.unwrapping.alone import object_in
 from napari_phase4d.unwrapping.boundaries import (
     SCORED_PIXELS,
     SCORED_TIMES,
@@ -20,6 +21,8 @@ from napari_phase4d.unwrapping.ends import both_ends, ends_along
 from napari_phase4d.unwrapping.flow import loop_sums
 from napari_phase4d.unwrapping.framewise import frame_by_frame
 from napari_phase4d.unwrapping.given import Given, is_known, working_frames
+from napari_phase4d.unwrapping.light import frames_among, views_by_light
+from napari_phase4d.unwrapping.light.agreement import chance_by_wavelengths
 from napari_phase4d.unwrapping.masks import left_out_advice
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.noise import noise_of
@@ -27,8 +30,10 @@ from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS
 from napari_phase4d.unwrapping.running import (
     all_options,
+    check_light,
     check_method,
     label_of,
+    methods_for,
     noted,
     run_method,
     unwrap,
@@ -55,15 +60,20 @@ __all__ = [
     "best_frame",
     "border_medians",
     "both_ends",
+    "chance_by_wavelengths",
+    "check_light",
     "check_method",
     "ends_along",
     "frame_by_frame",
+    "frames_among",
     "is_known",
     "label_of",
     "left_out_advice",
     "loop_sums",
+    "methods_for",
     "noise_of",
     "noted",
+    "object_in",
     "roughest_on_the_way",
     "run_method",
     "score_boundaries",
@@ -71,5 +81,6 @@ __all__ = [
     "scores_sentence",
     "support_by_steps",
     "unwrap",
+    "views_by_light",
     "working_frames",
 ]

@@ -29,6 +29,7 @@ __all__ = [
     "Turns",
     "each_alone",
     "lifted_turns",
+    "object_in",
     "turns_of",
     "with_turns",
 ]
@@ -125,6 +126,19 @@ def each_alone(
     each = problem.each(work, "finding the object", progress, cancelled)
     centres, shares = (np.concatenate([block[i] for block in each]) for i in (0, 1))
     return Alone(lifted, mask, found, centres, float(shares.mean()))
+
+
+def object_in(wrapped: Phase) -> Mask:
+    """Return what of a frame is taken for the object where only that is to be unwrapped.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (y, x)
+        Wrapped phase in radians; pixels that are NaN are not of the object.
+    """
+    known = np.isfinite(wrapped)
+    unwrapped, _ = unwrap_frame(np.where(known, wrapped, np.float32(0)), known)
+    return object_mask(unwrapped) & known
 
 
 def lifted_turns(

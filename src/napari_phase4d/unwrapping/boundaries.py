@@ -203,7 +203,8 @@ def scored(
     if lost.all():
         return as_scores(np.zeros(lost.shape), given.template, attrs)
     kept = [(int(t), int(a)) for t, a in np.argwhere(~lost)]
-    problem = Problem(given.wrapped, kept[0], given.usable & ~lost[..., None, None])
+    same = given.result(given.wrapped, "phase", {})  # which notes the wavelengths of the views
+    problem = Problem(same, kept[0], given.usable & ~lost[..., None, None])
     if together:
         known = unwrapped_together(problem, progress, cancelled)
     looks = look_at(problem, kept, known, progress, cancelled)

@@ -59,6 +59,10 @@ class Method:
     finds_object : bool
         Whether it tells the object from the empty field by itself, so that mask "auto" costs it
         no other unwrapping first.
+    wavelengths : int
+        How many wavelengths an angle must have. One that needs no more than 1 (default) is given
+        the views of each wavelength by themselves, since phases of different wavelengths can't be
+        held against each other as they are.
     streams : bool
         Whether it goes through the frames one after the other, so that a recording may be larger
         than memory. Only methods of this program do: it counts as False for those of packages.
@@ -68,6 +72,8 @@ class Method:
         Bytes for each pixel of the recording that stay in memory even then.
     scratch_bytes : int
         Bytes for each pixel of the recording that it needs on disk on the way.
+    name : str
+        Its full name; empty for its label.
     package : str
         Name and version of the package that brought it; empty for those of this program.
     leaves_out : bool
@@ -87,4 +93,6 @@ class Method:
     block_bytes: int = 48
     kept_bytes: float = 0.0
     scratch_bytes: int = 10
+    name: str = ""
     package: str = ""
+    wavelengths: int = 1

@@ -30,10 +30,11 @@ from napari_phase4d.stack import (
     block_frames,
     blocks_of,
 )
-from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of
+from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of, wavelengths_of
 from napari_phase4d.unwrapping.alone import Alone, each_alone, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of
 from napari_phase4d.unwrapping.given import LARGEST, Counted, Given, KeptFrames, is_known
+from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
 from napari_phase4d.unwrapping.noise import lost_of
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
 from napari_phase4d.unwrapping.sharing import SharedSteps
@@ -56,6 +57,9 @@ ALONE = "spatial"
 
 Boundary = tuple[int, int]
 R = TypeVar("R")
+
+#: Share of pixels of an amplitude that may be below 0, by noise.
+FEW_NEGATIVE = 0.05
 
 
 class Problem(SharedSteps):
@@ -211,6 +215,74 @@ class Problem(SharedSteps):
             values = np.where(self.unknown[..., None, None], np.float32(np.nan), values)
         return self.result(values, method, attrs)
 
+    # ---- views of several wavelengths ----
+
+    @property
+    def wavelengths_um(self) -> NDArray[np.float64] | None:
+        """Wavelength of each view in micrometres, None where the phase does not note it."""
+        return wavelengths_of(self.template)
+
+    @property
+    def angles_deg(self) -> NDArray[np.float64]:
+        """Angle of each view in degrees; numbers where the phase has no angles."""
+        n_angles = self.given.shape[1]
+        if "angle" not in self.template.coords:
+            return np.arange(n_angles, dtype=np.float64)
+        return np.broadcast_to(
+            np.asarray(self.template["angle"].values, dtype=np.float64), n_angles
+        )
+
+    def parts(self) -> list[tuple[tuple[int, ...], Problem]]:
+        """Return the views of each wavelength as problems of their own, empty if all have one.
+
+        Phases of different wavelengths say nothing of each other by themselves, so that methods
+        which hold views against each other are given one wavelength after the other.
+        """
+
+        def divide() -> list[tuple[tuple[int, ...], Problem]]:
+            every = views_by_light(self.wavelengths_um)
+            return [(views, self._part(number, views)) for number, views in enumerate(every)]
+
+        return self.once("parts", divide)
+
+    def _part(self, number: int, views: tuple[int, ...]) -> Problem:
+        """Return the problem of some views."""
+        chosen = list(views)
+        return Problem(
+            self.template.isel(angle=chosen),
+            frames_among(self.boundaries, views, self.angles_deg),
+            "auto" if self.finds_mask else self.usable[:, chosen],
+            None if self.amplitude is None else self.amplitude[:, chosen],
+        )
+
+    def derived(
+        self, stack: Stack, coords: dict[str, Any], boundaries: list[Boundary], name: str
+    ) -> Problem:
+        """Return the problem of wrapped phase that follows from this one's, all pixels of it.
+
+        Parameters
+        ----------
+        stack : Stack
+            The phase in radians, NaN where it is not known.
+        coords : dict
+            Its times and angles.
+        boundaries : list of (int, int)
+            Its boundary frames.
+        name : str
+            What it is called, a word.
+        """
+        values = stack.read(Block(0, stack.shape[0]))
+        known = is_known(values)
+        phase = xr.DataArray(values, dims=AXES, coords=coords)
+        return Problem(phase, boundaries, None if known.all() else known)
+
+    def forget_field(self) -> None:
+        """Let go of what the directional methods share: it is as large as many results."""
+        super().forget_field()
+        if self.knows("parts"):
+            for _, part in self.parts():
+                part.forget_field()
+
     # ---- what several methods start from ----
 
     @property
@@ -234,6 +306,9 @@ class Problem(SharedSteps):
 
         It is looked at where frames are unwrapped one by one; 0 if that has not been done.
         """
+        if self.finds_mask and self.knows("parts") and self.parts():
+            shares = [len(views) * part.smooth_left_out() for views, part in self.parts()]
+            return sum(shares) / self.given.shape[1]
         return self.alone().smooth_left_out if self.finds_mask and self.knows(ALONE) else 0.0
 
     def shifts(
@@ -288,7 +363,20 @@ class Problem(SharedSteps):
 
     def background(self) -> Background:
         """Return the empty field of every frame, and its level."""
-        return self.once("background", lambda: background_of(self.given, self.lost(), self.store))
+        return self.once("background", self._find_background)
+
+    def _find_background(self) -> Background:
+        """Return the empty field; views of each wavelength are looked at by themselves."""
+        parts = self.parts()
+        if not parts:
+            return background_of(self.given, self.lost(), self.store)
+        found = [(views, part.background()) for views, part in parts]
+        shape = self.given.shape[:2]
+        level, tilt = np.zeros(shape), np.zeros((*shape, 2))
+        for views, own in found:
+            level[:, list(views)], tilt[:, list(views)] = own.level, own.tilt
+        empty = Together(tuple((views, own.empty) for views, own in found))
+        return Background(empty, level, max(own.noise for _, own in found), tilt)
 
     # ---- all frames in memory, for methods that look at them at once ----
 
@@ -337,6 +425,13 @@ class Problem(SharedSteps):
         if values.dtype.kind not in "fiu":
             msg = f"the amplitude is of {values.dtype}; give real numbers, as reconstruct() does"
             raise TypeError(msg)
+        known = values[np.isfinite(values)]
+        if known.size and (known < 0).mean() > FEW_NEGATIVE:
+            msg = (
+                "the amplitude is negative in many pixels, as phase is; give that of the field, "
+                "as reconstruct() does"
+            )
+            raise ValueError(msg)
         return relative_amplitude(values, brightness_of(values))
 
     def _given_mask(self, mask: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:

@@ -9,6 +9,7 @@ from napari_phase4d.unwrapping.dilate_erode import dilate_erode
 from napari_phase4d.unwrapping.directional import directional_growing, directional_l1
 from napari_phase4d.unwrapping.installed import WithInstalled
 from napari_phase4d.unwrapping.laplacian import laplacian
+from napari_phase4d.unwrapping.light.synthetic import BEATS, synthetic_wavelength
 from napari_phase4d.unwrapping.method import Method, Option
 from napari_phase4d.unwrapping.network_flow import network_flow
 
@@ -59,6 +60,7 @@ BUILT_IN: dict[str, Method] = {
             ),
         ),
         streams=True,
+        name="frame by frame, by reliability",
     ),
     "angular": Method(
         "Angular",
@@ -67,6 +69,7 @@ BUILT_IN: dict[str, Method] = {
         chain.angular,
         CHAIN_OPTIONS,
         streams=True,
+        name="along the angle only",
     ),
     "temporal": Method(
         "Temporal",
@@ -75,6 +78,7 @@ BUILT_IN: dict[str, Method] = {
         chain.temporal,
         CHAIN_OPTIONS,
         streams=True,
+        name="along time only",
     ),
     "temporal-angular": Method(
         "T/A",
@@ -83,6 +87,7 @@ BUILT_IN: dict[str, Method] = {
         chain.temporal_angular,
         CHAIN_OPTIONS,
         streams=True,
+        name="along time, then angle",
     ),
     "angular-temporal": Method(
         "A/T",
@@ -91,6 +96,7 @@ BUILT_IN: dict[str, Method] = {
         chain.angular_temporal,
         CHAIN_OPTIONS,
         streams=True,
+        name="along angle, then time",
     ),
     "laplacian": Method(
         "LBE",
@@ -102,6 +108,7 @@ BUILT_IN: dict[str, Method] = {
             Option("rounded", False, "Add whole turns to the wrapped phase, the nearest to it."),
         ),
         working_stacks=8.0,
+        name="Laplacian-based estimate",
     ),
     "region-growing": Method(
         "RG",
@@ -116,7 +123,8 @@ BUILT_IN: dict[str, Method] = {
                 'Only with "phasetools": step in radians beyond which a turn is added.',
             ),
         ),
-        working_stacks=50.0,  # of "phasetools"; "textbook" takes 15
+        working_stacks=50.0,  # of "phasetools"; "textbook" takes 15,
+        name="region growing in 4-D",
     ),
     "dilate-erode": Method(
         "DE",
@@ -139,6 +147,7 @@ BUILT_IN: dict[str, Method] = {
         working_stacks=9.0,
         streams=True,
         block_bytes=OF_DILATING,
+        name="dilate, erode, propagate",
     ),
     "spatial-3d": Method(
         "3-D",
@@ -146,6 +155,7 @@ BUILT_IN: dict[str, Method] = {
         "Joins pixels over time, y and x for each angle, most reliable edges first.",
         volumes.spatial_3d,
         working_stacks=10.0,
+        name="reliability in time, y and x",
     ),
     "network-flow": Method(
         "Flow",
@@ -153,6 +163,7 @@ BUILT_IN: dict[str, Method] = {
         "Fewest whole turns that close all loops: over time and angle, then in each frame.",
         network_flow,
         working_stacks=36.0,
+        name="network flow, time and angle first",
     ),
     "directional-growing": Method(
         "RGd",
@@ -166,6 +177,7 @@ BUILT_IN: dict[str, Method] = {
         block_bytes=OF_A_BLOCK,
         kept_bytes=OF_REGIONS,
         scratch_bytes=OF_SCRATCH,
+        name="directional region growing",
     ),
     "directional-l1": Method(
         "WL1",
@@ -187,6 +199,41 @@ BUILT_IN: dict[str, Method] = {
         block_bytes=OF_A_BLOCK,
         kept_bytes=OF_REGIONS,
         scratch_bytes=OF_SCRATCH,
+        name="directional L1",
+    ),
+    "synthetic-wavelength": Method(
+        "Synthetic",
+        "Gass, Dakoff & Kim 2003, Opt. Lett. 28, 1141; of multiplexed holograms: Mirsky & Shaked "
+        "2023, Sci. Rep. 13, 19293",
+        "From the beat of two or three wavelengths down to the shortest; tells sheer steps too.",
+        synthetic_wavelength,
+        (
+            Option(
+                "beat",
+                "spatial",
+                'How the phase of the longest synthetic wavelength is unwrapped; "wrapped" where '
+                "the object is thinner than half of it everywhere.",
+                tuple(BEATS),
+            ),
+            Option(
+                "settle",
+                True,
+                "Settle turns that noise leaves in doubt together with their neighbours'.",
+            ),
+            Option(
+                "cauchy_um2",
+                0.0,
+                "Dispersion of the object: C in 1 + C / wavelength^2, in square micrometres.",
+            ),
+        ),
+        working_stacks=20.0,  # with the beat by WL1; else 8
+        finds_object=True,
+        streams=True,
+        block_bytes=OF_A_BLOCK // 2,  # there are half as many beats as views at most
+        kept_bytes=OF_REGIONS / 2,
+        scratch_bytes=OF_SCRATCH,
+        wavelengths=2,
+        name="synthetic wavelength, hierarchical",
     ),
 }
 

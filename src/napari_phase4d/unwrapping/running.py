@@ -13,13 +13,24 @@ from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.stack import Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.unwrapping.lending import LentProblem
+from napari_phase4d.unwrapping.light import ViewsOf
+from napari_phase4d.unwrapping.light.synthetic import check_wavelengths
 from napari_phase4d.unwrapping.masks import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.method import Option
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS
 from napari_phase4d.words import warn
 
-__all__ = ["all_options", "check_method", "label_of", "noted", "run_method", "unwrap"]
+__all__ = [
+    "all_options",
+    "check_light",
+    "check_method",
+    "label_of",
+    "methods_for",
+    "noted",
+    "run_method",
+    "unwrap",
+]
 
 #: How choices are called on screen, where not by their own name.
 SPOKEN = {"phasetools": "PhaseTools"}
@@ -119,7 +130,9 @@ def run_method(
     chosen, facts = all_options(method, options), METHODS[method]
     limits: Sequence[Limits] = ()
     values: Stack | NDArray[np.float32]
-    if facts.streams:
+    if facts.wavelengths == 1 and problem.parts():
+        values, limits = each_wavelength(problem, method, progress, cancelled, chosen)
+    elif facts.streams:
         values = problem.result_stack(method)
         limits = facts.function(problem, values, progress, cancelled, **chosen)
     else:
@@ -135,6 +148,28 @@ def run_method(
     if facts.leaves_out and problem.lost().any():
         attrs["lost_frames"] = np.argwhere(problem.lost()).tolist()
     return problem.finished(values, method, attrs, limits)
+
+
+def each_wavelength(
+    problem: Problem,
+    method: str,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    options: Mapping[str, Any],
+) -> tuple[Stack | NDArray[np.float32], list[Limits]]:
+    """Run a method on the views of each wavelength by themselves; return them together."""
+    facts = METHODS[method]
+    if not facts.streams:
+        together = np.empty(problem.given.shape, dtype=np.float32)
+        for views, part in problem.parts():
+            found = at_once(part.in_memory(), method, progress, cancelled, options)
+            together[:, list(views)] = found
+        return together, []
+    values, limits = problem.result_stack(method), []
+    for views, part in problem.parts():
+        own = ViewsOf(values, views)
+        limits += facts.function(part, own, progress, cancelled, **options)
+    return values, limits
 
 
 def at_once(
@@ -246,6 +281,55 @@ def check_method(method: str, options: Mapping[str, Any]) -> None:
         if option.choices and value not in option.choices:
             msg = f"{option.name} must be one of {', '.join(option.choices)}, but is {value!r}"
             raise ValueError(msg)
+
+
+def methods_for(wavelengths_um: Sequence[float] | NDArray[np.floating] | None) -> list[str]:
+    """Return the methods that suit views of such wavelengths.
+
+    Parameters
+    ----------
+    wavelengths_um : sequence of float or None
+        Wavelength of each view in micrometres; None where it is not known.
+
+    Returns
+    -------
+    list of str
+        Ids among `METHODS`, all but those that need more wavelengths than there are.
+
+    Examples
+    --------
+    >>> "synthetic-wavelength" in methods_for(None)
+    False
+    >>> "synthetic-wavelength" in methods_for([0.532, 0.6328])
+    True
+    """
+    known = 1 if wavelengths_um is None else len(set(wavelengths_um))
+    return [name for name, method in METHODS.items() if method.wavelengths <= known]
+
+
+def check_light(
+    methods: Sequence[str],
+    wavelengths_um: NDArray[np.float64] | None,
+    angles_deg: Sequence[float] | NDArray[np.floating],
+) -> None:
+    """Refuse methods that need more wavelengths than an angle has.
+
+    Parameters
+    ----------
+    methods : sequence of str
+        Ids of methods.
+    wavelengths_um : ndarray of shape (view,) or None
+        Wavelength of each view in micrometres.
+    angles_deg : sequence of float
+        Angle of each view in degrees.
+
+    Raises
+    ------
+    ValueError
+        In one sentence that says what there is, and what to do.
+    """
+    if any(METHODS[method].wavelengths > 1 for method in methods):
+        check_wavelengths(wavelengths_um, angles_deg)
 
 
 def takes(option: Option, value: Any) -> bool:

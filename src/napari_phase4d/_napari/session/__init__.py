@@ -2,6 +2,8 @@
 
 from napari_phase4d._napari.session.opening import Opened
 from napari_phase4d._napari.session.plans import (
+    plan_cell_by_methods,
+    plan_cells,
     plan_confidence,
     plan_focus,
     plan_lobes,
@@ -9,9 +11,11 @@ from napari_phase4d._napari.session.plans import (
     plan_measuring,
     plan_opening,
     plan_reconstruction,
+    plan_saving,
     plan_scores,
     plan_truth,
     plan_unwrapping,
+    with_their_cells,
 )
 from napari_phase4d._napari.session.plans.phase import Plan
 from napari_phase4d._napari.session.plans.results import Masks
@@ -26,6 +30,8 @@ __all__ = [
     "Plan",
     "Session",
     "StepState",
+    "plan_cell_by_methods",
+    "plan_cells",
     "plan_confidence",
     "plan_focus",
     "plan_lobes",
@@ -33,8 +39,10 @@ __all__ = [
     "plan_measuring",
     "plan_opening",
     "plan_reconstruction",
+    "plan_saving",
     "plan_scores",
     "plan_truth",
     "plan_unwrapping",
     "step_states",
+    "with_their_cells",
 ]

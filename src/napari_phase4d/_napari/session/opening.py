@@ -10,12 +10,15 @@ from typing import Any
 import xarray as xr
 
 from napari_phase4d.io import RawLayout, open_input, open_recording
-from napari_phase4d.pipeline import Recipe, open_by
+from napari_phase4d.pipeline import Outcome, Recipe, holds_outcome, open_by, read_outcome
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import (
+    CELLS_SOURCE,
     EUGLENA_SOURCE,
+    SAMPLES,
     YEAST_SOURCE,
     Sample,
+    cells_sample,
     euglena_sample,
     is_sample,
     open_sample,
@@ -46,6 +49,8 @@ class Opened:
         What it was told to be: "holograms", "phase", or "auto" if it was looked at.
     raw : RawLayout, optional
         How the frames of a raw file were told to lie in it.
+    outcome : Outcome, optional
+        Results that were made of the phase in an earlier run.
     """
 
     content: Recording | xr.DataArray
@@ -54,15 +59,16 @@ class Opened:
     recipe: Recipe | None = None
     kind: str = "auto"
     raw: RawLayout | None = None
+    outcome: Outcome | None = None
 
 
 def open_anything(source: Any, content: str = "auto", raw: RawLayout | None = None) -> Opened:
-    """Open a file, a folder, a recipe, a sample such as "sample:euglena", or an array.
+    """Open a file, a folder, results of a run, a recipe, a sample, or an array.
 
     Parameters
     ----------
     source : str, Path, or array_like
-        What to open.
+        What to open; a sample is named as "sample:euglena" is.
     content : str, optional
         "holograms", "phase", or "auto" (default) to look.
     raw : RawLayout, optional
@@ -77,13 +83,23 @@ def open_anything(source: Any, content: str = "auto", raw: RawLayout | None = No
         return Opened(open_recording(source))
     if str(source) == EUGLENA_SOURCE:
         return opened_sample(euglena_sample())
+    if str(source) == CELLS_SOURCE:
+        return opened_sample(cells_sample())
     if str(source) == YEAST_SOURCE:
         return opened_yeast()
     if is_sample(str(source)):
         return Opened(open_sample(str(source)))
     if Path(source).suffix.lower() == ".json":
         return open_recipe(Recipe.from_file(source))
+    if content != "holograms" and holds_outcome(source):
+        return open_results(read_outcome(source))
     return Opened(open_input(source, content=content, raw=raw), kind=content, raw=raw)
+
+
+def open_results(outcome: Outcome) -> Opened:
+    """Return the phase of an earlier run with what was made of it."""
+    phase = outcome.reconstruction["phase"]
+    return Opened(phase, truth=outcome.truth, recipe=outcome.recipe, outcome=outcome)
 
 
 def opened_sample(sample: Sample) -> Opened:
@@ -109,6 +125,6 @@ def open_recipe(recipe: Recipe) -> Opened:
         msg = "the recipe names no recording; open the recording first, then set it up anew"
         raise ValueError(msg)
     truth = None
-    if recipe.recording in (EUGLENA_SOURCE, YEAST_SOURCE):
+    if recipe.recording in SAMPLES:
         truth = open_anything(recipe.recording).truth
     return Opened(open_by(recipe), truth=truth, recipe=recipe)

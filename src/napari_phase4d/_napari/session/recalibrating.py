@@ -12,6 +12,7 @@ from napari_phase4d.analysis import REFERENCE, with_wavelength
 from napari_phase4d.holography import pair_distance, recalibrated
 from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.recording import Recording
+from napari_phase4d.stacks import wavelengths_of
 
 if TYPE_CHECKING:
     from napari_phase4d._napari.session.state import State
@@ -30,7 +31,10 @@ def recalibrate(state: State, recording: Recording) -> None:
         state.reconstruction = recalibrated(state.reconstruction, recording)
         put_on_grid(state, {d: state.reconstruction[d] for d in ("time", "y", "x")})
     if state.noise is not None:
-        state.noise = with_wavelength(state.noise, recording.optics.wavelength_um)
+        light = None if state.reconstruction is None else wavelengths_of(state.reconstruction)
+        state.noise = with_wavelength(
+            state.noise, recording.optics.wavelength_um if light is None else light
+        )
     if state.scores is not None:
         state.scores = state.scores.assign_coords(time=recording.times_s)
     if state.outcome is not None:
@@ -38,7 +42,8 @@ def recalibrate(state: State, recording: Recording) -> None:
         state.outcome = rescaled(state.outcome, recording, changes, state.truth)
         if up_to_date:  # its scale is no reason to hold the frames against it again
             state.scored_by = state.results.get(REFERENCE)
-    state.measured = None  # its areas are of the old scale
+    state.measured = state.cells = None  # their areas are of the old scale
+    state.cells_changed.emit()
     state.update(**changes)
 
 
@@ -69,6 +74,7 @@ def rescaled(
         reconstruction=scaled(outcome.reconstruction),
         comparison=replace(outcome.comparison, results=results),
         truth=truth,
+        cells=None,
     )
 
 

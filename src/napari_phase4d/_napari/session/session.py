@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 import xarray as xr
+from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.plans import (
+    plan_cells,
     plan_confidence,
     plan_estimate,
     plan_focus,
@@ -18,6 +21,7 @@ from napari_phase4d._napari.session.plans import (
     plan_measuring,
     plan_noise,
     plan_reconstruction,
+    plan_saving,
     plan_scores,
     plan_spectrum,
     plan_unwrapping,
@@ -25,9 +29,8 @@ from napari_phase4d._napari.session.plans import (
 from napari_phase4d._napari.session.plans.phase import Plan
 from napari_phase4d._napari.session.plans.results import Masks
 from napari_phase4d._napari.session.state import State
-from napari_phase4d.analysis import REFERENCE
+from napari_phase4d.analysis import REFERENCE, Cells, CellSettings
 from napari_phase4d.holography import Focus, Lobe
-from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.scripting import as_python
 
 __all__ = ["Session"]
@@ -106,9 +109,14 @@ class Session(State):
         return self.margin
 
     def measure(
-        self, method: str | None = None, regions: Masks | None = None, **options: Any
+        self,
+        method: str | Sequence[str] | None = None,
+        regions: Masks | None = None,
+        **options: Any,
     ) -> pd.DataFrame:
         """Measure regions of a result over time (step 5); default: the object, most reliable.
+
+        Of several methods the table has a column that says which.
 
         The options are those of `measure`: ``object_index``, ``refraction_increment_ml_per_g``;
         and ``optics``, for phase that does not say its microscope.
@@ -117,9 +125,24 @@ class Session(State):
         assert self.measured is not None
         return self.measured
 
+    def find_cells(
+        self,
+        method: str | None = None,
+        settings: CellSettings | None = None,
+        labels: NDArray[np.integer] | None = None,
+    ) -> Cells:
+        """Find, follow and measure the cells of a result (step 5); default: the most reliable.
+
+        ``labels`` of another program, or corrected by hand, are only followed and measured.
+        """
+        plan_cells(self, method, settings, labels).run()
+        assert self.cells is not None
+        return self.cells
+
     def save(self, folder: str | Path) -> list[Path]:
-        """Write all stacks, the table and the recipe into a folder (step 5)."""
-        return write_outcome(self.needed_outcome(), folder)
+        """Write all stacks, the table, the recipe and measurements into a folder (step 5)."""
+        written: list[Path] = plan_saving(self, folder).work(None, None)
+        return written
 
     def script(self) -> str:
         """Return a Python script that computes the present results again (step 5)."""

@@ -12,7 +12,7 @@ from psygnal import Signal
 
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.recalibrating import checked_frames, moved_frames, recalibrate
-from napari_phase4d.analysis import REFERENCE, Comparison
+from napari_phase4d.analysis import REFERENCE, Cells, Comparison
 from napari_phase4d.holography import Focus, FoundLobes, Lobe, first_seen
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
@@ -43,6 +43,8 @@ class State:
     lobes_changed = Signal()
     calibration_changed = Signal()
     reconstruction_changed = Signal()
+    #: A method of a run that goes on, what it is called, and its result.
+    result_finished = Signal(str, str, object)
     outcome_changed = Signal()
     margin_changed = Signal()
     confidence_changed = Signal()
@@ -52,6 +54,7 @@ class State:
     noise_changed = Signal()
     estimate_changed = Signal()
     measured_changed = Signal()
+    cells_changed = Signal()
 
     def __init__(self) -> None:
         self.recipe = Recipe()
@@ -83,6 +86,8 @@ class State:
         self.noise: pd.DataFrame | None = None
         #: What was measured last, see `measure`.
         self.measured: pd.DataFrame | None = None
+        #: The cells that were found last.
+        self.cells: Cells | None = None
         #: How safe each frame is as boundary condition, see `score_boundaries`.
         self.scores: xr.DataArray | None = None
         #: The result of directional L1 that the frames were held against, None if it was none.
@@ -178,6 +183,7 @@ class State:
                 truth=opened.truth,  # type: ignore[arg-type] # of phase it is a stack
                 recipe=opened.recipe,
                 kind=kind,
+                outcome=opened.outcome,
             )
 
     def set_recording(
@@ -224,7 +230,8 @@ class State:
                 "raw": raw,
                 "lobes": (),
                 "angles_deg": angles,
-                "n_views": self.recipe.n_views if angles is None else len(angles),
+                "wavelengths_um": None,
+                "n_views": None if angles is None else len(angles),
                 "reference": None,
                 "refocus_um": None,
                 "boundary": "auto" if boundary is None else (boundary,),
@@ -239,6 +246,7 @@ class State:
         *,
         recipe: Recipe | None = None,
         kind: str = "auto",
+        outcome: Outcome | None = None,
     ) -> None:
         """Take wrapped phase that has been reconstructed before; all else is forgotten.
 
@@ -255,6 +263,8 @@ class State:
             Settings to go on with.
         kind : str, optional
             What the file was told to hold, see `Recipe.content`.
+        outcome : Outcome, optional
+            What an earlier run has made of it.
         """
         given = boundary or phase.attrs.get("boundary")
         source = str(phase.attrs.get("source", ""))
@@ -264,6 +274,7 @@ class State:
                 "dataset": None,
                 "optics": None,
                 "angles_deg": None,
+                "wavelengths_um": None,
                 "frame_rate_hz": None,
                 "boundary": "auto" if given is None else ((int(given[0]), int(given[1])),),
             }
@@ -275,9 +286,14 @@ class State:
             modest = [m for m in self.recipe.methods if METHODS[m].streams]
             self.leave_place(find_place(self.recipe, phase_needs(modest, phase.shape)))
         self.truth = self.known_truth = truth
-        self.reconstruction = xr.Dataset({"phase": phase})
+        self.reconstruction = (
+            xr.Dataset({"phase": phase}) if outcome is None else outcome.reconstruction
+        )
         self.phase_recipe = self.recipe
         self.reconstruction_changed.emit()
+        if outcome is not None:
+            self.take_outcome(outcome)
+            self.outcome_changed.emit()
 
     def _begin(self, recording: Recording | None, truth: TruthCall | None, recipe: Recipe) -> None:
         """Forget what belonged to an earlier recording."""
@@ -300,6 +316,31 @@ class State:
             self.place.close()
         self.place = place
 
+    def catch_up(self) -> None:
+        """Tell all that listen what is known, as if it had just been found."""
+        if self.recording is None and self.reconstruction is None:
+            return
+        known = [self.recording_changed]
+        known += [self.spectrum_changed] if self.spectrum is not None else []
+        known += [self.lobes_changed] if self.recipe.lobes else []
+        if self.reconstruction is not None:
+            known += [self.reconstruction_changed, self.truth_changed]
+            known += [self.scores_changed] if self.scores is not None else []
+            known += [self.noise_changed] if self.noise is not None else []
+        if self.outcome is not None:
+            known += [self.outcome_changed]
+            known += [self.confidence_changed] if self.confidence else []
+            known += [self.measured_changed] if self.measured is not None else []
+            known += [self.cells_changed] if self.cells is not None else []
+        for signal in (*known, self.recipe_changed):
+            signal.emit()
+
+    def part(self) -> None:
+        """Let nobody listen any more."""
+        for name, kind in vars(State).items():
+            if isinstance(kind, Signal):
+                getattr(self, name).disconnect()
+
     def forget_results(self) -> None:
         """Forget what was made of the phase."""
         self.scores = self.scored_by = self.noise = self.estimate = None
@@ -307,8 +348,15 @@ class State:
 
     def take_outcome(self, outcome: Outcome | None) -> None:
         """Take results, and forget what was made of others."""
-        self.outcome, self.margin, self.measured = outcome, None, None
+        self.outcome, self.margin, self.measured, self.cells = outcome, None, None, None
         self.confidence, self.warnings, self.verdict = {}, {}, ""
+
+    def take_finished(
+        self, data: xr.Dataset, method: str, name: str, result: xr.DataArray
+    ) -> None:
+        """Tell of a method that has ended while others run on, if its phase is still wanted."""
+        if self.reconstruction is data:
+            self.result_finished.emit(method, name, result)
 
     def recalibrate(self, recording: Recording) -> None:
         """Take the same frames with other optics or times; all else gets the new scale."""

@@ -16,6 +16,7 @@ class StepState(Enum):
     TO_DO = "to do"
     READY = "ready"
     DONE = "done"
+    DOUBTED = "look"
     STALE = "changed"
 
 

@@ -2,25 +2,31 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import xarray as xr
 from magicgui.widgets import ComboBox
 from napari.layers import Image
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QHBoxLayout, QSizePolicy, QVBoxLayout
 
 from napari_phase4d._napari.session import plan_confidence, plan_margin, plan_truth
+from napari_phase4d._napari.steps.cells import CellsPart
 from napari_phase4d._napari.steps.measure import FiguresPart, MeasurePart, TracePart
 from napari_phase4d._napari.steps.share import SharePart
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, lazy_of, stack_of_layer
+from napari_phase4d._napari.widgets.agreement import AgreementStrip
 from napari_phase4d._napari.widgets.section import LowTabs
-from napari_phase4d.analysis import best_known, order_verdict, steps_sentence
+from napari_phase4d.analysis import best_known, most_trusted, order_verdict, steps_sentence
 from napari_phase4d.plotting import EXACT
 
 __all__ = ["CompareStep"]
 
 NONE, KNOWN = "none", "known with the sample"
-NO_DIFFERENCE = "difference …"
+NO_REFERENCE = "less …"
 
 
 class CompareStep(Step):
@@ -28,12 +34,41 @@ class CompareStep(Step):
 
     title = "5  Compare and measure"
     purpose = "All results share sliders and contrast. Where they differ, at least one is wrong."
+    grows = True
 
     def build(self) -> None:
         """Make the widgets."""
-        self.verdict = self.text("", "verdict")
-        self.verdict.setVisible(False)
-        self.column.addWidget(self.verdict)
+        self.explanation.hide()
+        self.verdict = self.text(self.purpose, "verdict")
+        self.worst = self.button(
+            "Show where",
+            "show_worst",
+            "Side by side, at the time and view at which methods disagree most.",
+            self.show_worst,
+        )
+        self.worst.setVisible(False)
+        self.leave = self.button(
+            "Leave the grid",
+            "leave_grid",
+            "Show again what was shown before.",
+            self.leave_grid,
+        )
+        beside = QVBoxLayout()
+        beside.setSpacing(4)
+        for button in (self.worst, self.leave):
+            button.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
+            beside.addWidget(button, alignment=Qt.AlignmentFlag.AlignRight)
+        beside.addStretch()
+        told = QHBoxLayout()
+        told.addWidget(self.verdict, 1)
+        told.addLayout(beside)
+        self.column.addLayout(told)
+        self.agreement = AgreementStrip()
+        self.agreement.setVisible(False)
+        self.agreement.frame_clicked.connect(
+            lambda t, a, _: self.guarded(lambda: self.presenter.go_to(t, a))
+        )
+        self.column.addWidget(self.agreement)
         self._build_views()
         self.tabs = LowTabs()
         self.tabs.setObjectName("compare_tabs")
@@ -41,13 +76,14 @@ class CompareStep(Step):
         self.figures = FiguresPart(*parts)
         self.trace = TracePart(*parts)
         self.measuring = MeasurePart(*parts)
+        self.cells = CellsPart(*parts)
         self.share = SharePart(*parts)
-        for part in (self.figures, self.trace, self.measuring, self.share):
+        for part in (self.figures, self.trace, self.measuring, self.cells, self.share):
             part.failed.connect(self.failed)
             part.said.connect(self.said)
             self.tabs.addTab(part, part.title)
             self.tabs.setTabToolTip(self.tabs.count() - 1, part.summary)
-        self.column.addWidget(self.tabs)
+        self.column.addWidget(self.tabs, 1)
         self.session.outcome_changed.connect(self._show_choices)
         self.session.recording_changed.connect(self._show_choices)
         self.session.reconstruction_changed.connect(self._show_choices)
@@ -56,49 +92,90 @@ class CompareStep(Step):
         self.session.confidence_changed.connect(self._show_verdict)
 
     def _show_verdict(self) -> None:
-        """Say which result to use, as soon as it is known."""
-        self.verdict.setText(self.session.verdict)
-        self.verdict.setVisible(bool(self.session.verdict))
+        """Say which result to use, as soon as it is known, and go to where that matters most."""
+        verdict = self.session.verdict
+        frame = getattr(verdict, "frame", None)
+        self.verdict.setText(verdict or self.purpose)
+        self.worst.setVisible(frame is not None)
+        self._show_agreement()
+        if verdict:
+            self.figures.mark(getattr(verdict, "method", ""))
+        if frame is not None and self.presenter.has_stayed:
+            self.show_worst()
+
+    def _show_agreement(self) -> None:
+        """Show over time and views how far the methods agree."""
+        shares = getattr(self.session.verdict, "disagreement", None)
+        shown = shares is not None and len(self.session.results) > 1
+        self.agreement.setVisible(shown)
+        if shares is not None:
+            self.agreement.set_frames(shares["time"].values, shares["angle"].values)
+            agreement = 1 - shares.values
+            for frame in getattr(self.session.verdict, "lost_frames", []):  # they say nothing
+                agreement[frame] = np.nan
+            self.agreement.set_scores(agreement)
+            self.frame_changed()
+
+    def show_worst(self) -> None:
+        """Go to where methods disagree most."""
+        frame = getattr(self.session.verdict, "frame", None)
+        if frame is None:
+            msg = "the methods agree everywhere, or have not been held against each other yet"
+            raise ValueError(msg)
+        if self.presenter.showing != "results":
+            self.presenter.side_by_side()
+        self.presenter.go_to(*frame)
+        self.said.emit(f"Time {frame[0]}, view {frame[1]}: here methods disagree most.")
 
     def _build_views(self) -> None:
-        self.side_by_side = self.button(
-            "Side by side",
-            "side_by_side",
-            "The newest result of every method in a grid.",
-            self.show_side_by_side,
-        )
-        self.leave = self.button(
-            "Leave the grid",
-            "leave_grid",
-            "Show again what was shown before.",
-            self.leave_grid,
-        )
-        self.wrapped = self.button(
-            "Wrapped", "show_wrapped", "The wrapped phase alone.", self.show_wrapped
-        )
-        self.confidence = self.button(
-            "Trust",
-            "show_confidence",
-            "How far to trust: maps of each result's chance to be right, from 0 to 1. Dark is to "
-            "be trusted, yellow is more likely off by a cycle.",
-            self.show_confidence,
-        )
-        self.margin = self.button(
-            "Steps",
-            "show_margin",
-            "Where steps are too large: maps of the step to the next time, angle, y and x, in "
-            "half cycles. Where it is red, unwrapping along that dimension goes wrong.",
-            self.show_margin,
-        )
-        self.column.addLayout(self.row(self.side_by_side, self.leave))
+        """Make one row of buttons, of which that is down whose pictures are on screen."""
+        self.views = {
+            "results": self.button(
+                "Results",
+                "side_by_side",
+                "The newest result of every method side by side.",
+                self.show_side_by_side,
+            ),
+            "wrapped": self.button(
+                "Wrapped", "show_wrapped", "The wrapped phase alone.", self.show_wrapped
+            ),
+            "confidence": self.button(
+                "Confidence",
+                "show_confidence",
+                "Maps of each result's chance to be right, from 0 to 1. Yellow is safe, dark is "
+                "more likely off by a cycle.",
+                self.show_confidence,
+            ),
+            "margin": self.button(
+                "Steps",
+                "show_margin",
+                "Where steps are too large: maps of the step to the next time, angle, y and x, in "
+                "half cycles. Where it is red, unwrapping along that dimension goes wrong.",
+                self.show_margin,
+            ),
+            "difference": self.button(
+                "Difference",
+                "show_difference",
+                "Each result less the one that is chosen below, in radians.",
+                self.show_difference,
+            ),
+        }
+        for button in self.views.values():
+            button.setCheckable(True)
+            button.setSizePolicy(QSizePolicy.Policy.MinimumExpanding, QSizePolicy.Policy.Fixed)
+            button.setStyleSheet("padding: 4px 2px;")
+            button.clicked.connect(self._mark_view)
+        together = self.row(*self.views.values())
+        together.setSpacing(2)
+        self.column.addLayout(together)
         self.difference = self.watched(
             ComboBox(
                 name="difference",
-                choices=[NO_DIFFERENCE],
-                tooltip="Each result less this one, in radians, side by side.",
+                choices=[NO_REFERENCE],
+                tooltip="What Difference takes off every result.",
             )
         )
-        self.when_changed(self.difference, self._show_difference)
+        self.when_changed(self.difference, self.show_difference)
         self.truth = self.watched(
             ComboBox(
                 name="truth",
@@ -109,18 +186,40 @@ class CompareStep(Step):
         )
         self.when_changed(self.truth, self._take_truth)
         self.column.addLayout(
-            self.row(self.wrapped, self.confidence, self.margin, self.difference.native)
+            self.row(self.difference.native, self.label("Truth"), self.truth.native)
         )
-        self.column.addLayout(self.row(self.label("Truth"), self.truth.native))
+        self.presenter.showing_changed.connect(self._mark_view)
+        self._mark_view()
+
+    def _mark_view(self) -> None:
+        """Let that button be down whose pictures are on screen."""
+        for name, button in self.views.items():
+            button.setChecked(name == self.presenter.showing)
+
+    def doubts(self) -> Sequence[str]:
+        """Return what the verdict says, where no result is safe, and which may have slipped."""
+        verdict = self.session.verdict
+        unsafe = not getattr(verdict, "is_safe", True)
+        best = getattr(verdict, "method", "")
+        slipped = self.session.warnings.get(best, "")
+        return [words for words in (verdict if unsafe else "", slipped) if words]
 
     def frame_changed(self) -> None:
         """Follow the sliders."""
+        if getattr(self.session.verdict, "frame", None) is not None:
+            self.agreement.set_current(self.presenter.current_frame())
         self.trace.frame_changed()
         self.measuring.frame_changed()
+        self.presenter.frame_changed()
+        self.cells.frame_changed()
 
     def cursor_moved(self) -> None:
         """Follow the mouse."""
         self.trace.cursor_moved()
+
+    def clicked(self) -> None:
+        """Show what was clicked."""
+        self.cells.clicked()
 
     def region_drawn(self, layer: Any) -> None:
         """Look at and measure the region that was drawn."""
@@ -136,6 +235,7 @@ class CompareStep(Step):
         if gone and self.session.truth is not None:
             self.session.set_truth(None)
         self.measuring.reset_choices()
+        self.cells.reset_choices()
 
     def show_side_by_side(self) -> None:
         """Show the results in a grid."""
@@ -145,12 +245,12 @@ class CompareStep(Step):
     def leave_grid(self) -> None:
         """Show what was shown before the grid."""
         self.presenter.leave_grid()
-        self.said.emit("As before the grid. Side by side brings it back.")
+        self.said.emit("As before the grid. Results brings it back.")
 
     def show_wrapped(self) -> None:
         """Show the wrapped phase alone."""
         self.presenter.show_wrapped()
-        self.said.emit("The wrapped phase alone. Side by side shows the results again.")
+        self.said.emit("The wrapped phase alone. Results shows them again.")
 
     def show_confidence(self) -> None:
         """Show how far to trust each result; it may have to be computed first."""
@@ -172,22 +272,23 @@ class CompareStep(Step):
         self.presenter.show_margin()
         self.said.emit(self.words_on_the_steps())
 
-    def _show_difference(self) -> None:
+    def show_difference(self) -> None:
+        """Show each result less the chosen one."""
+        self.session.needed_outcome()
         chosen = self.difference.value
-        if chosen != NO_DIFFERENCE:
-            with self.own_change():
-                self.difference.value = NO_DIFFERENCE
-            self.presenter.show_difference(self._references()[chosen])
-            self.said.emit(f"Each result {chosen}, in radians: dark is 0, half the scale a cycle.")
+        self.presenter.show_difference(self._references()[chosen])
+        self.said.emit(f"Each result {chosen}, in radians: dark is 0, half the scale a cycle.")
 
     def _references(self) -> dict[str, str]:
         """Return what differences can be taken to: words on screen -> method id."""
         if self.session.outcome is None:
             return {}
         labels = self.session.outcome.comparison.table["method"]
-        found = {f"less {labels[m]}": m for m in self.session.results}
+        results = self.session.results
+        best = most_trusted(results)
+        found = {f"less {labels[m]}": m for m in (best, *(m for m in results if m != best))}
         if self.session.truth is not None:
-            found[f"less {EXACT}"] = EXACT
+            found = {f"less {EXACT}": EXACT, **found}
         return found
 
     def _truth_choices(self) -> list[Any]:
@@ -218,8 +319,10 @@ class CompareStep(Step):
 
     def _show_choices(self) -> None:
         with self.own_change():
-            self.difference.choices = [NO_DIFFERENCE, *self._references()]
-            self.difference.value = NO_DIFFERENCE
+            before, references = self.difference.value, list(self._references())
+            self.difference.choices = references or [NO_REFERENCE]
+            if before in references:
+                self.difference.value = before
             self.truth.reset_choices()
             known = self.session.known_truth
             if self.session.truth is None:
@@ -243,7 +346,7 @@ class CompareStep(Step):
         maps, warnings = self.session.confidence, self.session.warnings
         if not maps:
             return ""
-        said = "Dark is to be trusted, yellow more likely a cycle off."
+        said = "Yellow is safe, dark is more likely a cycle off."
         if warnings:
             labels = self.session.needed_outcome().comparison.table["method"]
             many = f"{len(warnings)} results" if len(warnings) > 2 else None

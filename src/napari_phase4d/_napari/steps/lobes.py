@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
 import xarray as xr
-from magicgui.widgets import SpinBox
+from magicgui.widgets import ComboBox
 from qtpy.QtCore import QElapsedTimer, QTimer
-from qtpy.QtWidgets import QHBoxLayout
 
 from napari_phase4d._napari.session import plan_lobes
 from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.widgets.section import Turning
 from napari_phase4d._napari.widgets.spectrum_canvas import LobeTable, SpectrumCanvas, changed_lobe
 from napari_phase4d._napari.widgets.view_strip import ViewStrip
-from napari_phase4d.holography import MAX_VIEWS, FoundLobes, Lobe, Preview, lobe_warnings
+from napari_phase4d.holography import (
+    MAX_VIEWS,
+    FoundLobes,
+    Lobe,
+    Preview,
+    lobe_warnings,
+    pair_distance,
+)
 from napari_phase4d.recording import Recording
 
 __all__ = ["LobesStep"]
@@ -26,8 +35,23 @@ PREVIEW_WIDTH = 124
 SPECTRUM_HEIGHT = 232
 #: Where a further circle is put, and its radius if it is the first, in cycles per pixel.
 NEW_CARRIER, NEW_RADIUS = (0.25, 0.0), 0.08
+#: Degrees from one place that is tried for it to the next.
+TURN_DEG = 30
 #: Said first of what was in doubt, where the other choice has been taken.
 OTHER_TAKEN = "This is the other choice. Of the first it was said:"
+
+
+def free_place(lobes: Sequence[Lobe]) -> tuple[float, float]:
+    """Return a carrier (ky, kx) at which neither a circle lies nor the one opposite."""
+    far = math.hypot(*NEW_CARRIER)
+    turned = [math.radians(turn) for turn in range(0, 180, TURN_DEG)]
+    places = [NEW_CARRIER, *((far * math.cos(a), far * math.sin(a)) for a in turned)]
+
+    def nearest(place: tuple[float, float]) -> float:
+        return min((pair_distance(lobe.carrier, place) for lobe in lobes), default=math.inf)
+
+    clear = [p for p in places if nearest(p) > (lobes[0].radius if lobes else NEW_RADIUS)]
+    return clear[0] if clear else max(places, key=nearest)
 
 
 class LobesStep(Step):
@@ -38,6 +62,7 @@ class LobesStep(Step):
         "Each view is a bright spot away from the middle. Press Find, or drag the circles: "
         "inside to move, on the line to resize."
     )
+    grows = True
 
     def build(self) -> None:
         """Make the widgets."""
@@ -47,19 +72,14 @@ class LobesStep(Step):
         self._previewed: tuple[Recording, int, Preview] | None = None
         self._build_buttons()
         self.canvas = SpectrumCanvas()
-        self.canvas.setFixedHeight(SPECTRUM_HEIGHT)
+        self.canvas.setMinimumHeight(SPECTRUM_HEIGHT)
         self.canvas.setToolTip(
             "Brightness: power on a logarithmic scale. Drag a circle, or choose it and use the "
             "arrow keys; double click to add one; wheel to zoom."
         )
         self.strip = ViewStrip()
-        self.strip.setFixedWidth(PREVIEW_WIDTH)
         self.strip.setToolTip("Wrapped phase of the frame on screen, as the circles give it.")
-        side = QHBoxLayout()
-        side.setSpacing(4)
-        side.addWidget(self.canvas, 1)
-        side.addWidget(self.strip)
-        self.column.addLayout(side)
+        self.column.addWidget(Turning(self.canvas, self.strip, PREVIEW_WIDTH), 1)
         self.frequency = self.text("", "frequency")
         self.column.addWidget(self.frequency)
         self.table = LobeTable()
@@ -83,16 +103,17 @@ class LobesStep(Step):
 
     def _build_buttons(self) -> None:
         self.n_views = self.watched(
-            SpinBox(
+            ComboBox(
                 name="n_views",
-                value=2,
-                min=1,
-                max=MAX_VIEWS,
-                tooltip=f"Multiplexed views, 1 to {MAX_VIEWS}.",
+                choices=[("auto", 0), *((str(n), n) for n in range(1, MAX_VIEWS + 1))],
+                value=0,
+                tooltip=f"Multiplexed views, 1 to {MAX_VIEWS}; auto counts them.",
             )
         )
-        self.when_changed(self.n_views, lambda: self.session.update(n_views=self.n_views.value))
-        self.find = self.button("Find", "find_lobes", "Look for so many views.", self.find_lobes)
+        self.when_changed(
+            self.n_views, lambda: self.session.update(n_views=self.n_views.value or None)
+        )
+        self.find = self.button("Find", "find_lobes", "Look for the views.", self.find_lobes)
         self.add = self.button("Add", "add_lobe", "One more circle, to drag.", self.add_lobe)
         self.remove = self.button(
             "Remove", "remove_lobe", "Remove the chosen view, or the last.", self.remove_lobe
@@ -141,7 +162,7 @@ class LobesStep(Step):
 
     def add_lobe(self) -> None:
         """Add a view where there is none yet."""
-        self._place(*NEW_CARRIER)
+        self._place(*free_place(self.session.lobes))
 
     def _place(self, ky: float, kx: float) -> None:
         """Add a view at a frequency."""
@@ -198,7 +219,7 @@ class LobesStep(Step):
 
     def _show_settings(self) -> None:
         with self.own_change():
-            self.n_views.value = self.session.recipe.n_views
+            self.n_views.value = self.session.recipe.n_views or 0
 
     def _show(self) -> None:
         lobes = self.session.lobes
@@ -207,17 +228,22 @@ class LobesStep(Step):
             self.canvas.set_spectrum(self._drawn)
         self.canvas.set_lobes(lobes)
         self.table.fill(lobes)
-        doubts = self._doubts(lobes)
-        self.warnings.setText("<br>".join(f"⚠ {w}" for w in (*doubts, *lobe_warnings(lobes))))
+        self.warnings.setText("<br>".join(f"⚠ {words}" for words in self.doubts()))
         self.warnings.setVisible(bool(self.warnings.text()))
+        found = self._as_found()
+        self.other.setVisible(found is not None and bool(found.other))
         self._follow()
 
-    def _doubts(self, lobes: list[Lobe]) -> tuple[str, ...]:
-        """Return what the finder could not know, while its circles stay as they were found."""
-        found = self.session.found
+    def _as_found(self) -> FoundLobes | None:
+        """Return what was found, while its circles stay as they were found."""
+        found, lobes = self.session.found, self.session.lobes
         same = found is not None and [k.carrier for k in found] == [k.carrier for k in lobes]
-        self.other.setVisible(same and bool(found and found.other))
-        return found.doubts if same and found else ()
+        return found if same else None
+
+    def doubts(self) -> Sequence[str]:
+        """Return what the finder could not know, and which circles can't be right."""
+        found = self._as_found()
+        return (*(found.doubts if found else ()), *lobe_warnings(self.session.lobes))
 
     def take_other(self) -> None:
         """Take the next best choice of views; the same button comes back."""
@@ -278,7 +304,7 @@ class LobesStep(Step):
         except (OSError, ValueError):  # such as a circle that is being dragged out of the plane
             self.strip.set_views([], [])
             return
-        captions = [f"{i + 1}: {lobe.angle_deg:g}°" for i, lobe in enumerate(lobes)]
+        captions = [f"{i + 1}: {caption_of(lobe)}" for i, lobe in enumerate(lobes)]
         self.strip.set_views(phases, captions)
 
     def _preview_of(self, recording: Recording, frame: int) -> Preview:
@@ -295,3 +321,10 @@ class LobesStep(Step):
             pixel = recording.optics.pixel_um
             words += f" = {ky / pixel:+.2f}, {kx / pixel:+.2f} cycles/µm"
         self.frequency.setText(words)
+
+
+def caption_of(lobe: Lobe) -> str:
+    """Return the angle of a view in a few letters, or its wavelength where it has its own."""
+    if lobe.wavelength_um is None:
+        return f"{lobe.angle_deg:g}°"
+    return f"{1000 * lobe.wavelength_um:g} nm"

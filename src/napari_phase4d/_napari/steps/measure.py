@@ -8,22 +8,26 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from magicgui.widgets import ComboBox, FloatSpinBox
+from magicgui.widgets import CheckBox, ComboBox
 from napari.layers import Shapes
 from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
-from qtpy.QtWidgets import QFileDialog, QGridLayout
+from qtpy.QtWidgets import QFileDialog
 
-from napari_phase4d._napari.preferences import own_optics, own_refraction_increment
-from napari_phase4d._napari.session import Masks, plan_measuring
+from napari_phase4d._napari.preferences import own_optics
+from napari_phase4d._napari.session import Masks, plan_measuring, with_their_cells
+from napari_phase4d._napari.steps.material import in_grid, increment_field, index_field
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.pointing import (
+    frames_of_regions,
     is_region_layer,
     newest_region,
+    note_frame,
     regions_of_layer,
 )
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
+from napari_phase4d._napari.widgets.section import split
 from napari_phase4d.analysis import most_trusted, traces_of
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import named_results
@@ -37,8 +41,8 @@ HEADINGS = {
     "seconds": ("s", "Seconds, the shared two-dimensional step included."),
     "doubtful_percent": (
         "doubt %",
-        "Pixels of the object that are trusted less than 0.5, in percent. The maps of trust err "
-        "on the side of doubt.",
+        "Pixels of the object whose confidence is below 0.5, in percent. The maps of confidence "
+        "err on the side of doubt.",
     ),
     "mse_rad2": ("MSE rad²", "Mean squared error against the chosen truth, in square radians."),
     "wrong_cycles_percent": (
@@ -80,6 +84,19 @@ class FiguresPart(Step):
         """Write the table as CSV."""
         path = write_table(path, self.session.needed_outcome().comparison.table)
         self.said.emit(f"The table is in {path}.")
+
+    def mark(self, method: str) -> None:
+        """Mark the row of a method, the one to use."""
+        outcome = self.session.outcome
+        if outcome is None or method not in outcome.comparison.table.index:
+            return
+        label = str(outcome.comparison.table["method"][method])
+        for row in range(self.table.rowCount()):
+            item = self.table.item(row, 0)
+            if item is not None:
+                font = item.font()
+                font.setBold(item.text() == label)
+                item.setFont(font)
 
     def _ask_file(self) -> None:
         self.session.needed_outcome()
@@ -220,6 +237,8 @@ class TracePart(Step):
 
 
 OBJECT = "the object"
+#: All results, in one table and one plot.
+EVERY = "every"
 #: Columns that are plotted over time, the most asked for first.
 PLOTTED = (
     "dry mass (pg)",
@@ -231,8 +250,24 @@ PLOTTED = (
 )
 #: What can be saved: the table, or a picture of the plot.
 KINDS, PICTURES = "Table (*.csv);;Plot (*.png *.svg)", (".png", ".svg")
-#: Pixels that a field gets at least.
-NARROW = 90
+
+
+def of_view(measured: pd.DataFrame, number: int) -> tuple[pd.DataFrame, str]:
+    """Return the rows of one view by its number, and the view in words."""
+    keys = [key for key in ("angle (deg)", "wavelength (um)") if key in measured]
+    views = measured[keys].drop_duplicates()
+    view = views.iloc[min(number, len(views) - 1)]
+    words = f"{view.iloc[0]:g}°" + (f", {1000 * view.iloc[1]:g} nm" if len(view) > 1 else "")
+    return measured[(measured[keys] == view).all(axis=1)], words
+
+
+def curves_of(measured: pd.DataFrame, name: str) -> dict[str, pd.Series]:
+    """Return what is plotted of a table: a curve a region, or a method, or a region of each."""
+    by = [c for c in ("method", "region") if c in measured and measured[c].nunique() > 1]
+    if not by:
+        return {str(measured["region"].iloc[0]): measured[name]}
+    groups = measured.groupby(by, sort=False)
+    return {", ".join(map(str, key)): rows[name] for key, rows in groups}
 
 
 class MeasurePart(Step):
@@ -254,10 +289,9 @@ class MeasurePart(Step):
         self.plot = CurvePlot()
         self.plot.setObjectName("measure_plot")
         self.plot.setMinimumHeight(130)
-        self.column.addWidget(self.plot, 3)
         self.table = ResultTable("measure_table")
         self.table.setMinimumHeight(52)
-        self.column.addWidget(self.table, 2)
+        self.column.addWidget(split(self.plot, self.table), 1)
         self.copy = self.button(
             "Copy", "copy_measured", "Put the table on the clipboard.", self._copy
         )
@@ -268,7 +302,7 @@ class MeasurePart(Step):
         self.when_changed(self.quantity, self._draw)
         self.session.measured_changed.connect(self._show_measured)
         self.session.outcome_changed.connect(self._show_results)
-        self.session.recording_changed.connect(self._show_results)
+        self.session.recording_changed.connect(self._new_recording)
         self.session.reconstruction_changed.connect(self._show_results)
         self.session.calibration_changed.connect(self._show_results)
         self._show_results()
@@ -281,7 +315,11 @@ class MeasurePart(Step):
 
     def _build_choices(self) -> None:
         self.result = self.watched(
-            ComboBox(name="measured_result", choices=[], tooltip="Of which method.")
+            ComboBox(
+                name="measured_result",
+                choices=[],
+                tooltip="Of which method, or of all in one table and plot.",
+            )
         )
         self.regions = self.watched(
             ComboBox(
@@ -291,59 +329,43 @@ class MeasurePart(Step):
                 tooltip="What to measure: the whole object, or the shapes or labels of a layer.",
             )
         )
-        self.increment = self.watched(
-            FloatSpinBox(
-                name="increment",
-                value=own_refraction_increment(),
-                min=0.01,
-                max=1,
-                step=0.01,
-                tooltip="Refraction increment: how much a gram of dry matter in a millilitre "
-                "raises the refractive index. 0.18 mL/g is usual for cells (Barer, Nature 169, "
-                "366, 1952).",
-            )
-        )
-        self.increment.native.setSuffix(" mL/g")
-        self.index = self.watched(
-            FloatSpinBox(
-                name="object_index",
-                value=1,
-                min=1,
-                max=4,
-                step=0.01,
-                tooltip="Refractive index of the object, no unit; without it there is no height "
-                "and no volume.",
-            )
-        )
-        self.index.native.setDecimals(4)
-        self.index.native.setSpecialValueText("none")
-        grid = QGridLayout()
-        grid.setSpacing(4)
-        for column, (words, field) in enumerate(
+        self.increment = self.watched(increment_field("increment"))
+        self.index = self.watched(index_field("object_index"))
+        in_grid(
+            self,
             (
                 ("of", self.result),
                 ("in", self.regions),
                 ("dn/dc", self.increment),
                 ("index", self.index),
+            ),
+        )
+        self.follow = self.watched(
+            CheckBox(
+                name="regions_follow",
+                text="drawn regions go along with their cell",
+                value=True,
+                tooltip="A region that was drawn on a cell moves with it through time and views. "
+                "Else it stands still.",
             )
-        ):
-            row, side = divmod(column, 2)
-            label = self.label(words)
-            label.setToolTip(field.tooltip)
-            field.native.setMinimumWidth(NARROW)
-            grid.addWidget(label, row, 2 * side)
-            grid.addWidget(field.native, row, 2 * side + 1)
-        grid.setColumnStretch(1, 1)
-        grid.setColumnStretch(3, 1)
-        self.column.addLayout(grid)
+        )
+        self.column.addWidget(self.follow.native)
 
     def reset_choices(self) -> None:
         """Look for layers again."""
         with self.own_change():
             self.regions.reset_choices()
 
+    def _new_recording(self) -> None:
+        """Measure the whole object again: regions of another recording lie elsewhere."""
+        with self.own_change():
+            self.regions.value = OBJECT
+        self._show_results()
+
     def region_drawn(self, layer: Any) -> None:
         """Measure the layer in which a region was drawn, unless another one was chosen."""
+        if self.session.reconstruction is not None:
+            note_frame(layer, self.presenter.current_frame())
         self.reset_choices()
         if self.regions.value == OBJECT and layer in self.regions.choices:
             self.regions.value = layer
@@ -356,9 +378,10 @@ class MeasurePart(Step):
     def measure(self) -> None:
         """Measure the chosen regions, in a thread."""
         self.session.needed_outcome()
+        self._still = ""
         plan = plan_measuring(
             self.session,
-            self.result.value,
+            self._methods(),
             self._chosen_regions(),
             optics=own_optics(),
             object_index=None if self.index.value <= 1 else self.index.value,
@@ -366,19 +389,39 @@ class MeasurePart(Step):
         )
         self.jobs.start(
             plan,
-            then=lambda: self.said.emit(
-                "The curves follow the angle on screen. Save… keeps the table or the plot."
-            ),
+            then=self._tell,
         )
+
+    def _tell(self) -> None:
+        words = "The curves follow the angle on screen."
+        self.said.emit(f"{self._still or words} Save… keeps the table or the plot.")
+
+    def _methods(self) -> str | list[str]:
+        """Return of which result or results."""
+        chosen = self.result.value
+        return list(self.session.results) if chosen == EVERY else str(chosen)
 
     def _chosen_regions(self) -> Masks | Callable[[], Masks] | None:
         """Return the regions of the chosen layer, None for the whole object."""
-        layer, result = self.regions.value, self.session.results[self.result.value]
+        layer, results = self.regions.value, self.session.results
+        method = self.result.value
+        # A region that goes along with its cell takes the same way in every result.
+        result = results[most_trusted(results) if method == EVERY else method]
         if layer == OBJECT:
             return None
         # Shapes are read here, in the window's thread; labels may take a while.
         if isinstance(layer, Shapes):
-            return regions_of_layer(layer, result)
+            drawn, frames = regions_of_layer(layer, result), frames_of_regions(layer)
+            if not self.follow.value:
+                return drawn
+            cells = self.session.cells
+            labels = None if cells is None else cells.labels
+
+            def going_along() -> Masks:
+                moved, self._still = with_their_cells(result, drawn, frames, labels)
+                return moved
+
+            return going_along
         return lambda: regions_of_layer(layer, result)
 
     def save_to(self, path: str | Path) -> None:
@@ -388,7 +431,8 @@ class MeasurePart(Step):
             self.plot.save(path)
             self.said.emit(f"The plot is in {path}.")
             return
-        path = write_table(path, self._needed_measurement().set_index("region"))
+        table = self._needed_measurement()
+        path = write_table(path, table.set_index(table.columns[0]))
         self.said.emit(f"The measurement is in {path}.")
 
     def _show_measured(self) -> None:
@@ -404,12 +448,9 @@ class MeasurePart(Step):
         if self.measured.empty or name is None:
             self.plot.message("Choose what to measure, then press Measure.")
             return
-        angles = self.measured["angle (deg)"].unique()
-        angle = angles[min(self.presenter.current_frame()[1], len(angles) - 1)]
-        shown = self.measured[self.measured["angle (deg)"] == angle]
-        curves = {str(region): rows[name] for region, rows in shown.groupby("region", sort=False)}
+        shown, where = of_view(self.measured, self.presenter.current_frame()[1])
         times = shown["time (s)"].unique()
-        self.plot.show_curves(times, curves, f"time (s), at {angle:g}°", str(name))
+        self.plot.show_curves(times, curves_of(shown, name), f"time (s), at {where}", str(name))
 
     def _region_choices(self) -> list[Any]:
         layers = [la for la in self.presenter.viewer.layers if is_region_layer(la)]
@@ -419,7 +460,8 @@ class MeasurePart(Step):
         """Offer the results that there are, the most reliable one chosen."""
         results = self.session.results
         with self.own_change():
-            self.result.choices = [(METHODS[m].label, m) for m in results]
+            every = [("all", EVERY)] if len(results) > 1 else []
+            self.result.choices = [(METHODS[m].label, m) for m in results] + every
             if results:
                 self.result.value = most_trusted(results)
         self.table.clear_rows()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,12 @@ from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox, SpinBox
 from qtpy.QtWidgets import QFileDialog
 
 from napari_phase4d._napari.session import plan_focus, plan_reconstruction
-from napari_phase4d._napari.steps.step import Step, facts_of_reconstruction, focus_in_words
+from napari_phase4d._napari.steps.step import (
+    Step,
+    doubts_of_reconstruction,
+    facts_of_reconstruction,
+    focus_in_words,
+)
 from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, WINDOWS
 from napari_phase4d.pipeline import needed_bytes
 from napari_phase4d.words import size_in_words
@@ -268,6 +274,13 @@ class PhaseStep(Step):
         super().showEvent(event)
         if self.session.reconstruction is None:
             self._show_need()
+
+    def doubts(self) -> Sequence[str]:
+        """Return what is to be looked after in the phase."""
+        data = self.session.reconstruction
+        if self.session.recording is None or data is None:
+            return ()
+        return doubts_of_reconstruction(data)
 
     def _show_need(self) -> None:
         """Say how much memory the next steps will take."""

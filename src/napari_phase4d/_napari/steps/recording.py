@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
 from qtpy.QtWidgets import (
@@ -23,7 +23,13 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.preferences import in_micrometres, remember_optics, with_own_optics
 from napari_phase4d._napari.session import Opened, plan_opening
-from napari_phase4d._napari.steps.step import Step, facts_of_phase, facts_of_recording
+from napari_phase4d._napari.steps.step import (
+    Seen,
+    Step,
+    doubts_of_recording,
+    facts_of_phase,
+    facts_of_recording,
+)
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
     is_hologram_layer,
@@ -34,13 +40,19 @@ from napari_phase4d._napari.viewing.layers import (
     stack_of_layer,
     truth_among,
 )
-from napari_phase4d.holography import first_seen, fringe_contrast
 from napari_phase4d.io import READABLE_SUFFIXES, RawLayout, needs_layout
 from napari_phase4d.io.raw import KINDS
 from napari_phase4d.io.video import LARGEST_SIDE
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
-from napari_phase4d.sample import EUGLENA, EUGLENA_SOURCE, YEAST_SOURCE, Sample
+from napari_phase4d.sample import (
+    CELLS_SOURCE,
+    EUGLENA_SOURCE,
+    RECORDINGS,
+    SAMPLES,
+    YEAST_SOURCE,
+    Sample,
+)
 
 __all__ = ["RawDialog", "RecordingStep"]
 
@@ -80,7 +92,7 @@ class RecordingStep(Step):
         """Make the widgets."""
         self._raw: Any = None
         self._layout: RawLayout | None = None
-        self._looked_at: tuple[Any, float] = (None, 0.0)
+        self._looked_at: tuple[Any, Seen] = (None, Seen(0.0, 0.0))
         self._build_buttons()
         self.column.addLayout(self.form)
         self.layer = self.field(
@@ -121,7 +133,7 @@ class RecordingStep(Step):
         self.open_folder = self.button(
             "Open folder…",
             "open_folder",
-            "A folder of equally large, numbered images.",
+            "A folder of equally large, numbered images; or of results that were saved before.",
             self._ask_folder,
         )
         self.try_sample = self.button(
@@ -137,7 +149,14 @@ class RecordingStep(Step):
             lambda: self.open_path(YEAST_SOURCE),
         )
         self.column.addLayout(self.row(self.open_file, self.try_sample))
-        self.column.addLayout(self.row(self.open_folder, self.try_yeast))
+        self.try_cells = self.button(
+            "Sample cells",
+            "try_cells",
+            "A simulated hologram video of several cells whose masses are known: they swim, "
+            "touch, divide, leave and come in. For the tab Cells of step 5.",
+            lambda: self.open_path(CELLS_SOURCE),
+        )
+        self.column.addLayout(self.row(self.open_folder, self.try_cells, self.try_yeast))
 
     def _build_optics(self) -> None:
         self.numbers: dict[str, FloatSpinBox] = {}
@@ -170,7 +189,7 @@ class RecordingStep(Step):
         Parameters
         ----------
         path : str or Path
-            The file or folder, or "sample:euglena", "sample:yeast".
+            The file or folder, or "sample:euglena", "sample:cells", "sample:yeast".
         content : str, optional
             "holograms", "phase", or "auto" (default) to look.
         """
@@ -179,7 +198,7 @@ class RecordingStep(Step):
             raw = self._ask_layout(Path(path))
             if raw is None:
                 return
-        sample = str(path) in (EUGLENA_SOURCE, YEAST_SOURCE)
+        sample = str(path) in SAMPLES
         title = "Simulating the sample" if sample else f"Opening {Path(path).name}"
         plan = plan_opening(self.session, path, content, title, raw)
         self.jobs.start(replace(plan, receive=self._take_opened))
@@ -200,9 +219,14 @@ class RecordingStep(Step):
         )
 
     def reset_choices(self) -> None:
-        """Look for layers again."""
+        """Look for layers again, and say that one may be taken while there is nothing else."""
+        before = list(self.layer.choices)
         with self.own_change():
             self.layer.reset_choices()
+        session = self.session
+        new = [la for la in self.layer.choices if la is not None and la not in before]
+        if new and session.recording is None and session.reconstruction is None:
+            self.said.emit(f"To work on “{new[-1].name}”, choose it as the layer in step 1.")
 
     def _ask_file(self) -> None:
         kinds = " ".join(f"*{suffix}" for suffix in READABLE_SUFFIXES)
@@ -217,7 +241,7 @@ class RecordingStep(Step):
             self.open_path(path, filters.get(chosen, "auto"))
 
     def _ask_folder(self) -> None:
-        path = QFileDialog.getExistingDirectory(self, "Open images, Zarr or Koala")
+        path = QFileDialog.getExistingDirectory(self, "Open images, Zarr, Koala or results")
         if path:
             self.open_path(path)
 
@@ -251,8 +275,8 @@ class RecordingStep(Step):
         recipe = recipe_of_layer(layer)
         if recipe is not None:
             self.session.take(Opened(recording, recipe=recipe))
-        elif layer.metadata.get(METADATA_KEY, {}).get("sample") == EUGLENA:
-            sample = Sample(recording)
+        elif (name := layer.metadata.get(METADATA_KEY, {}).get("sample")) in RECORDINGS:
+            sample = Sample(recording, RECORDINGS[name])
             opened = Opened(recording, sample.angles_deg, sample.truth)
             self.session.take(opened)
         else:
@@ -325,8 +349,9 @@ class RecordingStep(Step):
         with self.own_change():
             for name, value in values.items():
                 box = self.numbers[name]
-                if value is not None:
-                    box.value = min(max(value, box.min), box.max)
+                # One frame has no rate; that of the recording before must not stay.
+                shown_value = NUMBERS[name][1] if value is None else value
+                box.value = min(max(shown_value, box.min), box.max)
             shown = self.presenter.holograms
             self.layer.value = shown if shown in self.layer.choices else None
         self._show_facts(recording)
@@ -338,12 +363,23 @@ class RecordingStep(Step):
             phase = self.session.needed_reconstruction()["phase"]
             self.facts.setText(facts_of_phase(phase, self.session.name))
 
-    def _show_facts(self, recording: Recording) -> None:
-        """Show what the recording is, and what to look after."""
+    def doubts(self) -> Sequence[str]:
+        """Return what is to be looked after in the recording."""
+        recording = self.session.recording
+        if recording is None:
+            return ()
+        return doubts_of_recording(recording, self._seen(recording), self.session.lost)
+
+    def _seen(self, recording: Recording) -> Seen:
+        """Return what the first frame shows, looked at once: the file may be far away."""
         data = recording.holograms.data
         if self._looked_at[0] is not data:  # another microscope leaves the frames as they are
-            self._looked_at = (data, fringe_contrast(first_seen(recording).astype(np.float32)))
-        words = facts_of_recording(recording, self._looked_at[1], self.session.lost)
+            self._looked_at = (data, Seen.of(recording))
+        return self._looked_at[1]
+
+    def _show_facts(self, recording: Recording) -> None:
+        """Show what the recording is, and what to look after."""
+        words = facts_of_recording(recording, self._seen(recording), self.session.lost)
         raw = self._raw is not None and self._raw in self.presenter.viewer.layers
         if raw:
             words += (

@@ -13,11 +13,11 @@ from magicgui.widgets import FloatSpinBox
 from qtpy.QtGui import QGuiApplication
 from qtpy.QtWidgets import QFileDialog
 
-from napari_phase4d._napari.session import Plan
+from napari_phase4d._napari.session import Plan, plan_saving
 from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.viewing.pointing import table_of_regions
 from napari_phase4d.analysis import in_memory
 from napari_phase4d.io import OME_TIFF, write_figure, write_movie
-from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.plotting import (
     EXACT,
     comparison_figure,
@@ -46,8 +46,8 @@ class SharePart(Step):
         self.save = self.button(
             "Save everything…",
             "save_results",
-            "Phase, amplitude and every result as OME-TIFF with times, angles and pixel, the "
-            "table as CSV, and the recipe, into a folder.",
+            "Phase, amplitude and every result as OME-TIFF with times, angles and pixel, tables, "
+            "measurements and regions as CSV, and the recipe, into a folder.",
             self._ask_folder,
         )
         self.movie = self.button(
@@ -93,9 +93,10 @@ class SharePart(Step):
 
     def save_to(self, folder: str | Path) -> None:
         """Write all results into a folder, in a thread."""
-        outcome = self.session.needed_outcome()
-        self._start(
-            Path(folder), lambda *watch: write_outcome(outcome, folder, *watch), "All results are"
+        regions = table_of_regions(self.presenter.viewer.layers)
+        self.jobs.start(
+            plan_saving(self.session, folder, regions),
+            then=lambda: self.said.emit(f"All results are in {folder}; step 1 opens them again."),
         )
 
     def save_movie(self, path: str | Path) -> None:
@@ -156,7 +157,7 @@ class SharePart(Step):
         self.session.needed_outcome()
         folder = QFileDialog.getExistingDirectory(self, "Folder for the results")
         if folder:
-            self.save_to(folder_without_results(Path(folder)))
+            self.save_to(folder_without_results(Path(folder), self.session.recipe.recording))
 
     def _ask_file(self, title: str, name: str, filters: str, save: Callable[[str], None]) -> None:
         if name != "recipe.json":
@@ -171,9 +172,17 @@ def movie_name() -> str:
     return "comparison.mp4" if importlib.util.find_spec("av") else "comparison.gif"
 
 
-def folder_without_results(folder: Path) -> Path:
-    """Return a folder, or a new one in it where results of another run would be replaced."""
-    if not any(folder.glob(f"*{OME_TIFF}")) and not (folder / "recipe.json").exists():
+def folder_without_results(folder: Path, recording: str = "") -> Path:
+    """Return a folder, or a new one in it where results of another run would be replaced.
+
+    So too where it holds the frames of the recording, which results would be taken for.
+    """
+    is_input = bool(recording) and folder.resolve() == Path(recording).resolve()
+    if (
+        not is_input
+        and not any(folder.glob(f"*{OME_TIFF}"))
+        and not (folder / "recipe.json").exists()
+    ):
         return folder
     names = (folder / f"results_{number}" for number in itertools.count(1))
     return next(name for name in names if not name.exists())

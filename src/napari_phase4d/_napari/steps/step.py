@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,12 +28,15 @@ from napari_phase4d._napari.session import Session
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import WheelGuard
 from napari_phase4d.analysis import noise_sentence
-from napari_phase4d.holography import Focus, first_seen, reconstruction_advice
+from napari_phase4d.holography import Focus, first_seen, fringe_contrast, reconstruction_advice
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted, size_in_words
 
 __all__ = [
+    "Seen",
     "Step",
+    "doubts_of_reconstruction",
+    "doubts_of_recording",
     "facts_of_phase",
     "facts_of_reconstruction",
     "facts_of_recording",
@@ -71,6 +74,8 @@ class Step(QWidget):  # type: ignore[misc]
     title = ""
     #: One sentence under the heading: what to do here.
     purpose = ""
+    #: Whether it has a picture or a table that can use the height that is left in the dock.
+    grows = False
 
     def __init__(self, session: Session, jobs: Jobs, presenter: Presenter) -> None:
         super().__init__()
@@ -93,6 +98,10 @@ class Step(QWidget):  # type: ignore[misc]
     def build(self) -> None:
         """Make the widgets."""
 
+    def doubts(self) -> Sequence[str]:
+        """Return what is to be looked after in what this step has done; each a sentence."""
+        return ()
+
     def text(self, words: str, name: str) -> QLabel:
         """Return a label that wraps its lines."""
         label = QLabel(words)
@@ -111,6 +120,7 @@ class Step(QWidget):  # type: ignore[misc]
         button = QPushButton(words)
         button.setObjectName(name)
         button.setToolTip(tooltip)
+        button.setAccessibleDescription(tooltip)
         button.clicked.connect(lambda: self.guarded(clicked))
         return button
 
@@ -127,6 +137,7 @@ class Step(QWidget):  # type: ignore[misc]
         self.watched(widget)
         self.form.addRow(label, widget.native)
         self.form.labelForField(widget.native).setToolTip(widget.tooltip)
+        widget.native.setAccessibleName(label)
         return widget
 
     def watched(self, widget: Any) -> Any:
@@ -134,6 +145,9 @@ class Step(QWidget):  # type: ignore[misc]
         native = widget.native
         native.setObjectName(widget.name)
         native.setToolTip(widget.tooltip)
+        # What a screen reader says where no label is joined to it.
+        native.setAccessibleName(widget.name.replace("_", " "))
+        native.setAccessibleDescription(widget.tooltip)
         self.wheel.watch(native)
         if isinstance(native, QAbstractSpinBox):
             native.setKeyboardTracking(False)
@@ -176,30 +190,46 @@ MANY_SATURATED, WEAK_FRINGES = 0.001, 0.05
 LITTLE_EMPTY = 0.3
 
 
-def facts_of_recording(recording: Recording, contrast: float, lost: str = "") -> str:
+class Seen(NamedTuple):
+    """What the first frame of a recording shows: fringe contrast, share of saturated pixels."""
+
+    contrast: float
+    saturated: float
+
+    @classmethod
+    def of(cls, recording: Recording) -> Seen:
+        """Look at the first frame that is not lost; this reads from the file."""
+        first, dtype = np.asarray(first_seen(recording)), recording.holograms.dtype
+        whole = dtype.kind in "iu"
+        saturated = float(np.mean(first == np.iinfo(dtype).max)) if whole else 0.0
+        return cls(fringe_contrast(first.astype(np.float32)), saturated)
+
+
+def facts_of_recording(recording: Recording, seen: Seen, lost: str = "") -> str:
     """Return what a recording is: size, pixel, fringe contrast, and what to look after.
 
     ``lost`` says which frames the camera lost.
     """
     height, width = recording.frame_shape
-    dtype = recording.holograms.dtype
-    first = np.asarray(first_seen(recording))
     lines = [
         f"<b>{recording.name}</b>",
-        f"{counted(recording.n_frames, 'frame')} of {width} × {height} pixels, {dtype}, "
-        f"{size_in_words(recording.nbytes)}",
-        f"pixel in the sample {recording.optics.pixel_um:.4g} µm, fringe contrast {contrast:.2f}",
+        f"{counted(recording.n_frames, 'frame')} of {width} × {height} pixels, "
+        f"{recording.holograms.dtype}, {size_in_words(recording.nbytes)}",
+        f"pixel in the sample {recording.optics.pixel_um:.4g} µm, "
+        f"fringe contrast {seen.contrast:.2f}",
     ]
-    if contrast < WEAK_FRINGES:
-        lines.append("⚠ The fringes are weak; the phase will be noisy.")
-    if dtype.kind in "iu":
-        share = float(np.mean(first == np.iinfo(dtype).max))
-        if share > MANY_SATURATED:
-            lines.append(f"⚠ {100 * share:.1f} % of the first frame is saturated.")
-    if lost:
-        lines.append(f"⚠ {lost}")
-    lines += [f"⚠ {note}" for note in recording.notes]
+    lines += [f"⚠ {doubt}" for doubt in doubts_of_recording(recording, seen, lost)]
     return "<br>".join(lines)
+
+
+def doubts_of_recording(recording: Recording, seen: Seen, lost: str = "") -> list[str]:
+    """Return what is to be looked after in a recording; each a sentence."""
+    doubts = []
+    if seen.contrast < WEAK_FRINGES:
+        doubts.append("The fringes are weak; the phase will be noisy.")
+    if seen.saturated > MANY_SATURATED:
+        doubts.append(f"{100 * seen.saturated:.1f} % of the first frame is saturated.")
+    return [*doubts, *([lost] if lost else []), *recording.notes]
 
 
 def facts_of_phase(phase: xr.DataArray, name: str) -> str:
@@ -222,28 +252,33 @@ def facts_of_reconstruction(data: xr.Dataset, noise: pd.DataFrame | None) -> lis
     lines = [f"{frames}, {width} × {height} pixels"]
     if data.attrs.get("refocus_um"):
         lines[0] += f", refocused by {data.attrs['refocus_um']:.4g} µm"
-    if data.attrs.get("focus_at_the_end"):
-        lines.append("⚠ The focus was found at the end of the search; it may lie beyond.")
     if data.attrs.get("fringe_visibility"):
         listed = ", ".join(f"{v:.2f}" for v in data.attrs["fringe_visibility"])
         lines.append(f"Fringe visibility {listed}")
     if noise is not None:
         lines.append(noise_sentence(noise))
-    if data.attrs.get("drift_removed") and data.attrs["background_share"] < LITTLE_EMPTY:
-        lines.append("⚠ Little empty field is in view; check that the background is at 0.")
-    advice = reconstruction_advice(data.attrs)
-    lines += [f"⚠ {each[0].upper()}{each[1:]}." for each in advice]
-    if data.attrs.get("lost_times"):
-        count = len(data.attrs["lost_times"])
-        lines.append(
-            f"⚠ {counted(count, 'frame')} of {n_times} left out as lost, first at time "
-            f"{data.attrs['lost_times'][0]}."
+    return [*lines, *(f"⚠ {doubt}" for doubt in doubts_of_reconstruction(data))]
+
+
+def doubts_of_reconstruction(data: xr.Dataset) -> list[str]:
+    """Return what is to be looked after in reconstructed phase; each a sentence."""
+    attrs, n_times = data.attrs, data.sizes["time"]
+    doubts = []
+    if attrs.get("focus_at_the_end"):
+        doubts.append("The focus was found at the end of the search; it may lie beyond.")
+    if attrs.get("drift_removed") and attrs["background_share"] < LITTLE_EMPTY:
+        doubts.append("Little empty field is in view; check that the background is at 0.")
+    doubts += [f"{each[0].upper()}{each[1:]}." for each in reconstruction_advice(attrs)]
+    if attrs.get("lost_times"):
+        count, first = len(attrs["lost_times"]), attrs["lost_times"][0]
+        doubts.append(
+            f"{counted(count, 'frame')} of {n_times} left out as lost, first at time {first}."
         )
     angles = data["angle"].values
-    if n_angles > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
+    if len(angles) > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
         listed = ", ".join(f"{a:g}°" for a in angles)
-        lines.append(f"⚠ Angles are uneven; the slider counts evenly. They are {listed}.")
-    return lines
+        doubts.append(f"Angles are uneven; the slider counts evenly. They are {listed}.")
+    return doubts
 
 
 def focus_in_words(focus: Focus) -> str:

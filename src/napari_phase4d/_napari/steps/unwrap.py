@@ -2,42 +2,39 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox, SpinBox
-from qtpy.QtCore import Qt, Signal
-from qtpy.QtWidgets import (
-    QCheckBox,
-    QFormLayout,
-    QGridLayout,
-    QGroupBox,
-    QHBoxLayout,
-    QToolButton,
-    QWidget,
-)
+from magicgui.widgets import CheckBox, ComboBox
+from qtpy.QtCore import Qt
+from qtpy.QtWidgets import QSizePolicy
 
 from napari_phase4d._napari.session import plan_scores, plan_unwrapping
+from napari_phase4d._napari.steps.method_list import MethodList
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.boundary_map import BoundaryMap
-from napari_phase4d._napari.widgets.section import WheelGuard
 from napari_phase4d._napari.widgets.view_strip import Thumbnail
 from napari_phase4d.pipeline import phase_needs, start_words
+from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import (
     METHODS,
     ORDERS,
-    Option,
     best_frame,
-    label_of,
+    left_out_advice,
+    methods_for,
+    object_in,
     scores_sentence,
 )
 from napari_phase4d.words import size_in_words, time_in_words
 
 __all__ = ["UnwrapStep"]
 
-COLUMNS = 2
+
+#: What is said of the outline.
+WHOLE_FIELD = "No single object stands out of this frame: all of it is unwrapped."
+ROUND_THE_OBJECT = "The green line is round what is unwrapped where only the object is."
 
 
 class UnwrapStep(Step):
@@ -64,28 +61,23 @@ class UnwrapStep(Step):
         self.go = self.button(
             "Run", "run", "Unwrap with all ticked methods, one after another.", self.run
         )
+        self.outline = self.button(
+            "Outline",
+            "show_object",
+            "Show in green what is taken for the object, over the wrapped phase.",
+            self._show_object,
+        )
+        self.outline.setCheckable(True)
+        self.outline.setSizePolicy(QSizePolicy.Policy.Fixed, QSizePolicy.Policy.Fixed)
         # Above the list, so that it is in view on a small screen too.
-        self.column.addLayout(self.row(self.mask.native, self.go))
-        self.methods = {
-            method: MethodRow(method, ticked=method in self.session.recipe.methods)
-            for method in METHODS
-        }
-        grid = QGridLayout()
-        grid.setVerticalSpacing(0)
-        rows = -(-len(self.methods) // COLUMNS)
-        for number, row in enumerate(self.methods.values()):
-            grid.addWidget(row, number % rows, number // rows)
-            row.tick.toggled.connect(lambda _, m=row.method: self.guarded(lambda: self._ticked(m)))
-            row.option_changed.connect(
-                lambda m=row.method: self.guarded(lambda: self._option_changed(m))
-            )
-            row.ticked_on.connect(self.boundary.show_path_of)
-            if row.panel is not None:
-                row.more.toggled.connect(lambda shown, row=row: self._show_options(row, shown))
-        self.column.addLayout(grid)
-        for row in self.methods.values():
-            if row.panel is not None:
-                self.column.addWidget(row.panel)
+        self.column.addLayout(self.row(self.mask.native, self.outline, self.go))
+        self.presenter.showing_changed.connect(self._mark_outline)
+        self.list = MethodList(self.session.recipe.methods)
+        self.list.ticked.connect(lambda method: self.guarded(lambda: self._ticked(method)))
+        self.list.ticked_on.connect(self.boundary.show_path_of)
+        self.list.option_changed.connect(lambda m: self.guarded(lambda: self._option_changed(m)))
+        self.methods = self.list.rows
+        self.column.addWidget(self.list)
         self.session.recipe_changed.connect(self._show_settings)
         for signal in (
             self.session.recipe_changed,
@@ -93,22 +85,37 @@ class UnwrapStep(Step):
             self.session.estimate_changed,
         ):
             signal.connect(self._show_needs)
+        self.session.reconstruction_changed.connect(self._show_suiting)
+        self._show_suiting()
 
     def frame_changed(self) -> None:
         """Follow the sliders."""
         self.boundary.frame_changed()
 
+    def doubts(self) -> Sequence[str]:
+        """Return what the results themselves note of how they were made."""
+        result = next(iter(self.session.results.values()), None)
+        advice = "" if result is None else left_out_advice(result.attrs)
+        return (advice,) if advice else ()
+
     def run(self) -> None:
         """Unwrap, in a thread."""
         self.jobs.start(plan_unwrapping(self.session))
 
-    def _show_options(self, shown_row: MethodRow, shown: Any) -> None:
-        """Show the options of one method at a time."""
-        for row in self.methods.values():
-            if row.panel is not None and row is not shown_row and shown:
-                row.more.setChecked(False)
-        assert shown_row.panel is not None
-        shown_row.panel.setVisible(bool(shown))
+    def _show_object(self) -> None:
+        """Show or hide the outline of the object; the button says which it is."""
+        try:
+            self.presenter.show_object(wanted=self.outline.isChecked())
+        finally:
+            self._mark_outline()
+        if self.presenter.shows_object:
+            frame = self.presenter.current_frame()
+            phase = self.session.needed_reconstruction()["phase"]
+            is_all = object_in(np.asarray(phase.data[frame])).all()
+            self.said.emit(WHOLE_FIELD if is_all else ROUND_THE_OBJECT)
+
+    def _mark_outline(self) -> None:
+        self.outline.setChecked(self.presenter.shows_object)
 
     def _mask_changed(self) -> None:
         self.session.update(mask="auto" if self.mask.value else None)
@@ -137,17 +144,25 @@ class UnwrapStep(Step):
             told.insert(0, time_in_words(self.session.estimate[1]))
         self.go.setText(f"Run (about {', '.join(told)})")
 
+    def _show_suiting(self) -> None:
+        """Let only those methods be ticked that suit the wavelengths of the views."""
+        data = self.session.reconstruction
+        suiting = methods_for(None if data is None else wavelengths_of(data["phase"]))
+        for method, row in self.methods.items():
+            # What a recipe has ticked can still be taken out of it.
+            row.tick.setEnabled(method in suiting or row.tick.isChecked())
+
     def _show_settings(self) -> None:
         """Show what the recipe says."""
         recipe = self.session.recipe
         with self.own_change():
             self.mask.value = recipe.mask == "auto"
-            for method, row in self.methods.items():
-                options = recipe.options.get(method, {})
-                row.show_choice(ticked=method in recipe.methods, options=options)
+            self.list.show_choice(recipe.methods, recipe.options)
 
 
 MANY_METHODS_PATH = "temporal-angular"
+#: Letters that the list of them shows at least.
+LETTERS_OF_A_PATH = 4
 #: Along what each method goes, and in which order.
 WAYS = "; ".join(f"{METHODS[name].label}: {', then '.join(dims)}" for name, dims in ORDERS.items())
 
@@ -157,8 +172,8 @@ class BoundaryPart(Step):
 
     title = "Boundary"
     purpose = (
-        "The methods start from the safest frame, the star. Click on another one in which the "
-        "object is thin to start from that; Shift-click adds one more."
+        "Methods start from the star, the safest frame. Click on another thin one instead; "
+        "Shift-click adds one."
     )
 
     def build(self) -> None:
@@ -173,7 +188,7 @@ class BoundaryPart(Step):
         self.thumbnail = Thumbnail()
         self.column.addWidget(self.thumbnail)
         self.use_view = self.button(
-            "Use current view",
+            "Use this view",
             "use_view",
             "Start from the frame that the sliders show.",
             self.use_current,
@@ -194,8 +209,12 @@ class BoundaryPart(Step):
                 f"{WAYS}.",
             )
         )
-        self.column.addLayout(self.row(self.use_view, self.automatic))
-        self.column.addLayout(self.row(self.label("Arrows: the way of"), self.path.native))
+        for button in (self.use_view, self.automatic):
+            button.setStyleSheet("padding: 4px 2px;")
+        self.column.addLayout(
+            self.row(self.use_view, self.automatic, self.label("Arrows"), self.path.native)
+        )
+        self.path.native.setMinimumContentsLength(LETTERS_OF_A_PATH)
         self.path.changed.connect(lambda _: self._show_path())
         self.map.frame_clicked.connect(
             lambda t, a, more: self.guarded(lambda: self._clicked(t, a, more=more))
@@ -310,7 +329,9 @@ class BoundaryPart(Step):
             f"angle {float(phase['angle'][angle]):g}°</b>",
             words_on_score(self.session.scores, time, angle),
         ]
-        self.thumbnail.show_frame(np.asarray(phase.data[time, angle]), "<br>".join(lines))
+        frame = np.asarray(phase.data[time, angle])
+        mask = object_in(frame) if self.session.recipe.mask == "auto" else None
+        self.thumbnail.show_frame(frame, "<br>".join(lines), mask)
 
 
 def words_on_score(scores: Any, time: int, angle: int) -> str:
@@ -326,111 +347,3 @@ def words_on_score(scores: Any, time: int, angle: int) -> str:
         f"Score {score:.3f}, {verdict}: {scores.attrs['basis']} agree on about "
         f"{100 * score:.1f} % of the object."
     )
-
-
-LARGEST = 1_000_000
-DECIMALS = 6
-
-
-class MethodRow(QWidget):  # type: ignore[misc]
-    """A method's tick box, and a panel with its options.
-
-    Parameters
-    ----------
-    method : str
-        Id among `METHODS`.
-    ticked : bool
-        Whether it is to be run at first.
-
-    Signals
-    -------
-    option_changed()
-        An option was changed.
-    ticked_on(str)
-        The method was ticked.
-    """
-
-    option_changed = Signal()
-    ticked_on = Signal(str)
-
-    def __init__(self, method: str, *, ticked: bool) -> None:
-        super().__init__()
-        self.method = method
-        facts = METHODS[method]
-        self.tick = QCheckBox(facts.label)
-        self.tick.setObjectName(f"method_{method}")
-        self.tick.setToolTip(f"{facts.summary}\n{facts.source}")
-        self.tick.setChecked(ticked)
-        self.tick.toggled.connect(self._toggled)
-        self.fields = {option.name: field_of(option) for option in facts.options}
-        #: Where the options are set; None for a method that has none.
-        self.panel: QWidget | None = None
-        row = QHBoxLayout(self)
-        row.setContentsMargins(0, 0, 0, 0)
-        row.addWidget(self.tick, 1)
-        if self.fields:
-            self.panel = self._options_panel()
-            self.more = QToolButton()
-            self.more.setObjectName(f"options_{method}")
-            self.more.setText("options")
-            self.more.setToolTip(f"Show or hide the options of {facts.label}, below the list.")
-            self.more.setCheckable(True)
-            row.addWidget(self.more)
-
-    def changed(self) -> dict[str, Any]:
-        """Return the options that differ from their defaults."""
-        defaults = self._defaults()
-        return {
-            name: field.value
-            for name, field in self.fields.items()
-            if field.value != defaults[name]
-        }
-
-    def show_choice(self, *, ticked: bool, options: Mapping[str, Any]) -> None:
-        """Show whether the method is to be run, and with which options."""
-        self.tick.setChecked(ticked)
-        for name, default in self._defaults().items():
-            self.fields[name].value = options.get(name, default)
-
-    def _defaults(self) -> dict[str, Any]:
-        return {option.name: option.default for option in METHODS[self.method].options}
-
-    def _options_panel(self) -> QWidget:
-        """Return a box with one field for every option."""
-        facts = METHODS[self.method]
-        panel = QGroupBox(f"Options of {facts.label}")
-        form = QFormLayout(panel)
-        form.setVerticalSpacing(3)
-        self._wheel = WheelGuard(self)
-        for option in facts.options:
-            field = self.fields[option.name]
-            field.native.setObjectName(f"option_{self.method}_{option.name}")
-            field.native.setToolTip(option.summary)
-            self._wheel.watch(field.native)
-            form.addRow(option.name.replace("_", " "), field.native)
-            form.labelForField(field.native).setToolTip(option.summary)
-            field.changed.connect(self._option_changed)
-        panel.hide()
-        return panel
-
-    def _toggled(self, on: bool) -> None:
-        if on:
-            self.ticked_on.emit(self.method)
-
-    def _option_changed(self) -> None:
-        """Name the variant that is chosen."""
-        self.tick.setText(label_of(self.method, self.changed()))
-        self.option_changed.emit()
-
-
-def field_of(option: Option) -> Any:
-    """Return a widget for an option's type."""
-    if option.choices:
-        return ComboBox(name=option.name, choices=list(option.choices), value=option.default)
-    if isinstance(option.default, bool):
-        return CheckBox(name=option.name, value=option.default, text="")
-    if isinstance(option.default, int):
-        return SpinBox(name=option.name, value=option.default, min=0, max=LARGEST)
-    box = FloatSpinBox(name=option.name, value=option.default, min=-LARGEST, max=LARGEST, step=0.1)
-    box.native.setDecimals(DECIMALS)
-    return box

@@ -7,10 +7,21 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from napari.utils import Colormap
 
-from napari_phase4d._napari.viewing.layers import METADATA_KEY
+from napari_phase4d._napari.viewing.layers import METADATA_KEY, PHASE_COLOURS
 
-__all__ = ["LINKED", "ViewState", "arrange", "common_contrast", "hide_labels", "link"]
+__all__ = [
+    "LINKED",
+    "UNITS_OF_COLOURS",
+    "ViewState",
+    "arrange",
+    "common_contrast",
+    "hide_labels",
+    "link",
+    "look_closer",
+    "say_unit",
+]
 
 #: What results side by side share.
 LINKED = ("contrast_limits", "colormap", "gamma")
@@ -19,7 +30,20 @@ CROWD = 6
 #: Size of a name in points; width and height of a colour bar in pixels, and of its numbers in
 #: points: first the usual ones, then the small ones.
 NAME_FONT = (10.0, 8.0)
-COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 70.0), (6.0, 40.0)), (8.0, 6.0)
+COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 110.0), (6.0, 52.0)), (8.0, 6.0)
+UNIT_FONT = 9.0
+#: What is shown together -> what its colours mean.
+UNITS_OF_COLOURS = {
+    "results": "colours: phase in rad",
+    "cells": "colours: phase in rad",
+    "confidence": "colours: chance to be right, 0 to 1",
+    "margin": "colours: steps in half cycles",
+    "difference": "colours: difference in rad",
+    "": "",
+    "wrapped": "",
+}
+#: An object is where phase exceeds this share of its largest, and is shown with so much room.
+OBJECT_SHARE, ROOM = 0.1, 1.25
 
 
 @dataclass(frozen=True)
@@ -79,15 +103,20 @@ class ViewState:
 
 
 def arrange(viewer: Any, layers: Sequence[Any]) -> None:
-    """Show some layers in a grid, each with its name and colour bar."""
-    for layer in layers:
-        show_labels(layer, small=len(layers) > CROWD)
+    """Show some layers in a grid, each with its name, and one colour bar for all."""
+    for number, layer in enumerate(layers):
+        show_labels(layer, small=len(layers) > CROWD, bar=number == 0)
         layer.visible = True
     viewer.canvas.grid.enabled = len(layers) > 1
     viewer.canvas.overlays.current_slice.visible = True
 
 
-def link(viewer: Any, layers: Sequence[Any], limits: tuple[float, float]) -> None:
+def link(
+    viewer: Any,
+    layers: Sequence[Any],
+    limits: tuple[float, float],
+    colormap: Colormap | None = None,
+) -> None:
     """Give layers the same contrast and colours, now and when one of them is changed."""
     low, high = limits
     viewer.layers.unlink_layers(layers)
@@ -97,6 +126,9 @@ def link(viewer: Any, layers: Sequence[Any], limits: tuple[float, float]) -> Non
             max(high, layer.contrast_limits_range[1]),
         )
         layer.contrast_limits = (low, high)
+        own = layer.colormap.name.startswith(PHASE_COLOURS)
+        if colormap is not None and own:  # and not what the user has chosen
+            layer.colormap = colormap
     viewer.layers.link_layers(layers, LINKED)
 
 
@@ -119,13 +151,53 @@ def hide_labels(layer: Any) -> None:
         layer.colorbar.visible = False
 
 
-def show_labels(layer: Any, *, small: bool) -> None:
+def show_labels(layer: Any, *, small: bool, bar: bool) -> None:
     """Show a layer's name and a colour bar that leaves the picture free, also in a small cell."""
     layer.name_overlay.font_size = NAME_FONT[small]
     layer.name_overlay.visible = True
+    layer.colorbar.visible = bar
+    if not bar:
+        return
     layer.colorbar.size = COLORBAR_SIZE[small]
     layer.colorbar.font_size = COLORBAR_FONT[small]
     layer.colorbar.tick_length = 3.0
     layer.colorbar.box = True
     layer.colorbar.position = "bottom_left"
-    layer.colorbar.visible = True
+
+
+def say_unit(viewer: Any, words: str) -> None:
+    """Say what the colours mean, unless the user's own words stand there, shown or not."""
+    text = viewer.canvas.overlays.text
+    if text.text not in UNITS_OF_COLOURS.values():
+        return
+    text.text, text.font_size, text.position = words, UNIT_FONT, "bottom_left"
+    text.visible = bool(words)
+
+
+def look_closer(viewer: Any, stack: Any) -> None:
+    """Zoom in on where an object is at any time, if that is a small part of the field.
+
+    Parameters
+    ----------
+    viewer : napari.viewer.ViewerModel
+        Shows the whole field.
+    stack : ndarray, shape (n, y, x)
+        Some frames, thinned out by any factor, in which the object is what is not 0.
+    """
+    if viewer.dims.ndisplay != 2:
+        return
+    known = np.nan_to_num(np.abs(stack))
+    ever = (known > OBJECT_SHARE * np.quantile(known, 0.999)).any(axis=0)
+    if not ever.any():
+        return
+    spans = [np.flatnonzero(ever.any(axis=1 - axis)) for axis in (0, 1)]
+    first, last = (np.array([span[end] for span in spans]) for end in (0, -1))
+    share = float(np.max((last - first + 1) / ever.shape)) * ROOM
+    if share >= 1:
+        return
+    camera, middle = viewer.scene.camera, (first + last) / 2 - (np.array(ever.shape) - 1) / 2
+    extent = viewer.layers.get_extent([la for la in viewer.layers if la.visible]).world
+    step = (extent[1] - extent[0])[-2:] / (np.array(ever.shape) - 1).clip(1)
+    centre = np.array(camera.center)
+    centre[-2:] += middle * step
+    camera.center, camera.zoom = tuple(centre), camera.zoom / share

@@ -12,29 +12,38 @@ import xarray as xr
 from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.axes import AXES, UNITS
+from napari_phase4d.axes import AXES, UNITS, WAVELENGTH
 from napari_phase4d.holography import first_seen
 from napari_phase4d.io import PROGRAM, open_recording, step_of
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
+from napari_phase4d.plotting import phase_colours, safety_colours
 from napari_phase4d.recording import Recording, one_frame
+from napari_phase4d.stacks import wavelength_coordinate
 
 __all__ = [
     "LAYER_UNITS",
     "METADATA_KEY",
+    "PHASE_COLOURS",
     "LayerTuple",
     "OnDemand",
     "hologram_layer",
     "is_hologram_layer",
     "is_phase_layer",
+    "keep_zero_black",
+    "layer_tuple",
     "lazy_of",
+    "phase_colormap",
+    "places_of_views",
     "recalibrate_layer",
     "recipe_of_layer",
     "recording_of_layer",
     "region_layer",
+    "shown",
     "spread_over_angles",
     "stack_layer",
     "stack_of_layer",
+    "thinned",
     "truth_among",
     "with_recipe",
 ]
@@ -47,12 +56,6 @@ MARGIN_COLORMAP = Colormap(
     name="steps",
     controls=[0.0, 0.5, 0.505, 1.0],
 )
-#: Yellow where a result is more likely wrong, dark where it is to be trusted.
-TRUST_COLORMAP = Colormap(
-    [(1.0, 0.95, 0.3), (0.9, 0.3, 0.1), (0.35, 0.3, 0.4), (0.06, 0.06, 0.12)],
-    name="trust",
-    controls=[0.0, 0.5, 0.8, 1.0],
-)
 #: Dark where there is no difference, blue below and orange above.
 DIFFERENCE_COLORMAP = Colormap(
     [(0.45, 0.85, 1.0), (0.1, 0.3, 0.75), (0.05, 0.05, 0.1), (0.8, 0.3, 0.05), (1.0, 0.85, 0.4)],
@@ -62,9 +65,10 @@ DIFFERENCE_COLORMAP = Colormap(
 FIXED: dict[str, tuple[tuple[float, float], str | Colormap]] = {
     "wrapped": ((-np.pi, np.pi), "twilight_shifted"),
     "margin": ((0.0, 2.0), MARGIN_COLORMAP),
-    "confidence": ((0.0, 1.0), TRUST_COLORMAP),
     "difference": ((-2 * np.pi, 2 * np.pi), DIFFERENCE_COLORMAP),
 }
+#: What names of colours of phase begin with.
+PHASE_COLOURS = "phase"
 #: Where a layer's metadata hold what this plugin knows of it.
 METADATA_KEY = PROGRAM
 
@@ -98,10 +102,11 @@ def layer_tuple(
         Whether it is shown at once.
     """
     coordinates = [np.asarray(stack[axis].values, dtype=np.float64) for axis in AXES]
+    places = [coordinates[0], places_of_views(coordinates[1]), *coordinates[2:]]
     keywords = {
         "name": name,
-        "scale": [step_of(c) for c in coordinates],
-        "translate": [float(c[0]) for c in coordinates],
+        "scale": [step_of(c) for c in places],
+        "translate": [float(c[0]) for c in places],
         "units": LAYER_UNITS,
         "axis_labels": AXES,
         "contrast_limits": limits,
@@ -113,10 +118,27 @@ def layer_tuple(
                 "kind": kind,
                 "times_s": coordinates[0].tolist(),
                 "angles_deg": coordinates[1].tolist(),
+                **wavelength_note(stack),
             }
         },
     }
     return shown(stack.data), keywords, "image"
+
+
+def wavelength_note(stack: xr.DataArray) -> dict[str, Any]:
+    """Return what a layer notes of the wavelength of each view, nothing where they are one."""
+    if WAVELENGTH not in stack.coords:
+        return {}
+    return {"wavelengths_um": np.asarray(stack[WAVELENGTH].values, dtype=np.float64).tolist()}
+
+
+def places_of_views(angles_deg: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return where views lie on the angle's axis: at their angles, or by number.
+
+    Views of one angle that differ in wavelength can't lie at the same place.
+    """
+    rising = bool((np.diff(angles_deg) > 0).all())
+    return angles_deg if rising else np.arange(len(angles_deg), dtype=np.float64)
 
 
 def hologram_layer(recording: Recording, sample: str = "") -> LayerTuple:
@@ -155,19 +177,50 @@ def stack_layer(stack: xr.DataArray, name: str, kind: str, *, visible: bool = Tr
     visible : bool, optional
         Whether it is shown at once.
     """
-    if kind in FIXED:
-        limits, colours = FIXED[kind]
-        return layer_tuple(stack, name, kind, limits=limits, colormap=colours, visible=visible)
-    colormap = "gray" if kind == "amplitude" else "turbo"
-    limits = contrast(some_of(stack), (0.001, 0.9995))
+    limits, colormap = look_of(stack, kind)
     return layer_tuple(stack, name, kind, limits=limits, colormap=colormap, visible=visible)
+
+
+def look_of(stack: xr.DataArray, kind: str) -> tuple[tuple[float, float], str | Colormap]:
+    """Return contrast limits and colours that suit a result."""
+    if kind in FIXED:
+        return FIXED[kind]
+    if kind == "confidence":  # as the map of frames to start from
+        return (0.0, 1.0), Colormap(safety_colours(np.linspace(0, 1, 256)), name="safety")
+    limits = contrast(some_of(stack), (0.001, 0.9995))
+    return limits, "gray" if kind == "amplitude" else phase_colormap(limits)
+
+
+def phase_colormap(limits: tuple[float, float]) -> Colormap:
+    """Return the colours of unwrapped phase, and of what goes with it, between two limits.
+
+    napari knows colours by their name, so that those with another place of zero need another.
+    """
+    low, high = limits
+    zero = round(float(-low / (high - low)), 2) + 0.0  # and no -0
+    name = f"{PHASE_COLOURS}, zero at {100 * zero:.0f} %" if zero else PHASE_COLOURS
+    return Colormap(phase_colours(-zero, 1 - zero), name=name)
+
+
+def keep_zero_black(event: Any) -> None:
+    """Give a layer the colours of phase between its new limits, if it has those of phase."""
+    layer = event.source
+    if not layer.colormap.name.startswith(PHASE_COLOURS):
+        return  # the user has chosen others
+    wanted = phase_colormap(tuple(layer.contrast_limits))
+    if wanted.name != layer.colormap.name:
+        layer.colormap = wanted
 
 
 def some_of(stack: xr.DataArray) -> NDArray[Any]:
     """Return a sixteenth of the pixels of some frames, which tells the range and is quick."""
-    data = shown(stack.data)
-    times = range(0, len(stack), max(1, len(stack) // 16))
-    return np.stack([[data[t, a][::4, ::4] for a in range(stack.shape[1])] for t in times])
+    return thinned(shown(stack.data))
+
+
+def thinned(data: Any) -> NDArray[Any]:
+    """Return every fourth row and column of some frames (n, y, x) of a stack."""
+    times = range(0, data.shape[0], max(1, data.shape[0] // 16))
+    return np.stack([data[t, a][::4, ::4] for t in times for a in range(data.shape[1])])
 
 
 def contrast(values: NDArray[Any], quantiles: tuple[float, float]) -> tuple[float, float]:
@@ -188,8 +241,9 @@ def spread_over_angles(layer: Any, angles_deg: ArrayLike) -> None:
     else:
         data = layer.data[:, :1]
         layer.data = np.broadcast_to(data, (len(data), len(coordinates), *data.shape[2:]))
-    layer.scale = [layer.scale[0], step_of(coordinates), *layer.scale[2:]]
-    layer.translate = [layer.translate[0], float(coordinates[0]), *layer.translate[2:]]
+    places = places_of_views(coordinates)
+    layer.scale = [layer.scale[0], step_of(places), *layer.scale[2:]]
+    layer.translate = [layer.translate[0], float(places[0]), *layer.translate[2:]]
     note = {**layer.metadata[METADATA_KEY], "angles_deg": coordinates.tolist()}
     layer.metadata = {**layer.metadata, METADATA_KEY: note}
 
@@ -287,11 +341,14 @@ def stack_of_layer(layer: Any) -> xr.DataArray:
     note.pop("recipe", None)
     steps = zip(layer.data.shape, layer.scale, layer.translate, strict=True)
     evenly = [offset + scale * np.arange(n) for n, scale, offset in steps]
+    light = note.pop("wavelengths_um", None)
     known = (np.asarray(note.pop("times_s")), np.asarray(note.pop("angles_deg")), *evenly[2:])
     coords = {
         axis: (axis, values, {"units": UNITS[axis]})
         for axis, values in zip(AXES, known, strict=True)
     }
+    if light is not None:
+        coords[WAVELENGTH] = wavelength_coordinate(np.asarray(light))
     return xr.DataArray(lazy_of(layer.data), dims=AXES, coords=coords, attrs=note)
 
 

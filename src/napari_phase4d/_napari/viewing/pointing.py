@@ -2,25 +2,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from napari.layers import Labels, Shapes
 from numpy.typing import NDArray
 
+from napari_phase4d._napari.viewing.layers import METADATA_KEY, places_of_views
 from napari_phase4d.analysis import polygon_mask, region_masks
 from napari_phase4d.io import step_of
 
 __all__ = [
     "Following",
     "current_frame",
+    "frames_of_regions",
     "go_to_frame",
     "is_region_layer",
     "newest_region",
+    "note_frame",
     "pixel_under_cursor",
     "regions_of_layer",
+    "table_of_regions",
 ]
 
 #: Kinds of event after which a layer's data are new.
@@ -35,7 +40,7 @@ class Following:
     viewer : napari.viewer.Viewer
         What to follow.
     steps : sequence of Step
-        A step with ``frame_changed()`` or ``cursor_moved()`` is told.
+        A step with ``frame_changed()``, ``cursor_moved()`` or ``clicked()`` is told.
     """
 
     def __init__(self, viewer: Any, steps: Sequence[Any]) -> None:
@@ -46,6 +51,7 @@ class Following:
         self._stopped = False
         viewer.dims.events.current_step.connect(self._frame_changed)
         viewer.mouse_move_callbacks.append(self._cursor_moved)
+        viewer.mouse_drag_callbacks.append(self._pressed)
 
     def stop(self, *_: object) -> None:
         """Let go of the viewer."""
@@ -55,6 +61,8 @@ class Following:
         self._viewer.dims.events.current_step.disconnect(self._frame_changed)
         if self._cursor_moved in self._viewer.mouse_move_callbacks:
             self._viewer.mouse_move_callbacks.remove(self._cursor_moved)
+        if self._pressed in self._viewer.mouse_drag_callbacks:
+            self._viewer.mouse_drag_callbacks.remove(self._pressed)
         for layer in self._regions:
             layer.events.data.disconnect(self._region_changed)
         self._regions = []
@@ -76,6 +84,18 @@ class Following:
         for step in self._steps:
             if hasattr(step, "cursor_moved"):
                 step.cursor_moved()
+
+    def _pressed(self, viewer: Any, event: Any) -> Iterator[None]:
+        """Tell the steps of a click; not where the mouse was dragged or a layer is painted in."""
+        active = viewer.layers.selection.active
+        if active is not None and str(active.mode) != "pan_zoom":
+            return
+        yield
+        if event.type == "mouse_move":  # dragged
+            return
+        for step in self._steps:
+            if hasattr(step, "clicked"):
+                step.clicked()
 
     def _region_changed(self, event: Any) -> None:
         # "adding" and the like come first, when the data are still those from before.
@@ -118,10 +138,14 @@ def pixel_under_cursor(viewer: Any, stack: xr.DataArray) -> tuple[int, int] | No
 def axis_steps(stack: xr.DataArray, axis: str) -> tuple[float, float, int]:
     """Return where an axis starts, its step as the layers have it, and its length."""
     coordinates = np.asarray(stack[axis].values, dtype=np.float64)
+    if axis == "angle":
+        coordinates = places_of_views(coordinates)
     return float(coordinates[0]), step_of(coordinates), len(coordinates)
 
 
 Mask = NDArray[np.bool_]
+#: Features of a shape: the numbers of time and angle that were on screen when it was drawn.
+FRAME_COLUMNS = ("drawn at time", "drawn at angle")
 #: Corners that stand for an ellipse.
 ELLIPSE_CORNERS = 64
 
@@ -156,6 +180,64 @@ def regions_of_layer(layer: Any, phase: xr.DataArray) -> dict[str, Mask]:
     return {f"region {index + 1}": mask_of(layer, index, phase) for index in areas}
 
 
+def note_frame(layer: Any, frame: tuple[int, int]) -> None:
+    """Note in a layer of regions at which (time, angle) those were drawn that do not say it."""
+    known = layer.features
+    columns = [
+        known[name].to_numpy(np.float64) if name in known else np.full(len(layer.data), np.nan)
+        for name in FRAME_COLUMNS
+    ]
+    features = known.copy()
+    for name, column, number in zip(FRAME_COLUMNS, columns, frame, strict=True):
+        features[name] = np.where(np.isfinite(column), column, float(number))
+    layer.features = features
+    # Else napari gives the next shape the frame of this one.
+    defaults = layer.feature_defaults
+    kept = {name: defaults[name].iloc[0] for name in layer.features if name in defaults}
+    layer.feature_defaults = kept | dict.fromkeys(FRAME_COLUMNS, np.nan)
+
+
+def frames_of_regions(layer: Shapes) -> dict[str, tuple[int, int]]:
+    """Return the (time, angle) at which each region of a layer was drawn, where that is known."""
+    known = layer.features
+    if any(name not in known for name in FRAME_COLUMNS):
+        return {}
+    places = known[list(FRAME_COLUMNS)].to_numpy(np.float64)
+    return {
+        f"region {index + 1}": (int(places[index][0]), int(places[index][1]))
+        for index in areas_of(layer)
+        if np.isfinite(places[index]).all()
+    }
+
+
+def table_of_regions(layers: Iterable[Any]) -> pd.DataFrame:
+    """Return the corners of all regions that were drawn, a row each; empty without any.
+
+    Parameters
+    ----------
+    layers : iterable of napari layers
+        Of these, Shapes layers that the window made count.
+    """
+    rows = [
+        {
+            "layer": layer.name,
+            "region": index + 1,
+            "kind": layer.shape_type[index],
+            **dict(
+                zip(("time", "view"), frames.get(f"region {index + 1}", ("", "")), strict=True)
+            ),
+            "y (um)": y,
+            "x (um)": x,
+        }
+        for layer in layers
+        if isinstance(layer, Shapes) and METADATA_KEY in layer.metadata
+        for frames in [frames_of_regions(layer)]
+        for index in areas_of(layer)
+        for y, x in corners_of(layer, index)
+    ]
+    return pd.DataFrame(rows)
+
+
 def newest_region(viewer: Any, phase: xr.DataArray) -> Mask | None:
     """Return the region that was drawn last in the topmost Shapes layer, None if there is none."""
     for layer in reversed(viewer.layers):
@@ -170,9 +252,14 @@ def areas_of(layer: Shapes) -> list[int]:
     return [n for n, kind in enumerate(layer.shape_type) if kind not in ("line", "path")]
 
 
+def corners_of(layer: Shapes, index: int) -> NDArray[np.float64]:
+    """Return the corners (y, x) of one shape in micrometres."""
+    return np.array([layer.data_to_world(corner) for corner in layer.data[index]])[:, -2:]
+
+
 def mask_of(layer: Shapes, index: int, phase: xr.DataArray) -> Mask:
     """Return the pixels of the phase that one shape of a layer covers."""
-    corners = np.array([layer.data_to_world(corner) for corner in layer.data[index]])[:, -2:]
+    corners = corners_of(layer, index)
     outline = ellipse_outline(corners) if layer.shape_type[index] == "ellipse" else corners
     return polygon_mask(in_pixels(outline, phase), (phase.sizes["y"], phase.sizes["x"]))
 

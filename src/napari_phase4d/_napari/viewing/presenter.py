@@ -3,28 +3,40 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, nullcontext
+from functools import partial
 from typing import Any
 
 import xarray as xr
+from napari.layers import Image
+from psygnal import Signal
 
 from napari_phase4d._napari.session import Session
+from napari_phase4d._napari.viewing.cells import OUTLINE, CellLayers, object_layer
 from napari_phase4d._napari.viewing.grid import (
     LINKED,
+    UNITS_OF_COLOURS,
     ViewState,
     arrange,
     common_contrast,
     hide_labels,
     link,
+    look_closer,
+    say_unit,
 )
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
     LayerTuple,
     hologram_layer,
+    keep_zero_black,
+    lazy_of,
+    phase_colormap,
     recalibrate_layer,
     region_layer,
     spread_over_angles,
     stack_layer,
+    thinned,
 )
 from napari_phase4d._napari.viewing.pointing import current_frame, go_to_frame, pixel_under_cursor
 from napari_phase4d.analysis import difference, most_trusted
@@ -33,6 +45,8 @@ from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["Presenter"]
 
+#: Under this name a window keeps the presenter.
+KEPT = "napari_phase4d_presenter"
 NO_RESULTS = "there are no results to show yet; press Run in step 4"
 
 
@@ -47,9 +61,16 @@ class Presenter:
         What to show.
     """
 
+    #: What is shown side by side has changed.
+    showing_changed = Signal()
+
     def __init__(self, viewer: Any, session: Session) -> None:
         self.viewer = viewer
         self.session = session
+        #: What is shown side by side: "results", "wrapped" or the kind of the maps; "" for none.
+        self.showing = ""
+        #: Where the sliders were when results came up.
+        self._arrived: tuple[int, int] | None = None
         #: The layer that shows the frames of the recording.
         self.holograms: Any = None
         #: All layers made of the present recording, and the pixel that they were made with.
@@ -62,14 +83,104 @@ class Presenter:
         self._results: dict[str, Any] = {}
         #: Layers of maps and differences: kind -> what they were made of, and the layers.
         self._made: dict[str, tuple[tuple[object, ...], list[Any]]] = {}
+        #: Layers of results of a run that goes on: method id -> layer.
+        self._finished: dict[str, Any] = {}
+        self.cells = CellLayers(viewer)
+        #: The layer with the outline of the object, and the phase that it is of.
+        self._object: tuple[object, Any] = (None, None)
         #: Layers with regions of the present recording.
         self._regions: list[Any] = []
         self._before: ViewState | None = None
-        session.recording_changed.connect(self.show_recording)
-        session.calibration_changed.connect(self.show_calibration)
-        session.reconstruction_changed.connect(self.show_phase)
-        session.outcome_changed.connect(self.show_outcome)
-        session.truth_changed.connect(self._truth_changed)
+        self._named = ""
+        #: Layers of recordings before this one; while hidden, the sliders pass over them.
+        self._earlier: list[Any] = []
+        self._setting_range = False
+        self.listens = self._still = False
+
+    @classmethod
+    def of(cls, viewer: Any) -> Presenter:
+        """Return the presenter of a viewer with its session, also after its dock was closed."""
+        window = getattr(viewer, "window", None)
+        # In a list: what napari gives to plugins wraps all that is called napari, as this is.
+        kept: list[Presenter] = getattr(window, KEPT, [])
+        if kept and not kept[0].listens:
+            return kept[0]
+        made = cls(viewer, Session())
+        if window is not None and not kept:
+            # With the window, and not in a table here, it goes when the window does.
+            setattr(window, KEPT, [made])
+        return made
+
+    def listen(self) -> None:
+        """Show what the session finds, from now on."""
+        session, self.listens = self.session, True
+        for signal, show in (
+            (session.recording_changed, self.show_recording),
+            (session.calibration_changed, self.show_calibration),
+            (session.reconstruction_changed, self.show_phase),
+            (session.outcome_changed, self.show_outcome),
+            (session.truth_changed, self._truth_changed),
+            (session.cells_changed, self.show_cells),
+        ):
+            signal.connect(partial(self._unless_still, show))
+        session.result_finished.connect(self.show_finished)
+        self.viewer.dims.events.range.connect(self._keep_sliders)
+
+    def _unless_still(self, show: Callable[[], None]) -> None:
+        if not self._still:
+            show()
+
+    @contextmanager
+    def still(self) -> Iterator[None]:
+        """Let all that is shown stay as it is, while others are told of it."""
+        self._still = True
+        try:
+            yield
+        finally:
+            self._still = False
+
+    def leave(self) -> None:
+        """Let go of the viewer; what is shown stays, and the session waits for another dock."""
+        if not self.listens:
+            return
+        self.listens = False
+        self.session.part()
+        self.showing_changed.disconnect()
+        self.viewer.dims.events.range.disconnect(self._keep_sliders)
+
+    def _keep_sliders(self, event: Any = None) -> None:
+        """Let the sliders reach over one recording, not over hidden layers of those before."""
+        # What was removed is not kept.
+        self._earlier = [la for la in self._earlier if la in self.viewer.layers]
+        earlier = [la for la in self._earlier if not la.visible]
+        if self._setting_range or not earlier:
+            return
+        present = [la for la in self.viewer.layers if la not in earlier]
+        if not present or max(la.ndim for la in present) < self.viewer.dims.ndim:
+            return
+        extent = self.viewer.layers.get_extent(present)
+        self._setting_range = True
+        try:
+            self.viewer.dims.range = tuple(
+                zip(extent.world[0], extent.world[1], extent.step, strict=True)
+            )
+        finally:
+            self._setting_range = False
+
+    def _put_behind(self) -> None:
+        """Let the layers so far be those of an earlier recording, and say so in their names."""
+        for layer in (*self._own, *self.cells.layers):
+            if layer in self.viewer.layers and layer is not self._adopting:
+                if self._named and self._named not in layer.name:
+                    layer.name = f"{layer.name}, {self._named}"
+                self._earlier.append(layer)
+                layer.events.visible.connect(self._keep_sliders)
+        self._named = ""
+
+    @property
+    def _adopting(self) -> Any:
+        """The layer that shows already what is about to be shown."""
+        return None if self._adopted is None else self._adopted[1]
 
     def adopt(self, stack: object, layer: Any) -> None:
         """Note that a layer already shows a recording or phase, so that none is added for it."""
@@ -88,21 +199,26 @@ class Presenter:
         """Add a layer on top."""
         data, keywords, _ = layer
         added = self.viewer.add_image(data, **keywords)
+        added.events.contrast_limits.connect(keep_zero_black)
         self._own.append(added)
         return added
 
     def show_recording(self) -> None:
         """Show the frames of the recording, in the layer it came from or in a new one."""
         recording = self.session.recording
+        self._put_behind()
         self._results, self._own, self.holograms, self._wrapped = {}, [], None, None
-        self._regions, self._made = [], {}
+        self._regions, self._made, self._finished = [], {}, {}
+        self.cells.forget()
         self._before = None
         self.hide_all()
+        self._show_as("")
         if recording is None:
             return
-        self._pixel_um = recording.optics.pixel_um
+        self._pixel_um, self._named = recording.optics.pixel_um, self.session.name
         self.holograms = self.adopted(recording) or self.add(hologram_layer(recording))
         self.viewer.canvas.overlays.scale_bar.visible = True
+        self._keep_sliders()
         self._go_to_start()
         self._fit()
 
@@ -138,7 +254,8 @@ class Presenter:
         data = self.session.needed_reconstruction()
         self._results, self._before = {}, None
         self.hide_all()
-        name = self.session.name
+        self._show_as("")
+        name = self._named = self.session.name
         if self.holograms in self.viewer.layers:
             spread_over_angles(self.holograms, data["angle"].values)
         if "amplitude" in data:
@@ -150,28 +267,92 @@ class Presenter:
             stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped")
         )
         self.viewer.canvas.overlays.scale_bar.visible = True
+        self._keep_sliders()
         self._fit()
         self.go_to(*next(iter(self.session.start_frames), (0, 0)))
+
+    def show_finished(self, method: str, name: str, result: xr.DataArray) -> None:
+        """Show a result by itself while other methods still run."""
+        if self._before is None:
+            self._before = ViewState.of(self.viewer)
+        self.hide_all()
+        self._show_as("")
+        self._add_truth()  # it comes first in the grid
+        self._finished[method] = self.add(stack_layer(result, name, "unwrapped"))
+
+    def drop_finished(self) -> None:
+        """Take results away whose run has failed after them: they belong to nothing."""
+        finished, self._finished = self._finished, {}
+        for layer in finished.values():
+            if layer in self.viewer.layers:
+                self.viewer.layers.remove(layer)
+        if finished and self.results():
+            self.side_by_side()
 
     def show_outcome(self) -> None:
         """Show the results side by side, as new layers, after the truth where it is known."""
         self._results = {}
+        finished, self._finished = self._finished, {}
         if self._before is None:
             self._before = ViewState.of(self.viewer)
-        with self.viewer.layers.batched_update():
-            self.hide_all()  # adding to a grid takes much longer
+        self.hide_all()  # adding to a grid takes much longer
         comparison = self.session.needed_outcome().comparison
-        truth = self.session.truth
-        if truth is not None:
-            shown = self._exact
-            if shown is None or shown not in self.viewer.layers or shown.data is not truth.data:
-                shown = self._exact = self.add(stack_layer(truth, EXACT, "exact", visible=False))
-            self._results[EXACT] = shown
+        self._add_truth()
+        if self._exact is not None and self.session.truth is not None:
+            self._results[EXACT] = self._exact
         for method, result in comparison.results.items():
-            name = str(comparison.table["method"][method])
-            layer = stack_layer(result, name, "unwrapped", visible=False)
-            self._results[method] = self.add(layer)
+            layer = finished.get(method)
+            if layer is None or layer not in self.viewer.layers or not shows(layer, result):
+                name = str(comparison.table["method"][method])
+                layer = self.add(stack_layer(result, name, "unwrapped", visible=False))
+            self._results[method] = layer
         self.side_by_side()
+        self._arrived = self.current_frame()
+
+    @property
+    def shows_object(self) -> bool:
+        """Whether the outline of the object is on screen."""
+        layer = self._object[1]
+        return layer is not None and layer in self.viewer.layers and layer.visible
+
+    def show_object(self, *, wanted: bool) -> None:
+        """Show or hide the outline of what is taken for the object, over the wrapped phase."""
+        of, layer = self._object
+        there = layer is not None and layer in self.viewer.layers
+        if not wanted:
+            if there:
+                layer.visible = False
+            return
+        phase = self.session.needed_reconstruction()["phase"]
+        if not there or of is not phase.data:
+            layer = self.viewer.add_labels(**object_layer(phase, f"object in {self.session.name}"))
+            layer.contour = OUTLINE
+            self._own.append(layer)
+            self._object = (phase.data, layer)
+            # Its tools to paint with would only be in the way.
+            self.viewer.layers.selection.active = None
+        if self._wrapped not in self.viewer.layers or not self._wrapped.visible:
+            self.show_wrapped()
+        layer.visible = True
+
+    def _add_truth(self) -> None:
+        """Add the exact phase, hidden, where it is known and not shown yet."""
+        truth, layer = self.session.truth, self._exact
+        there = layer is not None and layer in self.viewer.layers
+        if truth is None or (there and shows(layer, truth)):
+            return
+        self._exact = self.add(stack_layer(truth, EXACT, "exact", visible=False))
+
+    @property
+    def has_stayed(self) -> bool:
+        """Whether nobody has moved the sliders, or shown something else, since results came up."""
+        return self.showing == "results" and self.current_frame() == self._arrived
+
+    def _show_as(self, showing: str) -> None:
+        """Note what is shown side by side now, and say what its colours mean."""
+        self.showing = showing
+        say_unit(self.viewer, UNITS_OF_COLOURS[showing])
+        self.showing_changed.emit()
 
     def show_margin(self) -> None:
         """Show where steps are too large, one layer for each dimension, side by side."""
@@ -184,7 +365,7 @@ class Presenter:
         """Show how far each result is to be trusted, side by side."""
         labels = self.session.needed_outcome().comparison.table["method"]
         maps = self.session.confidence
-        stacks = {f"trust in {labels[m]}": stack for m, stack in maps.items()}
+        stacks = {f"confidence in {labels[m]}": stack for m, stack in maps.items()}
         self._show_made(stacks, "confidence", (maps,))
 
     def show_difference(self, reference: str) -> None:
@@ -220,6 +401,7 @@ class Presenter:
             name = f"wrapped phase, {self.session.name}"
             self._wrapped = self.add(stack_layer(data["phase"], name, "wrapped", visible=False))
         self._show_together([self._wrapped])
+        self._show_as("wrapped")
 
     def _show_made(
         self,
@@ -239,6 +421,7 @@ class Presenter:
             self._made[key or kind] = (made_of, layers)
         self._show_together(layers)
         link(self.viewer, layers, layers[0].contrast_limits)
+        self._show_as(kind)
 
     def results(self) -> list[Any]:
         """Return the truth, where it is known, and the newest layer of every method in order."""
@@ -251,13 +434,20 @@ class Presenter:
         if not newest:
             raise ValueError(NO_RESULTS)
         self._show_together(newest)
-        link(self.viewer, newest, common_contrast(newest, self._results.get(EXACT)))
+        # What tells steps of many turns goes further than the others, and no cycle astray.
+        told = self._results.get("synthetic-wavelength")
+        limits = common_contrast(newest, self._results.get(EXACT, told))
+        link(self.viewer, newest, limits, phase_colormap(limits))
+        self._show_as("results")
 
     def _show_together(self, layers: list[Any]) -> None:
         """Show some layers in a grid, and note what was shown before the first grid."""
         if self._before is None:
             self._before = ViewState.of(self.viewer)
-        with self.viewer.layers.batched_update():  # napari then lays out its canvas once
+        # In a batch, napari lays out its canvas once; at its end it collects all garbage, which
+        # takes longer than to lay it out for one or two layers.
+        many = len(layers) > 2
+        with self.viewer.layers.batched_update() if many else nullcontext():
             self.hide_all()
             if len(layers) > 1:  # in the grid, regions would get a cell of their own
                 for layer in self.viewer.layers:
@@ -265,6 +455,10 @@ class Presenter:
                         layer.visible = False
             arrange(self.viewer, layers)
         self._fit()
+        trusted = self._results.get(most_trusted(self.session.results) if self._results else "")
+        alone = all(is_own(layer) for layer in self.viewer.layers if layer.visible)
+        if len(layers) > 1 and trusted is not None and alone:
+            look_closer(self.viewer, thinned(trusted.data))
 
     def leave_grid(self) -> None:
         """Show again what was shown before the grid.
@@ -275,13 +469,14 @@ class Presenter:
             If there is no grid to leave.
         """
         if self._before is None:
-            msg = "nothing is side by side; press Side by side first"
+            msg = "nothing is side by side; press Results in step 5 first"
             raise ValueError(msg)
-        linked = [la for la in self.viewer.layers if is_own(la)]
+        linked = [la for la in self.viewer.layers if isinstance(la, Image) and is_own(la)]
         if linked:
             self.viewer.layers.unlink_layers(linked, LINKED)
         self._before.restore(self.viewer)
         self._before = None
+        self._show_as("")
 
     def hide_all(self) -> None:
         """Hide every layer of this plugin and leave the grid; other layers stay as they are."""
@@ -291,6 +486,20 @@ class Presenter:
             if layer.visible and is_own(layer) and not is_own(layer, "regions"):
                 hide_labels(layer)
                 layer.visible = False
+
+    def show_cells(self) -> None:
+        """Show the cells that were found last, over the result that they are of."""
+        cells = self.session.cells
+        result = None if cells is None else self._results.get(cells.method)
+        if result is not None and result in self.viewer.layers:
+            self._show_together([result])
+            self._show_as("cells")
+        self.cells.show(cells)
+
+    def frame_changed(self) -> None:
+        """Follow the sliders."""
+        if self.session.cells is not None:
+            self.cells.turn_to(self.current_frame()[1])
 
     def add_regions(self) -> Any:
         """Add an empty layer to draw regions in; in the grid, over the most reliable result."""
@@ -336,6 +545,12 @@ class Presenter:
             return
         for axis in range(self.viewer.dims.ndim - 2):
             self.viewer.dims.set_current_step(axis, 0)
+
+
+def shows(layer: Any, stack: xr.DataArray) -> bool:
+    """Say whether a layer shows a stack, and no other of the same form."""
+    data = layer.data
+    return data is stack.data or lazy_of(data) is stack.data
 
 
 def is_own(layer: Any, kind: str = "") -> bool:

@@ -26,9 +26,11 @@ from napari_phase4d.unwrapping import ORDERS
 __all__ = ["BoundaryMap"]
 
 WIDTH = 360
-#: Height of one viewing angle, and least and most height of all of them, in pixels.
-ROW_HEIGHT, LEAST_HEIGHT, MOST_HEIGHT = 16, 48, 88
+#: From this height on, in pixels, a screen has room for larger maps.
+HIGH_SCREEN = 1000
 FONT_POINTS = 8.0
+#: The font is this large next to napari's, and never smaller than that.
+FONT_SHARE = 0.85
 #: A click this far outside the frames still takes the nearest, in pixels.
 REACH = 4
 #: Ctrl with an arrow key jumps this share of the recording.
@@ -66,6 +68,13 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
     frame_hovered = Signal(int, int)
     left = Signal()
 
+    #: Height of one viewing angle, and least and most height of all of them, in pixels.
+    heights = (16, 48, 88)
+    #: How many times higher they are on a screen that has room.
+    enlarged = 1.6
+    #: What it shows.
+    picture_class = MapPicture
+
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(parent)
         self.setObjectName("boundary_map")
@@ -76,7 +85,7 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
         self.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         self.setMouseTracking(True)
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self._picture = MapPicture()
+        self._picture = self.picture_class()
 
     def set_frames(self, times_s: ArrayLike, angles_deg: ArrayLike) -> None:
         """Say which frames there are, and forget the scores and marks of others.
@@ -96,7 +105,7 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
             msg = f"there are {times.size} times and {angles.size} angles; give both or none"
             raise ValueError(msg)
         self._point_at(None)
-        self._picture = MapPicture(times, angles, path=self._picture.path)
+        self._picture = self.picture_class(times, angles, path=self._picture.path)
         self.updateGeometry()
         self.update()
 
@@ -155,9 +164,13 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
 
     def sizeHint(self) -> QSize:  # noqa: N802 - Qt's name
         """Return the size at which every viewing angle has a readable row."""
-        rows = int(np.clip(ROW_HEIGHT * self._picture.shape[1], LEAST_HEIGHT, MOST_HEIGHT))
+        screen = self.screen()
+        has_room = screen is not None and screen.availableGeometry().height() >= HIGH_SCREEN
+        row, least, most = (h * (self.enlarged if has_room else 1) for h in self.heights)
+        rows = int(np.clip(row * self._picture.shape[1], least, most))
         line = QFontMetricsF(self._font()).height()
-        return QSize(WIDTH, int(rows + 2 * line + 3 * GAP))
+        lines = 1 + self._picture.with_times
+        return QSize(WIDTH, int(rows + lines * line + 3 * GAP))
 
     def minimumSizeHint(self) -> QSize:  # noqa: N802
         """Return the least size at which it can be read."""
@@ -234,7 +247,7 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
 
     def _font(self) -> QFont:
         font = QFont(self.font())
-        font.setPointSizeF(FONT_POINTS)
+        font.setPointSizeF(max(FONT_POINTS, FONT_SHARE * font.pointSizeF()))
         return font
 
     def _grid(self) -> Grid:
@@ -244,7 +257,8 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
         left = int(max(labels, default=0.0)) + 2 * GAP
         top = int(metrics.height()) + GAP
         width = max(self.width() - left - 2 * GAP, 1)
-        height = max(self.height() - top - int(metrics.height()) - 2 * GAP, 1)
+        below = int(metrics.height()) if self._picture.with_times else 0
+        height = max(self.height() - top - below - 2 * GAP, 1)
         return Grid(left, top, width, height, *self._picture.shape)
 
     def _under(self, position: QPointF) -> Frame | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -27,6 +27,7 @@ from napari_phase4d.io.atomic import written_whole
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
@@ -164,6 +165,8 @@ class CurvePlot(QWidget):  # type: ignore[misc]
 #: Curves of at most so many points show each of them.
 FEW_POINTS = 12
 SAVED_DPI = 200
+#: Width in points of curves that have a colour of their own, and how opaque their bands are.
+OWN_WIDTH, BAND = 1.5, 0.25
 
 Values = NDArray[np.float64]
 
@@ -182,6 +185,10 @@ class Panel:
         What is shown, with its unit.
     at : float, optional
         Position of a vertical line, such as the time on screen.
+    errors : mapping of str to array_like, shape (n,), optional
+        Curve to half the width of a band round it.
+    colours : mapping of str to str, optional
+        Curve to its colour; default: told apart by the order of the names.
     """
 
     x: ArrayLike
@@ -189,6 +196,8 @@ class Panel:
     x_label: str
     y_label: str = ""
     at: float | None = None
+    errors: Mapping[str, ArrayLike] = field(default_factory=dict)
+    colours: Mapping[str, str] = field(default_factory=dict)
 
 
 @dataclass
@@ -199,6 +208,7 @@ class Drawn:
     x: Values
     lines: dict[str, Line2D]
     mark: Line2D
+    bands: list[PolyCollection] = field(default_factory=list)
 
 
 def values_of(panel: Panel) -> tuple[Values, dict[str, Values]]:
@@ -246,7 +256,13 @@ class CurveFigure:
         """Show panels side by side; quick if only values or vertical lines have changed."""
         data = [values_of(panel) for panel in panels]
         parts = tuple(
-            (tuple(panel.curves), panel.x_label, panel.y_label, x.tobytes())
+            (
+                tuple(panel.curves),
+                tuple(panel.colours.items()),
+                panel.x_label,
+                panel.y_label,
+                x.tobytes(),
+            )
             for panel, (x, _) in zip(panels, data, strict=True)
         )
         if parts != self._made_for:
@@ -254,7 +270,7 @@ class CurveFigure:
             self._made_for = parts
         # A list, so that every panel is made to fit.
         moved = [
-            renew(drawn, curves, panel.at)
+            renew(drawn, curves, panel)
             for panel, drawn, (_, curves) in zip(panels, self._drawn, data, strict=True)
         ]
         self.redraw(everything=any(moved))
@@ -296,6 +312,9 @@ class CurveFigure:
         grid = self.figure.subplots(1, len(panels), squeeze=False)
         names = list(dict.fromkeys(name for panel in panels for name in panel.curves))
         styles = curve_styles(names)
+        colours = {name: c for panel in panels for name, c in panel.colours.items()}
+        for name in set(names) & colours.keys():
+            styles[name] = {"color": colours[name], "linewidth": OWN_WIDTH}
         self._drawn = []
         for panel, axes in zip(panels, grid.flat, strict=True):
             x = values_of(panel)[0]
@@ -349,17 +368,27 @@ class CurveFigure:
 
     def _draw_curves(self) -> None:
         for drawn in self._drawn:
-            for artist in (drawn.mark, *drawn.lines.values()):
+            for artist in (*drawn.bands, drawn.mark, *drawn.lines.values()):
                 drawn.axes.draw_artist(artist)
 
 
-def renew(drawn: Drawn, curves: Mapping[str, Values], at: float | None) -> bool:
+def renew(drawn: Drawn, curves: Mapping[str, Values], panel: Panel) -> bool:
     """Give curves their values; return whether the limits had to change for them."""
+    for band in drawn.bands:
+        band.remove()
+    drawn.bands = []
+    ends = list(curves.values())
     for name, y in curves.items():
-        drawn.lines[name].set_ydata(y)
-    drawn.mark.set_visible(at is not None)
-    drawn.mark.set_xdata([at or 0.0] * 2)
+        line = drawn.lines[name]
+        line.set_ydata(y)
+        if name in panel.errors:
+            error = np.ravel(np.asarray(panel.errors[name], dtype=np.float64))
+            look = {"color": line.get_color(), "alpha": BAND, "linewidth": 0, "animated": True}
+            drawn.bands.append(drawn.axes.fill_between(drawn.x, y - error, y + error, **look))
+            ends += [y - error, y + error]
+    drawn.mark.set_visible(panel.at is not None)
+    drawn.mark.set_xdata([panel.at or 0.0] * 2)
     before = drawn.axes.get_ylim()
-    after = steady_limits(finite_range(curves.values()), before)
+    after = steady_limits(finite_range(ends), before)
     drawn.axes.set_ylim(after)
     return after != before

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,7 @@ from napari_phase4d._napari.widgets.paths import (
     time_ticks,
     time_unit,
 )
+from napari_phase4d.plotting import safety_colours
 
 __all__ = ["GAP", "MapPicture", "angle_label"]
 
@@ -33,7 +33,9 @@ ARROW_GAP = 14
 #: Width that a time below the frames takes with its space, in characters.
 LABEL_CHARACTERS = 9
 #: Space between the entries of the legend, in pixels.
-LEGEND_GAP = 10
+LEGEND_GAP, LEAST_LEGEND_GAP = 10, 2
+#: Width of a mark in the legend, in pixels.
+MARK = 12
 STAR, SQUARE = 14.0, 11.0
 
 
@@ -55,6 +57,10 @@ class MapPicture:
     pointed: Frame | None = None
     boundaries: list[Frame] = field(default_factory=list)
     path: str | None = None
+    #: Whether times are written below the frames.
+    with_times: bool = True
+    #: What the ends of the colours mean.
+    ends: tuple[str, str] = ("unsafe", "safe")
     #: Scores as a picture and the width in pixels that it was made for.
     coloured: tuple[int, QImage] | None = None
 
@@ -100,7 +106,8 @@ class MapPicture:
         painter.drawRect(box)
         painter.setPen(ink)
         self._paint_angles(painter, grid)
-        self._paint_times(painter, grid)
+        if self.with_times:
+            self._paint_times(painter, grid)
         self._paint_legend(painter, grid)
         painter.setRenderHint(QPainter.RenderHint.Antialiasing)
         self._paint_path(painter, grid)
@@ -163,24 +170,30 @@ class MapPicture:
         x, end, middle = grid.left, grid.left + grid.width, 1 + line / 2
         base = 1 + metrics.ascent()
         ink = painter.pen()
+        marks = self._legend()
+        widths = [MARK + GAP + metrics.horizontalAdvance(words) for _, words in marks]
+        bad, good = self.ends
+        bar = 0.12 * grid.width
+        scale_width = metrics.horizontalAdvance(bad + good) + 2 * GAP + bar
         if self.scores is not None:
-            bar = 0.12 * grid.width
-            words = metrics.horizontalAdvance("unsafe" + "safe") + 2 * GAP
-            if x + words + bar <= end:
-                start = x + metrics.horizontalAdvance("unsafe") + GAP
-                draw_scale(painter, QRectF(start, middle - 4, bar, 8))
-                painter.setPen(ink)
-                painter.drawText(QPointF(x, base), "unsafe")
-                painter.drawText(QPointF(start + bar + GAP, base), "safe")
-                x += words + bar + LEGEND_GAP
-        for mark, words in self._legend():
-            width = 12 + GAP + metrics.horizontalAdvance(words)
-            if x + width > end:
+            widths.insert(0, scale_width)
+        # Closer together rather than without the last.
+        room = (end - x - sum(widths)) / max(len(widths) - 1, 1)
+        gap = min(max(room, LEAST_LEGEND_GAP), LEGEND_GAP)
+        if self.scores is not None and x + scale_width <= end:
+            start = x + metrics.horizontalAdvance(bad) + GAP
+            draw_scale(painter, QRectF(start, middle - 4, bar, 8))
+            painter.setPen(ink)
+            painter.drawText(QPointF(x, base), bad)
+            painter.drawText(QPointF(start + bar + GAP, base), good)
+            x += scale_width + gap
+        for (mark, words), width in zip(marks, widths[-len(marks) :], strict=False):
+            if x + width > end + GAP:
                 break
             self._paint_sign(painter, mark, QPointF(x + 6, middle))
             painter.setPen(ink)
-            painter.drawText(QPointF(x + 12 + GAP, base), words)
-            x += width + LEGEND_GAP
+            painter.drawText(QPointF(x + MARK + GAP, base), words)
+            x += width + gap
 
     def _legend(self) -> list[tuple[str, str]]:
         """Return which marks there are, with their words."""
@@ -207,13 +220,13 @@ class MapPicture:
         painter.restore()
 
     def arrows(self, most_times: int, most_angles: int) -> list[Arrow]:
-        """Return the way of the chosen method from the first frame to start from."""
+        """Return the way of the chosen method from the frames to start from."""
         if not self.boundaries:
             return []
         return path_arrows(
             self.path,
             *self.shape,
-            self.boundaries[0],
+            self.boundaries,
             most_times=most_times,
             most_angles=most_angles,
         )
@@ -254,9 +267,6 @@ def angle_label(angle_deg: float) -> str:
 PASS_COLOURS = {1: "#0b5fff", 2: "#d7191c"}
 #: A frame whose score is not known.
 UNKNOWN = "#8a8a8a"
-#: Colours go by the score to this power: most scores are near 1, and a frame of 0.7, wrong on
-#: nearly a third of the object, must not look safe.
-POWER = 3
 #: Light edge of what is drawn over the scores, so that it is seen on each of their colours.
 EDGE = "#ffffff"
 INK = "#000000"
@@ -266,21 +276,10 @@ HEAD = (6.0, 3.5)
 STAR_INNER = 0.42
 
 
-@cache
-def scale() -> NDArray[np.uint8]:
-    """Return 256 colours (RGBA) from unsafe to safe; brighter is safer (viridis)."""
-    from matplotlib import colormaps
-
-    table: NDArray[np.uint8] = colormaps["viridis"](np.linspace(0, 1, 256), bytes=True)
-    return table
-
-
 def colours_of(scores: NDArray[np.floating]) -> NDArray[np.uint8]:
     """Return RGBA colours, shape (..., 4), of scores 0 to 1; NaN is transparent."""
     known = np.isfinite(scores)
-    level = np.clip(np.where(known, scores, 0), 0, 1) ** POWER
-    index = np.round(255 * level).astype(np.intp)
-    colours = scale()[index]
+    colours = np.round(255 * safety_colours(np.where(known, scores, 0))).astype(np.uint8)
     colours[~known] = 0
     return colours
 
@@ -296,7 +295,7 @@ def score_image(scores: NDArray[np.floating]) -> QImage:
 
 def draw_scale(painter: QPainter, box: QRectF) -> None:
     """Draw the colours from unsafe (left) to safe."""
-    painter.drawImage(box, score_image(np.linspace(0, 1, 64)[:, None] ** (1 / POWER)))
+    painter.drawImage(box, score_image(np.linspace(0, 1, 64)[:, None]))
 
 
 def draw_arrow(painter: QPainter, start: QPointF, end: QPointF, pass_number: int) -> None:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.unwrapping import ORDERS
+from napari_phase4d.unwrapping.chain import starts_on
+from napari_phase4d.unwrapping.pieces import pieces_between
 
 __all__ = [
     "Arrow",
@@ -49,15 +52,16 @@ def path_arrows(
     path: str | None,
     n_times: int,
     n_angles: int,
-    boundary: Frame,
+    boundaries: Sequence[Frame],
     *,
     most_times: int | None = None,
     most_angles: int | None = None,
 ) -> list[Arrow]:
-    """Return the ways that a method goes from its boundary frame, after the paper's Fig. 1.
+    """Return the ways that a method goes from its boundary frames, after the paper's Fig. 1.
 
-    The first of two passes goes along the line of the boundary frame; the second leaves that
-    line at each of its frames. A single pass goes along every line.
+    The first of two passes goes along the line of each boundary frame; the second leaves that
+    line at each of its frames. A single pass goes along every line. Where a line has several
+    frames to start from, each is left until half way to the next.
 
     Parameters
     ----------
@@ -65,11 +69,11 @@ def path_arrows(
         One of `ORDERS`; None is no way at all.
     n_times, n_angles : int
         How many frames there are, at least 1 each.
-    boundary : (int, int)
-        Where it starts, (time index, angle index).
+    boundaries : sequence of (int, int)
+        Where it starts, (time index, angle index); at least one.
     most_times, most_angles : int, optional
         Draw at most so many arrows next to each other, evenly spread over the times or angles
-        and one of them from the boundary frame.
+        and one of them from the first boundary frame.
 
     Returns
     -------
@@ -80,28 +84,35 @@ def path_arrows(
     Raises
     ------
     ValueError
-        If the path is not known or the boundary frame does not exist.
+        If the path is not known or a boundary frame does not exist.
     """
     if path is None:
         return []
     if path not in ORDERS:
         msg = f"path is {path!r}; it must be one of {', '.join(ORDERS)}"
         raise ValueError(msg)
-    t, a = boundary
-    if not (0 <= t < n_times and 0 <= a < n_angles):
-        msg = f"boundary is {boundary}, but there are {n_times} times and {n_angles} angles"
-        raise ValueError(msg)
+    for t, a in boundaries:
+        if not (0 <= t < n_times and 0 <= a < n_angles):
+            msg = f"boundary is {(t, a)}, but there are {n_times} times and {n_angles} angles"
+            raise ValueError(msg)
+    known, counts, most = list(boundaries), (n_times, n_angles), (most_times, most_angles)
     arrows: list[Arrow] = []
     for number, dim in enumerate(ORDERS[path], start=1):
-        only_one_line = number < len(ORDERS[path])
-        if dim == "time":
-            lines = [a] if only_one_line else spread(n_angles, most_angles, a)
-            ends = [((t, row), (end, row)) for row in lines for end in (n_times - 1, 0)]
-        else:
-            lines = [t] if only_one_line else spread(n_times, most_times, t)
-            ends = [((col, a), (col, end)) for col in lines for end in (n_angles - 1, 0)]
-        arrows += [Arrow(start, end, number) for start, end in ends if start != end]
+        along, across = (0, 1) if dim == "time" else (1, 0)
+        lines = sorted({frame[across] for frame in known})
+        if number == len(ORDERS[path]):
+            lines = spread(counts[across], most[across], known[0][across])
+        for line in lines:
+            for piece in pieces_between(starts_on(dim, line, known), counts[along], None):
+                start = on_line(dim, piece.start, line)
+                ends = (on_line(dim, end, line) for end in (piece.stop - 1, piece.first))
+                arrows += [Arrow(start, end, number) for end in ends if start != end]
     return arrows
+
+
+def on_line(dim: str, place: int, line: int) -> Frame:
+    """Return the frame at a place of a line along a dimension."""
+    return (place, line) if dim == "time" else (line, place)
 
 
 def spread(count: int, most: int | None, keep: int) -> list[int]:

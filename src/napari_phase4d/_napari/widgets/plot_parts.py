@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.plotting import CURVE_COLOURS
+
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.axis import Axis
@@ -28,8 +30,6 @@ __all__ = [
 ]
 
 FONT_POINTS, LEGEND_POINTS = 8.0, 7.5
-#: Told apart by colour-blind people, and readable on dark and on light (after Okabe & Ito).
-CURVE_COLOURS = ("#3a9bdc", "#e08a00", "#009e73", "#cc6fa3", "#d9541e", "#7f7fd5")
 DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)))
 #: Width of the last curve in points, and how much wider each before it is: where several
 #: coincide, each is still seen.

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
 from qtpy.QtCore import Qt
-from qtpy.QtGui import QGuiApplication, QKeyEvent, QKeySequence
+from qtpy.QtGui import QColor, QGuiApplication, QKeyEvent, QKeySequence
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
@@ -20,6 +20,20 @@ __all__ = ["ResultTable"]
 
 #: Most rows that are laid out; the clipboard and files hold all.
 MOST_ROWS = 500
+
+
+def on_screen(heading: str) -> str:
+    """Return a heading of a file with the signs of its units.
+
+    Examples
+    --------
+    >>> on_screen("area (um^2)"), on_screen("angle (deg)")
+    ('area (µm²)', 'angle (°)')
+    """
+    name, bracket, unit = heading.partition(" (")
+    for plain, sign in (("um", "µm"), ("^2", "²"), ("^3", "³"), ("deg", "°")):
+        unit = unit.replace(plain, sign)
+    return name + bracket + unit
 
 
 class Cell(QTableWidgetItem):  # type: ignore[misc]
@@ -52,6 +66,8 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         super().__init__(0, 0, parent)
         self.setObjectName(name)
         self.frame = pd.DataFrame()
+        self.setAccessibleName(name.replace("_", " "))
+        self.setTabKeyNavigation(False)  # Tab leaves the table; arrows go through it
         self.verticalHeader().setVisible(False)
         self.setStyleSheet("QHeaderView::section { padding: 1px 2px; }")
         self.verticalHeader().setDefaultSectionSize(22)
@@ -64,6 +80,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         frame: pd.DataFrame,
         headings: Mapping[str, tuple[str, ...]] | None = None,
         tooltips: Mapping[int, str] | None = None,
+        colours: Sequence[str] = (),
     ) -> None:
         """Show a data frame.
 
@@ -76,10 +93,12 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
             other columns are left out. Default: all columns with their names.
         tooltips : mapping of int to str, optional
             Row number to what is said of it.
+        colours : sequence of str, optional
+            Colour of a square at the beginning of each row.
         """
         self.frame = frame
         known: Mapping[str, tuple[str, ...]] = headings or {
-            str(name): (str(name), str(name)) for name in frame.columns
+            str(name): (on_screen(str(name)), str(name)) for name in frame.columns
         }
         names = [name for name in known if name in frame.columns]
         self.setSortingEnabled(False)
@@ -92,6 +111,8 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
             for row, value in enumerate(frame[name].iloc[:rows]):
                 cell = Cell(value, *known[name][2:])
                 cell.setToolTip((tooltips or {}).get(row, ""))
+                if column == 0 and row < len(colours):
+                    cell.setData(Qt.ItemDataRole.DecorationRole, QColor(colours[row]))
                 self.setItem(row, column, cell)
         self._fit()
         self.setSortingEnabled(True)

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 from qtpy.QtCore import QEvent, QObject, QSize, Qt, Signal
+from qtpy.QtGui import QResizeEvent
 from qtpy.QtWidgets import (
+    QBoxLayout,
     QHBoxLayout,
     QLabel,
     QSizePolicy,
+    QSplitter,
     QTabWidget,
     QToolButton,
     QVBoxLayout,
     QWidget,
 )
 
-__all__ = ["LowTabs", "Section", "WheelGuard"]
+__all__ = ["LowTabs", "Section", "Turning", "WheelGuard", "split"]
 
 HEADING_HEIGHT = 25
+#: Qt's word for no limit of a size.
+MOST = 16777215
 
 
 class Section(QWidget):  # type: ignore[misc]
@@ -27,6 +32,8 @@ class Section(QWidget):  # type: ignore[misc]
         The heading.
     content : QWidget
         What it opens and closes.
+    grows : bool, optional
+        Whether it takes the height that is left while it is open.
 
     Signals
     -------
@@ -36,9 +43,10 @@ class Section(QWidget):  # type: ignore[misc]
 
     opened = Signal(object)
 
-    def __init__(self, title: str, content: QWidget) -> None:
+    def __init__(self, title: str, content: QWidget, *, grows: bool = False) -> None:
         super().__init__()
         self.content = content
+        self._grows = grows
         self.heading = QToolButton()
         self.heading.setObjectName(f"heading_{title.split()[1].lower()}")
         self.heading.setText(title)
@@ -46,7 +54,7 @@ class Section(QWidget):  # type: ignore[misc]
         self.heading.setCheckable(True)
         self.heading.setToolButtonStyle(Qt.ToolButtonStyle.ToolButtonTextBesideIcon)
         self.heading.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
-        self.heading.setFixedHeight(HEADING_HEIGHT)
+        self.heading.setMinimumHeight(HEADING_HEIGHT)
         self.heading.setFocusPolicy(Qt.FocusPolicy.StrongFocus)
         bold = self.heading.font()
         bold.setBold(True)
@@ -78,6 +86,10 @@ class Section(QWidget):  # type: ignore[misc]
         arrow = Qt.ArrowType.DownArrow if is_open else Qt.ArrowType.RightArrow
         self.heading.setArrowType(arrow)
         self.content.setVisible(is_open)
+        if self._grows:
+            policy = QSizePolicy.Policy
+            height = policy.Expanding if is_open else policy.Fixed
+            self.setSizePolicy(policy.Preferred, height)
 
     def _clicked(self, is_open: bool) -> None:
         if is_open:
@@ -93,8 +105,67 @@ class Section(QWidget):  # type: ignore[misc]
         self.badge.setStyleSheet(f"color: {colour};")
 
 
+class Turning(QWidget):  # type: ignore[misc]
+    """A square with something narrow beside it, or below it where there is the height.
+
+    Parameters
+    ----------
+    square, narrow : QWidget
+        What it shows.
+    beside : int
+        Width of the narrow one beside the square, and its least height below it, in pixels.
+    """
+
+    def __init__(self, square: QWidget, narrow: QWidget, beside: int) -> None:
+        super().__init__()
+        self._square, self._narrow, self._beside = square, narrow, beside
+        self._box = QBoxLayout(QBoxLayout.Direction.LeftToRight, self)
+        self._box.setContentsMargins(0, 0, 0, 0)
+        self._box.setSpacing(4)
+        # A height that goes by the width would be asked for where there is none.
+        square.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self._box.addWidget(square, 1)
+        self._box.addWidget(narrow)
+        self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Expanding)
+        self._turn()
+
+    @property
+    def is_upright(self) -> bool:
+        """Whether one is below the other."""
+        return bool(self._box.direction() == QBoxLayout.Direction.TopToBottom)
+
+    def resizeEvent(self, event: QResizeEvent | None) -> None:  # noqa: N802 - Qt's name
+        """Turn where the square would else be smaller than it could be."""
+        super().resizeEvent(event)
+        self._turn()
+
+    def _turn(self) -> None:
+        upright = self.height() >= self.width() + self._beside
+        direction = QBoxLayout.Direction
+        self._box.setDirection(direction.TopToBottom if upright else direction.LeftToRight)
+        self._square.setMaximumHeight(self.width() if upright else MOST)
+        # Below the square it is as wide as there is room, and keeps nobody from narrowing that.
+        self._narrow.setMinimumWidth(0 if upright else self._beside)
+        self._narrow.setMaximumWidth(MOST if upright else self._beside)
+
+
 class LowTabs(QTabWidget):  # type: ignore[misc]
-    """A tab widget that asks for its smallest size, so that all is in view on a small screen."""
+    """A tab widget as low as the page on top can be, so that all is in view on a small screen."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.currentChanged.connect(lambda _: self.updateGeometry())
+
+    def minimumSizeHint(self) -> QSize:  # noqa: N802 - Qt's name
+        """Return the smallest size at which the page on top is not cut; the widest one counts."""
+        pages = [self.widget(n) for n in range(self.count())]
+        least = super().minimumSizeHint()
+        heights = [page.minimumSizeHint().height() for page in pages]
+        on_top = self.currentWidget()
+        if on_top is None:
+            return least
+        around = least.height() - max(heights)
+        return QSize(least.width(), on_top.minimumSizeHint().height() + around)
 
     def sizeHint(self) -> QSize:  # noqa: N802 - Qt's name
         """Return the smallest size at which no page is cut."""
@@ -128,3 +199,14 @@ class WheelGuard(QObject):  # type: ignore[misc]
             event.ignore()
             return True
         return False
+
+
+def split(upper: QWidget, lower: QWidget) -> QSplitter:
+    """Return two widgets, one below the other, whose heights the user shares out by a handle."""
+    splitter = QSplitter(Qt.Orientation.Vertical)
+    splitter.setChildrenCollapsible(False)
+    for widget, share in ((upper, 3), (lower, 2)):
+        splitter.addWidget(widget)
+        splitter.setStretchFactor(splitter.count() - 1, share)
+    splitter.handle(1).setToolTip("Drag to make the plot or the table higher.")
+    return splitter

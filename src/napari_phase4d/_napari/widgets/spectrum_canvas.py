@@ -352,8 +352,8 @@ def within(ky: float, kx: float) -> tuple[float, float]:
     return float(np.clip(ky, -0.5, 0.5)), float(np.clip(kx, -0.5, 0.5))
 
 
-COLUMNS = ("ky (1/px)", "kx (1/px)", "radius", "angle (°)", "flip")
-FLIP = len(COLUMNS) - 1
+COLUMNS = ("ky (1/px)", "kx (1/px)", "radius", "angle (°)", "λ (nm)", "flip")
+LIGHT, FLIP = len(COLUMNS) - 2, len(COLUMNS) - 1
 
 
 class LobeTable(QTableWidget):  # type: ignore[misc]
@@ -369,8 +369,10 @@ class LobeTable(QTableWidget):  # type: ignore[misc]
 
     def __init__(self, parent: QWidget | None = None) -> None:
         super().__init__(0, len(COLUMNS), parent)
+        self.setTabKeyNavigation(False)  # Tab leaves the table; arrows go through it
         self._filling = False
         self.setObjectName("lobe_table")
+        self.setAccessibleName("Carriers, radii, angles and wavelengths of the views")
         self.setHorizontalHeaderLabels(COLUMNS)
         self.horizontalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Stretch)
         self.verticalHeader().setSectionResizeMode(QHeaderView.ResizeMode.Fixed)
@@ -379,7 +381,8 @@ class LobeTable(QTableWidget):  # type: ignore[misc]
         self.setSelectionMode(QAbstractItemView.SelectionMode.SingleSelection)
         self.setToolTip(
             "Carrier and radius in cycles per camera pixel; the viewing angle in degrees, which a "
-            "hologram can't tell; flip where a dense object looks dark."
+            "hologram can't tell; the wavelength in nanometres, where views differ in it, else "
+            "nothing: that of step 1; flip where a dense object looks dark."
         )
         self.itemChanged.connect(self._changed)
 
@@ -400,7 +403,8 @@ class LobeTable(QTableWidget):  # type: ignore[misc]
         header.setForeground(QColor(VIEW_COLORS[row % len(VIEW_COLORS)]))
         self.setVerticalHeaderItem(row, header)
         ky, kx = lobe.carrier
-        texts = (f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}")
+        light = "" if lobe.wavelength_um is None else f"{1000 * lobe.wavelength_um:g}"
+        texts = (f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}", light)
         for column, words in enumerate(texts):
             self.setItem(row, column, QTableWidgetItem(words))
         flip = QTableWidgetItem()
@@ -417,6 +421,8 @@ def changed_lobe(lobe: Lobe, column: int, item: Any) -> Lobe:
     """Return a lobe with one cell of its table row changed."""
     if column == FLIP:
         return replace(lobe, flip=item.checkState() == Qt.CheckState.Checked)
+    if column == LIGHT and not item.text().strip():
+        return replace(lobe, wavelength_um=None)
     try:
         value = float(item.text())
     except ValueError as error:
@@ -428,5 +434,7 @@ def changed_lobe(lobe: Lobe, column: int, item: Any) -> Lobe:
         1: {"carrier": (ky, value)},
         2: {"radius": value},
         3: {"angle_deg": value},
+        # Rounded, since 632.8 / 1000 is not 0.6328.
+        LIGHT: {"wavelength_um": round(value / 1000, 9)},
     }
     return replace(lobe, **changes[column])

@@ -10,8 +10,10 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QPointF, QRectF, QSize, Qt
 from qtpy.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPixmap
 from qtpy.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
+from scipy import ndimage
 
 from napari_phase4d._napari.widgets.spectrum_picture import VIEW_COLORS, view_color
+from napari_phase4d.plotting import OBJECT_COLOUR
 
 __all__ = ["Thumbnail", "ViewStrip", "phase_image"]
 
@@ -21,8 +23,6 @@ GREY = QColor(140, 140, 140)
 FRAME, GAP, CAPTION = 2.0, 4.0, 14.0
 CAPTION_SIZE = 11
 TINY = 1e-6
-#: More views than this stand in two columns.
-IN_ONE_COLUMN = 2
 
 
 class ViewStrip(QWidget):  # type: ignore[misc]
@@ -70,18 +70,24 @@ class ViewStrip(QWidget):  # type: ignore[misc]
         self._captions = list(captions)
         self.update()
 
-    def places(self) -> list[QRectF]:
-        """Return where the pictures are drawn, without frames, in pixels of this widget."""
-        n = len(self._pictures)
-        columns = 1 if n <= IN_ONE_COLUMN else 2
-        rows = -(-n // columns) or 1
+    def _cells(self, columns: int) -> list[QRectF]:
+        """Return the place of each picture with its frame and caption, in so many columns."""
+        rows = -(-len(self._pictures) // columns)
         width = (self.width() - GAP * (columns - 1)) / columns
         height = (self.height() - GAP * (rows - 1)) / rows
-        cells = [
+        return [
             QRectF((i % columns) * (width + GAP), (i // columns) * (height + GAP), width, height)
-            for i in range(n)
+            for i in range(len(self._pictures))
         ]
-        return [fitted(p, cell) for p, cell in zip(self._pictures, cells, strict=True)]
+
+    def places(self) -> list[QRectF]:
+        """Return where the pictures are drawn, without frames, in pixels of this widget."""
+        choices = [
+            [fitted(p, cell) for p, cell in zip(self._pictures, self._cells(n), strict=True)]
+            for n in range(1, len(self._pictures) + 1)
+        ]
+        # As many columns as give the largest pictures.
+        return max(choices, key=lambda places: places[0].width(), default=[])
 
     def paintEvent(self, event: QPaintEvent | None) -> None:  # noqa: N802 - Qt's name
         """Draw pictures, frames and captions."""
@@ -146,6 +152,19 @@ def phase_image(phase: NDArray[np.float32]) -> QImage:
 SIDE = 64
 
 
+def outline_image(mask: NDArray[np.bool_], size: QSize) -> QImage:
+    """Return the rim of a mask (y, x) as a picture of that size, clear elsewhere."""
+    rows = np.arange(size.height()) * mask.shape[0] // max(size.height(), 1)
+    columns = np.arange(size.width()) * mask.shape[1] // max(size.width(), 1)
+    sampled = mask[np.ix_(rows, columns)]
+    rim = sampled & ~ndimage.binary_erosion(sampled, border_value=1)
+    image = QImage(size, QImage.Format.Format_ARGB32)
+    image.fill(Qt.GlobalColor.transparent)
+    for y, x in np.argwhere(rim):
+        image.setPixelColor(int(x), int(y), QColor(OBJECT_COLOUR))
+    return image
+
+
 class Thumbnail(QWidget):  # type: ignore[misc]
     """A picture of 64 pixels and a few lines of text."""
 
@@ -165,19 +184,36 @@ class Thumbnail(QWidget):  # type: ignore[misc]
         row.addWidget(self.words, 1)
         self.setFixedHeight(SIDE)
 
-    def show_frame(self, frame: NDArray[np.float32] | None, words: str) -> None:
-        """Show wrapped phase (y, x) in radians, None for no picture, and what there is to say."""
+    def show_frame(
+        self,
+        frame: NDArray[np.float32] | None,
+        words: str,
+        mask: NDArray[np.bool_] | None = None,
+    ) -> None:
+        """Show one frame.
+
+        Parameters
+        ----------
+        frame : ndarray of shape (y, x), or None
+            Wrapped phase in radians; None for no picture.
+        words : str
+            What there is to say.
+        mask : ndarray of bool, same shape, optional
+            The object, whose rim is drawn.
+        """
         self.words.setText(words)
         if frame is None:
             self.picture.clear()
             return
         step = max(1, max(frame.shape) // (2 * SIDE))
-        pixmap = QPixmap.fromImage(phase_image(frame[::step, ::step]))
-        self.picture.setPixmap(
-            pixmap.scaled(
-                SIDE,
-                SIDE,
-                Qt.AspectRatioMode.KeepAspectRatio,
-                Qt.TransformationMode.SmoothTransformation,
-            )
+        pixmap = QPixmap.fromImage(phase_image(frame[::step, ::step])).scaled(
+            SIDE,
+            SIDE,
+            Qt.AspectRatioMode.KeepAspectRatio,
+            Qt.TransformationMode.SmoothTransformation,
         )
+        if mask is not None:
+            painter = QPainter(pixmap)
+            painter.drawImage(0, 0, outline_image(mask, pixmap.size()))
+            painter.end()
+        self.picture.setPixmap(pixmap)

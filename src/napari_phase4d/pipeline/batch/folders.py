@@ -18,7 +18,7 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.io import PROGRAM
-from napari_phase4d.io.atomic import put_in_place, written_whole
+from napari_phase4d.io.atomic import put_in_place, remove_folder, written_whole
 from napari_phase4d.pipeline.provenance import (
     Fingerprint,
     Hashing,
@@ -150,7 +150,7 @@ def made_whole(folder: Path) -> Iterator[Path]:
         keep_foreign(folder, partial)
         put_in_place(partial, folder, hidden(folder, "old"))
     finally:
-        shutil.rmtree(partial, ignore_errors=True)
+        remove_folder(partial)
 
 
 def recovered(folder: Path) -> None:

@@ -39,7 +39,7 @@ from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
-from napari_phase4d.words import counted, is_expected, sentence_of
+from napari_phase4d.words import check_bool, check_call, counted, is_expected, sentence_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -106,7 +106,8 @@ def run_batch(
         One row a file: ``file``, ``folder``, ``status`` ("done", "complete already" or "failed"),
         ``seconds``, ``frames``, ``views``, ``boundary`` (the frame that was started from),
         ``results``, ``best_method`` (the one most to be trusted), ``doubtful_percent`` (of the
-        object's pixels in its result, where the recipe asks for confidence), ``input_bytes``,
+        object's pixels in its result, where the recipe asks for confidence), ``cells`` (how many
+        were found, where it asks for them; ``out/cells.csv`` has a row for each), ``input_bytes``,
         ``input_sha256``, ``notes`` (what had to be assumed of the file), ``error``.
 
     Raises
@@ -118,6 +119,11 @@ def run_batch(
     Cancelled
         If ``cancelled()`` returned True; what is complete stays, nothing is half-written.
     """
+    if isinstance(files, str | Path):
+        files = [files]
+    check_bool("resume", resume)
+    for name, call in {"told": told, "prepared": prepared, "finished": finished}.items():
+        check_call(name, call)
     wish = Wish(
         recipe, resume, checked_form(form), truth, scheduler, cancelled, prepared, finished
     )
@@ -126,6 +132,7 @@ def run_batch(
     out = Path(out)
     make_folder(out)
     folders = result_folders(sources, out)
+    Summary.check_own(out)
     summary = Summary(out, [given[source] for source in sources], folders, told)
     with alone(out):
         for folder in folders:

@@ -24,11 +24,13 @@ __all__ = ["COMPLETE", "DONE", "FAILED", "LOG", "Summary", "facts_of", "facts_of
 WAITING, DONE, COMPLETE, FAILED = "waiting", "done", "complete already", "failed"
 COLUMNS = (
     "file", "folder", "status", "seconds", "frames", "views", "boundary", "results",
-    "best_method", "doubtful_percent", "input_bytes", "input_sha256", "notes", "error",
+    "best_method", "doubtful_percent", "cells", "input_bytes", "input_sha256", "notes", "error",
 )  # fmt: skip
 #: Columns of whole numbers, which are not there for files that failed.
-COUNTS = ("frames", "views", "results", "input_bytes")
-LOG, TABLE = "batch.log", "summary.csv"
+COUNTS = ("frames", "views", "results", "cells", "input_bytes")
+LOG, TABLE, CELLS = "batch.log", "summary.csv", "cells.csv"
+#: The table of cells in the folder of each file.
+OF_FILE = "cell_summary.csv"
 
 
 class Summary:
@@ -54,10 +56,30 @@ class Summary:
         told: Callable[[str], None] | None,
     ) -> None:
         self.out, self.files, self._told = out, files, told
+        self._folders = folders
+        self._cells: dict[int, pd.DataFrame] = {}
         self._rows: list[dict[str, Any]] = [
             {"file": readable(file), "folder": folder.name, "status": WAITING}
             for file, folder in zip(files, folders, strict=True)
         ]
+
+    @staticmethod
+    def check_own(out: Path) -> None:
+        """Refuse a folder in which a table lies that no batch has made.
+
+        Raises
+        ------
+        OSError
+            If there is one, or it can't be read.
+        """
+        for name, begins in ((TABLE, "number,file,folder,status"), (CELLS, "file,cell")):
+            path = out / name
+            if not path.exists():
+                continue
+            with path.open("rb") as lines:
+                if lines.read(len(begins)).decode(errors="replace") != begins:
+                    msg = f"{path} is of no batch, and would be replaced; choose another --out"
+                    raise OSError(msg)
 
     @property
     def table(self) -> pd.DataFrame:
@@ -82,13 +104,26 @@ class Summary:
         """
         known = {name: value for name, value in facts.items() if name in COLUMNS}
         self._rows[number] |= {"status": status, **known}
+        found = self._folders[number] / OF_FILE
+        if status in (DONE, COMPLETE) and facts.get("cells") is not None and found.exists():
+            import pandas as pd
+
+            cells = pd.read_csv(found)
+            cells.insert(0, "file", self._rows[number]["file"])
+            self._cells[number] = cells
         self.write()
 
     def write(self) -> None:
         """Write the table as it is."""
-        for left in self.out.glob(f".{Path(TABLE).stem}-*.csv"):  # by a batch that was killed
-            left.unlink()
+        for table in (TABLE, CELLS):
+            for left in self.out.glob(f".{Path(table).stem}-*.csv"):  # by a batch that was killed
+                left.unlink()
         write_table(self.out / TABLE, self.table)
+        if self._cells:
+            import pandas as pd
+
+            every = pd.concat([self._cells[number] for number in sorted(self._cells)])
+            write_table(self.out / CELLS, every.set_index("file"))
 
     def tell(self, words: str, number: int | None = None, more: str = "") -> None:
         """Write a line into the log and tell it; ``more`` goes into the log only."""
@@ -139,6 +174,8 @@ def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
         "best_method": best,
         "notes": " ".join(notes_of(outcome, phase)),
     }
+    if outcome.cells is not None:
+        facts["cells"] = len(outcome.cells.summary)
     table = pd.read_csv(folder / "table.csv", index_col="id")
     if "doubtful_percent" in table.columns:
         doubtful = float(table["doubtful_percent"].to_dict()[best])

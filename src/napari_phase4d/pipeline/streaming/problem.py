@@ -5,17 +5,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
+import dask.array as da
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.pipeline.streaming.stored import Shelf, Stored
+from napari_phase4d.axes import AXES
+from napari_phase4d.pipeline.streaming.stored import Shelf
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import Watch
-from napari_phase4d.stack import Block, Limits, Stack, blocks_of, widest
+from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.given import Given
+from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
 from napari_phase4d.unwrapping.problem import (
+    Boundary,
     all_known,
     brightness_of,
     checked_boundaries,
@@ -34,7 +38,7 @@ class ProblemOnDisk(Problem):
     ----------
     phase : xarray.DataArray
         Wrapped phase, dims (time, angle, y, x).
-    stored : Stored
+    stored : Stack
         Where it lies.
     shelf : Shelf
         Where results go.
@@ -46,6 +50,8 @@ class ProblemOnDisk(Problem):
         For methods that look at it.
     workers : Workers, optional
         Who works on the blocks; default the threads of this machine.
+    store : Store, optional
+        Where stacks lie that are needed on the way; default the shelf.
     """
 
     held = False
@@ -53,13 +59,14 @@ class ProblemOnDisk(Problem):
     def __init__(
         self,
         phase: xr.DataArray,
-        stored: Stored,
+        stored: Stack,
         shelf: Shelf,
         boundary: Any,
         *,
         finds_mask: bool,
         amplitude: xr.DataArray | None = None,
         workers: Workers | None = None,
+        store: Store | None = None,
     ) -> None:
         SharedSteps.__init__(self)
         self.template = phase
@@ -67,6 +74,7 @@ class ProblemOnDisk(Problem):
         self.finds_mask = finds_mask
         self._stored = stored
         self._shelf = shelf
+        self._store: Store = shelf if store is None else store
         self._amplitude = amplitude
         self._workers = Threads() if workers is None else workers
         #: The phase in memory, for methods that need all of it.
@@ -78,9 +86,9 @@ class ProblemOnDisk(Problem):
         return Given(self._stored)
 
     @property
-    def store(self) -> Shelf:
+    def store(self) -> Store:
         """Where stacks lie that are needed on the way."""
-        return self._shelf
+        return self._store
 
     @property
     def has_amplitude(self) -> bool:
@@ -124,6 +132,36 @@ class ProblemOnDisk(Problem):
                 mask = is_known(self.template.values)
             self._whole = Problem(self.template, self.boundaries, mask, self._amplitude)
         return self._whole
+
+    def _part(self, number: int, views: tuple[int, ...]) -> Problem:
+        """Return the problem of some views, which lie where they lie."""
+        chosen = list(views)
+        return ProblemOnDisk(
+            self.template.isel(angle=chosen),
+            ViewsOf(self._stored, views),
+            self._shelf,
+            frames_among(self.boundaries, views, self.angles_deg),
+            finds_mask=self.finds_mask,
+            amplitude=None if self._amplitude is None else self._amplitude.isel(angle=chosen),
+            workers=self._workers,
+            store=Named(self._shelf, f"light{number}"),
+        )
+
+    def derived(
+        self, stack: Stack, coords: dict[str, Any], boundaries: list[Boundary], name: str
+    ) -> Problem:
+        """Return the problem of wrapped phase that follows from this one's, see `Problem`."""
+        # The values do not count here: these are the axes.
+        empty = da.broadcast_to(da.zeros(1, dtype=np.float32), stack.shape)
+        return ProblemOnDisk(
+            xr.DataArray(empty, dims=AXES, coords=coords),
+            stack,
+            self._shelf,
+            boundaries,
+            finds_mask=False,
+            workers=self._workers,
+            store=Named(self._shelf, name),
+        )
 
     def result_stack(self, method: str) -> Stack:
         """Return a new stack on disk for the result of a method."""

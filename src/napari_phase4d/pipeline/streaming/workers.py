@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
@@ -33,7 +34,9 @@ NEW_WORKER_S = 8
 #: Where dask's scheduler listens unless told otherwise.
 SCHEDULER_PORT = 8786
 #: Seconds to wait for the scheduler to answer.
-ANSWER_S = 8
+ANSWER_S = 6
+#: How a scheduler's messages begin: with the number of bytes that follow; and most of a greeting.
+LENGTH, LONGEST_GREETING = struct.Struct("<Q"), 100_000
 
 
 class Workers(Protocol):
@@ -168,9 +171,11 @@ class Cluster:
 
 
 def answers(address: str) -> bool:
-    """Say whether anything takes connections at an address; of other protocols that is unknown.
+    """Say whether a scheduler takes connections at an address; of other protocols that is unknown.
 
-    Looking a name up can take minutes, so that it is done beside.
+    A scheduler greets first, by a short message whose length comes first. What else may listen
+    there says nothing, as a web server does, or something that is no such length; a client would
+    wait for it without an end. Looking a name up can take minutes, so that it is done beside.
     """
     place = urlsplit(address if "://" in address else f"tcp://{address}")
     if place.scheme not in ("tcp", "tls"):
@@ -181,14 +186,28 @@ def answers(address: str) -> bool:
     def look() -> None:
         with (
             suppress(OSError),
-            socket.create_connection((place.hostname, port or SCHEDULER_PORT), ANSWER_S),
+            socket.create_connection((place.hostname, port or SCHEDULER_PORT), ANSWER_S) as open_,
         ):
-            found.set()
+            # With tls it is the client that begins.
+            if place.scheme == "tls" or greets(open_):
+                found.set()
 
     looking = Thread(target=look, daemon=True)
     looking.start()
     looking.join(ANSWER_S)
     return found.is_set()
+
+
+def greets(connection: socket.socket) -> bool:
+    """Say whether what is at the other end of a connection greets as a scheduler does."""
+    begun = b""
+    while len(begun) < LENGTH.size:
+        more = connection.recv(LENGTH.size - len(begun))
+        if not more:
+            return False
+        begun += more
+    (length,) = LENGTH.unpack(begun)
+    return bool(0 < length <= LONGEST_GREETING)
 
 
 def keys_under_way(dask_worker: Any) -> list[str]:

@@ -255,10 +255,11 @@ def turns_of_nodes(scene: Scene, graph: PixelGraph, problem: Problem, unwrapped:
     turns = np.round((moved(steady, scene.shifts) - seen.phase) / TURN)
     known = np.isfinite(turns)
     turns = np.where(known, turns, 0).astype(np.int32)
-    empty = seen.empty & known
     for frame in np.ndindex(*turns.shape[:2]):
-        if empty[frame].any():
-            off = np.int32(np.median(turns[frame][empty[frame]]))
+        # What a mask left out is the field at its level; in what it kept, an even part of a cell
+        # may pass for empty.
+        if seen.empty[frame].any():
+            off = np.int32(np.median(turns[frame][seen.empty[frame]]))
             turns[frame] -= off * known[frame]
     found = np.zeros(graph.n, dtype=np.int32)
     found[graph.nodes] = turns

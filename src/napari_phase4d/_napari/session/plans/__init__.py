@@ -1,5 +1,10 @@
 """What the session can do: each piece of long work as a `Plan`."""
 
+from napari_phase4d._napari.session.plans.cells import (
+    plan_cell_by_methods,
+    plan_cells,
+    with_their_cells,
+)
 from napari_phase4d._napari.session.plans.phase import (
     plan_focus,
     plan_lobes,
@@ -13,12 +18,15 @@ from napari_phase4d._napari.session.plans.results import (
     plan_estimate,
     plan_margin,
     plan_measuring,
+    plan_saving,
     plan_scores,
     plan_truth,
     plan_unwrapping,
 )
 
 __all__ = [
+    "plan_cell_by_methods",
+    "plan_cells",
     "plan_confidence",
     "plan_estimate",
     "plan_focus",
@@ -28,8 +36,10 @@ __all__ = [
     "plan_noise",
     "plan_opening",
     "plan_reconstruction",
+    "plan_saving",
     "plan_scores",
     "plan_spectrum",
     "plan_truth",
     "plan_unwrapping",
+    "with_their_cells",
 ]

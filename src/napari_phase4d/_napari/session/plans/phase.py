@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from queue import Empty, SimpleQueue
 from typing import Any
 
 import pandas as pd
@@ -59,6 +60,11 @@ class Plan:
         Whether it runs unseen and ends as soon as other work is started.
     keeps_parts : bool
         Whether the work, when cancelled, returns what is finished instead of raising Cancelled.
+    parts : SimpleQueue, optional
+        Where the work puts what it has finished on the way; who runs it in a thread hands each to
+        ``receive_part`` in the window's thread, at the latest before the whole is received.
+    receive_part : callable, optional
+        Takes one of them into the session.
     """
 
     title: str
@@ -67,6 +73,19 @@ class Plan:
     cancellable: bool = True
     gives_way: bool = False
     keeps_parts: bool = False
+    parts: SimpleQueue[Any] | None = None
+    receive_part: Callable[[Any], None] | None = None
+
+    def next_part(self) -> bool:
+        """Take one finished part into the session; return whether there was one."""
+        if self.parts is None or self.receive_part is None:
+            return False
+        try:
+            part = self.parts.get_nowait()
+        except Empty:
+            return False
+        self.receive_part(part)
+        return True
 
     def run(self) -> None:
         """Do the work here and now."""
@@ -97,16 +116,18 @@ def plan_opening(
 def plan_lobes(state: State) -> Plan:
     """Plan to find the lobes."""
     recording, recipe = state.needed_recording(), state.recipe
-    angles = recipe.angles_deg
-    if angles is not None and len(angles) != recipe.n_views:
-        angles = None
+    n_views = recipe.wanted_views
+    angles, light = (
+        None if known is None or len(known) != n_views else known
+        for known in (recipe.angles_deg, recipe.wavelengths_um)
+    )
 
     def work(
         progress: ProgressCall | None, cancelled: CancelledCall | None
     ) -> tuple[xr.DataArray, str, FoundLobes | ValueError]:
         spectrum, lost = looked_at(recording, progress, cancelled)
         try:
-            found = found_lobes(recording, recipe.n_views, angles, progress, cancelled)
+            found = found_lobes(recording, n_views, angles, light, progress, cancelled)
         except ValueError as error:
             # The spectrum is needed all the more, to place the lobes by hand.
             return spectrum, lost, error
@@ -118,8 +139,8 @@ def plan_lobes(state: State) -> Plan:
         state.spectrum_changed.emit()
         if isinstance(lobes, ValueError):
             raise lobes
-        if len(lobes) < state.recipe.n_views:
-            state.update(n_views=len(lobes), angles_deg=None)
+        if n_views is not None and len(lobes) < n_views:
+            state.update(n_views=None, angles_deg=None)
         state.found = lobes
         state.set_lobes(with_known_views(lobes, recipe.lobes))
 
@@ -140,22 +161,28 @@ def looked_at(
 
 def found_lobes(
     recording: Recording,
-    n_views: int,
+    n_views: int | None,
     angles_deg: Sequence[float] | None,
+    wavelengths_um: Sequence[float] | None,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
 ) -> FoundLobes:
     """Return so many lobes, or as many as there are where there are fewer."""
     try:
         return find_lobes(
-            recording, n_views, angles_deg=angles_deg, progress=progress, cancelled=cancelled
+            recording,
+            n_views,
+            angles_deg=angles_deg,
+            wavelengths_um=wavelengths_um,
+            progress=progress,
+            cancelled=cancelled,
         )
     except ValueError as error:
         try:
             fewer = find_lobes(recording, None, progress=progress, cancelled=cancelled)
         except ValueError:
             raise error from None
-        if not len(fewer) < n_views:
+        if n_views is None or not len(fewer) < n_views:
             raise
         return fewer
 
@@ -180,14 +207,19 @@ def plan_spectrum(state: State) -> Plan:
 
 
 def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]:
-    """Return lobes with the angle and sign that the user gave to the same views before."""
+    """Return lobes with what the user told of the same views before: angle, sign, wavelength."""
     if len(found) != len(known):
         return list(found)
     kept = []
     for lobe in found:
         nearest = min(known, key=lambda k: pair_distance(k.carrier, lobe.carrier))
         same = pair_distance(nearest.carrier, lobe.carrier) < lobe.radius
-        known_view = replace(lobe, angle_deg=nearest.angle_deg, flip=nearest.flip)
+        known_view = replace(
+            lobe,
+            angle_deg=nearest.angle_deg,
+            flip=nearest.flip,
+            wavelength_um=nearest.wavelength_um,
+        )
         kept.append(known_view if same else lobe)
     return kept
 

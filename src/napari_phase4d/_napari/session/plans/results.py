@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import itertools
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
+from queue import SimpleQueue
 from typing import Any
 
 import numpy as np
@@ -27,29 +29,37 @@ from napari_phase4d.analysis import (
     measure,
     most_trusted,
 )
+from napari_phase4d.io import write_table
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.pipeline import (
     Outcome,
     estimated_seconds,
+    fingerprint,
     noting_start,
     phase_needs,
+    result_folder,
     unwrap_by,
     with_start,
+    write_outcome,
 )
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch, reworded
 from napari_phase4d.unwrapping import score_boundaries, scores_of_some
 
 __all__ = [
     "Masks",
+    "optics_of",
     "plan_confidence",
     "plan_estimate",
     "plan_margin",
     "plan_measuring",
+    "plan_saving",
     "plan_scores",
     "plan_truth",
     "plan_unwrapping",
 ]
 
+#: A method, what it is called, and its result.
+Part = tuple[str, str, xr.DataArray]
 #: Numbers the runs whose results lie on disk.
 RUNS = itertools.count(1)
 
@@ -62,20 +72,15 @@ def plan_unwrapping(state: State) -> Plan:
     ValueError
         If there is no phase for the present settings, or no method is chosen.
     """
-    data = state.needed_reconstruction()
-    if phase_is_stale(state):
-        msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
-        raise ValueError(msg)
+    data = ready_phase(state)
     recording, chosen, truth = state.recording, state.recipe, state.truth
-    if not chosen.methods:
-        msg = "no method is ticked; tick at least one in step 4"
-        raise ValueError(msg)
     recipe = state.phase_recipe.changed(
         boundary=state.start_frames or "auto",
         mask=chosen.mask,
         methods=chosen.methods,
         options=chosen.options,
         confidence=chosen.confidence,
+        cells=None,  # they are looked for when that is asked for
     )
     known = state.scores if chosen.boundary == "auto" else None
     finds_start = recipe.boundary == "auto"
@@ -84,10 +89,18 @@ def plan_unwrapping(state: State) -> Plan:
     needs = phase_needs(recipe.methods, data["phase"].shape, finds_start=finds_start)
     needs.check(folder, on_disk=place is not None)
 
+    parts: SimpleQueue[Part] = SimpleQueue()
+
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Outcome:
         used, found = with_start(recipe, data["phase"], progress, cancelled)
         scores = known if found is None else found
         so_far: list[Comparison] = []
+
+        def finished(method: str, comparison: Comparison) -> None:
+            so_far.append(comparison)
+            label = str(comparison.table["method"][method])
+            parts.put((method, label, comparison.results[method]))
+
         # Each run has a folder of its own: what an earlier one showed stays as it is.
         with nullcontext() if place is None else place.nested(f"run_{number}") as own:
             try:
@@ -98,7 +111,7 @@ def plan_unwrapping(state: State) -> Plan:
                     progress,
                     cancelled,
                     amplitude=data.get("amplitude"),
-                    finished=lambda _, comparison: so_far.append(comparison),
+                    finished=finished,
                     place=own,
                 )
             except Cancelled:
@@ -119,7 +132,26 @@ def plan_unwrapping(state: State) -> Plan:
             state.scores_changed.emit()
         state.outcome_changed.emit()
 
-    return Plan("Unwrapping", work, receive, keeps_parts=True)
+    return Plan(
+        "Unwrapping",
+        work,
+        receive,
+        keeps_parts=True,
+        parts=parts,
+        receive_part=lambda part: state.take_finished(data, *part),
+    )
+
+
+def ready_phase(state: State) -> xr.Dataset:
+    """Return the phase to unwrap; ValueError if it is old, or no method is ticked."""
+    data = state.needed_reconstruction()
+    if phase_is_stale(state):
+        msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
+        raise ValueError(msg)
+    if not state.recipe.methods:
+        msg = "no method is ticked; tick at least one in step 4"
+        raise ValueError(msg)
+    return data
 
 
 def plan_scores(state: State, *, unasked: bool = False) -> Plan:
@@ -241,6 +273,9 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
 
     Raises
     ------
+    OSError
+        When it runs: if a file would be written over that no run has made, or among the frames
+        of the recording.
     ValueError
         If there is no result yet.
     """
@@ -276,7 +311,7 @@ Masks = Mapping[str, NDArray[np.bool_]]
 
 def plan_measuring(
     state: State,
-    method: str | None = None,
+    method: str | Sequence[str] | None = None,
     regions: Masks | Callable[[], Masks] | None = None,
     *,
     optics: Optics | None = None,
@@ -289,8 +324,9 @@ def plan_measuring(
     ----------
     state : State
         The session.
-    method : str, optional
-        Of which result; default: the most reliable one.
+    method : str or sequence of str, optional
+        Of which result or results; default: the most reliable one. Of several, the table has a
+        column ``method``.
     regions : mapping of str to ndarray, or callable that returns one, optional
         Masks by name; default: the whole object.
     optics : Optics, optional
@@ -306,27 +342,32 @@ def plan_measuring(
         If there is no result yet.
     """
     comparison = state.needed_outcome().comparison
-    result = comparison.results[method or most_trusted(comparison.results)]
-    used = optics_of(state, result, optics or Optics())
+    method = most_trusted(comparison.results) if method is None else method
+    methods = [method] if isinstance(method, str) else list(method)
+    used = optics_of(state, comparison.results[methods[0]], optics or Optics())
     noted = {"refraction increment (mL/g)": refraction_increment_ml_per_g}
     if object_index is not None:
         noted["object index"] = object_index
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> pd.DataFrame:
-        if regions is None:
-            masks: Masks = {"object": object_in(comparison, result)}
-        else:
-            masks = regions() if callable(regions) else regions
-        measured = measure(
-            result,
-            masks,
-            used,
-            object_index=object_index,
-            refraction_increment_ml_per_g=refraction_increment_ml_per_g,
-            progress=progress,
-            cancelled=cancelled,
-        )
-        return measured.assign(**noted)
+        masks = regions() if callable(regions) else regions
+        found = []
+        for place, method in enumerate(methods, 1):
+            result, label = comparison.results[method], str(comparison.table["method"][method])
+            head = f"{label} ({place} of {len(methods)})"
+            table = measure(
+                result,
+                {"object": object_in(comparison, result)} if masks is None else masks,
+                used,
+                object_index=object_index,
+                refraction_increment_ml_per_g=refraction_increment_ml_per_g,
+                progress=reworded(progress, partial("{}: {}".format, head)),
+                cancelled=cancelled,
+            ).assign(**noted)
+            if len(methods) > 1:
+                table.insert(0, "method", label)
+            found.append(table)
+        return pd.concat(found, ignore_index=True)
 
     def receive(measured: pd.DataFrame) -> None:
         now = state.outcome
@@ -360,3 +401,40 @@ def object_in(comparison: Comparison, result: xr.DataArray) -> Any:
         return result.data != 0
     msg = "the object was not looked for in this recording; draw a region to measure"
     raise ValueError(msg)
+
+
+def plan_saving(state: State, folder: str | Path, regions: pd.DataFrame | None = None) -> Plan:
+    """Plan to write what a run gave into a folder, with what was measured of it.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    folder : str or Path
+        Where to, see `write_outcome`.
+    regions : pandas.DataFrame, optional
+        The corners of regions that were drawn.
+
+    Raises
+    ------
+    ValueError
+        If there is no result yet.
+    """
+    outcome = state.needed_outcome()
+    known = {"measured.csv": state.measured, "regions.csv": regions}
+    tables = {name: table for name, table in known.items() if table is not None and len(table)}
+
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> list[Path]:
+        source = outcome.recipe.recording
+        with result_folder(
+            folder, outcome.recipe, tables, with_cells=outcome.cells is not None
+        ) as kept:
+            made_of = fingerprint(source, cancelled)
+            written = write_outcome(outcome, folder, progress, cancelled, source=made_of)
+            for name, table in tables.items():
+                rows = table.set_index(table.columns[0])
+                written.append(write_table(Path(folder) / name, rows))
+            kept.settle(written, source, made_of)
+        return written
+
+    return Plan(f"Saving to {folder}", work, lambda _: None)

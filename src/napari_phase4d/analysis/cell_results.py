@@ -1,0 +1,335 @@
+"""Cells of a result, from pixels to a table: found, followed, measured; regions that go along."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.analysis.cells import find_cells, follow_cells
+from napari_phase4d.analysis.measures import measure
+from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.words import check_bool, check_number
+
+__all__ = [
+    "CellSettings",
+    "Cells",
+    "cells_in",
+    "region_with_cell",
+    "summary_of_cells",
+    "with_empty_field",
+]
+
+
+@dataclass(frozen=True)
+class CellSettings:
+    """How cells are found and measured, see `find_cells` and `measure`.
+
+    Parameters
+    ----------
+    threshold_rad : float, optional
+        Phase above the empty field that some pixel of a cell must have. Default 0.25 rad, more
+        with much noise.
+    smallest_um2, largest_um2 : float, optional
+        Areas between which a cell lies, in square micrometres. Default 30 pixels, and no upper
+        limit.
+    at_border : bool
+        Whether cells count that the border of the frame cuts off.
+    split : bool
+        Whether blobs are cut where they have a neck.
+    oblique : bool
+        Whether phase of oblique views is multiplied by the cosine of their angle.
+    object_index : float, optional
+        Refractive index of the cells; without it there is neither height nor volume.
+    refraction_increment_ml_per_g : float
+        How much one gram of dry matter in a millilitre raises the refractive index.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a number can't be.
+
+    Examples
+    --------
+    >>> CellSettings(smallest_um2=20, at_border=False).smallest_um2
+    20
+    """
+
+    threshold_rad: float | None = None
+    smallest_um2: float | None = None
+    largest_um2: float | None = None
+    at_border: bool = True
+    split: bool = True
+    oblique: bool = False
+    object_index: float | None = None
+    refraction_increment_ml_per_g: float = REFRACTION_INCREMENT_ML_PER_G
+
+    def __post_init__(self) -> None:
+        for name in ("at_border", "split", "oblique"):
+            check_bool(name, getattr(self, name))
+        least = {"object_index": 1.0}
+        for name in (
+            "threshold_rad",
+            "smallest_um2",
+            "largest_um2",
+            "object_index",
+            "refraction_increment_ml_per_g",
+        ):
+            value = getattr(self, name)
+            if value is None:
+                continue
+            number = check_number(name, value)
+            if not (math.isfinite(number) and number > 0 and number >= least.get(name, 0.0)):
+                limit = f"at least {least[name]:g}" if name in least else "above 0"
+                msg = f"{name} must be {limit}, but is {value!r}"
+                raise ValueError(msg)
+        if None not in (self.smallest_um2, self.largest_um2) and (
+            (self.smallest_um2 or 0) > (self.largest_um2 or 0)
+        ):
+            msg = (
+                f"the smallest cell, {self.smallest_um2:g} um^2, is larger than the largest, "
+                f"{self.largest_um2:g} um^2; exchange them"
+            )
+            raise ValueError(msg)
+
+
+#: Columns of the table where there are no cells.
+NO_CELLS = ("cell", "parent", "time (s)", "angle (deg)", "dry mass (pg)", "dry mass error (pg)")
+
+
+@dataclass(frozen=True)
+class Cells:
+    """The cells of a result.
+
+    Parameters
+    ----------
+    labels : xarray.DataArray
+        int32, dims (time, angle, y, x): 0 where there is none, else the cell's number.
+    table : pandas.DataFrame
+        A row a cell, time and view, see `measure`.
+    method : str
+        Id of the method whose result they are of.
+    """
+
+    labels: xr.DataArray
+    table: pd.DataFrame
+    method: str = ""
+
+    @property
+    def summary(self) -> pd.DataFrame:
+        """A row a cell, see `summary_of_cells`."""
+        return summary_of_cells(self.table)
+
+
+def cells_in(
+    unwrapped: xr.DataArray,
+    optics: Optics,
+    settings: CellSettings | None = None,
+    *,
+    method: str = "",
+    wrapped: xr.DataArray | None = None,
+    labels: xr.DataArray | None = None,
+    confidence: xr.DataArray | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Cells:
+    """Find, follow and measure the cells of a result.
+
+    Parameters
+    ----------
+    unwrapped : xarray.DataArray
+        Unwrapped phase in radians, dims (time, angle, y, x), with coordinates.
+    optics : Optics
+        The microscope.
+    settings : CellSettings, optional
+        How they are found and measured.
+    method : str, optional
+        Id of the method that gave the phase, to be noted.
+    wrapped : xarray.DataArray, optional
+        The wrapped phase that it was made of, for the empty field that a mask has left out, see
+        `with_empty_field`.
+    labels : xarray.DataArray, optional
+        Cells of another program, or corrected by hand: taken as they are, and only followed.
+    confidence : xarray.DataArray, optional
+        What `confidence` gives: pixels in doubt make errors larger.
+    progress, cancelled : callable, optional
+        See `unwrap`.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument does not fit. That there are no cells is no error: the table is empty then.
+    ImportError
+        If the package that follows cells is not installed.
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    how = settings or CellSettings()
+    if wrapped is not None:
+        unwrapped = with_empty_field(unwrapped, wrapped)
+    if labels is None:
+        found = find_cells(
+            unwrapped,
+            threshold_rad=how.threshold_rad,
+            smallest_um2=how.smallest_um2,
+            largest_um2=how.largest_um2,
+            at_border=how.at_border,
+            split=how.split,
+            progress=progress,
+            cancelled=cancelled,
+        )
+    else:
+        found = follow_cells(labels, progress=progress, cancelled=cancelled)
+    found.attrs["method"] = method
+    if not (found.data > 0).any():
+        return Cells(found, pd.DataFrame({name: [] for name in NO_CELLS}), method)
+    table = measure(
+        unwrapped,
+        found,
+        optics,
+        object_index=how.object_index,
+        refraction_increment_ml_per_g=how.refraction_increment_ml_per_g,
+        oblique=how.oblique,
+        confidence=confidence,
+        progress=progress,
+        cancelled=cancelled,
+    )
+    return Cells(found, table, method)
+
+
+def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataArray:
+    """Return a result in which the empty field is there that a mask had left out.
+
+    Within half a turn of its level, as it is, it needs no unwrapping. Its noise tells how far sums
+    are to be trusted, and what the optics blur out of the mask is part of the mass.
+
+    Parameters
+    ----------
+    unwrapped, wrapped : xarray.DataArray
+        A result, 0 where it was masked, and the phase that it was made of, radians.
+    """
+    if unwrapped.attrs.get("mask", "none") == "none":
+        return unwrapped
+    field = wrapped.transpose(*unwrapped.dims).assign_coords(unwrapped.coords)
+    return unwrapped.where(unwrapped != 0, field).assign_attrs(mask="none")
+
+
+#: Columns of the summary that are medians over the frames of a cell.
+MEDIANS = (
+    "dry mass (pg)",
+    "dry mass error (pg)",
+    "area (um^2)",
+    "mass density (pg/um^2)",
+    "volume (um^3)",
+    "speed (um/s)",
+)
+
+
+def summary_of_cells(table: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each cell.
+
+    Parameters
+    ----------
+    table : pandas.DataFrame
+        Of cells, see `measure`.
+
+    Returns
+    -------
+    pandas.DataFrame
+        "cell", "parent", "from (s)" and "to (s)" (when it is seen), "frames" (times at which it
+        is found in some view); then medians over times and views, of those where it is wholly in
+        view if there are any: "dry mass (pg)", "dry mass error (pg)" (of a single frame), "area
+        (um^2)", "mass density (pg/um^2)", "speed (um/s)", where known "volume (um^3)".
+    """
+    rows: list[dict[str, Any]] = []
+    for number in dict.fromkeys(table["cell"].tolist()):
+        of_cell = table[table["cell"] == number]
+        whole = of_cell[of_cell["wholly in view"].to_numpy(bool)]
+        used = whole if len(whole) else of_cell
+        times = of_cell["time (s)"].to_numpy(np.float64)
+        row: dict[str, Any] = {
+            "cell": int(number),
+            "parent": int(of_cell["parent"].iloc[0]),
+            "from (s)": float(times.min()),
+            "to (s)": float(times.max()),
+            "frames": len(np.unique(times)),
+        }
+        for name in MEDIANS:
+            if name in used:
+                values = used[name].to_numpy(np.float64)
+                known = values[np.isfinite(values)]
+                row[name] = float(np.median(known)) if known.size else float("nan")
+        rows.append(row)
+    return pd.DataFrame(rows, columns=None if rows else ["cell", "parent", *MEDIANS[:3]])
+
+
+def region_with_cell(
+    region: NDArray[np.bool_], frame: tuple[int, int], cells: xr.DataArray
+) -> NDArray[np.bool_]:
+    """Let a region that was drawn in one frame go along with the cell that it lies on.
+
+    It keeps its form, and is moved as the middle of the cell moves, through times and views. What
+    leaves the field is cut off; where the cell is not found, the region is empty.
+
+    Parameters
+    ----------
+    region : ndarray of bool, shape (y, x)
+        The region.
+    frame : (int, int)
+        Numbers of the time and angle at which it was drawn.
+    cells : xarray.DataArray
+        What `find_cells` gives, dims (time, angle, y, x).
+
+    Returns
+    -------
+    ndarray of bool, shape (time, angle, y, x)
+
+    Raises
+    ------
+    ValueError
+        If there is no cell in the region in that frame.
+    """
+    labels = cells.transpose("time", "angle", "y", "x").data
+    if not (0 <= frame[0] < labels.shape[0] and 0 <= frame[1] < labels.shape[1]):
+        msg = (
+            f"the region was drawn at time {frame[0]} and angle {frame[1]} (counted from 0), but "
+            f"there are {labels.shape[0]} times and {labels.shape[1]} angles; draw it again"
+        )
+        raise ValueError(msg)
+    here = np.asarray(labels[frame])
+    inside = here[region & (here > 0)]
+    if not inside.size:
+        msg = (
+            f"there is no cell in the region at time {frame[0]} and angle {frame[1]} (counted "
+            "from 0), so it can't go along with one; draw it on a cell, or let it stand still"
+        )
+        raise ValueError(msg)
+    cell = int(np.bincount(inside).argmax())
+    start = middle_of(here == cell)
+    moved = np.zeros(cells.shape, dtype=bool)
+    for place in np.ndindex(*cells.shape[:2]):
+        of_cell = np.asarray(labels[place]) == cell
+        if of_cell.any():
+            shifted(region, np.rint(middle_of(of_cell) - start).astype(int), moved[place])
+    return moved
+
+
+def middle_of(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the middle (y, x) of the pixels of a mask."""
+    return np.array([float(part.mean()) for part in np.nonzero(mask)])
+
+
+def shifted(mask: NDArray[np.bool_], way: NDArray[np.int_], target: NDArray[np.bool_]) -> None:
+    """Move a mask by whole pixels into an empty one; what leaves it is lost."""
+    source, goal = [], []
+    for step, size in zip(way.tolist(), mask.shape, strict=True):
+        source.append(slice(max(-step, 0), max(min(size, size - step), 0)))
+        goal.append(slice(max(step, 0), max(min(size, size + step), 0)))
+    if mask[tuple(source)].size:
+        target[tuple(goal)] = mask[tuple(source)]

@@ -1,0 +1,106 @@
+"""What is known stays when the dock is closed, and the sliders keep to one recording."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from qtpy.QtCore import Qt
+from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QApplication
+
+import napari_phase4d as p4d
+
+pytestmark = pytest.mark.gui
+
+
+def close(viewer: Any, dock: Any, qtbot: Any) -> None:
+    """Close the dock with the button in its title."""
+    around = viewer.window.dock_widgets["Phase 4D (napari-phase4d)"].parent()
+    while not hasattr(around, "title"):
+        around = around.parent()
+    button = around.title.close_button
+    QTest.mouseClick(button, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: dock.jobs.closed, timeout=5000)
+    dock.deleteLater()  # the test still knows it, so that it would not go
+    qtbot.wait(50)
+
+
+def opened_again(viewer: Any) -> Any:
+    _, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    return dock
+
+
+def test_all_is_there_when_the_dock_is_opened_again(viewer, ready, click, qtbot) -> None:
+    ready.session.unwrap(["temporal", "spatial-2d"])
+    ready.session.measure()
+    ready.phase.window.value = "gaussian"
+    session, rows = ready.session, ready.compare.figures.table.rowCount()
+    layers = [layer.name for layer in viewer.layers]
+    states = [section.badge.text() for section in ready.sections]
+    frame = viewer.dims.current_step
+    close(viewer, ready, qtbot)
+    again = opened_again(viewer)
+    assert again is not ready
+    assert again.session is session
+    assert [layer.name for layer in viewer.layers] == layers
+    assert viewer.dims.current_step == frame
+    assert [section.badge.text() for section in again.sections] == states
+    assert again.compare.figures.table.rowCount() == rows == 2
+    assert again.compare.measuring.table.rowCount() > 0
+    assert again.lobes.table.rowCount() == 2
+    assert again.phase.window.value == "gaussian"
+    assert again.recording.facts.text() != ""
+    assert "as it was" in again.status.text()
+    # And it goes on: what is found now is shown once.
+    again.session.reconstruct()
+    again.session.unwrap(["temporal"])
+    assert again.compare.figures.table.rowCount() == 1
+    assert len(viewer.layers) == len(layers) + 3  # phase, amplitude, Temporal
+    again.jobs.cancel()
+
+
+@pytest.mark.story
+def test_a_run_is_stopped_with_its_dock(viewer, ready, qtbot) -> None:
+    ready.session.update(methods=("directional-l1",))
+    ready.unwrap.run()
+    close(viewer, ready, qtbot)
+    again = opened_again(viewer)
+    assert again.session.outcome is None
+    assert not again.jobs.running
+    again.session.unwrap(["temporal"])
+    assert again.compare.figures.table.rowCount() == 1
+    again.jobs.cancel()
+
+
+def test_an_empty_dock_opens_as_ever(viewer, dock, qtbot) -> None:
+    close(viewer, dock, qtbot)
+    again = opened_again(viewer)
+    assert "Open a recording" in again.status.text()
+    again.jobs.cancel()
+
+
+def test_sliders_keep_to_the_present_recording(viewer, dock, qtbot) -> None:
+    yeast = p4d.simulation.budding_yeast(n_times=5)
+    dock.session.set_phase(yeast["wrapped"].assign_attrs(source="", object="a yeast"))
+    dock.session.unwrap(["temporal"])
+    euglena = p4d.simulation.swimming_euglena((40, 56), 9)
+    dock.session.set_phase(euglena["wrapped"])
+    dock.session.unwrap(["temporal"])
+    QApplication.processEvents()
+    assert viewer.dims.nsteps == (9, 2, 40, 56)
+    for step in range(9):
+        viewer.dims.set_current_step(0, step)
+        assert dock.presenter.current_frame()[0] == step
+    old = [layer for layer in viewer.layers if not layer.visible and layer.data.shape[0] == 5]
+    assert len(old) == 2
+    assert all("yeast" in layer.name for layer in old)
+    # A layer of before that is shown again can be reached by the sliders.
+    old[0].visible = True
+    assert viewer.dims.range[1].stop == pytest.approx(float(yeast["angle"].max()), abs=1)
+    old[0].visible = False
+    assert viewer.dims.nsteps == (9, 2, 40, 56)
+    # A layer of the user counts in any case.
+    viewer.add_image(np.zeros((3, 2, 50, 70)), name="mine")
+    assert viewer.dims.range[3].stop >= 69

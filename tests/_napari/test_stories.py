@@ -1,0 +1,170 @@
+"""Stories by mouse and keyboard alone, each of a recording that has gone wrong in a window once.
+
+The story of the sample itself is in `test_story.py`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from driving import answer_dialog
+from napari.settings import get_settings
+from qtpy.QtCore import Qt
+from qtpy.QtTest import QTest
+from qtpy.QtWidgets import (
+    QAbstractButton,
+    QAbstractSpinBox,
+    QApplication,
+    QComboBox,
+    QLabel,
+    QTabBar,
+)
+
+import napari_phase4d as p4d
+from napari_phase4d.recording import Recording
+from napari_phase4d.sample import Sample
+
+pytestmark = [pytest.mark.gui, pytest.mark.story]
+
+#: More presses of Tab than this lead nowhere.
+MOST_TABS = 150
+
+
+def saved(folder: Path, name: str, holograms: Any) -> Path:
+    path = folder / f"{name}.tif"
+    tifffile.imwrite(path, np.asarray(holograms), photometric="minisblack", imagej=False)
+    return path
+
+
+def open_by_click(click: Any, dock: Any, path: Path) -> None:
+    answered = answer_dialog(path)
+    click("open_file")
+    assert answered()
+    assert dock.session.recording is not None
+    assert dock.session.recording.source == str(path)
+
+
+def test_the_thin_moment_comes_at_the_end(
+    dock, click, qtbot, tmp_path: Path, sample: Sample
+) -> None:
+    backwards = sample.recording.holograms.values[::-1]
+    open_by_click(click, dock, saved(tmp_path, "reversed", backwards))
+    click("find_lobes")
+    click("reconstruct")
+    qtbot.waitUntil(lambda: dock.session.scores is not None, timeout=60_000)
+    # Nobody has chosen a frame to start from: it is the star, and not the first.
+    time, angle = dock.session.start_frames[0]
+    assert time > 30
+    for method in ("spatial-2d", "angular", "temporal", "angular-temporal"):
+        click(f"method_{method}")
+    click("run")
+    found = dock.session.results["temporal-angular"]
+    assert found.attrs["boundary"][0] == [time, angle]
+    # From the first frame, in which the cell is thickest, more of it would be wrong.
+    phase = dock.session.reconstruction["phase"]
+    first = p4d.unwrap(phase, "temporal-angular", (0, 0), mask="auto")
+    best = dock.session.results["directional-l1"].values
+    wrong, wrong_from_first = (float((np.abs(u.values - best) > 3).mean()) for u in (found, first))
+    assert wrong < wrong_from_first / 2
+    qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
+    assert dock.session.verdict.startswith("Use WL1")
+
+
+def test_one_view_and_then_two(
+    viewer, dock, click, tmp_path: Path, small_video: Recording
+) -> None:
+    exact = p4d.simulation.swimming_euglena((96, 112), 3, pixel_um=0.35, peak_rad=6)
+    single = p4d.simulation.multiplexed_video(
+        exact["phase"].isel(angle=[0]), carriers=[(0.19, 0.21)]
+    )
+    open_by_click(click, dock, saved(tmp_path, "single", single.holograms.values))
+    click("find_lobes")
+    assert len(dock.session.lobes) == 1
+    click("reconstruct")
+    assert dock.session.reconstruction["phase"].sizes["angle"] == 1
+    open_by_click(click, dock, saved(tmp_path, "two", small_video.holograms.values))
+    click("find_lobes")
+    assert len(dock.session.lobes) == 2
+    click("reconstruct")
+    assert dock.session.reconstruction["phase"].sizes["angle"] == 2
+    # The sliders go over the present recording alone: six frames, two views.
+    assert viewer.dims.nsteps[:2] == (6, 2)
+
+
+def test_by_keyboard_alone(viewer, dock, qtbot) -> None:
+    dock.window().activateWindow()
+    dock.sections[0].heading.setFocus()
+    qtbot.waitUntil(dock.sections[0].heading.hasFocus, timeout=3000)
+
+    def press(name: str, key: Qt.Key = Qt.Key.Key_Space) -> None:
+        """Go to a button with the Tab key and press it."""
+        for _ in range(MOST_TABS):
+            focused = QApplication.focusWidget()
+            assert focused is not None
+            if focused.objectName() == name:
+                break
+            QTest.keyClick(focused, Qt.Key.Key_Tab)
+        else:
+            pytest.fail(f"no way to {name} by the Tab key")
+        QTest.keyClick(focused, key)
+        qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+        QApplication.processEvents()
+
+    press("try_yeast")
+    assert dock.session.reconstruction is not None
+    for method in ("angular", "temporal", "angular-temporal"):
+        press(f"method_{method}")
+    press("run")
+    assert list(dock.session.results) == ["spatial-2d", "temporal-angular", "directional-l1"]
+    qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
+    press("show_difference")
+    assert dock.presenter.showing == "difference"
+    press("show_worst")
+    assert dock.presenter.showing == "results"
+    tabs = dock.findChild(QTabBar)
+    tabs.setFocus()
+    QTest.keyClick(tabs, Qt.Key.Key_Right)
+    QTest.keyClick(tabs, Qt.Key.Key_Right)
+    press("measure")
+    assert len(dock.session.measured)
+
+
+def test_nothing_is_cut_in_a_large_font(viewer, dock, ready, qtbot) -> None:
+    settings = get_settings().appearance
+    size, width = settings.font_size, dock.minimumWidth()
+    settings.font_size = round(1.5 * size)
+    try:
+        ready.session.unwrap(("spatial-2d", "temporal-angular"))
+        qtbot.waitUntil(lambda: dock.minimumWidth() > width, timeout=5000)
+        for number in range(len(dock.sections)):
+            dock.show_step(number)
+            qtbot.wait(120)
+            assert cut_off(dock) == []
+        for tab in range(dock.compare.tabs.count()):
+            dock.compare.tabs.setCurrentIndex(tab)
+            qtbot.wait(120)
+            assert cut_off(dock) == []
+    finally:
+        settings.font_size = size
+    qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=5000)
+
+
+def cut_off(dock: Any) -> list[str]:
+    """Return the names of what is narrower than its words, or beyond the panel's right edge."""
+    port = dock.scroll.viewport()
+    found = []
+    kinds = (QAbstractButton, QLabel, QAbstractSpinBox, QComboBox)
+    for widget in (w for kind in kinds for w in port.findChildren(kind) if w.isVisible()):
+        if not widget.objectName() or widget.objectName().startswith("qt_"):
+            continue
+        right = widget.mapTo(port, widget.rect().topRight()).x()
+        words = widget.text() if isinstance(widget, QAbstractButton | QLabel) else ""
+        wraps = isinstance(widget, QLabel) and widget.wordWrap()
+        needed = 0 if wraps or "<" in words else widget.fontMetrics().horizontalAdvance(words)
+        if right > port.width() or needed > widget.width():
+            found.append(f"{widget.objectName()}: {words!r}")
+    return found

@@ -1,0 +1,207 @@
+"""Step 5 shows one thing at a time and where methods disagree; headings say what to look at."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from driving import click_cell
+from qtpy.QtCore import Qt
+from qtpy.QtTest import QTest
+
+import napari_phase4d as p4d
+from napari_phase4d.analysis.verdict import disagreement
+
+pytestmark = pytest.mark.gui
+
+SHAPE = (90, 110)
+METHODS = ("spatial-2d", "angular", "directional-l1")
+
+
+@pytest.fixture
+def differing(dock: Any, qtbot: Any) -> Any:
+    """Return the dock with results that differ, as the run button leaves it."""
+    exact = p4d.simulation.swimming_euglena(SHAPE, 12, peak_rad=30)
+    dock.session.set_phase(exact["wrapped"])
+    dock.session.update(methods=METHODS)
+    QTest.mouseClick(dock.unwrap.go, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
+    return dock
+
+
+def down(dock: Any) -> list[str]:
+    """Names of the views whose button is down."""
+    return [name for name, button in dock.compare.views.items() if button.isChecked()]
+
+
+def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
+    assert down(differing) == ["results"]
+    for name, button, words in (
+        ("confidence", "show_confidence", "colours: chance to be right, 0 to 1"),
+        ("margin", "show_margin", "colours: steps in half cycles"),
+        ("wrapped", "show_wrapped", ""),
+        ("difference", "show_difference", "colours: difference in rad"),
+        ("results", "side_by_side", "colours: phase in rad"),
+    ):
+        click(button)
+        assert down(differing) == [name]
+        assert viewer.canvas.overlays.text.text == words
+        assert viewer.canvas.overlays.text.visible is bool(words)
+    click("leave_grid")
+    assert down(differing) == []
+    # A button whose view can't be shown does not stay down.
+    differing.session.take_outcome(None)
+    click("show_confidence")
+    assert differing.status.property("wrong")
+    assert down(differing) == []
+
+
+def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, viewer: Any) -> None:
+    click("leave_grid")
+    text = viewer.canvas.overlays.text
+    text.text, text.visible = "cell 7, March", True
+    click("side_by_side")
+    assert (text.text, text.visible) == ("cell 7, March", True)
+
+
+def test_the_difference_is_to_what_is_chosen(differing: Any, click: Any, viewer: Any) -> None:
+    assert differing.compare.difference.value == "less WL1"  # the one most to be trusted
+    click("show_difference")
+    results = differing.session.results
+    layer = viewer.layers["2-D − WL1"]
+    expected = results["spatial-2d"].values - results["directional-l1"].values
+    np.testing.assert_array_equal(layer.data, expected)
+    differing.compare.difference.value = "less 2-D"
+    assert viewer.layers["WL1 − 2-D"].visible
+
+
+def test_the_sliders_go_to_where_methods_disagree(differing: Any, click: Any) -> None:
+    worst = differing.session.verdict.frame
+    assert worst not in (None, (0, 0))
+    assert differing.presenter.current_frame() == worst
+    assert "here methods disagree most" in differing.status.text()
+
+
+def test_but_not_if_somebody_has_moved_them(dock: Any, qtbot: Any) -> None:
+    dock.session.set_phase(p4d.simulation.swimming_euglena(SHAPE, 12, peak_rad=30)["wrapped"])
+    dock.session.update(methods=METHODS)
+    dock.session.unwrap(METHODS)
+    dock.presenter.go_to(3, 1)
+    qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
+    assert dock.session.verdict.frame is not None
+    assert dock.presenter.current_frame() == (3, 1)
+
+
+def test_the_strip_shows_agreement_and_leads_there(differing: Any, qtbot: Any) -> None:
+    strip, session = differing.compare.agreement, differing.session
+    assert strip.isVisible()
+    inside = session.outcome.comparison.object_mask()
+    shares = disagreement(session.results, inside)
+    np.testing.assert_allclose(strip._picture.scores, 1 - shares.values, atol=1e-6)
+    click_cell(strip, 4, 1)
+    assert differing.presenter.current_frame() == (4, 1)
+    strip.setFocus()
+    for key in (Qt.Key.Key_Right, Qt.Key.Key_Right, Qt.Key.Key_Return):
+        QTest.keyClick(strip, key)
+    assert differing.presenter.current_frame() == (6, 1)
+
+
+def test_zero_is_black_and_safe_is_bright(differing: Any, click: Any, viewer: Any) -> None:
+    layer = viewer.layers["WL1"]
+    low, high = layer.contrast_limits
+    zero = layer.colormap.map(np.array([(0 - low) / (high - low)]))[0]
+    top = layer.colormap.map(np.array([1.0]))[0]
+    assert zero[:3].max() < 0.05
+    assert top[:3].sum() > 2
+    click("show_confidence")
+    confidence = viewer.layers["confidence in WL1"].colormap.map(np.array([0.0, 1.0]))
+    assert confidence[1, :3].sum() > confidence[0, :3].sum() + 1
+
+
+def test_the_picture_is_cropped_to_the_object(viewer: Any, dock: Any) -> None:
+    cell = p4d.simulation.swimming_euglena((60, 60), 2, peak_rad=9)["wrapped"].values
+    wide = np.zeros((2, 2, 240, 240), np.float32)
+    wide[..., 150:210, 20:80] = cell  # in one corner
+    pixel_um = 0.5
+    places = {axis: (axis, pixel_um * np.arange(240)) for axis in ("y", "x")}
+    coords = {"time": [0.0, 1.0], "angle": [0.0, 5.0], **places}
+    dock.session.set_phase(xr.DataArray(wide, coords, ("time", "angle", "y", "x")))
+    dock.session.unwrap(["spatial-2d", "temporal"])
+    centre = np.array(viewer.scene.camera.center[-2:])
+    np.testing.assert_allclose(centre, [180 * pixel_um, 50 * pixel_um], atol=6 * pixel_um)
+    cropped = viewer.scene.camera.zoom
+    viewer.reset_view()
+    assert cropped > 2 * viewer.scene.camera.zoom
+
+
+def test_results_appear_as_their_methods_end(dock: Any, qtbot: Any) -> None:
+    exact = p4d.simulation.swimming_euglena((160, 200), 24, peak_rad=30)
+    dock.session.set_phase(exact["wrapped"])
+    dock.session.update(methods=("spatial-2d", "directional-l1"), boundary=((0, 0),))
+    seen: list[tuple[str, bool]] = []
+    dock.session.result_finished.connect(
+        lambda method, *_: seen.append((method, dock.session.outcome is None))
+    )
+    QTest.mouseClick(dock.unwrap.go, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+    # Each came before the whole, and is shown by one layer.
+    assert seen == [("spatial-2d", True), ("directional-l1", True)]
+    names = [layer.name for layer in dock.presenter.viewer.layers]
+    assert names.count("2-D") == names.count("WL1") == 1
+
+
+def test_a_heading_is_amber_where_something_needs_a_look(dock: Any, small_video: Any) -> None:
+    badge = dock.sections[0].badge
+    dock.session.set_recording(small_video)
+    assert badge.text() == "✓ done"
+    doubted = replace(small_video, notes=("The camera pixel is not known.",))
+    dock.session.set_recording(doubted)
+    assert badge.text() == "⚠ look"
+    assert "The camera pixel is not known." in badge.toolTip()
+
+
+def test_an_error_goes_with_its_cause(ready: Any, click: Any, tick_only: Any) -> None:
+    tick_only()
+    click("run")
+    assert "no method is ticked" in ready.status.text()
+    click("method_spatial-2d")
+    assert not ready.status.property("wrong")
+    assert "no method" not in ready.status.text()
+
+
+def test_a_recipe_with_lobes_goes_on_with_phase(dock: Any, ready: Any) -> None:
+    recipe = ready.session.recipe
+    assert recipe.lobes
+    ready.session.set_recording(ready.session.recording, recipe=recipe)
+    assert dock.sections[2].is_open
+    assert "press Reconstruct" in dock.status.text()
+
+
+def test_the_others_open_by_a_click(dock: Any, click: Any) -> None:
+    dock.show_step(3)
+    rest, more = dock.unwrap.list.rest, dock.unwrap.list.more
+    assert not rest.isVisible()
+    assert more.text() == "Others (0 of 7 ticked)"
+    click("method_laplacian")  # which opens them first
+    assert rest.isVisible()
+    assert more.text() == "Others (1 of 7 ticked)"
+    assert "laplacian" in dock.session.recipe.methods
+    click("more_methods")
+    assert not rest.isVisible()
+
+
+def test_a_layer_of_napari_is_offered(viewer: Any, dock: Any) -> None:
+    viewer.add_image(np.random.default_rng(0).random((64, 64)), name="from the camera")
+    assert "“from the camera”, choose it as the layer in step 1" in dock.status.text()
+
+
+def test_one_frame_has_no_rate_of_the_recording_before(dock: Any, small_video: Any) -> None:
+    dock.session.set_recording(small_video)
+    rate = dock.recording.numbers["frame_rate_hz"]
+    assert rate.value == pytest.approx(small_video.frame_rate_hz)
+    one = p4d.Recording.from_frames(np.asarray(small_video.raw_frame(0))[None])
+    dock.session.set_recording(one)
+    assert rate.value == 1.0

@@ -1,0 +1,102 @@
+"""Two angles at two wavelengths in one hologram, from the file to the right result by clicks."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from driving import answer_dialog
+from scipy import ndimage
+
+import napari_phase4d as p4d
+from napari_phase4d._napari.one_shot import nanometres
+from napari_phase4d._napari.viewing.layers import METADATA_KEY, stack_of_layer
+from napari_phase4d.holography.lobes import pair_distance
+from napari_phase4d.simulation import at_wavelengths, multiplexed_video, step_phantom
+from test_wavelengths import ANGLES, CARRIERS, PUPIL, TWO, lobes_of
+
+pytestmark = [pytest.mark.gui, pytest.mark.story]
+
+
+def test_from_a_hologram_of_two_wavelengths_to_sheer_steps(
+    viewer: Any, dock: Any, click: Any, qtbot: Any, tmp_path: Path
+) -> None:
+    plates = at_wavelengths(step_phantom((512, 512), (0.4, 0.9, 1.4), 2, angles_deg=ANGLES), TWO)
+    video = multiplexed_video(
+        plates["phase"], carriers=CARRIERS, pupil_radius=PUPIL, bits=12, drift_rad=0.3
+    )
+    path = tmp_path / "plates.tif"
+    tifffile.imwrite(path, np.asarray(video.holograms.values), photometric="minisblack")
+    answered = answer_dialog(path)
+    click("open_file")
+    assert answered()
+    click("find_lobes")
+    table = dock.lobes.table
+    assert table.rowCount() == 4
+    for row, lobe in enumerate(dock.session.lobes):
+        known = min(lobes_of(), key=lambda k: pair_distance(k.carrier, lobe.carrier))
+        table.item(row, 3).setText(f"{known.angle_deg:g}")
+        table.item(row, 4).setText(f"{1000 * known.wavelength_um:g}")
+    assert {(view.angle_deg, view.wavelength_um) for view in dock.session.lobes} == {
+        (angle, light) for angle in ANGLES for light in TWO
+    }
+    # Found again, they keep what was typed; a cell that is emptied gives it back to step 1.
+    click("find_lobes")
+    assert {view.wavelength_um for view in dock.session.lobes} == set(TWO)
+    table.item(0, 4).setText("")
+    assert dock.session.lobes[0].wavelength_um is None
+    table.item(0, 4).setText("532")
+    table.item(0, 4).setText("blue")
+    assert "takes a number" in dock.status.text()
+    assert dock.session.lobes[0].wavelength_um == 0.532
+
+    # A method of several wavelengths can be ticked once there are some.
+    row = dock.unwrap.methods["synthetic-wavelength"]
+    assert not row.tick.isEnabled()
+    click("reconstruct")
+    assert row.tick.isEnabled()
+    layer = next(la for la in viewer.layers if la.name.startswith("wrapped"))
+    stack = stack_of_layer(layer)
+    np.testing.assert_allclose(stack["wavelength"], [TWO[0], TWO[1]] * 2)
+    np.testing.assert_allclose(stack["angle"], np.repeat(ANGLES, 2))
+    # Views of one angle have each a place on the slider.
+    assert layer.scale[1] == 1
+    for view in range(4):
+        dock.presenter.go_to(1, view)
+        assert dock.presenter.current_frame() == (1, view)
+    assert layer.metadata[METADATA_KEY]["angles_deg"] == list(np.repeat(ANGLES, 2))
+
+    dock.session.update(methods=("temporal-angular", "directional-l1", "synthetic-wavelength"))
+    click("run")
+    qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
+    assert dock.session.verdict.startswith("Use Synthetic")
+    phase = dock.session.reconstruction["phase"]
+    exact = plates["phase"].sel(y=phase["y"], x=phase["x"], method="nearest").values
+    sign = -1 if dock.session.lobes[0].flip else 1
+    results = dock.session.results
+    # Beside the edges, where the optics smooth and a pixel more or less counts.
+    plates_alone = ndimage.binary_erosion(exact > 1, np.ones((1, 1, 5, 5)))
+    off = {m: np.abs(r.values - sign * exact)[plates_alone] > np.pi for m, r in results.items()}
+    assert off["synthetic-wavelength"].mean() < 0.01
+    assert off["directional-l1"].mean() > 0.5
+
+    click("measure")
+    measured = dock.session.measured
+    assert set(measured["wavelength (um)"]) == set(TWO)
+    (line,) = dock.compare.measuring.plot.figure.axes[0].get_lines()[:1]
+    assert len(line.get_xdata()) == 2  # two times of the view on screen
+
+    # Other optics leave the wavelengths that were typed; the path is that of each view.
+    dock.session.recalibrate(
+        dock.session.recording.calibrated(p4d.Optics(wavelength_um=0.7, magnification=40))
+    )
+    np.testing.assert_allclose(dock.session.reconstruction["wavelength"], [*TWO, *TWO])
+    newest = dock.presenter.results()[-1]
+    stack = stack_of_layer(newest)
+    path_nm = nanometres(stack)
+    for view, light in enumerate([*TWO, *TWO]):
+        expected = stack.values[:, view] * 1000 * light / (2 * np.pi)
+        np.testing.assert_allclose(path_nm[:, view], expected, rtol=1e-5)
