@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -80,6 +81,9 @@ def test_cells_are_found_shown_and_saved_by_clicks(viewer, unwrapped, click, tmp
     assert (tmp_path / "cells.svg").stat().st_size > 5000
     unwrapped.session.save(tmp_path / "everything")
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "everything" / "cells.csv"), table)
+    # Phase from memory was never a file: nothing that lies around is taken for its input.
+    note = json.loads((tmp_path / "everything" / "run.json").read_text())
+    assert set(note["input"]) == {"name"}
     assert unwrapped.session.outcome.recipe.cells == p4d.CellSettings()
 
 

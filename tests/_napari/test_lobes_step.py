@@ -11,6 +11,7 @@ from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
+from napari_phase4d._napari.widgets.spectrum_canvas import COLUMNS
 from napari_phase4d.holography import pair_distance
 
 pytestmark = pytest.mark.gui
@@ -81,7 +82,7 @@ def test_flip_and_angle_are_set_in_the_table(ready) -> None:
     table = ready.lobes.table
     flipped = not ready.session.lobes[1].flip
     state = Qt.CheckState.Checked if flipped else Qt.CheckState.Unchecked
-    table.item(1, 4).setCheckState(state)
+    table.item(1, COLUMNS.index("flip")).setCheckState(state)
     table.item(1, 3).setText("33.5")
     assert ready.session.lobes[1].flip is flipped
     assert ready.session.lobes[1].angle_deg == 33.5

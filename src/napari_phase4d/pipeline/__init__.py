@@ -8,7 +8,7 @@ from napari_phase4d.pipeline.batch import result_folders, run_batch
 from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
-from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint, fingerprinting
+from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint, fingerprinting, source_of
 from napari_phase4d.pipeline.recipe import (
     DEFAULT_METHODS,
     PAPER_METHODS,
@@ -68,6 +68,7 @@ __all__ = [
     "run_batch",
     "sentence_of",
     "size_in_words",
+    "source_of",
     "stacks_beside",
     "start_sentence",
     "start_words",

@@ -34,6 +34,7 @@ __all__ = [
     "fingerprinting",
     "program_version",
     "provenance_of",
+    "source_of",
     "with_provenance",
 ]
 
@@ -180,6 +181,9 @@ def parts_of(source: str) -> Parts:
 
     With all that is read beside those that were named, and what lies behind links.
     """
+    if not source:
+        msg = "there is no file without a name"  # and "" is not the folder that a program runs in
+        raise OSError(msg)
     path = Path(source)
     if path.is_dir():
         found = {p.relative_to(path).as_posix(): p for p in files_below(path)}
@@ -304,8 +308,18 @@ def nameless(source: str) -> str:
     return source if not source or is_sample(source) else Path(source).name
 
 
-def source_of(outcome: Outcome, cancelled: CancelledCall | None) -> Fingerprint:
-    """Return the fingerprint of what a run began with, as far as it is known."""
+def source_of(outcome: Outcome, cancelled: CancelledCall | None = None) -> Fingerprint:
+    """Return the fingerprint of what a run began with, as far as it is known.
+
+    Of what never was a file, or is not there any more, that is its name.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        What the run gave.
+    cancelled : callable, optional
+        ``cancelled()`` stops the work.
+    """
     if outcome.recording is not None:
         source, name = outcome.recording.source, outcome.recording.name
     else:

@@ -92,7 +92,7 @@ def ladder_of(wavelengths_um: Sequence[float]) -> list[Rung]:
     >>> [round(rung.wavelength_um, 3) for rung in ladder_of((0.532, 0.6328))]
     [3.34, 0.532]
     >>> [round(rung.wavelength_um, 3) for rung in ladder_of((0.532, 0.561, 0.6328))]
-    [10.292, 3.34, 0.532]
+    [10.291, 3.34, 0.532]
     """
     beats, plain = rungs_of(wavelengths_um)
     best: tuple[float, int, list[Rung]] | None = None

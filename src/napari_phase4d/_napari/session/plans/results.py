@@ -34,10 +34,10 @@ from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.pipeline import (
     Outcome,
     estimated_seconds,
-    fingerprint,
     noting_start,
     phase_needs,
     result_folder,
+    source_of,
     unwrap_by,
     with_start,
     write_outcome,
@@ -429,7 +429,7 @@ def plan_saving(state: State, folder: str | Path, regions: pd.DataFrame | None =
         with result_folder(
             folder, outcome.recipe, tables, with_cells=outcome.cells is not None
         ) as kept:
-            made_of = fingerprint(source, cancelled)
+            made_of = source_of(outcome, cancelled)
             written = write_outcome(outcome, folder, progress, cancelled, source=made_of)
             for name, table in tables.items():
                 rows = table.set_index(table.columns[0])
