@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -171,6 +172,34 @@ def test_the_demo_without_qt_says_what_to_install(tmp_path: Path) -> None:
     assert 'pip install "napari-phase4d[all]"' in done.stderr
     assert "Traceback" not in done.stderr
     assert not (tmp_path / "out").exists()
+
+
+def test_an_empty_word_is_refused(
+    phase_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(phase_file.parent)
+    for words in (("run", phase_file, "--out", ""), ("info", ""), ("",)):
+        assert "is empty; was a variable" in refused(monkeypatch, capsys, *words)
+    assert names(phase_file.parent) == {"phase.npy"}
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names of files hold no such letters")
+@pytest.mark.parametrize("name", ["red\x1b[31m.npy", "two\nlines.npy", "bell\x07.npy"])
+def test_names_can_not_speak_to_the_terminal(phase_file: Path, name: str) -> None:
+    strange = phase_file.rename(phase_file.with_name(name))
+    out = strange.parent / "out"
+    for words in (("info", strange), ("run", strange, "--out", out, "--method", "spatial-2d")):
+        command = [sys.executable, "-m", "napari_phase4d", *map(str, words)]
+        done = subprocess.run(command, capture_output=True, text=True)
+        assert done.returncode == 0, done.stderr
+        for printed in (done.stdout, done.stderr):
+            assert not set(printed) & {"\x1b", "\x07"}
+        if words[0] == "info":
+            assert done.stdout.splitlines()[0] == name.encode("unicode_escape").decode()
+    strange.unlink()
+    done = subprocess.run([*command[:3], "info", strange], capture_output=True, text=True)
+    assert done.returncode == 1
+    assert len(done.stderr.splitlines()) == 1
 
 
 def test_doubts_are_said_in_words(tmp_path: Path) -> None:

@@ -15,7 +15,7 @@ from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import difference
-from napari_phase4d.pipeline import run_batch
+from napari_phase4d.pipeline import run_batch, write_outcome
 from napari_phase4d.simulation import multiplexed_video, swimming_cells, swimming_euglena
 
 OPTICS = p4d.Optics()
@@ -318,14 +318,64 @@ def test_a_recipe_is_read_from_files_only(tmp_path: Path) -> None:
             p4d.Recipe.from_file(path)
 
 
+@pytest.mark.parametrize("first", [1, 2])
+def test_frames_that_were_added_to_a_file_belong_to_it(
+    rec: p4d.Recording, tmp_path: Path, first: int
+) -> None:
+    frames = np.asarray(rec.holograms.data)
+    path = tmp_path / "added.tif"
+    tifffile.imwrite(path, frames[:first])
+    tifffile.imwrite(path, frames[first:], append=True)
+    found = p4d.open_recording(path)
+    np.testing.assert_array_equal(found.holograms.values, frames)
+    assert not any("pages" in note for note in found.notes)
+
+
 def test_pages_that_are_left_out_are_said(rec: p4d.Recording, tmp_path: Path) -> None:
     frames = np.asarray(rec.holograms.data)
     path = tmp_path / "added.tif"
     tifffile.imwrite(path, frames[:2])
-    tifffile.imwrite(path, frames[2:], append=True)
+    tifffile.imwrite(path, frames[2:, :40, :40], append=True)
     found = p4d.open_recording(path)
     assert found.n_frames == 2
     assert any("Of 3 pages the first 2 are read" in note for note in found.notes)
+
+
+def test_masks_are_no_holograms(tmp_path: Path) -> None:
+    mask = np.indices((2, 40, 48)).sum(0) % 3 == 0
+    np.save(tmp_path / "mask.npy", mask)
+    for given in (mask, tmp_path / "mask.npy"):
+        with pytest.raises(TypeError, match="holds True and False, as masks do"):
+            p4d.open_recording(given)
+
+
+def test_an_empty_name_is_not_the_folder_the_program_runs_in(
+    rec: p4d.Recording, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("video.npy", np.asarray(rec.holograms.data))
+    recipe = p4d.Recipe(methods=("spatial-2d",), boundary=((0, 0),))
+    outcome = p4d.run(recipe, p4d.open_recording("video.npy"))
+    for call in (
+        lambda: p4d.open_recording(""),
+        lambda: p4d.open_phase(""),
+        lambda: p4d.write_phase("", W),
+        lambda: p4d.read_results(""),
+        lambda: write_outcome(outcome, ""),
+        lambda: run_batch(p4d.Recipe(), ["video.npy"], ""),
+        lambda: run_batch(p4d.Recipe(), [""], "out"),
+        lambda: p4d.Recipe().to_file(""),
+        lambda: p4d.Recipe.from_file(""),
+    ):
+        with pytest.raises(ValueError, match="the name of a file or folder is empty"):
+            call()
+    assert [path.name for path in tmp_path.iterdir()] == ["video.npy"]
+
+
+def test_noise_is_no_reference(rec: p4d.Recording) -> None:
+    noise = np.random.default_rng(0).integers(0, 255, rec.frame_shape).astype(np.uint8)
+    with pytest.raises(ValueError, match="the reference shows no fringes in at least one lobe"):
+        p4d.reconstruct(rec, p4d.find_lobes(rec), reference=noise)
 
 
 def test_a_recipe_for_another_microscope_is_said() -> None:

@@ -330,7 +330,10 @@ def checked_frames(frames: Any, name: str) -> NDArray[np.generic]:
         msg = f"{name} is no array: its rows differ in length"
         raise ValueError(msg) from error
     dtype = np.dtype(video.dtype)
-    if dtype.kind not in "buif":
+    if dtype.kind == "b":
+        msg = f"{name} holds True and False, as masks do; a hologram video needs grey values"
+        raise TypeError(msg)
+    if dtype.kind not in "uif":
         msg = f"{name} holds {dtype} values; a hologram video needs real numbers"
         raise TypeError(msg)
     if video.ndim < 2:

@@ -6,6 +6,7 @@ import os
 import sys
 import warnings
 from numbers import Real
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 __all__ = [
     "EXPECTED",
     "as_numbers",
+    "as_path",
     "check_bool",
     "check_call",
     "check_number",
@@ -22,6 +24,7 @@ __all__ = [
     "check_type",
     "counted",
     "is_expected",
+    "printable",
     "sentence_of",
     "shown",
     "size_in_words",
@@ -129,6 +132,38 @@ def as_numbers(name: str, values: Any) -> NDArray[Any]:
     return found
 
 
+def as_path(path: Any, advice: str = "") -> Path:
+    """Return a path; TypeError for what is none, with advice, ValueError for an empty word.
+
+    An empty word, such as a variable of a script that was never set, would be the folder that the
+    program runs in.
+    """
+    if not isinstance(path, (str, PathLike)):
+        what = type(path).__name__ + (f"; {advice}" if advice else "")
+        msg = f"path must be a file or folder, but is {what}"
+        raise TypeError(msg)
+    if not os.fspath(path):
+        msg = 'the name of a file or folder is empty; "." is the folder that the program runs in'
+        raise ValueError(msg)
+    return Path(path)
+
+
+def printable(text: str) -> str:
+    r"""Return a text in one line with what can't be printed as an escape.
+
+    Names of files may hold line feeds, and what makes a terminal change its colours or its title.
+
+    Examples
+    --------
+    >>> printable("cell\x1b[31m\n2.tif")
+    'cell\\x1b[31m\\n2.tif'
+    """
+    return "".join(
+        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        for letter in text
+    )
+
+
 def shown(value: Any) -> str:
     """Return a value in one short line."""
     if isinstance(value, np.ndarray) or hasattr(value, "dims"):
@@ -163,10 +198,10 @@ def sentence_of(error: BaseException) -> str:
     """Return an error in one line, without its number."""
     if isinstance(error, OSError) and error.strerror:
         where = "" if error.filename is None else f" ({error.filename})"
-        return f"{error.strerror}{where}"
+        return printable(f"{error.strerror}{where}")
     if isinstance(error, MemoryError):
         return "it needs more memory than there is"
-    words = " ".join(str(error).split())
+    words = printable(" ".join(str(error).split()))
     if is_expected(error):
         return words
     return f"an unexpected fault, {type(error).__name__}" + (f": {words}" if words else "")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import sys
 import warnings
+from collections.abc import Sequence
 from typing import Annotated
 
 import typer
@@ -56,12 +58,21 @@ app.command("reproduce")(reproduce)
 def main() -> None:
     """Run the command line; a wrong input ends it with one sentence instead of a traceback."""
     try:
+        check_words(sys.argv[1:])
         with warnings.catch_warnings():
             warnings.showwarning = say_doubt
             app()
     except EXPECTED as error:
         errors.print(f"[red]Error:[/red] {escape(sentence_of(error))}")
         raise SystemExit(1) from None
+
+
+def check_words(words: Sequence[str]) -> None:
+    """Raise ValueError for an empty word: as a folder it would be the one the program runs in."""
+    if "" in words:
+        after = f" after {words[i - 1]}" if (i := words.index("")) else ""
+        msg = f"a word{after} is empty; was a variable of a script never set?"
+        raise ValueError(msg)
 
 
 def say_doubt(message: Warning | str, *_: object, **__: object) -> None:

@@ -49,7 +49,7 @@ from napari_phase4d.unwrapping import (
     scores_sentence,
     unwrap,
 )
-from napari_phase4d.words import counted, size_in_words, time_in_words
+from napari_phase4d.words import counted, printable, size_in_words, time_in_words
 
 __all__ = ["info", "look"]
 
@@ -144,7 +144,7 @@ def print_needs(
 def print_phase(file: Path, phase: xr.DataArray) -> None:
     """Say what a file of wrapped phase holds."""
     n_times, n_angles, height, width = phase.shape
-    console.print(f"[bold]{escape(file.name)}[/bold]")
+    console.print(f"[bold]{escape(printable(file.name))}[/bold]")
     console.print(
         f"  wrapped phase, {counted(n_times, 'time')}, {counted(n_angles, 'view')} of "
         f"{height} x {width} pixels"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import pandas as pd
 import xarray as xr
@@ -12,6 +13,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
 from rich.table import Table
+from rich.text import Text
 
 from napari_phase4d.holography import (
     FoundLobes,
@@ -25,7 +27,7 @@ from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.plotting import comparison_figure, named_results, telling_frames
 from napari_phase4d.progress import ProgressCall
 from napari_phase4d.unwrapping import METHODS, left_out_advice
-from napari_phase4d.words import counted
+from napari_phase4d.words import counted, printable
 
 __all__ = [
     "NOISE_FRAMES",
@@ -42,8 +44,17 @@ __all__ = [
     "write_picture",
 ]
 
-console = Console(highlight=False, soft_wrap=True)
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+class PlainConsole(Console):
+    """A console whose colours are set by the program alone, whatever the names of files hold."""
+
+    def render_str(self, text: str, **how: Any) -> Text:
+        """Return a string as rich prints it, with what can't be printed as escapes."""
+        return super().render_str("\n".join(map(printable, text.split("\n"))), **how)
+
+
+console = PlainConsole(highlight=False, soft_wrap=True)
+errors = PlainConsole(stderr=True, highlight=False, soft_wrap=True)
 
 
 #: Methods that weigh pixels by the amplitude, where it is known.

@@ -76,7 +76,7 @@ from napari_phase4d.pipeline import (
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, methods_for
-from napari_phase4d.words import counted
+from napari_phase4d.words import counted, printable
 
 __all__ = ["compare_command", "run_command"]
 
@@ -332,7 +332,7 @@ def batch(recipe: Recipe, files: Sequence[Path], out: Path, **options: Any) -> N
     console.print(f"The summary is in [bold]{(out / 'summary.csv').resolve()}[/bold]")
     failed = table[table["status"] == "failed"]
     if len(failed):
-        names = ", ".join(Path(file).name for file in failed["file"])
+        names = ", ".join(printable(Path(file).name) for file in failed["file"])
         msg = f"{len(failed)} of {len(table)} files failed: {names}"
         raise ValueError(msg)
 

@@ -23,6 +23,7 @@ from napari_phase4d.holography.background import (
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
+from napari_phase4d.holography.quality import is_noise
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.recording import BrokenFrameError, Recording
 
@@ -46,6 +47,7 @@ BACKGROUND_ORDERS: dict[str, int | None] = {
 }
 #: Below this share of its median the reference's amplitude is not divided by.
 DARKEST_REFERENCE = 0.05
+NO_FRINGES = "the reference shows no fringes in at least one lobe; choose another reference"
 
 Reference = Any
 Fields = NDArray[np.complex64]
@@ -75,7 +77,10 @@ def corrections(
     factor = np.ones((1, 1, 1), dtype=np.complex64)
     by_median = isinstance(reference, str) and reference == "median"
     if reference is not None and not by_median:
-        factor = inverse(demodulate(reference_frame(rec, reference)))
+        divisor = demodulate(reference_frame(rec, reference))
+        if any(is_noise(field) for field in divisor):
+            raise ValueError(NO_FRINGES)
+        factor = inverse(divisor)
     each = static_fields(rec, demodulate, lost, seen, cancelled)
     if by_median:
         static = np.stack(list(each))
@@ -179,8 +184,7 @@ def inverse(fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
     amplitude = np.abs(fields)
     darkest = DARKEST_REFERENCE * np.median(amplitude, axis=(1, 2), keepdims=True)
     if not (darkest > 0).all():
-        msg = "the reference shows no fringes in at least one lobe; choose another reference"
-        raise ValueError(msg)
+        raise ValueError(NO_FRINGES)
     result: NDArray[np.complex64] = fields.conj() / np.maximum(amplitude, darkest) ** 2
     return result
 

@@ -135,7 +135,7 @@ class Plane:
 
 def find_lobes(
     rec: Recording,
-    n_views: int | None = 2,
+    n_views: int | None = None,
     *,
     angles_deg: Sequence[float] | None = None,
     wavelengths_um: Sequence[float] | None = None,
@@ -151,7 +151,8 @@ def find_lobes(
     rec : Recording
         The hologram video; up to 16 frames of it are looked at.
     n_views : int, optional
-        How many views there are, 1 to 6, default 2. None: as many as there seem to be.
+        How many views there are, 1 to 6. Default: as many as there are angles or wavelengths,
+        else as many as there seem to be.
     angles_deg : sequence of float, optional
         Viewing angles in degrees, in the order of the lobes. A hologram can't tell them; by
         default the views are numbered 0, 1, 2 ...

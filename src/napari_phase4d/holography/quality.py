@@ -13,7 +13,14 @@ from scipy import ndimage
 from napari_phase4d.axes import AXES
 from napari_phase4d.holography.demodulation import Demodulator
 
-__all__ = ["fringe_advice", "fringe_contrast", "fringe_mask", "fringe_visibility", "shows_fringes"]
+__all__ = [
+    "fringe_advice",
+    "fringe_contrast",
+    "fringe_mask",
+    "fringe_visibility",
+    "is_noise",
+    "shows_fringes",
+]
 
 #: Fringes are looked at in squares of so many pixels, so that uneven light does not count.
 BLOCK = 16
@@ -107,6 +114,19 @@ def shows_fringes(field: NDArray[np.complex64]) -> NDArray[np.bool_]:
         alike = np.minimum(*(alike_along(field, size, axis) for axis in (0, 1)))
         seen |= (local >= FAINT * bright) & (alike > ALIKE)
     return seen
+
+
+def is_noise(field: NDArray[np.complex64]) -> bool:
+    """Say whether most of a field is not alike to itself some pixels on, as noise is.
+
+    Parameters
+    ----------
+    field : ndarray of shape (y, x)
+        Complex field of one view, which should be an empty field.
+    """
+    size = np.abs(field)
+    alike = np.minimum(*(alike_along(field, size, axis) for axis in (0, 1)))
+    return bool(np.median(alike) < ALIKE)
 
 
 def alike_along(

@@ -34,7 +34,7 @@ from napari_phase4d.stacks import (
     times_in_s,
     with_coordinates,
 )
-from napari_phase4d.words import check_type, warn
+from napari_phase4d.words import as_path, check_type, printable, warn
 
 __all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording"]
 
@@ -111,11 +111,11 @@ def open_recording(
     if isinstance(path_or_array, Recording):
         return path_or_array.calibrated(optics, frame_rate_hz)
     if isinstance(path_or_array, (str, Path)):
-        path = Path(path_or_array).expanduser()
+        path = as_path(path_or_array).expanduser()
         video = read_video(path, dataset, raw)
         return recording_of(video, path.name, str(path), optics, frame_rate_hz)
     if is_list_of_paths(path_or_array):
-        files = [Path(p).expanduser() for p in path_or_array]
+        files = [as_path(p).expanduser() for p in path_or_array]
         return recording_of(
             read_list(files, None, dataset, raw),
             files[0].name,
@@ -176,7 +176,7 @@ def open_input(
     OSError, TypeError, ValueError
         If the file can't be read as such.
     """
-    if Path(path).exists():
+    if as_path(path).exists():
         check_there(Path(path))  # a pipe would be waited for
     noted = result_attrs(path) or {}
     if "method" in noted:
@@ -231,7 +231,7 @@ def recording_of(
         optics=optics,
         frame_rate_hz=frame_rate_hz,
         times_s=times_s,
-        name=name,
+        name=printable(name),
         source=source,
         notes=tuple(notes),
         kind=video.kind,

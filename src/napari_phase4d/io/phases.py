@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -20,25 +19,16 @@ from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video, check_fits
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 from napari_phase4d.stacks import looks_wrapped
-from napari_phase4d.words import as_numbers, check_positive, shown
+from napari_phase4d.words import as_numbers, as_path, check_positive, shown
 
 __all__ = ["holds_phase", "open_phase"]
 
+#: What to do with phase that is no file.
+ARRAYS = "phase that is an array already goes to unwrap() as it is"
 #: No pixel in a sample is wider.
 LARGE_PIXEL_UM = 1e4
 #: Names looked for first in an .npz file with several arrays.
 PHASE_NAMES = ("wrapped", "phase", "unwrapped")
-
-
-def as_path(path: Any) -> Path:
-    """Return a path; TypeError for what is none."""
-    if not isinstance(path, (str, PathLike)):
-        msg = (
-            f"path must be a file or folder, but is {type(path).__name__}; phase that is an array "
-            "already goes to unwrap() as it is"
-        )
-        raise TypeError(msg)
-    return Path(path)
 
 
 def open_phase(
@@ -79,7 +69,7 @@ def open_phase(
     ValueError
         If it holds no such stack.
     """
-    path = as_path(path)
+    path = as_path(path, ARRAYS)
     if pixel_um is not None:
         check_positive("pixel_um", pixel_um, LARGE_PIXEL_UM)
     if frame_rate_hz is not None:

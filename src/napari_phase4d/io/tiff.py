@@ -71,7 +71,8 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             for name in named_parts(tif):
                 beside(path, name)
             axes, shape, single = layout_of(tif)
-            offset = None if single else tif.series[0].dataoffset
+            added = not single and tif.series[0].shape != shape
+            offset = None if single or added else tif.series[0].dataoffset
             described = tif.is_ome or tif.is_imagej or tif.is_shaped
             if offset is None or not described:  # else one look at the size is enough
                 check_complete(tif, path)
@@ -124,13 +125,15 @@ def layout_of(tif: tifffile.TiffFile) -> tuple[str, tuple[int, ...], bool]:
     single = single_frames(tif)
     if single:
         return f"T{series.axes}", (len(single), *series.shape), True
-    return series.axes, tuple(int(n) for n in series.shape), False
+    added = added_frames(tif)
+    n_times = (len(added),) if added else series.shape[:1]
+    return series.axes, tuple(int(n) for n in (*n_times, *series.shape[1:])), False
 
 
 def pages_left_out(tif: tifffile.TiffFile) -> tuple[str, ...]:
     """Say that a file has pages besides those that are read: of another kind, or added later."""
     used, further = len(tif.series[0].pages), sum(len(s.pages) for s in tif.series[1:])
-    if not further:
+    if not further or added_frames(tif):
         return ()
     return (
         f"Of {used + further} pages the first {used} are read; the others are of another kind, or "
@@ -149,6 +152,20 @@ def single_frames(tif: tifffile.TiffFile) -> list[Any]:
     if len(kinds) > 1 or any(len(series.pages) != 1 for series in tif.series):
         return []
     return [series.pages[0] for series in tif.series]
+
+
+def added_frames(tif: tifffile.TiffFile) -> list[Any]:
+    """Return the pages of a video to which frames of the same kind were added later, else none.
+
+    Each addition describes itself as a series. OME-TIFF and ImageJ say how many series there are.
+    """
+    first = tif.series[0]
+    if tif.is_ome or tif.is_imagej or len(tif.series) < 2 or len(first.shape) != 3:
+        return []
+    kinds = {(series.shape[-2:], series.dtype, len(series.levels)) for series in tif.series}
+    if len(kinds) > 1 or any(s.axes[-2:] != "YX" or len(s.shape) > 3 for s in tif.series):
+        return []
+    return [page for series in tif.series for page in series.pages]
 
 
 def paged_frames(
@@ -244,7 +261,9 @@ class TiffPages(FrameReader):
         """Return the pages of the open file."""
         if self._file is None:
             self._file = tifffile.TiffFile(self.path)
-            self._series = single_frames(self._file) or self._file.series[0]
+            self._series = (
+                single_frames(self._file) or added_frames(self._file) or self._file.series[0]
+            )
         return self._series
 
     def __del__(self) -> None:
