@@ -42,9 +42,13 @@ ALLOWED = {
     "reproduction": {
         "progress", "io", "analysis", "plotting", "unwrapping", "pipeline", "sample", "simulation",
     },
+    "benchmark": {
+        "optics", "progress", "io", "holography", "unwrapping", "analysis", "pipeline",
+        "simulation",
+    },
     "cli": {
         "optics", "recording", "progress", "io", "holography", "unwrapping", "analysis",
-        "plotting", "pipeline", "sample", "reproduction", "_napari",
+        "plotting", "pipeline", "sample", "reproduction", "benchmark", "_napari",
     },
     "__main__": {"cli"},
     "_napari": {

@@ -23,7 +23,7 @@ DOCS = Path(__file__).resolve().parents[1] / "docs"
 REFERENCE = DOCS / "reference"
 ROOMS = (
     "unwrapping", "holography", "analysis", "plotting", "simulation", "io", "pipeline",
-    "scripting", "optics", "recording",
+    "benchmark", "scripting", "optics", "recording",
 )  # fmt: skip
 
 

@@ -31,6 +31,7 @@ ROOMS = {
     "pipeline": "Recipes, runs and batches",
     "scripting": "Copy as Python",
     "reproduction": "Reproduction of the paper",
+    "benchmark": "Benchmark",
     "simulation": "Simulation",
     "cli": "Command line",
     "_napari": "The window",

@@ -11,6 +11,7 @@ import typer
 from rich.markup import escape
 
 import napari_phase4d
+from napari_phase4d.cli.benchmark import benchmark
 from napari_phase4d.cli.demo import demo, reproduce
 from napari_phase4d.cli.look import info, look
 from napari_phase4d.cli.printing import console, errors
@@ -53,6 +54,7 @@ app.command("look")(look)
 app.command("run")(run_command)
 app.command("compare")(compare_command)
 app.command("reproduce")(reproduce)
+app.command("benchmark")(benchmark)
 
 
 def main() -> None:

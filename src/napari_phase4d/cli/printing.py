@@ -203,8 +203,8 @@ def print_verdict(outcome: Outcome) -> None:
 
 def cell(value: object) -> str:
     """Return a value as it stands in a table."""
-    if isinstance(value, str):
-        return value
+    if isinstance(value, str | int):
+        return str(value)
     number = float(str(value))
     return "" if number != number else f"{number:.3f}"
 

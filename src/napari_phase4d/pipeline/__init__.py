@@ -8,7 +8,13 @@ from napari_phase4d.pipeline.batch import result_folders, run_batch
 from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
-from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint, fingerprinting, source_of
+from napari_phase4d.pipeline.provenance import (
+    Fingerprint,
+    fingerprint,
+    fingerprinting,
+    program_version,
+    source_of,
+)
 from napari_phase4d.pipeline.recipe import (
     DEFAULT_METHODS,
     PAPER_METHODS,
@@ -60,6 +66,7 @@ __all__ = [
     "noting_start",
     "open_by",
     "phase_needs",
+    "program_version",
     "read_outcome",
     "reconstruct_by",
     "result_folder",
