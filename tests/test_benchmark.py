@@ -109,7 +109,9 @@ def test_a_method_that_fails_is_named_and_the_others_are_scored(
     found = run_benchmark(["broken", "spatial-2d"], ["one view"]).set_index("id")
     assert found.loc["broken", "fault"].str.contains("no licence found").all()
     assert (found.loc["spatial-2d", "fault"] == "").all()
-    assert summary_of(found.reset_index()).loc["broken", "faults"] == len(GROUPS["one view"])
+    assert summary_of(found.reset_index()).loc["broken", "without_result"] == len(
+        GROUPS["one view"]
+    )
 
 
 def test_the_page_says_it_all(table: pd.DataFrame, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from qtpy.QtWidgets import (
     QApplication,
     QDialogButtonBox,
     QFileDialog,
+    QInputDialog,
     QLineEdit,
     QWidget,
 )
@@ -55,8 +56,8 @@ def click_cell(boundary_map: Any, time: int, angle: int, modifier: Any = PLAIN) 
     QTest.mouseClick(boundary_map, LEFT, modifier, place)
 
 
-def answer_dialog(path: Path) -> Callable[[], bool]:
-    """Put a path into the file dialog that opens next, and press the button.
+def answer_dialog(text: str | Path) -> Callable[[], bool]:
+    """Type a text into the dialog that opens next, for a file or a text, and press the button.
 
     What is returned says whether there was a dialog.
     """
@@ -65,12 +66,12 @@ def answer_dialog(path: Path) -> Callable[[], bool]:
 
     def answer() -> None:
         dialog = QApplication.activeModalWidget()
-        if not isinstance(dialog, QFileDialog):
+        if not isinstance(dialog, QFileDialog | QInputDialog):
             if dialog is None and next(tries, None) is not None:
                 QTimer.singleShot(50, answer)
             return
         line = dialog.findChild(QLineEdit)
-        line.setText(str(path))  # typed, the list of suggestions would take the click
+        line.setText(str(text))  # typed, the list of suggestions would take the click
         answered.append(True)
         buttons = dialog.findChild(QDialogButtonBox)
         QTest.mouseClick(buttons.buttons()[0], LEFT)

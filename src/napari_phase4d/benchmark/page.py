@@ -35,7 +35,7 @@ COLUMNS = {
     "confidence_auc": ("confidence: area under curve", "{:.3f}"),
     "ns_a_voxel": ("time (ns a pixel)", "{:.0f}"),
     "peak_mb": ("most memory (MB)", "{:.0f}"),
-    "faults": ("recordings without result", "{}"),
+    "without_result": ("recordings without result", "{}"),
 }
 STYLE = """
 body { font: 15px/1.5 sans-serif; max-width: 75em; margin: 2em auto; padding: 0 1em; color: #222 }

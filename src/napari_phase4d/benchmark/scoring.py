@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -88,26 +88,40 @@ def run_benchmark(
 
 def rows_of(
     case: Case, methods: Sequence[str], cancelled: CancelledCall | None
-) -> Iterator[dict[str, Any]]:
-    """Yield a row for each method on a recording."""
-    for method in methods:
-        row = {
-            "suite": SUITE_VERSION,
-            "group": case.group,
-            "case": case.name,
-            "id": method,
-            "method": METHODS[method].label,
-        }
-        try:
-            found = compare(
-                case.wrapped, [method], case.boundary, amplitude=case.amplitude,
-                cancelled=cancelled,
-            )  # fmt: skip
-            yield row | scores_of(found, method, case) | {"fault": ""}
-        except Cancelled:
-            raise
-        except Exception as error:
-            yield row | {"voxels": case.voxels, "fault": sentence_of(error)}
+) -> list[dict[str, Any]]:
+    """Return a row for each method on a recording.
+
+    All together, so that what they share is computed once; one by one where one of them fails.
+    """
+    try:
+        found = unwrapped(case, methods, cancelled)
+        return [row_of(case, method) | scores_of(found, method, case) for method in methods]
+    except Cancelled:
+        raise
+    except Exception as error:
+        if len(methods) > 1:
+            return [row for method in methods for row in rows_of(case, [method], cancelled)]
+        return [row_of(case, methods[0]) | {"fault": sentence_of(error)}]
+
+
+def unwrapped(case: Case, methods: Sequence[str], cancelled: CancelledCall | None) -> Comparison:
+    """Return the results of methods on a recording."""
+    return compare(
+        case.wrapped, methods, case.boundary, amplitude=case.amplitude, cancelled=cancelled
+    )
+
+
+def row_of(case: Case, method: str) -> dict[str, Any]:
+    """Return what tells a row from others."""
+    return {
+        "suite": SUITE_VERSION,
+        "group": case.group,
+        "case": case.name,
+        "id": method,
+        "method": METHODS[method].label,
+        "voxels": case.voxels,
+        "fault": "",
+    }
 
 
 def scores_of(found: Comparison, method: str, case: Case) -> dict[str, Any]:
@@ -124,7 +138,6 @@ def scores_of(found: Comparison, method: str, case: Case) -> dict[str, Any]:
         "mse_rad2": float(np.mean(off[known].astype(np.float64) ** 2)),
         "confidence_auc": area_under_curve(found.confidence(method), wrong, inside),
         "seconds": float(found.table["seconds"][method]),
-        "voxels": case.voxels,
         "peak_mb": float(found.table["peak_mb"][method]),
     }
 
@@ -167,8 +180,8 @@ def summary_of(table: pd.DataFrame) -> pd.DataFrame:
     pandas.DataFrame
         ``method``; the mean wrong cycles in percent of each group, and ``all`` groups, each
         counting the same; ``worst`` recording; ``mse_rad2`` and ``confidence_auc``, means over all
-        recordings; ``ns_a_voxel``; ``peak_mb``, the most; ``faults``, how many recordings it gave
-        nothing for. Index: ids.
+        recordings; ``ns_a_voxel``; ``peak_mb``, the most; ``without_result``, how many recordings
+        it gave nothing for. Index: ids.
     """
     rows = {}
     for method, own in table.groupby("id", sort=False):
@@ -182,7 +195,7 @@ def summary_of(table: pd.DataFrame) -> pd.DataFrame:
             "confidence_auc": own["confidence_auc"].mean(),
             "ns_a_voxel": 1e9 * own["seconds"].sum() / own["voxels"].sum(),
             "peak_mb": own["peak_mb"].max(),
-            "faults": int((own["fault"] != "").sum()),
+            "without_result": int((own["fault"] != "").sum()),
         }
     found = pd.DataFrame.from_dict(rows, orient="index").rename_axis("id")
-    return found.astype({"faults": int}).sort_values("all", kind="stable")
+    return found.astype({"without_result": int}).sort_values("all", kind="stable")

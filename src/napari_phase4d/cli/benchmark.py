@@ -21,7 +21,7 @@ SHOWN = {
     "confidence_auc": "AUC",
     "ns_a_voxel": "ns a pixel",
     "peak_mb": "MB",
-    "faults": "faults",
+    "without_result": "failed",
 }
 
 

@@ -11,6 +11,7 @@ from napari_phase4d.io.opening import (
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout, parts_beside
+from napari_phase4d.io.remote import address_of, description_digest
 from napari_phase4d.io.results import read_results, write_phase, write_table
 
 __all__ = [
@@ -21,6 +22,8 @@ __all__ = [
     "RAW_SUFFIXES",
     "READABLE_SUFFIXES",
     "RawLayout",
+    "address_of",
+    "description_digest",
     "holds_phase",
     "needs_layout",
     "open_input",

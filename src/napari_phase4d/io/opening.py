@@ -22,6 +22,7 @@ from napari_phase4d.io.reading import (
     read_list,
     read_video,
 )
+from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.results import result_attrs
 from napari_phase4d.io.video import LARGEST_SIDE, Video, colour_sentence, memory_lacks
 from napari_phase4d.optics import Optics
@@ -113,7 +114,8 @@ def open_recording(
     if isinstance(path_or_array, (str, Path)):
         path = as_path(path_or_array).expanduser()
         video = read_video(path, dataset, raw)
-        return recording_of(video, path.name, str(path), optics, frame_rate_hz)
+        source = address_of(path) or str(path)
+        return recording_of(video, path.name, source, optics, frame_rate_hz)
     if is_list_of_paths(path_or_array):
         files = [as_path(p).expanduser() for p in path_or_array]
         return recording_of(

@@ -14,6 +14,7 @@ from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.koala import is_koala_phase, read_koala_phase
 from napari_phase4d.io.numpy_files import holds_holograms, read_npy, read_npz
 from napari_phase4d.io.reading import check_there
+from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.results import is_result, read_results, result_attrs
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, read_tiff
 from napari_phase4d.io.video import Video, check_fits
@@ -109,7 +110,11 @@ def open_phase(
     rate = frame_rate_hz if times_s is None else times_s
     given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
     missing = [name for name, value in given.items() if value is None]
-    attrs: dict[str, Any] = {"units": "rad", "object": path.stem, "source": str(path)}
+    attrs: dict[str, Any] = {
+        "units": "rad",
+        "object": path.stem,
+        "source": address_of(path) or str(path),
+    }
     if missing:
         attrs["notes"] = [f"Not in the file, so counted in ones: {', '.join(missing)}."]
     return full.assign_coords(coords).assign_attrs(attrs)
@@ -138,7 +143,7 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     program wrote, those that no method has unwrapped are.
     """
     path = Path(path)
-    if not path.exists():
+    if not path.exists() and address_of(path) is None:
         return False
     noted = result_attrs(path)
     if noted is not None:

@@ -20,6 +20,7 @@ from napari_phase4d.io.koala import (
 )
 from napari_phase4d.io.numpy_files import read_npy, read_npz
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout, read_raw
+from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.sequences import (
     IMAGE_SUFFIXES,
     PATTERN_SIGNS,
@@ -53,7 +54,7 @@ JOINED_SUFFIXES = (*IMAGE_SUFFIXES, ".npy", *HDF5_SUFFIXES, *FILM_SUFFIXES)
 
 
 def read_video(path: Path, dataset: str | None = None, raw: RawLayout | None = None) -> Video:
-    """Open a file, a folder, or a name with * in it.
+    """Open a file, a folder, a name with * in it, or the address of a Zarr store.
 
     Parameters
     ----------
@@ -72,6 +73,8 @@ def read_video(path: Path, dataset: str | None = None, raw: RawLayout | None = N
         If it holds no such array, has one only but ``dataset`` is given, or if a raw file's layout
         is missing.
     """
+    if address_of(path) is not None:
+        return read_zarr(path, dataset)
     if any(sign in path.name for sign in PATTERN_SIGNS) and not path.exists():
         return read_list(files_of(path), path, dataset, raw)
     check_there(path)
@@ -84,7 +87,12 @@ def read_video(path: Path, dataset: str | None = None, raw: RawLayout | None = N
 
 
 def check_there(path: Path) -> None:
-    """Raise OSError if there is no file or folder; pipes and devices may have no end."""
+    """Raise OSError if there is no file or folder; pipes and devices may have no end.
+
+    What lies behind an address is seen when it is read.
+    """
+    if address_of(path) is not None:
+        return
     if not path.exists():
         msg = f"there is no file or folder {path}"
         raise OSError(msg)

@@ -10,6 +10,7 @@ import xarray as xr
 from napari_phase4d.axes import AXES
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.io.describing import restored
+from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.tiff_results import (
     read_tiff_result,
     tiff_description,
@@ -125,8 +126,10 @@ def is_result(path: str | Path) -> bool:
 
 
 def result_attrs(path: str | Path) -> dict[str, Any] | None:
-    """Return the attributes of what `write_phase` wrote to a file, None for any other file."""
+    """Return the attributes of what `write_phase` wrote to a file here, None for any other."""
     path = as_path(path)
+    if address_of(path) is not None:
+        return None
     description = zarr_description(path) if path.is_dir() else tiff_description(path)
     return None if description is None else dict(restored(description.get("attrs", {})))
 

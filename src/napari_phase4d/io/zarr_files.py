@@ -23,6 +23,7 @@ from napari_phase4d.io.choosing import (
     other_arrays,
 )
 from napari_phase4d.io.lazy import FrameReader, Unsound, in_one_line, lazy_frames
+from napari_phase4d.io.remote import address_of, is_missing, remote_store, unreached
 from napari_phase4d.io.video import LARGEST_PIECE, MICROMETRES, SECONDS, Facts, Video
 from napari_phase4d.words import size_in_words
 
@@ -49,7 +50,9 @@ ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 def is_zarr(path: Path) -> bool:
-    """Say whether a folder is a Zarr store, or a file a zipped one."""
+    """Say whether a folder is a Zarr store, or a file a zipped one; an address stands for one."""
+    if address_of(path) is not None:
+        return True
     if path.is_dir():
         return path.suffix.lower() == ".zarr" or any((path / mark).is_file() for mark in MARKS)
     return path.name.lower().endswith((".zarr.zip", ".ozx"))
@@ -153,6 +156,7 @@ class ZarrReader(FrameReader):
                 first = index - index % step
                 check_pieces(self.path, self.name, array, self._place(array, index), self.axis)
                 block = self._read(array, first, min(first + step, self.shape[0]))
+                self._check_sent(array, index)
                 if step > 1:
                     self._block = (first, block)
         return block[index - first]  # type: ignore[no-any-return]
@@ -163,6 +167,21 @@ class ZarrReader(FrameReader):
         if self.axis is not None:
             place[self.axis] = slice(first, stop)
         return np.asarray(array[tuple(place)]).reshape(stop - first, *self.shape[1:])
+
+    def _check_sent(self, array: Any, index: int) -> None:
+        """Raise OSError if a server had nothing of a frame, nor of any later one."""
+        missing = getattr(array.store, "missing", None)
+        if not missing:
+            return
+        later = (index + 2**power for power in range(self.shape[0].bit_length()))
+        tried = [index, *(i for i in later if i < self.shape[0]), self.shape[0] - 1]
+        for number in tried if self.axis is not None else [index]:
+            keys = keys_of(array, self._place(array, number))
+            whole = [f"{self.name}/{key}".lstrip("/") for key in keys]
+            if not all(key in missing or is_missing(array.store, key) for key in whole):
+                return
+        msg = "nothing of it is on the server"
+        raise OSError(msg)
 
     def _place(self, array: Any, index: int) -> list[int]:
         """Return the place of a frame on the axes before y and x."""
@@ -183,6 +202,9 @@ def opened(path: Path) -> Any:
     """Return the group or array at the top of a store."""
     import zarr
 
+    address = address_of(path)
+    if address is not None:
+        return zarr.open(remote_store(address), mode="r")
     if path.is_dir():
         for depth in ("", "*/", "*/*/"):
             for mark in MARKS:
@@ -256,6 +278,9 @@ def facts_of_group(root: Any, name: str) -> Facts:
 
 def unreadable(path: Path, error: Exception) -> str:
     """Return the sentence for a store that can't be read."""
+    address = address_of(path)
+    if address is not None:
+        return unreached(address, error)
     return (
         f"{path.name} can't be read as a Zarr store; it may be incomplete or damaged "
         f"({in_one_line(error)})"
@@ -375,17 +400,21 @@ def zstd_bytes(head: bytes) -> int:
     return int.from_bytes(head[start : start + size], "little") + (256 if size == 2 else 0)
 
 
-def files_of(path: Path, name: str, array: Any, place: list[int]) -> list[Path]:
-    """Return the files of a folder that hold a frame."""
+def keys_of(array: Any, place: list[int]) -> list[str]:
+    """Return the names of the pieces of a frame."""
     pieces = array.shards or array.chunks
     counts = [-(-n // p) for n, p in zip(array.shape[-2:], pieces[-2:], strict=True)]
     leading = [p // n for p, n in zip(place, pieces, strict=False)]
-    keys = (
+    return [
         array.metadata.encode_chunk_key((*leading, row, column))
         for row in range(counts[0])
         for column in range(counts[1])
-    )
-    files = [path / name / key for key in keys]
+    ]
+
+
+def files_of(path: Path, name: str, array: Any, place: list[int]) -> list[Path]:
+    """Return the files of a folder that hold a frame."""
+    files = [path / name / key for key in keys_of(array, place)]
     check_regular(path, *files)
     return [file for file in files if file.is_file()]
 

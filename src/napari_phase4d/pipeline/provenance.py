@@ -17,7 +17,7 @@ from typing import Any
 
 import xarray as xr
 
-from napari_phase4d.io import PROGRAM, parts_beside
+from napari_phase4d.io import PROGRAM, address_of, description_digest, parts_beside
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.starting import FOUND_BY
@@ -60,7 +60,7 @@ class Fingerprint:
     sha256 : str, optional
         Of a file, SHA-256 of what it holds, as other programs give it. Of a folder, or of a file
         that is read with others, SHA-256 of the name, size and content of each, in the order of
-        their names.
+        their names. Of a store behind an address, of what describes it: its pixels stay there.
     """
 
     name: str
@@ -88,7 +88,7 @@ class Hashing:
 
     def __init__(self, source: str | Path) -> None:
         self.source = str(source)
-        self._before = [] if is_sample(self.source) else parts_of(self.source)
+        self._before = [] if is_no_file(self.source) else parts_of(self.source)
         self._stopped = threading.Event()
         self._pool = ThreadPoolExecutor(1, THREADS)
         is_file = Path(self.source).is_file() and len(self._before) == 1
@@ -112,6 +112,8 @@ class Hashing:
         if is_sample(self.source):
             return Fingerprint(self.source)
         name = Path(self.source).name
+        if (address := address_of(self.source)) is not None:
+            return Fingerprint(name, None, description_digest(address))
         digest = finished(self._future, Watch(1, "checking the file", None, cancelled))
         if parts_of(self.source) != self._before:
             msg = f"{name} was changed while it was read; run it again when it is complete"
@@ -170,10 +172,15 @@ class Remembered:
         Cancelled
             If ``cancelled()`` returned True.
         """
-        parts = [] if is_sample(source) else parts_of(source)
-        if source not in self._found or self._found[source][0] != parts:
+        parts = [] if is_no_file(source) else parts_of(source)
+        if address_of(source) or source not in self._found or self._found[source][0] != parts:
             self._found[source] = (parts, fingerprint(source, cancelled))
         return self._found[source][1]
+
+
+def is_no_file(source: str) -> bool:
+    """Say whether an input is a sample, or lies behind an address."""
+    return is_sample(source) or address_of(source) is not None
 
 
 def parts_of(source: str) -> Parts:

@@ -10,7 +10,7 @@ from pathlib import Path
 import xarray as xr
 
 from napari_phase4d.analysis import Comparison
-from napari_phase4d.io import open_input
+from napari_phase4d.io import address_of, open_input
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
@@ -54,6 +54,8 @@ def found_anywhere(source: str | Path) -> str:
 
     Names of samples, and of files that are not there, stay as they are.
     """
+    if (address := address_of(source)) is not None:
+        return address
     if str(source) and not is_sample(str(source)):
         # Not there, no name of a file at all, or a link to itself.
         with suppress(OSError, RuntimeError, ValueError):

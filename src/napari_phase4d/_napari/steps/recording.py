@@ -16,6 +16,7 @@ from qtpy.QtWidgets import (
     QDialogButtonBox,
     QFileDialog,
     QFormLayout,
+    QInputDialog,
     QLabel,
     QSpinBox,
     QWidget,
@@ -40,7 +41,7 @@ from napari_phase4d._napari.viewing.layers import (
     stack_of_layer,
     truth_among,
 )
-from napari_phase4d.io import READABLE_SUFFIXES, RawLayout, needs_layout
+from napari_phase4d.io import READABLE_SUFFIXES, RawLayout, address_of, needs_layout
 from napari_phase4d.io.raw import KINDS
 from napari_phase4d.io.video import LARGEST_SIDE
 from napari_phase4d.optics import Optics
@@ -136,6 +137,13 @@ class RecordingStep(Step):
             "A folder of equally large, numbered images; or of results that were saved before.",
             self._ask_folder,
         )
+        self.open_address = self.button(
+            "Address…",
+            "open_address",
+            "A Zarr or OME-Zarr store on a server: https://…, http://… or s3://…; frames are "
+            "fetched as they are looked at.",
+            self._ask_address,
+        )
         self.try_sample = self.button(
             "Try the sample",
             "try_sample",
@@ -148,7 +156,7 @@ class RecordingStep(Step):
             "Simulated wrapped phase, exact phase known: a budding yeast, 6 views, 19 times.",
             lambda: self.open_path(YEAST_SOURCE),
         )
-        self.column.addLayout(self.row(self.open_file, self.try_sample))
+        self.column.addLayout(self.row(self.open_file, self.open_folder, self.open_address))
         self.try_cells = self.button(
             "Sample cells",
             "try_cells",
@@ -156,7 +164,7 @@ class RecordingStep(Step):
             "touch, divide, leave and come in. For the tab Cells of step 5.",
             lambda: self.open_path(CELLS_SOURCE),
         )
-        self.column.addLayout(self.row(self.open_folder, self.try_cells, self.try_yeast))
+        self.column.addLayout(self.row(self.try_sample, self.try_cells, self.try_yeast))
 
     def _build_optics(self) -> None:
         self.numbers: dict[str, FloatSpinBox] = {}
@@ -244,6 +252,16 @@ class RecordingStep(Step):
         path = QFileDialog.getExistingDirectory(self, "Open images, Zarr, Koala or results")
         if path:
             self.open_path(path)
+
+    def _ask_address(self) -> None:
+        words = "Address of a Zarr store (https://…, s3://…):"
+        text, wanted = QInputDialog.getText(self, "Open address", words)
+        if not wanted:
+            return
+        if address_of(text.strip()) is None:
+            msg = "an address begins with https://, http:// or s3://"
+            raise ValueError(msg)
+        self.open_path(text.strip())
 
     def _ask_layout(self, path: Path) -> RawLayout | None:
         """Ask how frames lie in a raw file; None if the user thinks better of it."""
