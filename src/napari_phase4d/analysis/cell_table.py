@@ -43,7 +43,7 @@ Labels = NDArray[np.integer]
 
 def table_of_cells(
     stack: xr.DataArray,
-    labels: NDArray[Any],
+    labels: Any,
     parents: dict[int, int],
     optics: Optics,
     *,
@@ -51,7 +51,7 @@ def table_of_cells(
     object_index: float | None,
     refraction_increment_ml_per_g: float,
     oblique: bool,
-    confidence: NDArray[Any] | None,
+    confidence: Any,
     watch: Watch,
 ) -> pd.DataFrame:
     """Return a row for every cell in every frame, see `measure`."""
@@ -71,7 +71,7 @@ def table_of_cells(
     scale = path_scale(stack, optics)
     light = wavelengths_of(stack) if WAVELENGTH in stack.coords else None
     masked = stack.attrs.get("mask", "none") != "none"
-    frames: list[pd.DataFrame] = []
+    frames: list[dict[str, Any]] = []
     for part, phase in parts_over_time(stack):
 
         def measured(place: tuple[int, int], part: Any = part, phase: Any = phase) -> Any:
@@ -91,11 +91,17 @@ def table_of_cells(
             }
 
         every = in_threads(measured, np.ndindex(*phase.shape[:2]), watch)
-        frames += [pd.DataFrame(found) for found in every if len(found["cell"])]
+        frames += [found for found in every if len(found["cell"])]
     if not frames:
         msg = "there are no cells to measure; find some with find_cells()"
         raise ValueError(msg)
-    table = pd.concat(frames, ignore_index=True)
+    # A table for each frame would take more memory, and time, than all that is in them.
+    table = pd.DataFrame(
+        {
+            name: np.concatenate([np.broadcast_to(f[name], f["cell"].shape) for f in frames])
+            for name in frames[0]
+        }
+    )
     sums, masses, errors = (
         table[c].to_numpy() * table["along"].to_numpy() for c in ("sum", "mass", "error")
     )

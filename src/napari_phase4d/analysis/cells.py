@@ -30,7 +30,7 @@ from napari_phase4d.stacks import check_rising, checked_labels, unwrapped_stack
 from napari_phase4d.unwrapping import noise_of
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 
-__all__ = ["check_follower", "find_cells", "follow_cells"]
+__all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
 
 #: A cell rises by so many radians above the empty field somewhere, if the noise allows it; with
 #: noise, by so many of its standard deviations after smoothing over a pixel.
@@ -192,6 +192,25 @@ def no_labels(like: xr.DataArray) -> Labels:
         if hasattr(os, "posix_fallocate"):
             os.posix_fallocate(file.fileno(), 0, needed)
         return np.memmap(file, dtype=np.int32, mode="r+", shape=like.shape)
+
+
+def copied_labels(labels: xr.DataArray) -> Labels:
+    """Return a copy of labels to paint in, which lies where they lie: in memory, or in a file.
+
+    Parameters
+    ----------
+    labels : xarray.DataArray
+        What `find_cells` gives, dims (time, angle, y, x).
+
+    Raises
+    ------
+    OSError
+        If there is no room for it.
+    """
+    copy = no_labels(labels)
+    for part, values in parts_over_time(labels):
+        copy[part] = values
+    return copy
 
 
 def lies_in_file(data: Any) -> bool:

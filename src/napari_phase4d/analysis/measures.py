@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from skimage.draw import polygon2mask
 
 from napari_phase4d.analysis.cell_table import path_scale, table_of_cells
-from napari_phase4d.analysis.loading import parts_over_time
-from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH, in_full
+from napari_phase4d.analysis.loading import PART_BYTES, each_frame, parts_over_time
+from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stacks import (
@@ -259,16 +259,17 @@ def measure(
     return pd.concat(tables, ignore_index=True)
 
 
-def labels_on(labels: Any, stack: xr.DataArray) -> NDArray[Any]:
+def labels_on(labels: Any, stack: xr.DataArray) -> Any:
     """Return labels (time, angle, y, x) that fit the phase, or say why they don't."""
     labels = checked_labels(labels, "the cells") if labels.ndim in PLAIN_AXES else labels
     missing = [dim for dim in stack.dims if dim not in labels.dims and stack.sizes[dim] == 1]
     if missing and isinstance(labels, xr.DataArray):  # as the phase was before it had four axes
         labels = labels.drop_vars(missing, errors="ignore").expand_dims(missing)
     if isinstance(labels, xr.DataArray) and set(labels.dims) == set(stack.dims):
-        found = in_full(on_grid_of(labels, stack, "the cells"))
+        # Lazy ones stay so: they are brought into memory a frame at a time.
+        found = on_grid_of(labels, stack, "the cells").transpose(*AXES).data
     else:
-        found = np.asarray(labels)
+        found = getattr(labels, "data", labels)
     if found.shape != stack.shape:
         msg = f"the cells are {found.shape}, which does not fit the phase, {stack.shape}"
         raise ValueError(msg)
@@ -288,17 +289,21 @@ def parents_of(labels: Any) -> dict[int, int]:
         raise ValueError(msg) from error
 
 
-def chances(confidence: Any, unwrapped: xr.DataArray) -> NDArray[Any]:
+def chances(confidence: Any, unwrapped: xr.DataArray) -> Any:
     """Return how far pixels are to be trusted, or say why that can't be."""
-    found = in_full(on_grid_of(confidence, unwrapped, "the confidence"))
-    if found.dtype.kind not in "fiu":
-        msg = f"the confidence must be real numbers from 0 to 1, but is {found.dtype}"
+    given = on_grid_of(confidence, unwrapped, "the confidence")
+    full = given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES)
+    if full.dtype.kind not in "fiu":
+        msg = f"the confidence must be real numbers from 0 to 1, but is {full.dtype}"
         raise TypeError(msg)
-    low, high = float(np.nanmin(found, initial=np.inf)), float(np.nanmax(found, initial=-np.inf))
+    low, high = np.inf, -np.inf
+    for frame in each_frame(full):
+        low = min(low, float(np.nanmin(frame, initial=np.inf)))
+        high = max(high, float(np.nanmax(frame, initial=-np.inf)))
     if not 0 <= low <= high <= 1:  # high is below low where nothing is known
         msg = f"the confidence must lie between 0 and 1, but runs from {low:.4g} to {high:.4g}"
         raise ValueError(msg)
-    return found
+    return full.data
 
 
 def totals(
@@ -308,13 +313,17 @@ def totals(
     sums = np.zeros(stack.shape[:2])
     counts = np.zeros(stack.shape[:2], dtype=np.intp)
     for part, phase in parts_over_time(stack):
-        watch.check()
-        inside = np.asarray(mask[part])
-        for time, angle in np.ndindex(*phase.shape[:2]):
-            frame = (part.start + time, angle)
-            values = phase[time, angle][inside[time, angle]]
-            known = values[np.isfinite(values)]
-            sums[frame], counts[frame] = known.sum(dtype=np.float64), known.size
+        # Phase may be in memory, and a mask of the same length need not be.
+        times = max(1, PART_BYTES // 4 // max(phase[0].size, 1))
+        for begin in range(0, len(phase), times):
+            watch.check()
+            start = part.start + begin
+            inside = np.asarray(mask[start : min(start + times, part.stop)])
+            for time, angle in np.ndindex(*inside.shape[:2]):
+                frame = (start + time, angle)
+                values = phase[begin + time, angle][inside[time, angle]]
+                known = values[np.isfinite(values)]
+                sums[frame], counts[frame] = known.sum(dtype=np.float64), known.size
     return sums.ravel(), counts.ravel()
 
 

@@ -17,6 +17,7 @@ from napari_phase4d.analysis import (
     Cells,
     CellSettings,
     cells_in,
+    copied_labels,
     find_cells,
     measure,
     most_trusted,
@@ -28,6 +29,10 @@ from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
 __all__ = ["plan_cell_by_methods", "plan_cells", "with_their_cells"]
+
+
+#: A mask of a frame, or of all frames.
+Region = NDArray[np.bool_] | xr.DataArray
 
 
 def plan_cells(
@@ -50,7 +55,7 @@ def plan_cells(
         How; default: as the recipe says.
     labels : ndarray of int, optional
         Cells that are there already, dims (y, x), (time, y, x) or (time, angle, y, x); they are
-        taken as they are, and only followed.
+        taken as they are, and only followed. Lazy ones are never in memory whole.
     optics : Optics, optional
         The microscope of phase that does not say it.
 
@@ -68,8 +73,10 @@ def plan_cells(
     trust, wrapped = state.confidence.get(method), state.needed_reconstruction()["phase"]
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Cells:
+        # A copy: somebody may paint while the cells are followed.
+        kept = given if given is None else given.copy(data=copied_labels(given))
         return cells_in(
-            result, used, how, method=method, wrapped=wrapped, labels=given, confidence=trust,
+            result, used, how, method=method, wrapped=wrapped, labels=kept, confidence=trust,
             progress=progress, cancelled=cancelled,
         )  # fmt: skip
 
@@ -150,7 +157,10 @@ def with_their_cells(
     regions: Mapping[str, NDArray[np.bool_]],
     frames: Mapping[str, tuple[int, int]],
     labels: xr.DataArray | None,
-) -> tuple[dict[str, NDArray[np.bool_]], str]:
+    settings: CellSettings | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> tuple[dict[str, Region], str]:
     """Let regions go along with the cells that they were drawn on.
 
     Parameters
@@ -163,22 +173,32 @@ def with_their_cells(
         The time and angle at which each was drawn.
     labels : DataArray, optional
         The cells, if they have been found already.
+    settings : CellSettings, optional
+        How they are found else.
+    progress, cancelled : callable, optional
+        See `unwrap`.
 
     Returns
     -------
     moved : dict
-        The regions (time, angle, y, x), or as they are where they lie on no cell.
+        The regions (time, angle, y, x), lazy, or as they are where they lie on no cell.
     still : str
         Which these are and why, in a sentence; "" if there are none.
     """
     try:
-        found = find_cells(result) if labels is None else labels
+        found = labels
+        if found is None:
+            how = (settings or CellSettings()).finding
+            found = find_cells(result, **how, progress=progress, cancelled=cancelled)
     except (ImportError, OSError) as error:
         return dict(regions), f"The regions stand still: {error}."
-    moved, still = {}, []
+    moved: dict[str, Region] = {}
+    still = []
     for name, region in regions.items():
         try:
-            moved[name] = region_with_cell(region, frames[name], found)
+            moved[name] = region_with_cell(
+                region, frames[name], found, progress=progress, cancelled=cancelled
+            )
         except (KeyError, ValueError):  # on no cell, or nobody knows where it was drawn
             moved[name] = region
             still.append(name)
