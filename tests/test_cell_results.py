@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 import napari_phase4d as p4d
 from napari_phase4d.analysis import cells_in, region_with_cell, summary_of_cells
 from napari_phase4d.cli.app import app
-from napari_phase4d.pipeline import run_batch, write_outcome
+from napari_phase4d.pipeline import run_batch, running, write_outcome
 from napari_phase4d.scripting import as_python
 from napari_phase4d.simulation import swimming_cells
 
@@ -97,6 +97,62 @@ def test_no_cells_are_said_and_stop_no_run(file: Path, tmp_path: Path) -> None:
     assert outcome.cells.summary.empty
     write_outcome(outcome, tmp_path)
     assert pd.read_csv(tmp_path / "cells.csv").empty
+
+
+@pytest.mark.parametrize(
+    ("fault", "sentence"),
+    [(OSError("no room for the labels"), "no room"), (KeyError("frame"), "an unexpected fault")],
+)
+def test_results_are_written_where_cells_can_not_be_found(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: Exception, sentence: str
+) -> None:
+    def fail(*_: object, **__: object) -> None:
+        raise fault
+
+    monkeypatch.setattr(running, "cells_in", fail)
+    out = tmp_path / "out"
+    words = ["run", str(file), "--method", "WL1", "--cells", "--out", str(out)]
+    with pytest.warns(UserWarning, match=f"the cells could not be found: .*{sentence}"):
+        ended = CliRunner().invoke(app, words)
+    assert ended.exit_code == 1
+    assert isinstance(ended.exception, ValueError)
+    assert f"written, but without their cells: {sentence}" in str(ended.exception)
+    result = p4d.read_results(out / "directional-l1.ome.tif")
+    wanted = p4d.run(p4d.Recipe(recording=str(file), methods=("directional-l1",))).comparison
+    np.testing.assert_array_equal(result, wanted.results["directional-l1"])
+    for name in ("table.csv", "recipe.json", "run.json"):
+        assert (out / name).exists()
+    assert not (out / "cells.csv").exists()
+
+
+def test_a_batch_keeps_results_where_cells_can_not_be_found(
+    file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    names = [tmp_path / f"{name}.ome.tif" for name in "abc"]
+    for name in names:
+        name.write_bytes(file.read_bytes())
+    real, count = running.cells_in, iter(range(9))
+
+    def second_fails(*given: object, **options: object) -> object:
+        if next(count) == 1:
+            msg = "no room for the labels"
+            raise OSError(msg)
+        return real(*given, **options)
+
+    monkeypatch.setattr(running, "cells_in", second_fails)
+    told: list[str] = []
+    with pytest.warns(UserWarning, match="no room"):
+        table = run_batch(recipe_for(file), names, tmp_path / "out", told=told.append)
+    assert table["status"].tolist() == ["done", "failed", "done"]
+    assert table["results"].tolist() == [1, 1, 1]
+    assert table["error"][2] == "without cells: no room for the labels"
+    assert any("failed: without cells: no room" in line for line in told)
+    assert (tmp_path / "out" / "b" / "directional-l1.ome.tif").exists()
+    cells = pd.read_csv(tmp_path / "out" / "cells.csv")
+    assert cells["file"].unique().tolist() == [str(names[0]), str(names[2])]
+    again = run_batch(recipe_for(file), names, tmp_path / "out", resume=True)
+    assert again["status"].tolist() == ["complete already", "done", "complete already"]
+    assert again["cells"].tolist() == [again["cells"][1]] * 3
 
 
 def test_cells_on_the_command_line(file: Path, tmp_path: Path) -> None:
