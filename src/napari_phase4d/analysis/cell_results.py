@@ -162,7 +162,7 @@ def cells_in(
     labels : xarray.DataArray, optional
         Cells of another program, or corrected by hand: taken as they are, and only followed.
     confidence : xarray.DataArray, optional
-        What `confidence` gives: pixels in doubt make errors larger.
+        What `confidence` gives: pixels in doubt make errors larger, see `measure`.
     progress, cancelled : callable, optional
         See `unwrap`.
 

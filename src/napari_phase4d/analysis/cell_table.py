@@ -31,6 +31,9 @@ SQUARES, LEAST_SQUARES, AWAY = (1, 2, 4, 8, 16, 32), 6, 4
 RIM, RIM_SHARE = 3, 0.002
 #: Within so many pixels of where cells touch, this share of what they hold is uncertain.
 CONTACT, CONTACT_SHARE = 3, 0.08
+#: Pixels whose wrap count is right with less than this chance are in doubt. One standard deviation
+#: is what 68 of 100 values lie within, and those that are surer than that leave it as it is.
+SURE = 0.68
 #: Pixels round a cell over which its mass is summed as well.
 BLURRED = 3
 #: No light of a view comes from further aside.
@@ -196,7 +199,8 @@ def cells_of_frame(
     touching = np.bincount(summed.ravel(), (height * at_contact(summed)).ravel(), counts.size)
     squared += (CONTACT_SHARE * touching[numbers]) ** 2
     if trust is not None:
-        doubt = np.bincount(inside.ravel(), (1 - np.nan_to_num(trust)).ravel(), counts.size)
+        off = 1 - np.nan_to_num(trust)
+        doubt = np.bincount(inside.ravel(), np.where(off > 1 - SURE, off, 0).ravel(), counts.size)
         squared += (TURN * doubt[numbers]) ** 2
     centres = np.array(ndimage.center_of_mass(np.ones(labels.shape), inside, numbers))
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])

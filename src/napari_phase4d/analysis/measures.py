@@ -174,7 +174,8 @@ def measure(
         by which rays that come at an angle go through more of the object, where the image is
         not foreshortened as well. Default False. For cells only.
     confidence : DataArray or array_like, optional
-        What `confidence` gives: pixels in doubt make the error of a cell larger.
+        What `confidence` gives: each pixel that is right with a chance of less than 0.68 makes
+        the error of its cell larger, by the chance that it is wrong times a whole turn.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each region or frame; ``cancelled()`` stops the
         work.

@@ -238,7 +238,7 @@ def cells_by(
     """Find, follow and measure cells as a recipe asks for, None if it does not.
 
     They are those of the result most to be trusted; where the phase notes its wavelength, that
-    counts.
+    counts. Pixels in doubt make their errors larger, unless the run was larger than memory.
     """
     if recipe.cells is None:
         return None
@@ -253,6 +253,7 @@ def cells_by(
         recipe.cells,
         method=method,
         wrapped=wrapped,
+        confidence=comparison.known_confidence(method, progress, cancelled),
         progress=progress,
         cancelled=cancelled,
     )

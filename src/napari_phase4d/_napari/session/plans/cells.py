@@ -70,11 +70,14 @@ def plan_cells(
     how = settings or state.recipe.cells or CellSettings()
     used = optics_of(state, result, optics or Optics())
     given = None if labels is None else labels_like(result, labels)
-    trust, wrapped = state.confidence.get(method), state.needed_reconstruction()["phase"]
+    known, wrapped = state.confidence.get(method), state.needed_reconstruction()["phase"]
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Cells:
         # A copy: somebody may paint while the cells are followed.
         kept = given if given is None else given.copy(data=copied_labels(given))
+        trust = known
+        if trust is None:
+            trust = comparison.known_confidence(method, progress, cancelled)
         return cells_in(
             result, used, how, method=method, wrapped=wrapped, labels=kept, confidence=trust,
             progress=progress, cancelled=cancelled,
@@ -125,11 +128,18 @@ def plan_cell_by_methods(
         msg = "there are no cells yet; press Find cells"
         raise ValueError(msg)
     how = state.recipe.cells or CellSettings()
-    trust, wrapped = dict(state.confidence), state.needed_reconstruction()["phase"]
+    wrapped = state.needed_reconstruction()["phase"]
+    known = dict(state.confidence)
 
     def work(
         progress: ProgressCall | None, cancelled: CancelledCall | None
     ) -> dict[str, pd.DataFrame]:
+        trust = {
+            method: known[method]
+            if method in known
+            else comparison.known_confidence(method, progress, cancelled)
+            for method in comparison.results
+        }
         # With all cells, since the others are no empty field.
         tables = {
             method: measure(
@@ -137,7 +147,7 @@ def plan_cell_by_methods(
                 optics_of(state, result, optics or Optics()),
                 object_index=how.object_index,
                 refraction_increment_ml_per_g=how.refraction_increment_ml_per_g,
-                oblique=how.oblique, confidence=trust.get(method),
+                oblique=how.oblique, confidence=trust[method],
                 progress=progress, cancelled=cancelled,
             )
             for method, result in comparison.results.items()
