@@ -113,11 +113,20 @@ def test_a_region_stops_going_along_when_cancelled(labels: xr.DataArray) -> None
         region_with_cell(spot(), (0, 0), labels, cancelled=lambda: next(asked))
 
 
-def test_a_region_on_a_cell_that_is_not_there_yet_is_empty_then(labels: xr.DataArray) -> None:
+def test_a_region_on_a_cell_that_is_not_there_yet_weighs_nothing_known(
+    labels: xr.DataArray, phase: xr.DataArray
+) -> None:
     region = np.zeros(SHAPE[2:], dtype=bool)
     region[88:93, 58:63] = True
     moved = region_with_cell(region, (9, 0), labels)
     assert moved[:6].any(("angle", "y", "x")).values.tolist() == [False] * 4 + [True] * 2
+    table = p4d.measure(phase[:6], {"late": moved[:6]}, p4d.Optics(), object_index=1.4)
+    at_first = table[table["time (s)"] < 1].drop(columns=["region", "time (s)", "angle (deg)"])
+    assert (at_first.pop("area (um^2)") == 0).all()
+    assert at_first.isna().all(axis=None)
+    assert (table["dry mass (pg)"][8:] > 0).all()
+    cells = p4d.measure(phase[:6], labels[:6], p4d.Optics())
+    assert cells["time (s)"][cells["cell"] == 2].min() == 1.0
 
 
 def test_lazy_labels_are_measured_without_holding_them(

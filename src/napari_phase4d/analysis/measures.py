@@ -198,8 +198,8 @@ def measure(
         Of regions one row a region, time and angle, in this order. Columns: "region", "time (s)",
         "angle (deg)", "area (um^2)", "mean phase (rad)", "mean optical path difference (nm)";
         with ``object_index`` "mean height (um)" and "volume (um^3)"; "dry mass (pg)". Where a
-        region has no pixel in a frame, its means are NaN, its area, volume and mass 0. Time or
-        angle are NaN where the phase has no such coordinate.
+        region has no pixel in a frame, its area is 0 and all else NaN; a cell that is not found in
+        a frame has no row there. Time or angle are NaN where the phase has no such coordinate.
 
     Raises
     ------
@@ -248,13 +248,12 @@ def measure(
     tables = []
     for name, mask in masks.items():
         sums, counts = totals(stack, mask, watch)
+        sums[counts == 0] = np.nan  # what is not seen weighs nobody knows what
         row = {"region": name, **frames_of(stack), "area (um^2)": counts * pixel_um2}
         row |= light_column(stack)
         row |= phase_columns(sums, counts, pixel_um2, optics, object_index, scale)
-        row["dry mass (pg)"] = [
-            optics.dry_mass_pg(total, pixel_um2, refraction_increment_ml_per_g)
-            for total in sums * scale
-        ]
+        mass = optics.dry_mass_pg(1.0, pixel_um2, refraction_increment_ml_per_g)
+        row["dry mass (pg)"] = sums * scale * mass
         tables.append(pd.DataFrame(row))
         watch.step()
     return pd.concat(tables, ignore_index=True)

@@ -147,8 +147,8 @@ class TracePart(Step):
         self.draw = self.button(
             "Draw a region",
             "draw_region",
-            "Adds a layer to draw in. A region counts at all times and angles; the curves then "
-            "show its mean, and step 5's Measure uses it too.",
+            "Adds a layer to draw in. The curves then show the mean where it was drawn; in the "
+            "tab Measure, a region that was drawn on a cell goes along with it.",
             self.presenter.add_regions,
         )
         self.follow = self.button(
