@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 from skimage.filters import apply_hysteresis_threshold
-from skimage.morphology import h_maxima
+from skimage.morphology import h_maxima, reconstruction
 from skimage.segmentation import watershed
 
 from napari_phase4d.unwrapping import median_of, noise_of
@@ -30,6 +30,8 @@ SMALLEST_PIXELS = 30
 #: Two parts of a blob are two cells where its width between them is less than this share of that
 #: of the narrower one.
 NECK = 0.72
+#: They also are where phase between them falls below this share of what the lower one mostly has.
+VALLEY = 0.85
 
 Image = NDArray[np.float32]
 Labels = NDArray[np.int32]
@@ -64,7 +66,7 @@ class Rule:
         labels, count = ndimage.label(above & ends_half_way(height, above))
         labels = labels.astype(np.int32)
         if self.split and count:
-            labels = cut_at_necks(labels, self.smallest)
+            labels = cut_at_necks(labels, height, self.smallest)
         return self._numbered(labels)
 
     def _numbered(self, labels: Labels) -> Labels:
@@ -139,8 +141,8 @@ def without_holes(mask: Mask) -> Mask:
     return found
 
 
-def cut_at_necks(labels: Labels, smallest: float) -> Labels:
-    """Cut blobs in two where they are narrow between two wide parts."""
+def cut_at_necks(labels: Labels, height: Image, smallest: float) -> Labels:
+    """Cut blobs in two where they are narrow, or phase is low, between two wide parts."""
     found = labels.copy()
     count = int(labels.max())
     for number, box in enumerate(ndimage.find_objects(labels), 1):
@@ -154,7 +156,10 @@ def cut_at_necks(labels: Labels, smallest: float) -> Labels:
         markers, n = ndimage.label(h_maxima(depth, 0.1 * deepest))
         if n < 2:
             continue
-        parts = joined_over_wide_necks(watershed(-depth, markers, mask=blob), depth, smallest)
+        parts = watershed(-depth, markers, mask=blob)
+        widest = ndimage.maximum(depth, parts, np.arange(n + 1))
+        parts = joined_over_wide_necks(parts, depth, widest, smallest, NECK)
+        parts = cut_at_valleys(parts, markers, np.pad(height[box], 1), smallest)
         inner = parts[1:-1, 1:-1]
         for extra in range(2, int(parts.max()) + 1):
             count += 1
@@ -168,22 +173,54 @@ def peaks_of(depth: Image, blob: Mask) -> int:
     return int(ndimage.label(summits, np.ones((3, 3)))[1])
 
 
-def joined_over_wide_necks(parts: Labels, depth: Image, smallest: float) -> Labels:
-    """Join parts of a blob whose neck is not narrow, or that are too small, numbered from 1."""
-    parts = parts.astype(np.int32)
+def cut_at_valleys(parts: Labels, markers: Labels, height: Image, smallest: float) -> Labels:
+    """Cut those parts of a blob, numbered from 1, in two between which phase is low.
+
+    The outlines of cells that nearly touch run into each other where the optics, or a halo, fill
+    the gap, and have no neck then; but a valley leads through them. The dimple of a red blood cell
+    is none: it has a rim all round, up to which it is filled.
+    """
+    cut = parts.copy()
+    for number in range(1, int(parts.max()) + 1):
+        part = parts == number
+        inside, count = ndimage.label(part & (markers > 0))
+        if count < 2:
+            continue
+        low = np.where(part, height, 0)
+        lid = np.full_like(low, low.max())
+        lid[0], lid[-1], lid[:, 0], lid[:, -1] = low[0], low[-1], low[:, 0], low[:, -1]
+        filled = reconstruction(lid, low, method="erosion")
+        found = watershed(-filled, inside, mask=part)
+        levels = ndimage.median(filled, found, np.arange(count + 1))
+        found = joined_over_wide_necks(found, filled, levels, smallest, VALLEY)
+        for extra in range(2, int(found.max()) + 1):
+            cut[found == extra] = cut.max() + 1
+    return cut
+
+
+def joined_over_wide_necks(
+    parts: Labels, depth: Image, levels: NDArray[np.floating], smallest: float, most: float
+) -> Labels:
+    """Join parts of a blob whose neck is not narrow, or that are too small, numbered from 1.
+
+    A neck is narrow where its depth is at most the share ``most`` of the lower one of the two
+    levels; parts that are joined have the higher level of the two.
+    """
+    parts, levels = parts.astype(np.int32), levels.copy()
     while parts.max() > 1:
         sizes = np.bincount(parts.ravel())
-        widest = ndimage.maximum(depth, parts, np.arange(len(sizes)))
         best: tuple[float, int, int] | None = None
         for a, b, neck in necks(parts, depth):
-            share = neck / min(widest[a], widest[b])
+            share = neck / min(levels[a], levels[b])
             if min(sizes[a], sizes[b]) < smallest:
                 share = 2.0
-            if share > NECK and (best is None or share > best[0]):
+            if share > most and (best is None or share > best[0]):
                 best = share, a, b
         if best is None:
             break
         _, a, b = best
+        levels[a] = max(levels[a], levels[b])
+        levels = np.delete(levels, b)
         parts[parts == b] = a
         parts[parts > b] -= 1
     return parts
