@@ -215,8 +215,7 @@ class CellsPart(Step):
         """Find and measure the cells, or follow those of a layer, in a thread."""
         self.session.needed_outcome()
         source = self.source.value
-        # A copy: somebody may paint while the cells are followed.
-        labels = None if source == FOUND else np.array(source.data)
+        labels = None if source == FOUND else source.data
         plan = plan_cells(
             self.session, self.result.value, self.settings, labels, optics=own_optics()
         )

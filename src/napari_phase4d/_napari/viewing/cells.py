@@ -12,7 +12,7 @@ from napari.utils import Colormap, DirectLabelColormap
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.viewing.layers import layer_tuple, places_of_views, shown
-from napari_phase4d.analysis import Cells
+from napari_phase4d.analysis import Cells, copied_labels
 from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io import step_of
 from napari_phase4d.plotting import OBJECT_COLOUR, colour_of
@@ -57,7 +57,12 @@ class CellLayers:
         """Whether cells were painted, split, merged or deleted since."""
         if self._cells is None or self.outlines not in self.viewer.layers:
             return False
-        return not np.array_equal(self.outlines.data, self._cells.labels.values)
+        found, painted = self._cells.labels.data, self.outlines.data
+        # Frame by frame, up to the first that was changed: labels may be longer than memory.
+        return any(
+            not np.array_equal(np.asarray(painted[time]), np.asarray(found[time]))
+            for time in range(len(found))
+        )
 
     def show(self, cells: Cells | None) -> None:
         """Show cells instead of those of before; a layer in which was painted stays, hidden."""
@@ -135,7 +140,7 @@ def cells_layer(cells: xr.DataArray, name: str, colours: Mapping[int, str]) -> d
     table: dict[int | None, str] = {None: "white", 0: "transparent"}
     table |= dict(colours.items())
     # A copy: what is painted in the layer does not change what was found.
-    kept, data = keywords_of(cells, name), np.array(cells.data)
+    kept, data = keywords_of(cells, name), copied_labels(cells)
     return {**kept, "data": data, "colormap": DirectLabelColormap(color_dict=table)}
 
 
