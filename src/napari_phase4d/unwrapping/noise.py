@@ -140,7 +140,7 @@ FEW = 4096
 
 
 def median_of(values: NDArray[np.floating[Any]]) -> float:
-    """Return the median of numbers (n,), as `numpy.median` gives it.
+    """Return the median of numbers (n,), as ``numpy.median`` gives it.
 
     It takes a third of the time: only what lies near the median of some of them is sorted out.
     """
