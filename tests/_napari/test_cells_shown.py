@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import threading
 import tracemalloc
 from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pytest
 import xarray as xr
 
-from napari_phase4d._napari.viewing.cells import CellLayers
+import napari_phase4d as p4d
+from napari_phase4d._napari.viewing.cells import CellLayers, ReadyLayers
 from napari_phase4d.analysis import Cells
 
 AXES = ("time", "angle", "y", "x")
@@ -28,3 +31,26 @@ def test_outlines_are_compared_frame_by_frame() -> None:
     tracemalloc.stop()
     layer.data[-1, 1, 0, 0] = 7
     assert shown.is_edited
+
+
+@pytest.mark.gui
+def test_layers_of_cells_are_made_outside_of_the_windows_thread(dock, click, monkeypatch):
+    """They take a copy of all labels, and the first ones have their colours compiled."""
+    sample = p4d.simulation.swimming_cells((96, 112), 4, 2, divisions=0, leaving=0)
+    dock.session.set_phase(sample["wrapped"])
+    dock.session.unwrap(["directional-l1"], mask=None)
+    threads, made = [], ReadyLayers.of.__func__
+
+    def noting(cls, cells):
+        threads.append(threading.current_thread())
+        return made(cls, cells)
+
+    monkeypatch.setattr(ReadyLayers, "of", classmethod(noting))
+    for _ in range(2):
+        click("find_cells")
+    assert len(threads) == 2
+    assert threading.main_thread() not in threads
+    outlines = dock.presenter.cells.outlines
+    assert outlines in dock.presenter.viewer.layers
+    np.testing.assert_array_equal(outlines.data, dock.session.cells.labels)
+    assert not np.shares_memory(outlines.data, dock.session.cells.labels.values)
