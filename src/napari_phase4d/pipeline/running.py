@@ -18,6 +18,7 @@ from napari_phase4d.holography import (
     Focus,
     Lobe,
     PhaseSettings,
+    beginning_of,
     find_focus,
     find_lobes,
     frame_reconstructor,
@@ -153,7 +154,7 @@ def run(
         return Outcome(None, used, data, comparison, truth, scores, cells)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
-        recording,
+        beginning_of(recording, recipe.first_frames),
         recipe.wanted_views,
         angles_deg=recipe.angles_deg,
         wavelengths_um=recipe.wavelengths_um,
