@@ -262,9 +262,7 @@ def frame_reconstructor(
     reference = settings.reference
     if looked_at is not rec and isinstance(reference, (int, np.integer)):
         reference = reference_frame(rec, reference)  # a number among all frames
-    found = corrections(
-        looked_at, demodulate, reference, background, order, lost, seen, cancelled
-    )
+    found = corrections(looked_at, demodulate, reference, background, order, lost, seen, cancelled)
     attrs: dict[str, Any] = {} if common_um is None else {"wavelength_um": common_um}
     attrs |= {
         "medium_index": rec.optics.medium_index,

@@ -39,7 +39,17 @@ from napari_phase4d.unwrapping import check_light, is_known
 from napari_phase4d.unwrapping.problem import checked_boundaries
 from napari_phase4d.words import check_type, warn
 
-__all__ = ["Outcome", "cells_by", "focus_by", "mask_of", "reconstruct_by", "run", "unwrap_by"]
+__all__ = [
+    "Outcome",
+    "cells_by",
+    "focus_by",
+    "mask_of",
+    "opened_reference",
+    "phase_settings",
+    "reconstruct_by",
+    "run",
+    "unwrap_by",
+]
 
 
 @dataclass(frozen=True)

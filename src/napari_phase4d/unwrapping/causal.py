@@ -7,6 +7,7 @@ The numbers are those of the same methods on the finished recording, to the last
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
@@ -21,6 +22,7 @@ from napari_phase4d.unwrapping.alone import (
     LiftBlock,
     Mask,
     Phase,
+    Turns,
     UnwrapBlock,
     lift_of,
 )
@@ -111,11 +113,10 @@ class Levels:
     first: tuple[int, int]
     borders: list[NDArray[np.float64]] = field(default_factory=list)
 
-    def lift(self, borders: list[NDArray[np.float64]]) -> NDArray[np.int16]:
+    def lift(self, borders: list[NDArray[np.float64]]) -> Turns:
         """Return the turns to add to the frames that have just come, shape (time, angle)."""
         self.borders = [np.concatenate([*self.borders, *borders])]
-        lift: NDArray[np.int16] = lift_of(self.borders, self.first)[-len(borders) :]
-        return lift
+        return lift_of(self.borders, self.first)[-len(borders) :]
 
 
 class Registration:
@@ -129,7 +130,9 @@ class Registration:
 
     def __init__(self, first: tuple[int, int]) -> None:
         self.first = first
-        self._home: NDArray[np.float64] | None = None
+        self._begun = False
+        #: Where the object is in the boundary frame.
+        self._home = np.full(2, np.nan)
         #: Phase and object of the last frame (1, angle, y, x), and its shifts.
         self._last: tuple[Phase, Mask, NDArray[np.intp]]
 
@@ -138,17 +141,17 @@ class Registration:
     ) -> NDArray[np.intp]:
         """Return the shifts of frames that follow those before, shape (time, angle, 2)."""
         shifts = np.zeros((*wrapped.shape[:2], 2), dtype=np.intp)
-        for time in range(len(wrapped)):
-            now = slice(time, time + 1)
-            if self._home is None:
+        for place in range(len(wrapped)):
+            now = slice(place, place + 1)
+            if not self._begun:
                 watch = Watch(wrapped.shape[1], "registration")
                 shifts[now] = centre_of_mass_shifts(
                     wrapped[now], found[now], self.first, watch, centres[now]
                 )
-                self._home = centres[self.first]
+                self._home, self._begun = centres[self.first], True
             else:
-                shifts[time] = self._after_last(wrapped[now], found[now], centres[time])
-            self._last = wrapped[now], found[now], shifts[time]
+                shifts[place] = self._after_last(wrapped[now], found[now], centres[place])
+            self._last = wrapped[now], found[now], shifts[place]
         return shifts
 
     def _after_last(
@@ -158,18 +161,15 @@ class Registration:
         last_wrapped, last_found, kept = self._last
         phases = np.concatenate([last_wrapped, wrapped])
         objects = np.concatenate([last_found, found])
-        return np.stack(
-            [
-                next_shift(
-                    self._home - centres[a],  # type: ignore[operator]
-                    kept[a],
-                    lambda s, a=a: likeness(  # type: ignore[misc]
-                        phases, objects, (1, a), s, (0, a), kept[a]
-                    ),
-                )
-                for a in range(len(kept))
-            ]
-        )
+
+        def shift_of(angle: int) -> NDArray[np.intp]:
+            return next_shift(
+                self._home - centres[angle],
+                kept[angle],
+                lambda s: likeness(phases, objects, (1, angle), s, (0, angle), kept[angle]),
+            )
+
+        return np.stack([shift_of(angle) for angle in range(len(kept))])
 
 
 class Causal:
@@ -192,6 +192,8 @@ class Causal:
         How many frames came so far.
     all_usable : bool
         Whether the phase of all of them was known everywhere.
+    seconds : dict of str to float
+        What each method took, with the steps that it shares with others.
 
     Raises
     ------
@@ -206,7 +208,7 @@ class Causal:
         *,
         finds_mask: bool,
     ) -> None:
-        if any(time for time, _ in boundaries):
+        if any(frame for frame, _ in boundaries):
             msg = (
                 f"frames that come are unwrapped from the first one on, but boundary is "
                 f"{tuple(boundaries)}; give time 0, such as ((0, 0),)"
@@ -217,6 +219,7 @@ class Causal:
         self.finds_mask = finds_mask
         self.n_frames = 0
         self.all_usable = True
+        self.seconds = dict.fromkeys(methods, 0.0)
         first = self.boundaries[0]
         self._levels, self._ordered = Levels(first), Levels(first)
         self._registration = Registration(first)
@@ -245,17 +248,20 @@ class Causal:
         """
         if not self.methods:
             return {}
+        began = time.perf_counter()
         each = Each(len(wrapped), cancelled)
         batch = self._alone(Given(InMemory(wrapped)), each)
         shifts = self._registration.shifts(
             batch.given.read(each.all)[0], batch.object.read(each.all), batch.centres
         )
-        found = {}
+        found, shared = {}, time.perf_counter() - began
         for method in self.methods:
+            began = time.perf_counter()
             result = InMemory(np.empty_like(wrapped))
             turns = self._turns(method, batch, shifts, each)
             each(FinishBlock(batch.given, turns, batch.mask, result))
             found[method] = result.values
+            self.seconds[method] += shared + time.perf_counter() - began
         self.n_frames += len(wrapped)
         return found
 
@@ -278,9 +284,7 @@ class Causal:
         each(Lift(turns, lifted, self._ordered.lift(borders)))
         return lifted
 
-    def _turns(
-        self, method: str, batch: Batch, shifts: NDArray[np.intp], each: Each
-    ) -> Stack:
+    def _turns(self, method: str, batch: Batch, shifts: NDArray[np.intp], each: Each) -> Stack:
         """Return the turns that a method finds."""
         options = self.methods[method]
         if method not in ORDERS:
@@ -315,7 +319,7 @@ class Each:
 
     def __init__(self, n: int, cancelled: CancelledCall | None) -> None:
         self.all = Block(0, n)
-        self._blocks = [Block(time, time + 1) for time in range(n)]
+        self._blocks = [Block(frame, frame + 1) for frame in range(n)]
         self._cancelled = cancelled
 
     def __call__(self, work: Callable[[Block], R]) -> list[R]:
