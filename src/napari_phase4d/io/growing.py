@@ -216,8 +216,14 @@ def whole_image(path: Path) -> NDArray[Any]:
     if path.suffix.lower() in TIFF_SUFFIXES:
         if not path.stat().st_size:
             raise NotYetError(UNFINISHED)
-        with quiet(), tifffile.TiffFile(path) as tif:
-            check_complete(tif, path)
+        try:
+            with quiet(), tifffile.TiffFile(path) as tif:
+                check_complete(tif, path)
+        except OSError:
+            raise
+        except Exception as error:  # what is not whole yet leads to any error
+            msg = f"{path.name} is cut short or damaged"
+            raise OSError(msg) from error
     return load_image(path)
 
 

@@ -36,7 +36,7 @@ from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threa
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
 from napari_phase4d.unwrapping.masks import left_out_note
-from napari_phase4d.words import as_path, check_call, check_type
+from napari_phase4d.words import as_path, check_call, check_type, counted
 
 __all__ = ["watch"]
 
@@ -160,6 +160,7 @@ def watch(
         try:
             gathered = feed.gather(recipe.first_frames or FIRST_FRAMES)
             settled = settle(recipe, arriving, gathered, cancelled)
+            listener.tell(found_sentence(settled))
             live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
             live.follow(gathered, feed)
             listener.line()
@@ -181,6 +182,13 @@ def check_limits(frames: int | None, patience_s: float, frame_patience_s: float)
         if not seconds > 0:
             msg = f"{name} must be a number of seconds above 0, but is {seconds!r}"
             raise ValueError(msg)
+
+
+def found_sentence(settled: Settled) -> str:
+    """Say what was found on the first frames."""
+    n_views, (_, view) = len(settled.recipe.lobes), settled.recipe.start_frames[0]
+    first = counted(settled.first.n_frames, "frame")
+    return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view}"
 
 
 def fingerprint_of(path: Path, cancelled: CancelledCall | None) -> Fingerprint:
