@@ -243,6 +243,46 @@ def test_a_half_written_file_is_waited_for(video: Video, tmp_path: Path) -> None
     assert len(heard.frames) == 8
 
 
+@pytest.mark.parametrize("dark_ends", [False, True])
+def test_a_file_that_is_as_long_before_its_pixels_are_there(
+    video: Video, tmp_path: Path, *, dark_ends: bool
+) -> None:
+    folder, heard, whole_at = tmp_path / "camera", Heard(), []
+    frames = video[:8].copy()
+    if dark_ends:
+        frames[:, -2:] = 0
+    content = as_bytes(frames[6])
+    picture = content.rindex(frames[6].tobytes())
+    empty = content[:picture] + bytes(len(content) - picture)
+
+    def write() -> None:
+        for number in (0, 1, 2, 3, 4, 5, 7):
+            put(folder, number, frames[number])
+        with (folder / name(6)).open("wb", buffering=0) as file:
+            file.write(empty)
+            time.sleep(0.3)  # more than what settles it
+            file.seek(picture)
+            whole_at.append(time.monotonic())
+            file.write(content[picture:])
+
+    with written(write):
+        watch(folder, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+    assert len(heard.frames) == 8
+    if not dark_ends:
+        same_as_a_run(tmp_path / "out", heard)
+        assert heard.when[6] >= whole_at[0]
+
+
+def test_few_frames_with_a_gap_among_them(video: Video, tmp_path: Path) -> None:
+    folder, heard = tmp_path / "camera", Heard()
+    for number in (0, 1, 2, 4, 5):
+        put(folder, number, video[number])
+    recipe = RECIPE.changed(first_frames=8)
+    found = watch(folder, recipe, tmp_path / "out", **SHORT, **heard.calls())
+    assert found.reconstruction.attrs["lost_times"] == [3]
+    assert found.recipe.first_frames == len(heard.frames) == 6
+
+
 def test_files_that_come_in_any_order(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
 

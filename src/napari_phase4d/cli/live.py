@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -43,6 +44,9 @@ from napari_phase4d.pipeline import LiveStatus, Recipe, watch
 from napari_phase4d.words import counted
 
 __all__ = ["watch_command"]
+
+#: Seconds between two lines of what is done at the end.
+LINE_S = 2.0
 
 
 def watch_command(
@@ -139,6 +143,7 @@ def watch_command(
             form=form,
             told=tell,
             status=tell_status,
+            progress=Lines(),
             stopped=lambda: bool(came),
         )
     print_notes(outcome)
@@ -175,6 +180,19 @@ def tell(line: str) -> None:
 def tell_status(status: LiveStatus) -> None:
     """Print how far it is."""
     console.print(status.sentence)
+
+
+class Lines:
+    """Prints how far what is done at the end is, now and then."""
+
+    def __init__(self) -> None:
+        self._next = time.monotonic() + LINE_S
+
+    def __call__(self, done: int, total: int, message: str) -> None:
+        """Take a step."""
+        if time.monotonic() >= self._next:
+            self._next = time.monotonic() + LINE_S
+            console.print(f"{escape(message)}: {done} of {total}")
 
 
 @contextmanager

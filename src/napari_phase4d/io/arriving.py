@@ -10,6 +10,7 @@ import math
 import time
 from abc import ABC, abstractmethod
 from collections import deque
+from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -89,6 +90,10 @@ class Calm:
         """Return when a file was first seen as it is now; the beginning of time if never."""
         return self._seen[path][1] if path in self._seen else -math.inf
 
+    def keep(self, paths: Iterable[Path]) -> None:
+        """Let go of all files but these."""
+        self._seen = {path: self._seen[path] for path in paths if path in self._seen}
+
     def forget(self, path: Path) -> None:
         """Let go of a file that has been read."""
         self._seen.pop(path, None)
@@ -117,7 +122,9 @@ class Arriving(ABC):
         self.notes: list[str] = []
         self.shape: tuple[int, int] | None = None
         self.dtype: np.dtype[Any] | None = None
+        #: Frames that never came.
         self.lost: set[int] = set()
+        self._dark_ends = False
         #: Numbers of frames that were seen, and when.
         self._announced: deque[tuple[int, float]] = deque()
 
@@ -146,8 +153,16 @@ class Arriving(ABC):
         """Return what is said of pixel and frame rate; the frames do not count."""
 
     def doubtful(self, frame: NDArray[Any]) -> bool:
-        """Say whether a frame may not be whole though it can be read; then it is waited for."""
-        return False
+        """Say whether a frame may not be whole though it can be read; then it is waited for.
+
+        Programs that make a file as long as it will be, before they write into it, leave its end
+        black.
+        """
+        return not self._dark_ends and not frame[-1].any()
+
+    def learn(self, frame: NDArray[Any]) -> None:
+        """Learn of a frame that stayed doubtful: if all frames end black, this says nothing."""
+        self._dark_ends = bool(frame.any())
 
     def changed(self, index: int) -> float:
         """Return when what holds a frame last changed, by `time.monotonic`."""
@@ -193,6 +208,7 @@ class Arriving(ABC):
         if now - max(self._announced[0][1], self.changed(index)) < self.patience_s:
             return None
         if frame is not None:
+            self.learn(frame)
             return Arrival(index, frame)
         self.lost.add(index)
         why = "never became whole" if why == UNFINISHED else why

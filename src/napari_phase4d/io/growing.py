@@ -86,6 +86,12 @@ class Numbering:
                 self.column = column
         self.base = 0 if self.column is None else min(rows[:, self.column].tolist())
 
+    def count(self, names: Sequence[str]) -> int:
+        """Return how many frames there are by their names, those that are missing included."""
+        if self.column is None:
+            return len(names)
+        return max(numbers_of(name)[self.column] for name in names) - self.base + 1
+
     def index(self, name: str) -> int | None:
         """Return the number of a frame, from 0; None where its name does not say it."""
         return None if self.column is None else numbers_of(name)[self.column] - self.base
@@ -125,7 +131,8 @@ class FolderArriving(Arriving):
         if self._numbering is None:
             waiting = [n for n in self._names if self._may_be_frame(n)]
             self._look_at(self.path / name for name in waiting[: 2 * AHEAD])
-            return len(of_usual_pattern(waiting))
+            usual = of_usual_pattern(waiting)
+            return Numbering(usual).count(usual) if usual else 0
         for name in new:
             self._add(name)
         ahead = range(self.taken, self.taken + AHEAD)
@@ -361,9 +368,11 @@ class ZarrArriving(Arriving):
         except (OSError, ValueError):
             return 0  # its description is being written
         self._reader = reader
-        for index in range(self.taken, min(self.taken + AHEAD, reader.shape[0])):
-            for file in reader.files(index):
-                self._calm.look(file)
+        ahead = range(self.taken, min(self.taken + AHEAD, reader.shape[0]))
+        pieces = {file for index in ahead for file in reader.files(index)}
+        self._calm.keep(pieces)
+        for file in pieces:
+            self._calm.look(file)
         return reader.shape[0]
 
     def read(self, index: int) -> NDArray[Any]:
@@ -380,6 +389,9 @@ class ZarrArriving(Arriving):
     def doubtful(self, frame: NDArray[Any]) -> bool:
         """Say whether a piece of a frame is black, as those are that are not there yet."""
         return self._reader is not None and self._reader.unwritten(frame)
+
+    def learn(self, frame: NDArray[Any]) -> None:
+        """Learn nothing: a piece that is missing is always black."""
 
     def changed(self, index: int) -> float:
         """Return when the pieces of a frame were last seen to change."""

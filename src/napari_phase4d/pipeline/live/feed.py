@@ -144,7 +144,7 @@ class Feed:
         self._end: int | None = None
 
     def gather(self, n_frames: int) -> list[Arrival]:
-        """Return the first frames, so many if they come."""
+        """Return the first frames: so many, or some more, if they come."""
         # What counts them shows in the names of several.
         while not self._ended() and self.arriving.seen < self._wanted(n_frames):
             self._look()

@@ -158,8 +158,9 @@ def watch(
     with result_folder(out, recipe) as kept, stacks_beside(out, form) as where:
         place = Place(Shelf(where), Threads())
         try:
-            gathered = feed.gather(recipe.first_frames or FIRST_FRAMES)
-            settled = settle(recipe, arriving, gathered, cancelled)
+            n_first = recipe.first_frames or FIRST_FRAMES
+            gathered = feed.gather(n_first)
+            settled = settle(recipe, arriving, gathered[:n_first], cancelled)
             listener.tell(found_sentence(settled))
             live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
             live.follow(gathered, feed)
