@@ -51,6 +51,8 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "drift": "Whether the phase of the empty field is set to zero in every frame.",
         "tilt_per_frame": "Whether a tilt is taken off each frame too, fitted to its own empty "
         "field.",
+        "first_frames": "Lobes, background and focus are taken from so many frames at the "
+        "beginning only.",
         "mask": "None: the whole field is unwrapped, not the object alone.",
         "boundary": "Where the object is optically thin, so that unwrapping can start there: "
         '(time, angle) as frame numbers, counted from 0; "auto" looks for the safest frame.',

@@ -235,6 +235,35 @@ class Comparison:
             table = table.assign(doubtful_percent=column)
         return replace(self, table=in_order(table))
 
+    def with_results(
+        self,
+        results: Mapping[str, xr.DataArray],
+        seconds: Mapping[str, float],
+        order: Sequence[str],
+    ) -> Comparison:
+        """Return the comparison with results that were found on another way.
+
+        Parameters
+        ----------
+        results : mapping of str to DataArray
+            Unwrapped phase of further methods, which notes how it was made.
+        seconds : mapping of str to float
+            What each of them took.
+        order : sequence of str
+            All methods, in the order in which they are to be.
+        """
+        both = {**self.results, **results}
+        rows = {str(m): dict(row) for m, row in self.table.iterrows()} | {
+            m: {
+                "method": label_of(m, result.attrs.get("options", {})),
+                "seconds": seconds[m],
+                "peak_mb": float("nan"),
+            }
+            for m, result in results.items()
+        }
+        table = table_of({m: rows[m] for m in order})
+        return replace(self, results={m: both[m] for m in order}, table=table)
+
     def object_mask(self) -> xr.DataArray:
         """Return what of the usable field is not empty, in the form of the phase.
 

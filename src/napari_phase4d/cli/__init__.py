@@ -1,4 +1,4 @@
-"""The command line: napari-phase4d demo | info | look | run | compare | reproduce | benchmark."""
+"""The command line: napari-phase4d demo | info | look | run | compare | reproduce | benchmark | watch."""
 
 from napari_phase4d.cli.app import app, main
 

@@ -13,6 +13,7 @@ from rich.markup import escape
 import napari_phase4d
 from napari_phase4d.cli.benchmark import benchmark
 from napari_phase4d.cli.demo import demo, reproduce
+from napari_phase4d.cli.live import watch_command
 from napari_phase4d.cli.look import info, look
 from napari_phase4d.cli.printing import console, errors
 from napari_phase4d.cli.running import compare_command, run_command
@@ -52,6 +53,7 @@ app.command("demo")(demo)
 app.command("info")(info)
 app.command("look")(look)
 app.command("run")(run_command)
+app.command("watch")(watch_command)
 app.command("compare")(compare_command)
 app.command("reproduce")(reproduce)
 app.command("benchmark")(benchmark)

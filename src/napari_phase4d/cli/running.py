@@ -78,7 +78,7 @@ from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.words import counted, printable
 
-__all__ = ["compare_command", "run_command"]
+__all__ = ["ToldToEndError", "compare_command", "listening", "run_command"]
 
 
 def run_command(
@@ -380,13 +380,15 @@ def stoppable() -> Iterator[None]:
             signal.signal(number, handler)
 
 
-def listening(stop: Callable[[int, object], None]) -> dict[int, Any]:
+def listening(
+    stop: Callable[[int, object], None], names: Sequence[str] = ("SIGTERM", "SIGHUP")
+) -> dict[int, Any]:
     """Let the system's wishes to end call a function; return what they did before.
 
     What is ignored stays so, as under nohup; outside of the main thread nothing is listened to.
     """
     before: dict[int, Any] = {}
-    for name in ("SIGTERM", "SIGHUP"):
+    for name in names:
         number = getattr(signal, name, None)
         if number is None or signal.getsignal(number) is signal.SIG_IGN:
             continue

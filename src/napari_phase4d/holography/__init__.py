@@ -29,6 +29,7 @@ from napari_phase4d.holography.quality import (
 )
 from napari_phase4d.holography.reconstruction import (
     PhaseSettings,
+    beginning_of,
     find_focus,
     frame_reconstructor,
     reconstruct,
@@ -56,6 +57,7 @@ __all__ = [
     "Propagator",
     "StrayTerm",
     "autofocus",
+    "beginning_of",
     "depth_of_focus_um",
     "find_focus",
     "find_lobes",

@@ -33,6 +33,7 @@ __all__ = [
     "Reference",
     "background_surface",
     "corrections",
+    "reference_frame",
     "reference_note",
 ]
 

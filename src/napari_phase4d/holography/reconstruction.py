@@ -17,6 +17,7 @@ from napari_phase4d.holography.corrections import (
     Reference,
     background_surface,
     corrections,
+    reference_frame,
     reference_note,
 )
 from napari_phase4d.holography.demodulation import Demodulator
@@ -47,6 +48,7 @@ from napari_phase4d.words import check_bool, shown, warn
 __all__ = [
     "PhaseSettings",
     "Refocus",
+    "beginning_of",
     "find_focus",
     "frame_reconstructor",
     "reconstruct",
@@ -77,6 +79,7 @@ class PhaseSettings:
     refocus_um: Refocus = None
     drift: bool = True
     tilt_per_frame: bool = False
+    first_frames: int | None = None
 
 
 def reconstruct(
@@ -90,6 +93,7 @@ def reconstruct(
     refocus_um: Refocus = None,
     drift: bool = True,
     tilt_per_frame: bool = False,
+    first_frames: int | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
 ) -> xr.Dataset:
@@ -126,6 +130,11 @@ def reconstruct(
         Whether to take a tilt off each frame too, fitted to that frame's own empty field after
         the background of all frames has been taken off; frames with too little of it keep theirs.
         Default False.
+    first_frames : int, optional
+        Measure what all frames have in common (the background, the median, the focus, and how
+        strong fringes usually are) on so many frames from the beginning only. A frame then comes
+        out the same whatever follows it, as `napari_phase4d.pipeline.watch` needs. Default: on
+        frames from all over the recording.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each frame; ``cancelled()`` stops the work.
 
@@ -177,7 +186,14 @@ def reconstruct(
     (('time', 'angle', 'y', 'x'), (2, 2, 120, 120))
     """
     settings = PhaseSettings(
-        reference, window, background, background_order, refocus_um, drift, tilt_per_frame
+        reference,
+        window,
+        background,
+        background_order,
+        refocus_um,
+        drift,
+        tilt_per_frame,
+        first_frames,
     )
     lobes = list(lobes) if isinstance(lobes, Iterable) else lobes
     work = frame_reconstructor(rec, lobes, settings, cancelled)
@@ -234,17 +250,19 @@ def frame_reconstructor(
     for switch in ("drift", "tilt_per_frame"):
         check_bool(switch, getattr(settings, switch))
     check_lobes(lobes)
+    looked_at = beginning_of(rec, settings.first_frames)
     # A view that names the wavelength of the recording is like one that names none.
     common_um = one_wavelength(lobes, rec.optics.wavelength_um)
     lobes, angles = in_order_of_angle(with_wavelengths(lobes, rec.optics.wavelength_um))
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
-    lost, seen = usual_fringes(rec, demodulate, cancelled)
+    lost, seen = usual_fringes(looked_at, demodulate, cancelled)
     middle = list(seen)[len(seen) // 2]
-    visibility = fringe_visibility(rec.raw_frame(middle), demodulate, seen[middle])
+    visibility = fringe_visibility(looked_at.raw_frame(middle), demodulate, seen[middle])
     without = without_fringes_percent(list(seen.values()))
-    found = corrections(
-        rec, demodulate, settings.reference, background, order, lost, seen, cancelled
-    )
+    reference = settings.reference
+    if looked_at is not rec and isinstance(reference, (int, np.integer)):
+        reference = reference_frame(rec, reference)  # a number among all frames
+    found = corrections(looked_at, demodulate, reference, background, order, lost, seen, cancelled)
     attrs: dict[str, Any] = {} if common_um is None else {"wavelength_um": common_um}
     attrs |= {
         "medium_index": rec.optics.medium_index,
@@ -259,6 +277,8 @@ def frame_reconstructor(
         "reference": reference_note(settings.reference),
         "pixel_ratio": list(demodulate.pixel_ratio),
     }
+    if settings.first_frames is not None:
+        attrs["first_frames"] = looked_at.n_frames
     if found.left_rad:
         attrs["background_left_rad"] = [round(left, 6) for left in found.left_rad]
     if found.unsure:
@@ -274,7 +294,31 @@ def frame_reconstructor(
     )
     if settings.refocus_um is None:
         return work
-    return with_refocus(work, rec, settings.refocus_um, cancelled)
+    return with_refocus(work, looked_at, settings.refocus_um, cancelled)
+
+
+def beginning_of(rec: Recording, first_frames: int | None) -> Recording:
+    """Return what is looked at of a recording: all of it, or so many frames from its beginning.
+
+    Parameters
+    ----------
+    rec : Recording
+        The hologram video.
+    first_frames : int or None
+        See `reconstruct`.
+
+    Raises
+    ------
+    ValueError
+        If it is no number of frames.
+    """
+    if first_frames is None:
+        return rec
+    whole = isinstance(first_frames, (int, np.integer)) and not isinstance(first_frames, bool)
+    if not whole or first_frames < 1:
+        msg = f"first_frames must be a number of frames, 1 or more, but is {shown(first_frames)}"
+        raise ValueError(msg)
+    return rec.first(int(first_frames))
 
 
 def wavelengths_um(lobes: Sequence[Lobe]) -> tuple[float, ...] | None:

@@ -1,12 +1,15 @@
 """Readers and writers, one module per file family."""
 
+from napari_phase4d.io.arriving import Arrival, ArrivedFrames, Arriving
 from napari_phase4d.io.describing import OME_TIFF, OME_ZARR, PROGRAM, step_of
+from napari_phase4d.io.growing import arriving_at
 from napari_phase4d.io.movies import write_figure, write_movie
 from napari_phase4d.io.opening import (
     JOINED_SUFFIXES,
     READABLE_SUFFIXES,
     open_input,
     open_recording,
+    recording_of,
 )
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
@@ -22,8 +25,12 @@ __all__ = [
     "PROGRAM",
     "RAW_SUFFIXES",
     "READABLE_SUFFIXES",
+    "Arrival",
+    "ArrivedFrames",
+    "Arriving",
     "RawLayout",
     "address_of",
+    "arriving_at",
     "description_digest",
     "holds_phase",
     "needs_layout",
@@ -32,6 +39,7 @@ __all__ = [
     "open_recording",
     "parts_beside",
     "read_results",
+    "recording_of",
     "sinogram",
     "step_of",
     "write_figure",

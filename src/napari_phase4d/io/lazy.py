@@ -18,12 +18,14 @@ from napari_phase4d.recording import remember_reader
 __all__ = [
     "FrameReader",
     "MappedFrames",
+    "Stamp",
     "Unsound",
     "WrongFrameError",
     "beside",
     "in_one_line",
     "lazy_frames",
     "map_frames",
+    "stamp_of",
 ]
 
 #: Size in bytes, time of the last change in nanoseconds, and the number of the file on its disk.

@@ -37,7 +37,13 @@ from napari_phase4d.stacks import (
 )
 from napari_phase4d.words import as_path, check_type, printable, warn
 
-__all__ = ["JOINED_SUFFIXES", "READABLE_SUFFIXES", "open_input", "open_recording"]
+__all__ = [
+    "JOINED_SUFFIXES",
+    "READABLE_SUFFIXES",
+    "open_input",
+    "open_recording",
+    "recording_of",
+]
 
 #: Share of the free memory that a single frame may take.
 SHARE_OF_A_FRAME = 0.25

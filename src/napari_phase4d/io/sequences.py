@@ -28,6 +28,7 @@ __all__ = [
     "by_number",
     "files_of",
     "files_of_folder",
+    "load_image",
     "read_files",
     "read_image",
 ]

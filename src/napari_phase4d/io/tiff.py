@@ -35,7 +35,7 @@ from napari_phase4d.io.video import (
     quiet,
 )
 
-__all__ = ["TIFF_SUFFIXES", "check_described", "read_tiff", "tiff_parts"]
+__all__ = ["TIFF_SUFFIXES", "check_complete", "check_described", "read_tiff", "tiff_parts"]
 
 TIFF_SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
 

@@ -27,7 +27,7 @@ from napari_phase4d.io.remote import address_of, is_missing, remote_store, unrea
 from napari_phase4d.io.video import LARGEST_PIECE, MICROMETRES, SECONDS, Facts, Video
 from napari_phase4d.words import size_in_words
 
-__all__ = ["is_zarr", "read_zarr"]
+__all__ = ["ZarrReader", "is_zarr", "read_zarr"]
 
 #: Files of which one lies at the top of every Zarr folder.
 MARKS = ("zarr.json", ".zarray", ".zgroup", ".zmetadata")
@@ -160,6 +160,36 @@ class ZarrReader(FrameReader):
                 if step > 1:
                     self._block = (first, block)
         return block[index - first]  # type: ignore[no-any-return]
+
+    def as_it_is_now(self) -> ZarrReader:
+        """Return a new reader of the array in a folder, with the length that it has by now."""
+        import zarr
+
+        array = zarr.open_array(self.path / self.name, mode="r")
+        n_frames = self.shape[0] if self.axis is None else int(array.shape[self.axis])
+        found = ZarrReader(
+            self.path, self.name, self.axis, (n_frames, *self.shape[1:]), self.dtype, self.leading
+        )
+        found._array = array
+        return found
+
+    def files(self, index: int) -> list[Path]:
+        """Return the files of a folder that hold a frame, those of them that are there."""
+        with self._lock:
+            array = self._opened()
+        return files_of(self.path, self.name, array, self._place(array, index))
+
+    def unwritten(self, frame: NDArray[Any]) -> bool:
+        """Say whether a piece of a frame holds nothing but what Zarr gives for missing ones."""
+        with self._lock:
+            array = self._opened()
+        height, width = array.chunks[-2:]
+        pieces = (
+            frame[top : top + height, left : left + width]
+            for top in range(0, frame.shape[0], height)
+            for left in range(0, frame.shape[1], width)
+        )
+        return any(bool((piece == array.fill_value).all()) for piece in pieces)
 
     def _read(self, array: Any, first: int, stop: int) -> NDArray[Any]:
         """Return frames from the store."""

@@ -41,6 +41,7 @@ __all__ = [
     "note_zarr_result",
     "path_of",
     "read_zarr_result",
+    "set_length",
     "write_zarr_result",
     "zarr_description",
 ]
@@ -321,6 +322,22 @@ def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
     top = zarr.create_group(group, zarr_format=3)
     new_array(top, shape, np.float32, frames=frames, packer="lz4")
     return group / ARRAY
+
+
+def set_length(array: Path, n_times: int) -> None:
+    """Say how many times an array on disk has that was made longer than what came.
+
+    Parameters
+    ----------
+    array : Path
+        Its folder, as `create_blocks` gave it.
+    n_times : int
+        How many there are.
+    """
+    note = json.loads((array / NOTE).read_text(encoding="utf-8"))
+    note["shape"][0] = n_times
+    with written_whole(array / NOTE) as temporary:
+        temporary.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")
 
 
 def finish_blocks(group: Path, stack: xr.DataArray, limits: tuple[float, float]) -> None:

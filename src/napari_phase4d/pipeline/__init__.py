@@ -6,6 +6,7 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
 from napari_phase4d.pipeline.batch import result_folders, run_batch
 from napari_phase4d.pipeline.guarding import result_folder
+from napari_phase4d.pipeline.live import LiveStatus, watch
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
 from napari_phase4d.pipeline.provenance import (
@@ -48,6 +49,7 @@ __all__ = [
     "PAPER_METHODS",
     "PHASE_SETTINGS",
     "Fingerprint",
+    "LiveStatus",
     "Needs",
     "Outcome",
     "Place",
@@ -82,6 +84,7 @@ __all__ = [
     "time_in_words",
     "unwrap_by",
     "warm_up_elsewhere",
+    "watch",
     "with_start",
     "working_bytes",
     "write_outcome",

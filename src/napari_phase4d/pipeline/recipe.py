@@ -41,6 +41,7 @@ PHASE_SETTINGS = (
     "refocus_um",
     "drift",
     "tilt_per_frame",
+    "first_frames",
 )
 
 #: No recipe is larger than this, in bytes.
@@ -93,6 +94,9 @@ class Recipe(BaseModel):
         Whether the phase of the empty field is set to zero in every frame.
     tilt_per_frame : bool
         Whether a tilt is taken off each frame too, fitted to its own empty field.
+    first_frames : int, optional
+        Lobes, background, focus, and what fringes usually are, are taken from so many frames at
+        the beginning only, as while a recording is watched. Default: from all over it.
     mask : str or None
         "auto" (default) to unwrap the object only, as the paper does; None for the whole field.
     boundary : "auto" or tuple of (int, int)
@@ -148,6 +152,7 @@ class Recipe(BaseModel):
     refocus_um: Literal["auto"] | FiniteFloat | None = None
     drift: bool = True
     tilt_per_frame: bool = False
+    first_frames: int | None = Field(default=None, ge=1)
     mask: Literal["auto"] | None = "auto"
     boundary: Literal["auto"] | tuple[tuple[int, int], ...] = "auto"
     methods: tuple[str, ...] = DEFAULT_METHODS

@@ -18,6 +18,7 @@ from napari_phase4d.holography import (
     Focus,
     Lobe,
     PhaseSettings,
+    beginning_of,
     find_focus,
     find_lobes,
     frame_reconstructor,
@@ -38,7 +39,17 @@ from napari_phase4d.unwrapping import check_light, is_known
 from napari_phase4d.unwrapping.problem import checked_boundaries
 from napari_phase4d.words import check_type, sentence_of, warn
 
-__all__ = ["Outcome", "cells_by", "focus_by", "mask_of", "reconstruct_by", "run", "unwrap_by"]
+__all__ = [
+    "Outcome",
+    "cells_by",
+    "focus_by",
+    "mask_of",
+    "opened_reference",
+    "phase_settings",
+    "reconstruct_by",
+    "run",
+    "unwrap_by",
+]
 
 
 @dataclass(frozen=True)
@@ -157,7 +168,7 @@ def run(
         return with_cells(outcome, Optics(), progress, cancelled)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
-        recording,
+        beginning_of(recording, recipe.first_frames),
         recipe.wanted_views,
         angles_deg=recipe.angles_deg,
         wavelengths_um=recipe.wavelengths_um,

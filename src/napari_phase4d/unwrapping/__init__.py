@@ -10,6 +10,7 @@ from napari_phase4d.unwrapping.boundaries import (
     scores_of_some,
     scores_sentence,
 )
+from napari_phase4d.unwrapping.causal import CAUSAL, Causal, causal_methods, for_what_comes
 from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.support import (
     Support,
@@ -43,12 +44,14 @@ from napari_phase4d.unwrapping.spatial import border_medians
 
 __all__ = [
     "BUILT_IN",
+    "CAUSAL",
     "METHODS",
     "ORDERS",
     "SCORED_PIXELS",
     "SCORED_TIMES",
     "SCORING_METHOD",
     "STACKS_OF_A_FRAME",
+    "Causal",
     "Given",
     "Method",
     "Option",
@@ -60,10 +63,12 @@ __all__ = [
     "best_frame",
     "border_medians",
     "both_ends",
+    "causal_methods",
     "chance_by_wavelengths",
     "check_light",
     "check_method",
     "ends_along",
+    "for_what_comes",
     "frame_by_frame",
     "frames_among",
     "is_known",

@@ -41,11 +41,15 @@ from napari_phase4d.unwrapping.registration import moved, rolled
 
 __all__ = [
     "ORDERS",
+    "AlongAngle",
     "Chain",
+    "FinishBlock",
+    "Last",
     "Maps",
     "along_time",
     "angular",
     "angular_temporal",
+    "onwards",
     "spatial_2d",
     "starts_on",
     "temporal",
@@ -283,6 +287,48 @@ def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> Non
         pass
 
 
+def onwards(chain: Chain, initial: Stack, result: Stack, before: list[Last]) -> list[Last]:
+    """Do more of a pass along time, from a thin frame on, as frames come; not split into pieces.
+
+    Parameters
+    ----------
+    chain : Chain
+        What all passes need, of the frames that came.
+    initial, result : Stack
+        Turns of the initial method, and where those of the result go.
+    before : list of (Maps, ndarray)
+        What this gave for the frames before, empty at the beginning.
+
+    Returns
+    -------
+    list of (Maps, ndarray)
+        The last map of each angle, and its turns.
+    """
+    return [
+        carried_on(
+            MapsOfAngle(chain, initial, result, angle),
+            chain.given.shape[0],
+            before[angle] if before else None,
+        )
+        for angle in range(chain.given.shape[1])
+    ]
+
+
+def carried_on(maps: MapsOfAngle, n: int, before: Last | None) -> Last:
+    """Unwrap n maps of an angle after the one before, or from their first one on."""
+    for k in range(n):
+        now = maps.read(k)
+        if before is None:
+            found = first_turns(now)
+        else:
+            found = np.empty_like(before[1])
+            next_turns(*before, now, found)
+        maps.write(k, found)
+        before = now, found
+    assert before is not None  # there is one frame at least
+    return before
+
+
 class MapsOfAngle:
     """The maps of one angle over time, of which a block is held.
 
@@ -353,6 +399,10 @@ class Maps(NamedTuple):
     mask: Mask
 
 
+#: A map, and its turns in the result.
+Last = tuple[Maps, Turns]
+
+
 class Line:
     """Maps to unwrap one after the other, wherever they lie.
 
@@ -414,7 +464,7 @@ def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) ->
     """Unwrap each piece from its start outwards (steps 1 to 4)."""
     for piece in pieces:
         maps = line.read(piece.start)
-        first = np.where(maps.mask, maps.turns, np.int16(0))
+        first = first_turns(maps)
         line.write(piece.start, maps, first, peak=peaks)
         for way in (
             range(piece.start + 1, piece.stop),
@@ -428,6 +478,11 @@ def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) ->
                 next_turns(before, turns, now, found)
                 line.write(k, now, found, peak=peaks)
                 before, turns = now, found
+
+
+def first_turns(maps: Maps) -> Turns:
+    """Return the turns of a thin map, which are those of the initial method."""
+    return np.where(maps.mask, maps.turns, np.int16(0))
 
 
 @compiled

@@ -6,6 +6,7 @@ the field, which can be undone exactly.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.progress import Watch
 
-__all__ = ["centre", "centre_of_mass_shifts", "moved", "rolled"]
+__all__ = ["centre", "centre_of_mass_shifts", "likeness", "moved", "next_shift", "rolled"]
 
 Shifts = NDArray[np.intp]
 Scalar = TypeVar("Scalar", bound=np.generic)
@@ -72,16 +73,9 @@ def centre_of_mass_shifts(
     def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
         kept = shifts[before]
         proposed = centres[t0, a0] - centres[now]
-        if np.isnan(proposed).any():
-            shifts[now] = kept
-            watch.step()
-            return
-        candidate = np.round(proposed).astype(np.intp)
-        shifts[now] = kept
-        if (candidate != kept).any():
-            old, new = (likeness(wrapped, masks, now, s, before, kept) for s in (kept, candidate))
-            if new > old:
-                shifts[now] = candidate
+        shifts[now] = next_shift(
+            proposed, kept, lambda s: likeness(wrapped, masks, now, s, before, kept)
+        )
         watch.step()
 
     watch.step()  # the boundary frame stays where it is
@@ -91,6 +85,31 @@ def centre_of_mass_shifts(
         for t in (*range(t0 + 1, n_times), *range(t0 - 1, -1, -1)):
             visit((t, a), (t - 1 if t > t0 else t + 1, a))
     return shifts
+
+
+def next_shift(
+    proposed: NDArray[np.float64], kept: Shifts, likeness_of: Callable[[Shifts], float]
+) -> Shifts:
+    """Return the shift of a frame that follows another one.
+
+    Parameters
+    ----------
+    proposed : ndarray of shape (2,)
+        From the object's centre to where it is in the boundary frame, in pixels; NaN where there
+        is no object.
+    kept : ndarray of int, shape (2,)
+        Shift of the frame before.
+    likeness_of : callable
+        Says how like the frame before this one is, if it is shifted so.
+    """
+    if np.isnan(proposed).any():
+        return kept
+    candidate: Shifts = np.round(proposed).astype(np.intp)
+    if (candidate != kept).any():
+        old, new = likeness_of(kept), likeness_of(candidate)
+        if new > old:
+            return candidate
+    return kept
 
 
 def centre(mask: NDArray[np.bool_]) -> tuple[float, float]:

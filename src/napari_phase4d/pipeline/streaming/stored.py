@@ -15,7 +15,14 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io import OME_ZARR, read_results
 from napari_phase4d.io.atomic import put_in_place
-from napari_phase4d.io.zarr_results import ALL_CHUNKS, ARRAY, create_blocks, finish_blocks, path_of
+from napari_phase4d.io.zarr_results import (
+    ALL_CHUNKS,
+    ARRAY,
+    create_blocks,
+    finish_blocks,
+    path_of,
+    set_length,
+)
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.stack import (
@@ -28,11 +35,13 @@ from napari_phase4d.stack import (
     widest,
 )
 
-__all__ = ["Shelf", "Stored", "stored_at"]
+__all__ = ["GrowingStack", "Shelf", "Stored", "stored_at"]
 
 #: Arrays that each process keeps open.
 OPEN_ARRAYS = 32
 ALL = slice(None)
+#: Frames that a growing stack has room for; what is not written takes none.
+ROOM = 2**31 - 1
 
 
 @dataclass(frozen=True)
@@ -108,6 +117,10 @@ class Shelf:
         shutil.rmtree(group, ignore_errors=True)
         return Stored(create_blocks(group, shape, block_frames(shape)), shape)
 
+    def growing(self, name: str, shape: tuple[int, ...]) -> GrowingStack:
+        """Return a stack of frames (angle, y, x) to which some are added as they come."""
+        return GrowingStack(self.new(name, (ROOM, *shape)))
+
     def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> FileStack:
         """Return a stack of zeros that is needed on the way only."""
         return FileStack(self.scratch / name, shape, dtype).created()
@@ -152,3 +165,44 @@ class Shelf:
     def clear(self) -> None:
         """Remove what was needed on the way only."""
         self._clear()
+
+
+class GrowingStack:
+    """A stack on disk to which frames are added; a block of them is held until it is full.
+
+    Parameters
+    ----------
+    stored : Stored
+        Where it lies, with more room than is needed.
+    """
+
+    def __init__(self, stored: Stored) -> None:
+        self.stored = stored
+        self.n_times = 0
+        self.limits: Limits | None = None
+        self._block = block_frames(stored.shape)
+        self._waiting: list[NDArray[np.float32]] = []
+
+    def add(self, frames: NDArray[np.float32]) -> None:
+        """Add frames (time, angle, y, x)."""
+        for frame in frames:
+            self._waiting.append(frame)
+            if len(self._waiting) == self._block:
+                self._write()
+
+    def finished(self) -> Stored:
+        """Write what is held, and return the stack as long as it is."""
+        self._write()
+        set_length(self.stored.path, self.n_times)
+        return Stored(self.stored.path, (self.n_times, *self.stored.shape[1:]))
+
+    def _write(self) -> None:
+        """Write the frames that are held."""
+        if not self._waiting:
+            return
+        values = np.stack(self._waiting)
+        self._waiting.clear()
+        start, self.n_times = self.n_times, self.n_times + len(values)
+        self.stored.write(Block(start, self.n_times), values)
+        here = limits_of(values)
+        self.limits = here if self.limits is None else widest([self.limits, here])

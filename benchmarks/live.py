@@ -1,0 +1,102 @@
+"""A recording that is worked on while it is written: with how many frames a second it keeps up.
+
+First all files are there already, which tells how many a second can be done. Then another process
+writes them at a rate below that, as a camera does: what counts is that no frame is dropped, and
+how long after its file each phase is there.
+"""
+
+from __future__ import annotations
+
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import tifffile
+
+import napari_phase4d as p4d
+from napari_phase4d.pipeline import watch
+
+FRAME = (512, 640)
+SHORT, FRAMES = 24, 240
+#: Share of what can be done a second at which frames are written then.
+OF_THE_RATE = 0.8
+METHODS = {
+    "T/A": ("temporal-angular",),
+    "all that need the past only": (
+        "spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal",
+    ),
+}  # fmt: skip
+
+
+def save_short(path: Path) -> None:
+    """Simulate a short video."""
+    exact = p4d.simulation.swimming_euglena(FRAME, SHORT, pixel_um=5.2 / 60, peak_rad=8)
+    np.save(path, p4d.simulation.multiplexed_video(exact["phase"]).holograms.values)
+
+
+def write(short: Path, folder: Path, rate: float) -> None:
+    """Write frames at a rate, each as a file; to and fro, as long as is asked for."""
+    frames = np.load(short)
+    folder.mkdir()
+    began = time.monotonic()
+    for number in range(FRAMES):
+        place = number % (2 * SHORT - 2)
+        frame = frames[min(place, 2 * SHORT - 2 - place)]
+        if rate:
+            time.sleep(max(0.0, began + number / rate - time.monotonic()))
+        tifffile.imwrite(folder / f"frame_{number:05}.tif", frame)
+
+
+def watched(folder: Path, out: Path, methods: tuple[str, ...]) -> tuple[float, list[float], int]:
+    """Return frames a second behind the first ones, how late each frame was, and those lost."""
+    late: list[float] = []
+    when: list[float] = []
+
+    def arrived(index: int, _: object) -> None:
+        when.append(time.time())
+        late.append(when[-1] - (folder / f"frame_{index:05}.tif").stat().st_mtime)
+
+    recipe = p4d.Recipe(n_views=2, methods=methods)
+    found = watch(folder, recipe, out, frames=FRAMES, arrived=arrived)
+    lost = len(found.reconstruction.attrs["lost_times"])
+    first = FRAMES // 8
+    return (FRAMES - first) / (when[-1] - when[first - 1]), late[first:], lost
+
+
+def lines() -> Iterator[str]:
+    """Rows: how fast, at which rate it was tried, and how late frames were then."""
+    yield (
+        f"{FRAMES} TIFF files of {FRAME[0]} x {FRAME[1]}, two views, one run; results on disk, "
+        "not counting what is done at the end"
+    )
+    yield ""
+    yield "| methods | frames/s it can do | written at | dropped | late, median | late, at most |"
+    yield "|---|---|---|---|---|---|"
+    place = Path(tempfile.mkdtemp(prefix="phase4d-bench-"))
+    try:
+        short = place / "short.npy"
+        save_short(short)
+        write(short, place / "all", 0)
+        for number, (name, methods) in enumerate(METHODS.items()):
+            watched(place / "all", place / f"first{number}", methods)  # loads and compiles
+            rate, _, _ = watched(place / "all", place / f"rate{number}", methods)
+            camera = place / f"camera{number}"
+            tried = OF_THE_RATE * rate
+            writer = subprocess.Popen([sys.executable, __file__, short, camera, str(tried)])
+            _, late, lost = watched(camera, place / f"late{number}", methods)
+            writer.wait()
+            yield (
+                f"| {name} | {rate:.0f} | {tried:.0f} frames/s | {lost} "
+                f"| {np.median(late):.2f} s | {max(late):.2f} s |"
+            )
+    finally:
+        shutil.rmtree(place, ignore_errors=True)
+
+
+if __name__ == "__main__":
+    write(Path(sys.argv[1]), Path(sys.argv[2]), float(sys.argv[3]))

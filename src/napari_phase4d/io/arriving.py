@@ -1,0 +1,256 @@
+"""Frames that arrive while one records, in their order, each when it is whole.
+
+Nothing tells when a frame is whole, so that everything is looked at twice: a file, page or piece
+is read once it has stayed as it is for a while, and can be read. Until then it is waited for.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from abc import ABC, abstractmethod
+from collections import deque
+from collections.abc import Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.io.lazy import FrameReader, Stamp, WrongFrameError, in_one_line, stamp_of
+from napari_phase4d.io.video import Video
+
+__all__ = [
+    "AHEAD",
+    "SETTLED_S",
+    "UNFINISHED",
+    "Arrival",
+    "ArrivedFrames",
+    "Arriving",
+    "Calm",
+    "NotYetError",
+]
+
+#: Seconds for which a file must stay as it is before it is taken to be whole.
+SETTLED_S = 0.1
+
+
+#: Frames ahead that are looked at while those before them are read, so that they have settled.
+AHEAD = 64
+UNFINISHED = "is still being written"
+
+
+class NotYetError(Exception):
+    """A frame is not whole yet; says why."""
+
+
+@dataclass(frozen=True)
+class Arrival:
+    """A frame that came, or did not.
+
+    Parameters
+    ----------
+    index : int
+        Its number, from 0.
+    frame : ndarray of shape (y, x), or None
+        Its grey values; None if it never came.
+    why : str
+        Why there is none, as "never came".
+    """
+
+    index: int
+    frame: NDArray[Any] | None
+    why: str = ""
+
+
+class Calm:
+    """Says of files whether they have stayed as they are for a while.
+
+    The clock of this machine alone counts: that of a server may differ.
+    """
+
+    def __init__(self) -> None:
+        self._seen: dict[Path, tuple[Stamp, float]] = {}
+
+    def look(self, path: Path) -> float:
+        """Look at a file; return for how many seconds it has been seen as it is."""
+        now, stamp = time.monotonic(), stamp_of(path)
+        if path not in self._seen or self._seen[path][0] != stamp:
+            self._seen[path] = (stamp, now)
+        return now - self._seen[path][1]
+
+    def check(self, path: Path) -> None:
+        """Raise `NotYetError` if a file has changed a moment ago, or is new."""
+        if self.look(path) < SETTLED_S:
+            raise NotYetError(UNFINISHED)
+
+    def changed(self, path: Path) -> float:
+        """Return when a file was first seen as it is now; the beginning of time if never."""
+        return self._seen[path][1] if path in self._seen else -math.inf
+
+    def keep(self, paths: Iterable[Path]) -> None:
+        """Let go of all files but these."""
+        self._seen = {path: self._seen[path] for path in paths if path in self._seen}
+
+    def forget(self, path: Path) -> None:
+        """Let go of a file that has been read."""
+        self._seen.pop(path, None)
+
+
+class Arriving(ABC):
+    """Frames that arrive, given out in their order; each once.
+
+    Parameters
+    ----------
+    path : Path
+        The folder or file; it need not be there yet.
+    patience_s : float
+        For so many seconds a frame is waited for that was announced, by its own file or by a
+        later frame; then it is given up. While its file changes, it is not.
+    """
+
+    def __init__(self, path: Path, patience_s: float) -> None:
+        self.path = path
+        self.patience_s = patience_s
+        #: Frames that were announced so far, those that never came included.
+        self.seen = 0
+        #: Frames that were given out so far.
+        self.taken = 0
+        #: What is to be said of the frames, each once; emptied by who says it.
+        self.notes: list[str] = []
+        self.shape: tuple[int, int] | None = None
+        self.dtype: np.dtype[Any] | None = None
+        #: Frames that never came.
+        self.lost: set[int] = set()
+        self._dark_ends = False
+        #: Numbers of frames that were seen, and when.
+        self._announced: deque[tuple[int, float]] = deque()
+
+    @abstractmethod
+    def look(self) -> int:
+        """Look what is there; return how many frames are announced, counted from the first."""
+
+    @abstractmethod
+    def read(self, index: int) -> NDArray[Any]:
+        """Return a frame.
+
+        Raises
+        ------
+        NotYetError
+            If it is not there, or not whole.
+        OSError, ValueError
+            If it can't be read, which may be because it is not whole.
+        """
+
+    @abstractmethod
+    def again(self, index: int) -> NDArray[Any]:
+        """Return a frame that was given out before."""
+
+    @abstractmethod
+    def facts(self) -> Video:
+        """Return what is said of pixel and frame rate; the frames do not count."""
+
+    def doubtful(self, frame: NDArray[Any]) -> bool:
+        """Say whether a frame may not be whole though it can be read; then it is waited for.
+
+        Programs that make a file as long as it will be, before they write into it, leave its end
+        black.
+        """
+        return not self._dark_ends and not frame[-1].any()
+
+    def learn(self, frame: NDArray[Any]) -> None:
+        """Learn of a frame that stayed doubtful: if all frames end black, this says nothing."""
+        self._dark_ends = bool(frame.any())
+
+    def changed(self, index: int) -> float:
+        """Return when what holds a frame last changed, by `time.monotonic`."""
+        return -math.inf
+
+    def poll(self) -> bool:
+        """Look what is there; say whether there is more than before."""
+        before = self.seen
+        with suppress(FileNotFoundError):  # not yet, or not any more
+            self.seen = max(self.seen, self.look())
+        if self.seen > before:
+            self._announced.append((self.seen, time.monotonic()))
+        return self.seen > before
+
+    def take(self, at_most: int) -> list[Arrival]:
+        """Return the next frames that are whole, or were given up, in order; so many at most."""
+        found: list[Arrival] = []
+        while len(found) < at_most and self.taken < self.seen:
+            arrival = self._next()
+            if arrival is None:
+                break
+            found.append(arrival)
+            self.taken += 1
+        return found
+
+    def _next(self) -> Arrival | None:
+        """Return the next frame, None if it is still waited for."""
+        now, index = time.monotonic(), self.taken
+        frame: NDArray[Any] | None = None
+        why = ""
+        try:
+            frame = self._fitting(self.read(index))
+            if not self.doubtful(frame):
+                return Arrival(index, frame)
+        except NotYetError as error:
+            why = str(error)
+        except FileNotFoundError:
+            why = "never came"
+        except (OSError, ValueError) as error:
+            why = f"can't be read ({in_one_line(error)})"
+        while self._announced[0][0] <= index:
+            self._announced.popleft()
+        if now - max(self._announced[0][1], self.changed(index)) < self.patience_s:
+            return None
+        if frame is not None:
+            self.learn(frame)
+            return Arrival(index, frame)
+        self.lost.add(index)
+        why = "never became whole" if why == UNFINISHED else why
+        self.notes.append(f"frame {self.label(index)} {why}")
+        return Arrival(index, None, why)
+
+    def label(self, index: int) -> str:
+        """Return how a frame is called: its number."""
+        return str(index)
+
+    def _fitting(self, frame: NDArray[Any]) -> NDArray[Any]:
+        """Return a frame that is of the size and kind of the first one."""
+        if self.shape is None or self.dtype is None:
+            if frame.ndim != 2:
+                msg = f"it has the axes {frame.shape}, not y and x"
+                raise WrongFrameError(msg)
+            self.shape, self.dtype = (frame.shape[0], frame.shape[1]), frame.dtype
+        if frame.shape != self.shape or frame.dtype != self.dtype:
+            msg = f"it is {frame.dtype} {frame.shape}, the others are {self.dtype} {self.shape}"
+            raise WrongFrameError(msg)
+        return frame
+
+
+class ArrivedFrames(FrameReader):
+    """The frames that arrived, read again when they are asked for; black where one never came.
+
+    Parameters
+    ----------
+    arriving : Arriving
+        What gave them out.
+    """
+
+    arguments = ("arriving",)
+
+    def __init__(self, arriving: Arriving) -> None:
+        assert arriving.shape is not None and arriving.dtype is not None  # noqa: PT018
+        super().__init__(arriving.path, (arriving.taken, *arriving.shape), arriving.dtype)
+        self.stamp = None  # it may go on growing
+        self.arriving = arriving
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return one frame."""
+        if index in self.arriving.lost:
+            return np.zeros(self.shape[1:], self.dtype)
+        return self.arriving.again(index)

@@ -1,0 +1,415 @@
+"""How a recording grows: by files in a folder, by pages of a TIFF, by the length of a Zarr."""
+
+from __future__ import annotations
+
+import os
+import re
+import struct
+from collections import Counter
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import tifffile
+from numpy.typing import NDArray
+
+from napari_phase4d.io.arriving import AHEAD, UNFINISHED, Arrival, Arriving, Calm, NotYetError
+from napari_phase4d.io.sequences import IMAGE_SUFFIXES, by_number, load_image, read_image
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_complete, read_tiff
+from napari_phase4d.io.video import Video, grey, quiet
+from napari_phase4d.io.zarr_files import ZarrReader, is_zarr, read_zarr
+from napari_phase4d.recording import reader_of
+
+__all__ = ["arriving_at"]
+
+
+def arriving_at(path: Path, patience_s: float, dataset: str | None = None) -> Arriving:
+    """Return what gives out the frames that arrive in a folder, a TIFF or a Zarr store.
+
+    Parameters
+    ----------
+    path : Path
+        It need not be there yet: its name tells what it will be.
+    patience_s : float
+        See `Arriving`.
+    dataset : str, optional
+        Which array of a Zarr store that holds several.
+
+    Raises
+    ------
+    ValueError
+        If frames of such a file can't be read before it is complete.
+    """
+    suffix = path.suffix.lower()
+    if suffix == ".zarr" or (path.is_dir() and is_zarr(path)):
+        return ZarrArriving(path, patience_s, dataset)
+    if dataset is not None:
+        msg = f"{path.name} has one array only; leave dataset out, which is {dataset!r}"
+        raise ValueError(msg)
+    if suffix in TIFF_SUFFIXES and not path.is_dir():
+        return TiffArriving(path, patience_s)
+    if path.is_file():
+        msg = (
+            f"frames of {path.name} can't be read while it is written; watch a folder of images, "
+            f"a TIFF ({', '.join(TIFF_SUFFIXES)}) or a Zarr store, or run it when it is complete"
+        )
+        raise ValueError(msg)
+    return FolderArriving(path, patience_s)
+
+
+# ---- a folder --------------------------------------------------------------------------------
+
+
+class Numbering:
+    """What in the names of files counts the frames.
+
+    Of several numbers in a name it is the one that goes up by one from file to file, the last of
+    these; where there is none, nothing counts them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the same pattern, those that are there first.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.pattern = pattern_of(names[0])
+        rows = np.array([numbers_of(name) for name in names], dtype=object)
+        n_numbers = rows.shape[1] if rows.ndim == 2 else 0
+        self.column: int | None = n_numbers - 1 if n_numbers and len(names) == 1 else None
+        for column in range(n_numbers) if len(names) > 1 else ():
+            values = sorted(rows[:, column].tolist())
+            steps = sorted(b - a for a, b in pairwise(values))
+            if steps[0] > 0 and steps[len(steps) // 2] == 1:
+                self.column = column
+        self.base = 0 if self.column is None else min(rows[:, self.column].tolist())
+
+    def count(self, names: Sequence[str]) -> int:
+        """Return how many frames there are by their names, those that are missing included."""
+        if self.column is None:
+            return len(names)
+        return max(numbers_of(name)[self.column] for name in names) - self.base + 1
+
+    def index(self, name: str) -> int | None:
+        """Return the number of a frame, from 0; None where its name does not say it."""
+        return None if self.column is None else numbers_of(name)[self.column] - self.base
+
+
+def numbers_of(name: str) -> list[int]:
+    """Return all numbers in a name, without its ending."""
+    return by_number(Path(name))[0]
+
+
+def pattern_of(name: str) -> str:
+    """Return a name with a sign for each number."""
+    path = Path(name)
+    return re.sub(r"\d+", "#", path.stem) + path.suffix.lower()
+
+
+class FolderArriving(Arriving):
+    """A folder into which one image a frame is written.
+
+    Their numbers say the order, and which never came. What has another name is no frame.
+    """
+
+    def __init__(self, path: Path, patience_s: float) -> None:
+        super().__init__(path, patience_s)
+        self._calm = Calm()
+        self._names: set[str] = set()
+        self._numbering: Numbering | None = None
+        #: The file of each frame.
+        self._files: dict[int, Path] = {}
+
+    def look(self) -> int:
+        """Look which files are there."""
+        with os.scandir(self.path) as entries:
+            names = {e.name for e in entries} - self._names
+        new = sorted((n for n in names if self._may_be_frame(n)), key=lambda n: by_number(Path(n)))
+        self._names |= names
+        if self._numbering is None:
+            waiting = [n for n in self._names if self._may_be_frame(n)]
+            self._look_at(self.path / name for name in waiting[: 2 * AHEAD])
+            usual = of_usual_pattern(waiting)
+            return Numbering(usual).count(usual) if usual else 0
+        for name in new:
+            self._add(name)
+        ahead = range(self.taken, self.taken + AHEAD)
+        self._look_at(self._files[i] for i in ahead if i in self._files)
+        return max(self._files, default=-1) + 1
+
+    def take(self, at_most: int) -> list[Arrival]:
+        """Return the next frames; what counts them is settled when the first are asked for."""
+        if self._numbering is None and self.seen:
+            names = of_usual_pattern([n for n in self._names if self._may_be_frame(n)])
+            self._numbering = Numbering(names)
+            if self._numbering.column is None and len(names) > 1:
+                self.notes.append(
+                    f"the names in {self.path.name} do not count the frames one by one: one that "
+                    "never comes can't be noticed"
+                )
+            self._names -= {n for n in self._names if self._may_be_frame(n)}
+            self.poll()
+        return super().take(at_most)
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return a frame."""
+        if index not in self._files:
+            raise FileNotFoundError(self.label(index))
+        path = self._files[index]
+        self._calm.check(path)
+        frame = whole_image(path)
+        self._calm.forget(path)
+        return frame
+
+    def changed(self, index: int) -> float:
+        """Return when the file of a frame was last seen to change."""
+        return self._calm.changed(self._files[index]) if index in self._files else -np.inf
+
+    def again(self, index: int) -> NDArray[Any]:
+        """Return a frame that was given out before."""
+        return load_image(self._files[index])
+
+    def facts(self) -> Video:
+        """Return what the first file says."""
+        first = self._files[min(self._files)]
+        return read_tiff(first) if first.suffix.lower() in TIFF_SUFFIXES else read_image(first)
+
+    def label(self, index: int) -> str:
+        """Return the number of a frame as in the names of the files."""
+        numbering = self._numbering
+        return str(index if numbering is None else index + numbering.base)
+
+    def _may_be_frame(self, name: str) -> bool:
+        """Say whether a file may be a frame, by its name."""
+        return not name.startswith(".") and Path(name).suffix.lower() in IMAGE_SUFFIXES
+
+    def _look_at(self, paths: Any) -> None:
+        """Look at files, so that it is known for how long they have been as they are."""
+        for path in paths:
+            try:
+                self._calm.look(path)
+            except FileNotFoundError:
+                continue  # renamed, as files are that get their names when they are whole
+
+    def _add(self, name: str) -> None:
+        """Note the file of a frame."""
+        assert self._numbering is not None
+        if pattern_of(name) != self._numbering.pattern:
+            self.notes.append(f"{name} has another name than the frames, and is left out")
+            return
+        index = self._numbering.index(name)
+        if index is None:
+            index = max(self._files, default=-1) + 1
+            late = index > 0 and by_number(Path(name)) < by_number(self._files[index - 1])
+        else:
+            late = index < self.taken
+        if late or index in self._files:
+            self.notes.append(f"{name} came too late, and is left out")
+            return
+        self._files[index] = self.path / name
+
+
+def of_usual_pattern(names: Sequence[str]) -> list[str]:
+    """Return those of some names that have the most frequent pattern."""
+    patterns = Counter(map(pattern_of, names))
+    usual = max(patterns, key=lambda p: (patterns[p], p), default="")
+    return [name for name in names if pattern_of(name) == usual]
+
+
+def whole_image(path: Path) -> NDArray[Any]:
+    """Return an image; one that is cut short is an error."""
+    if path.suffix.lower() in TIFF_SUFFIXES:
+        if not path.stat().st_size:
+            raise NotYetError(UNFINISHED)
+        try:
+            with quiet(), tifffile.TiffFile(path) as tif:
+                check_complete(tif, path)
+        except OSError:
+            raise
+        except Exception as error:  # what is not whole yet leads to any error
+            msg = f"{path.name} is cut short or damaged"
+            raise OSError(msg) from error
+    return load_image(path)
+
+
+# ---- a TIFF ----------------------------------------------------------------------------------
+
+
+class TiffArriving(Arriving):
+    """A TIFF to which pages are appended."""
+
+    def __init__(self, path: Path, patience_s: float) -> None:
+        super().__init__(path, patience_s)
+        self._calm = Calm()
+        #: Where the directory of each page lies.
+        self._offsets: list[int] = []
+
+    def look(self) -> int:
+        """Follow the chain of pages as far as it goes."""
+        self._calm.look(self.path)
+        with self.path.open("rb", buffering=0) as file:  # nothing old from a buffer
+            chain = Chain.of(file.read(16))
+            if chain is None:
+                return 0
+            if not self._offsets and chain.first:
+                self._offsets.append(chain.first)
+            while self._offsets:
+                following = chain.following(file, self._offsets[-1])
+                if not following or following in self._offsets[-2:]:
+                    break
+                self._offsets.append(following)
+        return len(self._offsets)
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return a page."""
+        if index == len(self._offsets) - 1:  # those before it are whole: another one follows
+            self._calm.check(self.path)
+        return self._page(index)
+
+    def changed(self, index: int) -> float:
+        """Return when the file was last seen to change, where that may be the page."""
+        return self._calm.changed(self.path) if index == len(self._offsets) - 1 else -np.inf
+
+    def again(self, index: int) -> NDArray[Any]:
+        """Return a page that was given out before."""
+        return self._page(index)
+
+    def facts(self) -> Video:
+        """Return what the file says, if that can be read by now."""
+        return read_tiff(self.path)
+
+    def _page(self, index: int) -> NDArray[Any]:
+        """Return the pixels of a page."""
+        try:
+            with quiet(), tifffile.TiffFile(self.path) as tif:
+                tif.filehandle.seek(self._offsets[index])
+                page = tifffile.TiffPage(tif, index=index)
+                ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
+                if not ends or max(ends) > self.path.stat().st_size:
+                    raise NotYetError(UNFINISHED)
+                return grey(np.asarray(page.asarray()))
+        except (NotYetError, OSError):
+            raise
+        except Exception as error:  # what is not whole yet leads to any error
+            msg = f"page {index} can't be decoded"
+            raise OSError(msg) from error
+
+
+class Chain:
+    """How the pages of a TIFF follow one another (TIFF 6.0, section 2; BigTIFF).
+
+    Parameters
+    ----------
+    order : str
+        "<" or ">".
+    big : bool
+        Whether it is a BigTIFF.
+    first : int
+        Where the first page's directory lies, 0 if there is none yet.
+    """
+
+    def __init__(self, order: str, first: int, *, big: bool) -> None:
+        self.first = first
+        self.count = struct.Struct(f"{order}{'Q' if big else 'H'}")
+        self.offset = struct.Struct(f"{order}{'Q' if big else 'I'}")
+        self.tag = 20 if big else 12
+
+    @classmethod
+    def of(cls, head: bytes) -> Chain | None:
+        """Return the chain that the beginning of a file tells of, None if it is too short."""
+        orders = {b"II": "<", b"MM": ">"}
+        if len(head) < 8 or head[:2] not in orders:
+            return None
+        order = orders[head[:2]]
+        big = struct.unpack(f"{order}H", head[2:4]) == (43,)
+        if big and len(head) < 16:
+            return None
+        (first,) = struct.unpack(f"{order}{'Q' if big else 'I'}", head[8:] if big else head[4:8])
+        return cls(order, first, big=big)
+
+    def following(self, file: Any, offset: int) -> int:
+        """Return where the page after the one at an offset lies; 0 if there is none yet."""
+        file.seek(offset)
+        head = file.read(self.count.size)
+        if len(head) < self.count.size:
+            return 0
+        (count,) = self.count.unpack(head)
+        file.seek(offset + self.count.size + count * self.tag)
+        tail = file.read(self.offset.size)
+        if not count or len(tail) < self.offset.size:
+            return 0
+        return int(self.offset.unpack(tail)[0])
+
+
+# ---- a Zarr store ----------------------------------------------------------------------------
+
+
+class ZarrArriving(Arriving):
+    """A Zarr array that grows along time, in a folder.
+
+    It is longer before the pieces of its new frames are there, which Zarr reads as black; so
+    these are waited for. Pieces that hold several frames are written again for each.
+    """
+
+    def __init__(self, path: Path, patience_s: float, dataset: str | None) -> None:
+        super().__init__(path, patience_s)
+        self.dataset = dataset
+        self._calm = Calm()
+        self._reader: ZarrReader | None = None
+
+    def look(self) -> int:
+        """Look how long the array is."""
+        if not self.path.exists():
+            raise FileNotFoundError(self.path)
+        try:
+            reader = self._opened() if self._reader is None else self._reader.as_it_is_now()
+        except (OSError, ValueError):
+            return 0  # its description is being written
+        self._reader = reader
+        ahead = range(self.taken, min(self.taken + AHEAD, reader.shape[0]))
+        pieces = {file for index in ahead for file in reader.files(index)}
+        self._calm.keep(pieces)
+        for file in pieces:
+            self._calm.look(file)
+        return reader.shape[0]
+
+    def read(self, index: int) -> NDArray[Any]:
+        """Return a frame."""
+        reader = self._reader
+        assert reader is not None  # it has been looked at
+        pieces = reader.files(index)
+        if not pieces:
+            raise FileNotFoundError(self.label(index))
+        for file in pieces:
+            self._calm.check(file)
+        return reader.frame(index)
+
+    def doubtful(self, frame: NDArray[Any]) -> bool:
+        """Say whether a piece of a frame is black, as those are that are not there yet."""
+        return self._reader is not None and self._reader.unwritten(frame)
+
+    def learn(self, frame: NDArray[Any]) -> None:
+        """Learn nothing: a piece that is missing is always black."""
+
+    def changed(self, index: int) -> float:
+        """Return when the pieces of a frame were last seen to change."""
+        if self._reader is None:
+            return -np.inf
+        return max(map(self._calm.changed, self._reader.files(index)), default=-np.inf)
+
+    def again(self, index: int) -> NDArray[Any]:
+        """Return a frame that was given out before."""
+        assert self._reader is not None
+        return self._reader.frame(index)
+
+    def facts(self) -> Video:
+        """Return what the store says."""
+        return read_zarr(self.path, self.dataset)
+
+    def _opened(self) -> ZarrReader:
+        """Return a new reader of the array."""
+        reader = reader_of(read_zarr(self.path, self.dataset).frames)
+        assert isinstance(reader, ZarrReader)
+        return reader

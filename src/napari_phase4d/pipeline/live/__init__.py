@@ -1,0 +1,6 @@
+"""Phase while one records: frames are worked on as they come, and the result is that of a run."""
+
+from napari_phase4d.pipeline.live.feed import LiveStatus
+from napari_phase4d.pipeline.live.watching import watch
+
+__all__ = ["LiveStatus", "watch"]

@@ -1,0 +1,205 @@
+"""Waiting for frames: how long, until when, and what is told meanwhile."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+from napari_phase4d.io import Arrival, Arriving
+from napari_phase4d.progress import Cancelled, CancelledCall
+from napari_phase4d.words import counted
+
+__all__ = ["Feed", "Listener", "LiveStatus"]
+
+#: Seconds between two looks at what is there, at least; a look may take a tenth of the time.
+LOOK_S, SHARE_OF_LOOKING = 0.03, 0.1
+#: Seconds between two lines that say how far it is.
+LINE_S = 1.0
+
+
+@dataclass(frozen=True)
+class LiveStatus:
+    """How far the work on a growing recording is.
+
+    Parameters
+    ----------
+    seen : int
+        Frames that were announced so far, those that never came included.
+    done : int
+        Frames that are done, or were given up.
+    lost : int
+        Frames among them that never came, or could not be read.
+    low, high : float
+        Smallest and largest phase of the last frames, by the method that is shown, in radians;
+        NaN as long as there is none.
+
+    See Also
+    --------
+    watch : Tells it.
+
+    Examples
+    --------
+    >>> print(LiveStatus(seen=12, done=10, lost=1, low=-0.5, high=7.25).sentence)
+    12 frames seen, 10 done, 2 behind, 1 dropped, phase -0.5 to 7.2 rad
+    """
+
+    seen: int = 0
+    done: int = 0
+    lost: int = 0
+    low: float = float("nan")
+    high: float = float("nan")
+
+    @property
+    def behind(self) -> int:
+        """How many frames wait."""
+        return self.seen - self.done
+
+    @property
+    def sentence(self) -> str:
+        """All of it in one line."""
+        known = self.low == self.low
+        phase = f", phase {self.low:.1f} to {self.high:.1f} rad" if known else ""
+        return (
+            f"{counted(self.seen, 'frame')} seen, {self.done} done, {self.behind} behind, "
+            f"{self.lost} dropped{phase}"
+        )
+
+
+class Listener:
+    """Tells how far it is, and asks whether to go on.
+
+    Parameters
+    ----------
+    told : callable, optional
+        ``told(line)``: what happened to a frame, in words.
+    status : callable, optional
+        ``status(LiveStatus)``, once a second.
+    stopped, cancelled : callable, optional
+        See `watch`.
+    """
+
+    def __init__(
+        self,
+        told: Callable[[str], None] | None,
+        status: Callable[[LiveStatus], None] | None,
+        stopped: CancelledCall | None,
+        cancelled: CancelledCall | None,
+    ) -> None:
+        self._told, self._status = told, status
+        self._stopped, self._cancelled = stopped, cancelled
+        self._next_line = time.monotonic() + LINE_S
+        #: How far it is.
+        self.now = LiveStatus()
+
+    def tell(self, line: str) -> None:
+        """Say something that happened."""
+        if self._told is not None:
+            self._told(line)
+
+    def heed(self, arriving: Arriving) -> None:
+        """Say what there is to say, and raise `Cancelled` if nothing more is wished for."""
+        while arriving.notes:
+            self.tell(arriving.notes.pop(0))
+        self.now = replace(self.now, seen=arriving.seen, lost=len(arriving.lost))
+        if time.monotonic() >= self._next_line:
+            self.line()
+        if self._cancelled is not None and self._cancelled():
+            msg = f"watching {arriving.path.name}: cancelled after {self.now.done} frames"
+            raise Cancelled(msg)
+
+    def line(self) -> None:
+        """Say how far it is."""
+        self._next_line = time.monotonic() + LINE_S
+        if self._status is not None:
+            self._status(self.now)
+
+    def wishes_end(self) -> bool:
+        """Say whether the recording is to be taken as complete."""
+        return self._stopped is not None and self._stopped()
+
+
+class Feed:
+    """Gives frames in their order as they come, until no more are to be waited for.
+
+    Parameters
+    ----------
+    arriving : Arriving
+        What arrives.
+    frames : int or None
+        How many to wait for.
+    patience_s : float
+        Seconds without anything new after which the recording is taken as complete.
+    listener : Listener
+        Who is told, and asked.
+    """
+
+    def __init__(
+        self, arriving: Arriving, frames: int | None, patience_s: float, listener: Listener
+    ) -> None:
+        self.arriving, self.listener = arriving, listener
+        self._frames, self._patience_s = frames, patience_s
+        self._last_new = time.monotonic()
+        #: How many frames there are, once that is known.
+        self._end: int | None = None
+
+    def gather(self, n_frames: int) -> list[Arrival]:
+        """Return the first frames: so many, or some more, if they come."""
+        # What counts them shows in the names of several.
+        while not self._ended() and self.arriving.seen < self._wanted(n_frames):
+            self._look()
+        found: list[Arrival] = []
+        for batch in self.batches(n_frames):
+            found += batch
+            if len(found) >= n_frames:
+                break
+        return found
+
+    def batches(self, at_most: int) -> Iterator[list[Arrival]]:
+        """Yield the frames that are there by now, so many at a time at most, until the end."""
+        while True:
+            self.listener.heed(self.arriving)
+            ended = self._ended()
+            if not ended:
+                self._poll()
+            limit = self.arriving.seen if self._end is None else self._end
+            wanted = min(at_most, self._wanted(limit) - self.arriving.taken)
+            batch = self.arriving.take(wanted) if wanted > 0 else []
+            if batch:
+                self._last_new = time.monotonic()
+                yield batch
+            elif self._complete(limit):
+                self.listener.heed(self.arriving)
+                return
+            else:
+                time.sleep(LOOK_S)
+
+    def _wanted(self, n_frames: int) -> int:
+        """Return how many of so many frames are wanted."""
+        return n_frames if self._frames is None else min(n_frames, self._frames)
+
+    def _complete(self, limit: int) -> bool:
+        """Say whether nothing is waited for any more."""
+        enough = self._frames is not None and self.arriving.taken >= self._frames
+        return enough or (self._end is not None and self.arriving.taken >= limit)
+
+    def _look(self) -> None:
+        """Look what is there, and wait a little."""
+        self._poll()
+        self.listener.heed(self.arriving)
+        time.sleep(LOOK_S)
+
+    def _poll(self) -> None:
+        """Look what is there, which may take a while in large folders."""
+        began = time.monotonic()
+        if self.arriving.poll():
+            self._last_new = time.monotonic()
+        time.sleep((time.monotonic() - began) * SHARE_OF_LOOKING)
+
+    def _ended(self) -> bool:
+        """Say whether frames that come from now on are not waited for."""
+        late = time.monotonic() - self._last_new > self._patience_s
+        if self._end is None and (late or self.listener.wishes_end()):
+            self.arriving.poll()
+            self._end = self.arriving.seen
+        return self._end is not None

@@ -1,0 +1,345 @@
+"""From a recording that grows to the result of a run, frame by frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import dask.array as da
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d.analysis.cells import check_follower
+from napari_phase4d.io import Arrival, Arriving, arriving_at
+from napari_phase4d.machine import cores
+from napari_phase4d.pipeline.guarding import result_folder
+from napari_phase4d.pipeline.live.feed import Feed, Listener, LiveStatus
+from napari_phase4d.pipeline.live.settling import (
+    FIRST_FRAMES,
+    Settled,
+    check_live,
+    recording_at_the_end,
+    settle,
+    stacked,
+)
+from napari_phase4d.pipeline.places import Place, stacks_beside
+from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint
+from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.running import Outcome, cells_by
+from napari_phase4d.pipeline.starting import found_anywhere
+from napari_phase4d.pipeline.streaming import GrowingStack, Shelf, Threads
+from napari_phase4d.pipeline.writing import checked_form, write_outcome
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.recording import Recording
+from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
+from napari_phase4d.unwrapping.masks import left_out_note
+from napari_phase4d.words import as_path, check_call, check_type, counted
+
+__all__ = ["watch"]
+
+#: Seconds without a new frame after which a recording is taken as complete.
+PATIENCE_S = 30.0
+#: Seconds for which a frame is waited for that was announced.
+FRAME_PATIENCE_S = 5.0
+#: Methods whose phase is told, the first that is run.
+SHOWN = ("temporal-angular", "angular-temporal", "temporal", "angular", "spatial-2d")
+
+#: A frame's phase (angle, y, x) by each method, with what it was made of: "wrapped", "amplitude".
+Results = Mapping[str, NDArray[np.float32]]
+
+
+def watch(
+    source: str | Path,
+    recipe: Recipe,
+    out: str | Path,
+    *,
+    frames: int | None = None,
+    patience_s: float = PATIENCE_S,
+    frame_patience_s: float = FRAME_PATIENCE_S,
+    form: str | None = None,
+    arrived: Callable[[int, Results], None] | None = None,
+    told: Callable[[str], None] | None = None,
+    status: Callable[[LiveStatus], None] | None = None,
+    progress: ProgressCall | None = None,
+    stopped: CancelledCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Outcome:
+    """Work on a recording while it is written, and write its results when it is complete.
+
+    Lobes, background and the view to start from are found on the first frames. From then on the
+    phase of each frame is there as soon as it has come, by the methods that need the past only
+    (`napari_phase4d.unwrapping.CAUSAL`); those along time do not start anew where the object gets
+    thin again (``split`` is False). All other methods, WL1 among them, are run once, at the end.
+    What is written is that of a run with the recipe that is written too: of the finished recording
+    it gives the same numbers, to the last bit.
+
+    Parameters
+    ----------
+    source : str or Path
+        A folder into which images are written, one a frame; a TIFF to which pages are appended;
+        or a Zarr array that grows along its time. It need not be there yet.
+    recipe : Recipe
+        All settings; its recording does not count. Boundary "auto" is the safest view of the
+        first frame.
+    out : str or Path
+        Folder for the results.
+    frames : int, optional
+        End after so many frames. Default: as many as come.
+    patience_s : float, optional
+        End after so many seconds without anything new. Default 30.
+    frame_patience_s : float, optional
+        Give up a frame after so many seconds that was announced, by its own file or by a later
+        one, and is not whole. It is NaN in all results. Default 5.
+    form : str, optional
+        "tiff" or "zarr" (default).
+    arrived : callable, optional
+        ``arrived(index, results)`` after each frame, in the thread that called: "wrapped",
+        "amplitude" and the id of each method that needs the past only, with its phase
+        (angle, y, x).
+    told : callable, optional
+        ``told(line)``: what is to be known of single frames, such as one that never came.
+    status : callable, optional
+        ``status(LiveStatus)`` once a second: how far it is.
+    progress : callable, optional
+        ``progress(done, total, message)`` of what is done at the end.
+    stopped : callable, optional
+        If it returns True, no more frames are waited for; the results are written.
+    cancelled : callable, optional
+        If it returns True, all is given up, and nothing is written.
+
+    Returns
+    -------
+    Outcome
+        As `run` gives it; its stacks lie in the folder, and its recipe names all that was found.
+
+    Raises
+    ------
+    OSError, TypeError, ValueError
+        If no frame came, a setting does not fit, or the folder can't be written.
+    Cancelled
+        If ``cancelled()`` returned True.
+
+    See Also
+    --------
+    run : The same of a recording that is complete.
+
+    Examples
+    --------
+    >>> from pathlib import Path
+    >>> import tifffile
+    >>> import napari_phase4d as p4d
+    >>> from napari_phase4d.pipeline import watch
+    >>> exact = p4d.simulation.swimming_euglena((64, 64), 4, pixel_um=0.7)
+    >>> video = p4d.simulation.multiplexed_video(exact["phase"])
+    >>> Path("camera").mkdir()
+    >>> for number, frame in enumerate(video.holograms.values):
+    ...     tifffile.imwrite(f"camera/frame_{number:04}.tif", frame)
+    >>> recipe = p4d.Recipe(n_views=2, methods=("temporal-angular",))
+    >>> found = watch("camera", recipe, "results", frames=4)
+    >>> found.comparison.results["temporal-angular"].sizes["time"]
+    4
+    """
+    check_type("recipe", recipe, Recipe, "give Recipe(...), or Recipe.from_file(path)")
+    for name, call in (("arrived", arrived), ("told", told), ("status", status)):
+        check_call(name, call)
+    check_limits(frames, patience_s, frame_patience_s)
+    check_live(recipe)
+    checked_form(form)
+    if recipe.cells is not None:
+        check_follower()
+    path, out = as_path(source).expanduser(), as_path(out)
+    arriving = arriving_at(path, frame_patience_s, recipe.dataset)
+    listener = Listener(told, status, stopped, cancelled)
+    feed = Feed(arriving, frames, patience_s, listener)
+    recipe = recipe.changed(recording=found_anywhere(path))
+    with result_folder(out, recipe) as kept, stacks_beside(out, form) as where:
+        place = Place(Shelf(where), Threads())
+        try:
+            n_first = recipe.first_frames or FIRST_FRAMES
+            gathered = feed.gather(n_first)
+            settled = settle(recipe, arriving, gathered[:n_first], cancelled)
+            listener.tell(found_sentence(settled))
+            live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
+            live.follow(gathered, feed)
+            listener.line()
+            outcome = live.outcome(place, progress)
+            print_of = fingerprint_of(path, cancelled)
+            written = write_outcome(outcome, out, progress, form=form, source=print_of)
+            kept.settle(written, outcome.recipe.recording, print_of)
+        finally:
+            place.close()
+    return outcome
+
+
+def check_limits(frames: int | None, patience_s: float, frame_patience_s: float) -> None:
+    """Refuse numbers of frames and seconds that can't be meant."""
+    if frames is not None and (not isinstance(frames, int) or frames < 1):
+        msg = f"frames must be a number of frames, 1 or more, but is {frames!r}"
+        raise ValueError(msg)
+    for name, seconds in (("patience_s", patience_s), ("frame_patience_s", frame_patience_s)):
+        if not seconds > 0:
+            msg = f"{name} must be a number of seconds above 0, but is {seconds!r}"
+            raise ValueError(msg)
+
+
+def found_sentence(settled: Settled) -> str:
+    """Say what was found on the first frames."""
+    n_views, (_, view) = len(settled.recipe.lobes), settled.recipe.start_frames[0]
+    first = counted(settled.first.n_frames, "frame")
+    return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view}"
+
+
+def fingerprint_of(path: Path, cancelled: CancelledCall | None) -> Fingerprint:
+    """Return what tells the recording from others; its name alone if it goes on growing."""
+    try:
+        return fingerprint(path, cancelled)
+    except OSError:
+        return Fingerprint(path.name)
+
+
+class Live:
+    """The work on frames that come.
+
+    Parameters
+    ----------
+    settled : Settled
+        What no later frame changes.
+    arriving : Arriving
+        What they come from.
+    shelf : Shelf
+        Where the stacks grow.
+    listener : Listener
+        Who is told how far it is.
+    arrived, cancelled : callable or None
+        See `watch`.
+    """
+
+    def __init__(
+        self,
+        settled: Settled,
+        arriving: Arriving,
+        shelf: Shelf,
+        listener: Listener,
+        arrived: Callable[[int, Results], None] | None,
+        cancelled: CancelledCall | None,
+    ) -> None:
+        self._settled, self._arriving = settled, arriving
+        self._shelf, self._listener = shelf, listener
+        self._arrived, self._cancelled = arrived, cancelled
+        recipe = settled.recipe
+        # Phases of several wavelengths can't be held against each other as they are.
+        one_light = settled.work.light is None
+        chosen = causal_methods(recipe.methods if one_light else (), recipe.options)
+        n_views = len(settled.work.angles)
+        boundaries = [(time, angle % n_views) for time, angle in recipe.start_frames]
+        self._causal = Causal(chosen, boundaries, finds_mask=recipe.mask == "auto")
+        self._shown = next((m for m in SHOWN if m in chosen), "wrapped")
+        shape = settled.work.stack_shape(1)[1:]
+        names = ("wrapped", "amplitude", *chosen)
+        self._stacks: dict[str, GrowingStack] = {n: shelf.growing(n, shape) for n in names}
+        self._shares: list[float] = []
+
+    def follow(self, gathered: Sequence[Arrival], feed: Feed) -> None:
+        """Work on the frames that are there, and on all that come."""
+        at_once = 2 * cores()
+        for start in range(0, len(gathered), at_once):
+            self._more(gathered[start : start + at_once])
+        for batch in feed.batches(at_once):
+            self._more(batch)
+
+    def _more(self, arrivals: Sequence[Arrival]) -> None:
+        """Work on the next frames."""
+        phase, amplitude, shares = self._reconstructed(arrivals)
+        found = {
+            "wrapped": phase,
+            "amplitude": amplitude,
+            **self._causal.more(phase, self._cancelled),
+        }
+        for name, values in found.items():
+            self._stacks[name].add(values)
+        self._shares += shares
+        shown = found[self._shown]
+        known = shown[np.isfinite(shown)]
+        now = replace(self._listener.now, done=len(self._shares))
+        if known.size:
+            now = replace(now, low=float(known.min()), high=float(known.max()))
+        self._listener.now = now
+        if self._arrived is not None:
+            for place, arrival in enumerate(arrivals):
+                self._arrived(arrival.index, {n: values[place] for n, values in found.items()})
+        self._listener.heed(self._arriving)
+
+    def _reconstructed(
+        self, arrivals: Sequence[Arrival]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], list[float]]:
+        """Return phase and amplitude (time, angle, y, x), NaN where a frame is lost."""
+        work = self._settled.work
+        frames = Recording.from_frames(stacked(arrivals, self._arriving))
+        phase = np.empty(work.stack_shape(len(arrivals)), dtype=np.float32)
+        amplitude = np.empty_like(phase)
+
+        def into_place(index: int) -> float:
+            return work.read(frames, index, phase[index], amplitude[index])
+
+        if len(arrivals) == 1:
+            return phase, amplitude, [into_place(0)]
+        counting = Watch(len(arrivals), "reconstruct", None, self._cancelled)
+        shares = list(in_threads(into_place, range(len(arrivals)), counting, wait=True))
+        return phase, amplitude, shares
+
+    # ---- at the end ----
+
+    def outcome(self, place: Place, progress: ProgressCall | None) -> Outcome:
+        """Give all stacks their names, and run the methods that look at all frames."""
+        recipe = self._settled.recipe
+        recording = recording_at_the_end(self._settled, self._arriving)
+        data = self._dataset(recording)
+        results = {method: self._result(method, data["phase"]) for method in self._causal.methods}
+        late = tuple(m for m in recipe.methods if m not in results)
+        if late:
+            labels = ", ".join(METHODS[m].label for m in late)
+            self._listener.tell(f"all frames are there; unwrapping by {labels}")
+        comparison = place.unwrap(
+            recipe.changed(methods=late),
+            data["phase"],
+            data["amplitude"],
+            None,
+            progress,
+            self._cancelled,
+        )
+        comparison = comparison.with_results(results, self._causal.seconds, recipe.methods)
+        optics = recording.optics
+        cells = cells_by(recipe, comparison, data["phase"], optics, progress, self._cancelled)
+        return Outcome(recording, recipe, data, comparison, cells=cells)
+
+    def _dataset(self, recording: Recording) -> xr.Dataset:
+        """Return phase and amplitude as they lie, with their axes and notes."""
+        work = self._settled.work
+        # The values do not count here: these are the axes and notes.
+        shape = work.stack_shape(len(self._shares))
+        empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
+        plan = work.as_dataset(recording, empty, empty, self._shares)
+        plan["phase"] = self._put("wrapped", plan["phase"], (-math.pi, math.pi))
+        plan["amplitude"] = self._put("amplitude", plan["amplitude"])
+        return plan
+
+    def _result(self, method: str, phase: xr.DataArray) -> xr.DataArray:
+        """Return what a method gave as it lies, noted as `run_method` does."""
+        causal, options = self._causal, self._settled.recipe.options.get(method, {})
+        mask = "auto" if causal.finds_mask else "none" if causal.all_usable else "given"
+        attrs = noted(method, options, causal.boundaries, mask=mask, amplitude=True)
+        attrs |= left_out_note(causal.smooth_left_out)
+        result = phase.copy(deep=False).rename(method)
+        result.attrs = {**phase.attrs, "units": "rad", **attrs}
+        return self._put(method, result)
+
+    def _put(
+        self, name: str, stack: xr.DataArray, limits: tuple[float, float] | None = None
+    ) -> xr.DataArray:
+        """Give a stack that is complete its name."""
+        grown = self._stacks[name]
+        grown.finished()
+        return self._shelf.put(name, stack, limits or grown.limits or (0.0, 0.0))

@@ -1,0 +1,74 @@
+"""Frames unwrapped as they come: the numbers are those of the finished recording."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+import napari_phase4d as p4d
+from napari_phase4d.unwrapping import CAUSAL, Causal, causal_methods, for_what_comes
+
+OPTIONS = [
+    {},
+    {"spatial-2d": {"reliability": "coherence"}, "temporal": {"registration": False}},
+]
+
+
+@pytest.fixture(scope="module")
+def wrapped() -> NDArray[np.float32]:
+    """Noisy wrapped phase of a swimmer that gets thick and thin again; a frame is lost."""
+    sample = p4d.simulation.swimming_euglena((56, 72), 15, peak_rad=14)
+    noise = np.random.default_rng(3).normal(0, 0.4, sample["wrapped"].shape)
+    noisy = np.angle(np.exp(1j * (sample["wrapped"].values + noise))).astype(np.float32)
+    noisy[5] = np.nan
+    return noisy
+
+
+def as_they_come(
+    wrapped: NDArray[np.float32],
+    options: dict[str, dict[str, object]],
+    cuts: list[int],
+    *,
+    mask: bool,
+) -> dict[str, NDArray[np.float32]]:
+    """Unwrap frames that come so many at a time."""
+    causal = Causal(causal_methods(CAUSAL, options), [(0, 1)], finds_mask=mask)
+    ends = np.cumsum(cuts)
+    parts = [causal.more(part) for part in np.split(wrapped, ends)]
+    return {m: np.concatenate([part[m] for part in parts]) for m in causal.methods}
+
+
+@pytest.mark.parametrize("options", OPTIONS)
+@pytest.mark.parametrize("mask", [True, False])
+def test_all_at_once_gives_the_same(
+    wrapped: NDArray[np.float32], options: dict[str, dict[str, object]], *, mask: bool
+) -> None:
+    settings = for_what_comes(options)
+    found = as_they_come(wrapped, settings, [1, 1, 3, 2, 5], mask=mask)
+    known = "auto" if mask else np.isfinite(wrapped)
+    at_once = p4d.compare(wrapped, list(CAUSAL), (0, 1), mask=known, options=settings)
+    assert list(found) == list(CAUSAL)
+    for method, result in at_once.results.items():
+        np.testing.assert_array_equal(found[method], result.values)
+        assert np.ptp(result.values[0]) > 1
+
+
+def test_the_future_does_not_count(wrapped: NDArray[np.float32]) -> None:
+    settings = for_what_comes({})
+    changed = wrapped.copy()
+    changed[9:] = changed[9:, :, ::-1, ::-1]
+    first, second = (as_they_come(w, settings, [4, 4], mask=True) for w in (wrapped, changed))
+    for method in CAUSAL:
+        np.testing.assert_array_equal(first[method][:9], second[method][:9])
+        assert not np.array_equal(first[method][9:], second[method][9:])
+
+
+def test_lines_that_start_anew_are_left_to_the_end() -> None:
+    assert set(causal_methods(CAUSAL, {})) == {"spatial-2d", "angular"}
+    assert set(causal_methods(["directional-l1", "temporal"], for_what_comes({}))) == {"temporal"}
+
+
+def test_frames_are_unwrapped_from_the_first_one_on() -> None:
+    with pytest.raises(ValueError, match="give time 0"):
+        Causal({}, [(3, 0)], finds_mask=True)
