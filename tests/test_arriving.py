@@ -1,0 +1,120 @@
+"""Frames that are being written are never misread, wherever the writing stands."""
+
+from __future__ import annotations
+
+import io
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from numpy.typing import NDArray
+
+from napari_phase4d.io import Arriving, arriving_at
+from napari_phase4d.io.arriving import SETTLED_S
+
+Video = NDArray[np.uint16]
+
+
+@pytest.fixture(scope="module")
+def video() -> Video:
+    return np.random.default_rng(5).integers(1, 4000, (4, 40, 56), dtype=np.uint16)
+
+
+@pytest.fixture
+def in_no_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Take what is there for what it will be: then only what a file says tells if it is whole."""
+    monkeypatch.setattr("napari_phase4d.io.arriving.SETTLED_S", 0.0)
+
+
+def bytes_of(frames: Video, **how: object) -> bytes:
+    held = io.BytesIO()
+    with tifffile.TiffWriter(held, bigtiff=bool(how.pop("bigtiff", False))) as tif:
+        for frame in frames:
+            tif.write(frame, contiguous=False, metadata=None, **how)  # type: ignore[arg-type]
+    return held.getvalue()
+
+
+def taken(arriving: Arriving) -> list[NDArray[np.generic] | None]:
+    arriving.poll()
+    return [arrival.frame for arrival in arriving.take(100)]
+
+
+LAYOUTS: list[dict[str, object]] = [
+    {},
+    {"rowsperstrip": 8},
+    {"rowsperstrip": 8, "compression": "zlib"},
+    {"bigtiff": True, "tile": (16, 16)},
+]
+
+
+@pytest.mark.usefixtures("in_no_time")
+@pytest.mark.parametrize("how", LAYOUTS, ids=str)
+def test_a_tiff_cut_anywhere_gives_its_whole_pages(
+    video: Video, tmp_path: Path, how: dict[str, object]
+) -> None:
+    content, path = bytes_of(video, **how), tmp_path / "growing.tif"
+    arriving = arriving_at(path, 60.0)
+    found: list[NDArray[np.generic] | None] = []
+    for end in [*range(0, len(content), 151), len(content)]:
+        path.write_bytes(content[:end])
+        found += taken(arriving)
+        for frame, expected in zip(found, video, strict=False):
+            np.testing.assert_array_equal(frame, expected)
+    assert len(found) == len(video)
+
+
+@pytest.mark.usefixtures("in_no_time")
+@pytest.mark.parametrize("how", LAYOUTS, ids=str)
+def test_an_image_cut_anywhere_is_waited_for(
+    video: Video, tmp_path: Path, how: dict[str, object]
+) -> None:
+    folder = tmp_path / "camera"
+    folder.mkdir()
+    content = bytes_of(video[1:2], **how)
+    (folder / "f0.tif").write_bytes(bytes_of(video[:1]))
+    arriving = arriving_at(folder, 60.0)
+    assert len(taken(arriving)) == 1
+    for end in range(0, len(content) - 8, 151):
+        (folder / "f1.tif").write_bytes(content[:end])
+        assert taken(arriving) == []
+    (folder / "f1.tif").write_bytes(content)
+    (frame,) = taken(arriving)
+    np.testing.assert_array_equal(frame, video[1])
+
+
+def write_backwards(path: Path, content: bytes, frame: Video, look: Callable[[], None]) -> None:
+    """Write pixels into a file that is as long already, from the last row to the first."""
+    picture = content.rindex(frame.tobytes())
+    with path.open("r+b", buffering=0) as file:
+        row = frame.shape[1] * frame.itemsize
+        for y in reversed(range(0, len(frame), 4)):
+            file.seek(picture + y * row)
+            file.write(content[picture + y * row : picture + (y + 4) * row])
+            for _ in range(2):
+                time.sleep(SETTLED_S / 4)
+                look()
+
+
+@pytest.mark.parametrize("pages", [False, True])
+def test_what_changes_is_not_read(video: Video, tmp_path: Path, *, pages: bool) -> None:
+    path = tmp_path / "growing.tif"
+    arriving = arriving_at(path if pages else tmp_path, 60.0)
+    content = bytes_of(video[:2] if pages else video[:1])
+    frame = video[1] if pages else video[0]
+    picture = content.rindex(frame.tobytes())
+    found: list[NDArray[np.generic] | None] = []
+    path.write_bytes(content[:picture] + bytes(frame.nbytes) + content[picture + frame.nbytes :])
+
+    def look() -> None:
+        found.extend(taken(arriving))
+
+    write_backwards(path, content, frame, look)
+    assert len(found) == int(pages)
+    time.sleep(1.5 * SETTLED_S)
+    look()
+    for one, expected in zip(found, video, strict=False):
+        np.testing.assert_array_equal(one, expected)
+    assert len(found) == 1 + int(pages)
