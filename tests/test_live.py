@@ -32,8 +32,8 @@ N = 14
 FIRST = 5
 METHODS = ("spatial-2d", "temporal", "temporal-angular", "directional-l1")
 RECIPE = p4d.Recipe(n_views=2, methods=METHODS, first_frames=FIRST)
-#: Seconds that tests wait for frames that do not come.
-SHORT = {"patience_s": 1.2, "frame_patience_s": 0.6}
+#: Seconds that tests wait for frames that do not come; a busy machine may be slow to write one.
+SHORT = {"patience_s": 6.0, "frame_patience_s": 3.0}
 
 Video = NDArray[np.uint8]
 Frames = dict[int, dict[str, NDArray[np.float32]]]
@@ -173,7 +173,7 @@ def test_a_tiff_whose_bytes_come_in_any_portion(video: Video, tmp_path: Path) ->
                 time.sleep(0.03)
 
     with written(write):
-        watch(growing, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        watch(growing, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
     assert not any("frame" in line for line in heard.lines[1:-1])
@@ -188,7 +188,7 @@ def test_a_tiff_to_which_pages_are_appended(video: Video, tmp_path: Path) -> Non
             time.sleep(0.1)
 
     with written(write):
-        watch(growing, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        watch(growing, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
 
@@ -213,7 +213,7 @@ def test_a_zarr_that_is_longer_before_its_frames_are_there(
             array[number, height // 2 :] = frame[height // 2 :]
 
     with written(write):
-        watch(store, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        watch(store, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
 
@@ -237,7 +237,7 @@ def test_a_half_written_file_is_waited_for(video: Video, tmp_path: Path) -> None
                     file.write(part)
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        watch(folder, RECIPE, tmp_path / "out", frames=8, **SHORT, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert heard.when[6] >= whole_at[-1]
     assert len(heard.frames) == 8
@@ -295,7 +295,7 @@ def test_files_that_come_in_any_order(video: Video, tmp_path: Path) -> None:
             time.sleep(0.08)
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        watch(folder, RECIPE, tmp_path / "out", frames=12, **SHORT, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == 12
 
@@ -325,7 +325,7 @@ def test_a_long_gap_costs_one_patience(video: Video, tmp_path: Path) -> None:
     watch(folder, RECIPE.changed(methods=("spatial-2d",)), tmp_path / "out", **SHORT,
           **heard.calls())  # fmt: skip
     assert len(heard.frames) == 61
-    assert time.monotonic() - began < 15  # 54 patiences are 32 s
+    assert time.monotonic() - began < 60  # 54 patiences are 162 s
 
 
 def test_a_slow_program_loses_nothing(video: Video, tmp_path: Path) -> None:
@@ -337,7 +337,7 @@ def test_a_slow_program_loses_nothing(video: Video, tmp_path: Path) -> None:
             time.sleep(0.02)
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        watch(folder, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
     assert max(status.behind for status in heard.status) > 3
