@@ -176,7 +176,7 @@ def test_a_tiff_whose_bytes_come_in_any_portion(video: Video, tmp_path: Path) ->
         watch(growing, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
-    assert not any("frame" in line for line in heard.lines[1:-1])
+    assert len(heard.lines) == 3  # what was found, that it ends, what is run then
 
 
 def test_a_tiff_to_which_pages_are_appended(video: Video, tmp_path: Path) -> None:
@@ -426,6 +426,12 @@ def test_settings_that_need_the_whole_recording(
 ) -> None:
     with pytest.raises(ValueError, match=said):
         watch(tmp_path, RECIPE.changed(**settings), tmp_path / "out")
+
+
+def test_results_do_not_go_among_the_frames(tmp_path: Path) -> None:
+    with pytest.raises(ValueError, match="is what is watched"):
+        watch(tmp_path / "camera", RECIPE, tmp_path / "x" / ".." / "camera")
+    assert not (tmp_path / "camera").exists()
 
 
 def test_a_film_can_not_be_watched(tmp_path: Path) -> None:

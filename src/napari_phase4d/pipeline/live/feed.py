@@ -140,6 +140,7 @@ class Feed:
         self.arriving, self.listener = arriving, listener
         self._frames, self._patience_s = frames, patience_s
         self._last_new = time.monotonic()
+        self._next_look = 0.0
         #: How many frames there are, once that is known.
         self._end: int | None = None
 
@@ -190,11 +191,14 @@ class Feed:
         time.sleep(LOOK_S)
 
     def _poll(self) -> None:
-        """Look what is there, which may take a while in large folders."""
+        """Look what is there, not too often where that takes a while, as in large folders."""
         began = time.monotonic()
+        if began < self._next_look:
+            return
         if self.arriving.poll():
             self._last_new = time.monotonic()
-        time.sleep((time.monotonic() - began) * SHARE_OF_LOOKING)
+        ended = time.monotonic()
+        self._next_look = ended + (ended - began) / SHARE_OF_LOOKING
 
     def _ended(self) -> bool:
         """Say whether frames that come from now on are not waited for."""
@@ -202,4 +206,5 @@ class Feed:
         if self._end is None and (late or self.listener.wishes_end()):
             self.arriving.poll()
             self._end = self.arriving.seen
+            self.listener.tell("no more frames are waited for; what has come is finished")
         return self._end is not None

@@ -151,6 +151,9 @@ def watch(
     if recipe.cells is not None:
         check_follower()
     path, out = as_path(source).expanduser(), as_path(out)
+    if out.resolve() == path.resolve():
+        msg = f"{out} is what is watched; choose another folder for the results"
+        raise ValueError(msg)
     arriving = arriving_at(path, frame_patience_s, recipe.dataset)
     listener = Listener(told, status, stopped, cancelled)
     feed = Feed(arriving, frames, patience_s, listener)
