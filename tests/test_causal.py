@@ -17,10 +17,14 @@ OPTIONS = [
 
 @pytest.fixture(scope="module")
 def wrapped() -> NDArray[np.float32]:
-    """Noisy wrapped phase of a swimmer that gets thick and thin again; a frame is lost."""
+    """Noisy wrapped phase of a swimmer that gets thick and thin again; a frame is lost.
+
+    The level of the empty field drifts by more than a turn.
+    """
     sample = p4d.simulation.swimming_euglena((56, 72), 15, peak_rad=14)
     noise = np.random.default_rng(3).normal(0, 0.4, sample["wrapped"].shape)
-    noisy = np.angle(np.exp(1j * (sample["wrapped"].values + noise))).astype(np.float32)
+    drift = np.linspace(0, 8, 15)[:, None, None, None]
+    noisy = np.angle(np.exp(1j * (sample["wrapped"].values + noise + drift))).astype(np.float32)
     noisy[5] = np.nan
     return noisy
 

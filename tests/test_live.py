@@ -32,8 +32,10 @@ N = 14
 FIRST = 5
 METHODS = ("spatial-2d", "temporal", "temporal-angular", "directional-l1")
 RECIPE = p4d.Recipe(n_views=2, methods=METHODS, first_frames=FIRST)
-#: Seconds that tests wait for frames that do not come; a busy machine may be slow to write one.
-SHORT = {"patience_s": 6.0, "frame_patience_s": 3.0}
+#: Seconds that tests wait for frames that do not come ...
+SHORT = {"patience_s": 5.0, "frame_patience_s": 2.0}
+#: ... and for those that do, on a machine that has much else to do.
+LONG = {"patience_s": 40.0, "frame_patience_s": 30.0}
 
 Video = NDArray[np.uint8]
 Frames = dict[int, dict[str, NDArray[np.float32]]]
@@ -143,7 +145,7 @@ def test_a_folder_that_gets_files_in_bursts(video: Video, tmp_path: Path) -> Non
             time.sleep(0.4 if number % 4 == 0 else 0.0)
 
     with written(write):
-        found = watch(folder, RECIPE, out, frames=N, **SHORT, **heard.calls())
+        found = watch(folder, RECIPE, out, frames=N, **LONG, **heard.calls())
     again = same_as_a_run(out, heard)
     assert len(heard.frames) == N
     assert np.isnan(heard.frames[10]["temporal"]).all()
@@ -173,10 +175,10 @@ def test_a_tiff_whose_bytes_come_in_any_portion(video: Video, tmp_path: Path) ->
                 time.sleep(0.03)
 
     with written(write):
-        watch(growing, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
+        watch(growing, RECIPE, tmp_path / "out", frames=N, **LONG, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
-    assert len(heard.lines) == 3  # what was found, that it ends, what is run then
+    assert len(heard.lines) == 2  # what was found, and what is run at the end
 
 
 def test_a_tiff_to_which_pages_are_appended(video: Video, tmp_path: Path) -> None:
@@ -188,7 +190,7 @@ def test_a_tiff_to_which_pages_are_appended(video: Video, tmp_path: Path) -> Non
             time.sleep(0.1)
 
     with written(write):
-        watch(growing, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
+        watch(growing, RECIPE, tmp_path / "out", frames=N, **LONG, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
 
@@ -213,7 +215,7 @@ def test_a_zarr_that_is_longer_before_its_frames_are_there(
             array[number, height // 2 :] = frame[height // 2 :]
 
     with written(write):
-        watch(store, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
+        watch(store, RECIPE, tmp_path / "out", frames=N, **LONG, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
 
@@ -237,7 +239,7 @@ def test_a_half_written_file_is_waited_for(video: Video, tmp_path: Path) -> None
                     file.write(part)
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", frames=8, **SHORT, **heard.calls())
+        watch(folder, RECIPE, tmp_path / "out", frames=8, **LONG, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert heard.when[6] >= whole_at[-1]
     assert len(heard.frames) == 8
@@ -269,7 +271,8 @@ def test_a_file_that_is_as_long_before_its_pixels_are_there(
             file.write(content[picture:])
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        limits = SHORT if dark_ends else {"patience_s": 40.0, "frame_patience_s": 4.0}
+        watch(folder, RECIPE, tmp_path / "out", frames=8, **limits, **heard.calls())
     assert len(heard.frames) == 8
     if not dark_ends:
         same_as_a_run(tmp_path / "out", heard)
@@ -290,14 +293,18 @@ def test_files_that_come_in_any_order(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
 
     def write() -> None:
-        for number in (2, 0, 1, 4, 3, 6, 5, 9, 8, 7, 11, 10):
+        for number in (5, 0, 1, 4, 3, 6, 7):
+            put(folder, number, video[number])
+        time.sleep(0.4)
+        for number in (2, 9, 8, 11, 10):
             put(folder, number, video[number])
             time.sleep(0.08)
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", frames=12, **SHORT, **heard.calls())
+        found = watch(folder, RECIPE, tmp_path / "out", frames=12, **LONG, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == 12
+    assert found.recipe.first_frames == FIRST
 
 
 def test_a_frame_that_never_comes_is_said_and_unknown(video: Video, tmp_path: Path) -> None:
@@ -325,7 +332,7 @@ def test_a_long_gap_costs_one_patience(video: Video, tmp_path: Path) -> None:
     watch(folder, RECIPE.changed(methods=("spatial-2d",)), tmp_path / "out", **SHORT,
           **heard.calls())  # fmt: skip
     assert len(heard.frames) == 61
-    assert time.monotonic() - began < 60  # 54 patiences are 162 s
+    assert time.monotonic() - began < 60  # 54 patiences are 108 s
 
 
 def test_a_slow_program_loses_nothing(video: Video, tmp_path: Path) -> None:
@@ -337,7 +344,7 @@ def test_a_slow_program_loses_nothing(video: Video, tmp_path: Path) -> None:
             time.sleep(0.02)
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", frames=N, **SHORT, **heard.calls())
+        watch(folder, RECIPE, tmp_path / "out", frames=N, **LONG, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
     assert max(status.behind for status in heard.status) > 3
@@ -356,7 +363,7 @@ def test_what_is_no_frame_is_left_out_and_said(video: Video, tmp_path: Path) -> 
         put(folder, 9, video[9])
 
     with written(write):
-        watch(folder, RECIPE, tmp_path / "out", **SHORT, **heard.calls())
+        watch(folder, RECIPE, tmp_path / "out", frames=7, **LONG, **heard.calls())
     assert len(heard.frames) == 7
     assert f"{name(1)} came too late, and is left out" in heard.lines
     assert "background.tif has another name than the frames, and is left out" in heard.lines
