@@ -114,6 +114,23 @@ def test_a_method_that_fails_is_named_and_the_others_are_scored(
     )
 
 
+def test_failing_where_it_is_hard_does_not_pay(table: pd.DataFrame) -> None:
+    crashed = table[table["id"] == "directional-l1"].assign(id="crashes", method="Crashes")
+    crashed.loc[crashed["case"] == "dividing", ["wrong_cycles_percent", "mse_rad2"]] = np.nan
+    summary = summary_of(pd.concat([table, crashed]))
+    assert summary["all"]["crashes"] >= 25
+    assert np.isnan(summary["mse_rad2"]["crashes"])
+
+
+def test_nothing_to_score_is_said() -> None:
+    for wrong in (([], None), (None, [])):
+        with pytest.raises(ValueError, match="no method or group to score"):
+            run_benchmark(*wrong)
+    # All that this one gets is said as well.
+    found = run_benchmark(["synthetic-wavelength"], ["one view"])
+    assert summary_of(found)["without_result"]["synthetic-wavelength"] == 4
+
+
 def test_the_page_says_it_all(table: pd.DataFrame, tmp_path: Path) -> None:
     written = write_benchmark(table, tmp_path)
     assert [path.name for path in written] == [
@@ -125,6 +142,8 @@ def test_the_page_says_it_all(table: pd.DataFrame, tmp_path: Path) -> None:
     for words in ("suite 1", "4 recordings", "WL1", "How to cite", p4d.__version__):
         assert words in page
     write_benchmark(table, tmp_path)  # its own files are replaced
+    with pytest.raises(OSError, match="can't be made or written to"):
+        write_benchmark(table, tmp_path / "benchmark.csv")
     (tmp_path / "benchmark.csv").write_text("mine")
     with pytest.raises(OSError, match="was not made by a benchmark"):
         write_benchmark(table, tmp_path)

@@ -178,7 +178,7 @@ def test_an_empty_word_is_refused(
     phase_file: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(phase_file.parent)
-    for words in (("run", phase_file, "--out", ""), ("info", ""), ("",)):
+    for words in (("run", phase_file, "--out", ""), ("benchmark", "--out="), ("info", ""), ("",)):
         assert "is empty; was a variable" in refused(monkeypatch, capsys, *words)
     assert names(phase_file.parent) == {"phase.npy"}
 

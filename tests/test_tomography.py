@@ -97,6 +97,38 @@ def test_few_views_are_said_to_give_no_tomogram() -> None:
         sinogram(turned(24)["phase"], time=0)
 
 
+def test_amplitude_is_found_by_its_coordinates_and_counts_from_the_empty_field() -> None:
+    exact = turned(24)["phase"]
+    rows = np.linspace(1, 2, SIDE, dtype=np.float32)[:, None]
+    size = exact.copy(data=np.broadcast_to(rows, exact.shape).copy())
+    there = sinogram(exact, size, time=0)
+    flipped = sinogram(exact, size.isel(angle=slice(None, None, -1)), time=0)
+    xr.testing.assert_allclose(there["field"], flipped["field"])
+    # A cell that takes half of the light, over most of the frame.
+    large = np.abs(exact.values) > 0.5
+    small = sinogram(exact, size.copy(data=np.where(large, 0.5, 1).astype(np.float32)), time=0)
+    assert np.median(np.abs(small["field"].values[~large[0]])) == pytest.approx(1, rel=1e-3)
+    with pytest.raises(ValueError, match="shows no empty field"):
+        sinogram(exact + 5, size, time=0)
+
+
+def test_single_pixels_that_are_not_known_count_as_empty_field() -> None:
+    exact = turned(24)["phase"].copy()
+    exact.values[0, :, 3, 3] = np.nan
+    with pytest.warns(UserWarning, match="24 pixels that are not known count as empty field"):
+        found = sinogram(exact, time=0)
+    np.testing.assert_allclose(found["field"][:, 3, 3], 1)
+    exact.values[:] = np.nan
+    with pytest.raises(ValueError, match="nothing but NaN"):
+        sinogram(exact, time=0)
+
+
+def test_angles_and_pixels_are_not_invented() -> None:
+    plain = turned(24)["phase"].drop_vars(["angle", "y", "x"])
+    with pytest.raises(ValueError, match="no coordinates along angle, y, x"):
+        sinogram(plain, time=0)
+
+
 def test_lost_projections_are_left_out_and_said() -> None:
     exact = turned(24)["phase"].copy()
     exact.values[0, 3] = np.nan
@@ -115,7 +147,7 @@ def test_lost_projections_are_left_out_and_said() -> None:
         ({"time": True}, "must be the number of a time"),
         ({"time": 0, "angles_deg": [1, 2]}, "must be 24 numbers"),
         ({"time": 0, "angles_deg": [1.0] * 24}, "different from each other"),
-        ({"time": 0, "amplitude": np.ones((24, 3))}, "amplitude must have the form"),
+        ({"time": 0, "amplitude": np.ones((24, 3))}, "amplitude"),
     ],
 )
 def test_what_can_not_be_is_refused(wanted: dict[str, object], sentence: str) -> None:

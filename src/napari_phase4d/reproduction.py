@@ -24,7 +24,7 @@ from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.sample import euglena_sample
 from napari_phase4d.simulation import budding_yeast
 from napari_phase4d.unwrapping import METHODS
-from napari_phase4d.words import as_path
+from napari_phase4d.words import local_path
 
 __all__ = ["PAPER_MSE", "Reproduction", "reproduce", "write_reproduction"]
 
@@ -150,7 +150,7 @@ def write_reproduction(
     Cancelled
         If ``cancelled()`` returned True; the files written by then are whole.
     """
-    folder = as_path(folder)
+    folder = local_path(folder)
     figures = (
         ("figure_2", found.yeast, FIG_2_FRAMES),
         ("figure_4", found.euglena, FIG_4_FRAMES),

@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 import warnings
 from numbers import Real
 from os import PathLike
 from pathlib import Path
 from typing import Any
+from unicodedata import category
 
 import numpy as np
 from numpy.typing import NDArray
 
 __all__ = [
     "EXPECTED",
+    "address_of",
     "as_numbers",
     "as_path",
     "check_bool",
@@ -24,6 +27,7 @@ __all__ = [
     "check_type",
     "counted",
     "is_expected",
+    "local_path",
     "printable",
     "sentence_of",
     "shown",
@@ -70,6 +74,10 @@ def counted(number: object, what: str) -> str:
     return f"{number} {what}" if str(number) == "1" else f"{number} {what}s"
 
 
+#: How an address begins; a path keeps one of the two slashes.
+SCHEME = re.compile(r"(https?|s3):/{1,2}(?=[^/])", re.IGNORECASE)
+#: Kinds of letters that are not seen but steer: control, format, surrogates, ends of lines.
+STEERING = {"Cc", "Cf", "Cs", "Zl", "Zp"}
 PACKAGE = str(Path(__file__).resolve().parent)
 
 
@@ -148,6 +156,29 @@ def as_path(path: Any, advice: str = "") -> Path:
     return Path(path)
 
 
+def address_of(given: str | PathLike[str]) -> str | None:
+    """Return the address of a server that a text or path stands for; None for a file or folder.
+
+    Examples
+    --------
+    >>> address_of("https://example.org/cell.zarr"), address_of(Path("s3://lab/cell.zarr"))
+    ('https://example.org/cell.zarr', 's3://lab/cell.zarr')
+    >>> address_of("cell.zarr") is None
+    True
+    """
+    text = os.fspath(given).replace("\\", "/")  # as a path of Windows has it
+    found = SCHEME.match(text)
+    return None if found is None else f"{found[1].lower()}://{text[found.end() :].rstrip('/')}"
+
+
+def local_path(path: Any) -> Path:
+    """Return the path of a file or folder of this machine; OSError for an address."""
+    if isinstance(path, (str, PathLike)) and address_of(path) is not None:
+        msg = f"{address_of(path)} lies on a server; results are written and read here only"
+        raise OSError(msg)
+    return as_path(path)
+
+
 def printable(text: str) -> str:
     r"""Return a text in one line with what can't be printed as an escape.
 
@@ -159,7 +190,7 @@ def printable(text: str) -> str:
     'cell\\x1b[31m\\n2.tif'
     """
     return "".join(
-        letter if letter.isprintable() else letter.encode("unicode_escape").decode()
+        letter.encode("unicode_escape").decode() if category(letter) in STEERING else letter
         for letter in text
     )
 

@@ -65,6 +65,13 @@ def region_with_cell(
         )
         raise ValueError(msg)
     here = frame_of(labels, *frame)
+    region = np.asarray(region)
+    if region.dtype != bool or region.shape != here.shape:
+        msg = (
+            f"the region must be True and False on {here.shape} pixels (y, x), but is "
+            f"{region.dtype} of shape {region.shape}"
+        )
+        raise ValueError(msg)
     inside = here[region & (here > 0)]
     if not inside.size:
         msg = (

@@ -189,6 +189,9 @@ def copied_labels(labels: xr.DataArray) -> Labels:
     """
     copy = no_labels(labels)
     for part, values in parts_over_time(labels):
+        if values.size and not 0 <= values.min() <= values.max() <= np.iinfo(np.int32).max:
+            msg = "the labels must be from 0 to 2147483647"
+            raise ValueError(msg)
         copy[part] = values
     return copy
 

@@ -175,9 +175,10 @@ def faulty(group: str, fault: str) -> Case:
 
 def hologram(group: str, name: str, peak_rad: float) -> Case:
     """Return what is reconstructed of holograms: two views at once, 8 bit, shot noise, a pupil."""
-    pixel_um = 2 * Optics().pixel_um
+    optics = Optics(camera_pixel_um=2 * Optics().camera_pixel_um)
+    pixel_um = optics.pixel_um
     exact = swimming_euglena((CAMERA, CAMERA), CAMERA_FRAMES, pixel_um=pixel_um, peak_rad=peak_rad)
-    video = multiplexed_video(exact["phase"], seed=seed_of(group, peak_rad))
+    video = multiplexed_video(exact["phase"], optics, seed=seed_of(group, peak_rad))
     carriers = video.holograms.attrs["carriers"]
     lobes = [Lobe(k, 0.089, a) for k, a in zip(carriers, exact["angle"].values, strict=True)]
     data = reconstruct(video, lobes)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import html
+import os
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -15,7 +16,7 @@ from napari_phase4d.benchmark.scoring import summary_of
 from napari_phase4d.io import write_figure, write_table
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.pipeline import program_version
-from napari_phase4d.words import as_path, counted
+from napari_phase4d.words import counted, local_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -49,8 +50,10 @@ MEANING = """
 field of their frame, since nothing in a recording tells a level of 2π n from none. Each group is
 the mean of its recordings; <i>all groups</i> is the mean of the groups. Mean squared error: of all
 pixels, relative to the same field. Confidence: how often a wrong pixel is trusted less than a
-right one; 0.5 is chance, 1 always. Time and memory depend on the machine and count everything that
-a method needs. Every method starts from the frame in which the object is thinnest.</p>
+right one; 0.5 is chance, 1 always. Time depends on the machine and counts everything that a
+method needs; memory is what it took beyond what was taken before it, so that what methods share
+counts with the first. What a method gives nothing for counts as all wrong. Every method starts
+from the frame in which the object is thinnest.</p>
 """
 
 
@@ -62,7 +65,11 @@ def check_folder(folder: str | Path) -> Path:
     OSError
         If a file would be written over that no benchmark has made.
     """
-    folder = as_path(folder)
+    folder = local_path(folder)
+    nearest = next(place for place in (folder, *folder.absolute().parents) if place.exists())
+    if not nearest.is_dir() or not os.access(nearest, os.W_OK):
+        msg = f"the folder {folder} can't be made or written to; choose another one"
+        raise OSError(msg)
     there = [name for name in (TABLE, SUMMARY, FIGURE, PAGE) if (folder / name).exists()]
     if there and not is_ours(folder / TABLE):
         msg = f"{folder / there[0]} was not made by a benchmark; choose another folder"

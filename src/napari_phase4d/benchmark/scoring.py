@@ -20,6 +20,10 @@ from napari_phase4d.words import sentence_of
 __all__ = ["run_benchmark", "summary_of"]
 
 TURN = 2 * np.pi
+#: What a method gets that gave nothing.
+NOTHING = dict.fromkeys(
+    ("wrong_cycles_percent", "mse_rad2", "confidence_auc", "seconds", "peak_mb"), float("nan")
+)
 #: A level needs so many pixels of empty field, an area under the curve so many wrong pixels.
 ENOUGH = 20
 
@@ -71,6 +75,9 @@ def run_benchmark(
         chosen = methods_for(None)
     else:
         chosen = [methods] if isinstance(methods, str) else list(methods)
+    if not chosen or not (groups is None or groups):
+        msg = "there is no method or group to score; leave them out for all"
+        raise ValueError(msg)
     unknown = [method for method in chosen if method not in METHODS]
     if unknown:
         msg = f"method must be one of {', '.join(METHODS)}, but is {unknown[0]!r}"
@@ -101,7 +108,7 @@ def rows_of(
     except Exception as error:
         if len(methods) > 1:
             return [row for method in methods for row in rows_of(case, [method], cancelled)]
-        return [row_of(case, methods[0]) | {"fault": sentence_of(error)}]
+        return [row_of(case, methods[0]) | NOTHING | {"fault": sentence_of(error)}]
 
 
 def unwrapped(case: Case, methods: Sequence[str], cancelled: CancelledCall | None) -> Comparison:
@@ -181,17 +188,20 @@ def summary_of(table: pd.DataFrame) -> pd.DataFrame:
         ``method``; the mean wrong cycles in percent of each group, and ``all`` groups, each
         counting the same; ``worst`` recording; ``mse_rad2`` and ``confidence_auc``, means over all
         recordings; ``ns_a_voxel``; ``peak_mb``, the most; ``without_result``, how many recordings
-        it gave nothing for. Index: ids.
+        it gave nothing for, which count
+        as all wrong. Index: ids.
     """
     rows = {}
     for method, own in table.groupby("id", sort=False):
+        # What gives nothing is wrong: else failing where it is hard would pay.
+        own = own.fillna({"wrong_cycles_percent": 100.0})
         by_group = own.groupby("group", sort=False)["wrong_cycles_percent"].mean()
         rows[method] = {
             "method": own["method"].iloc[0],
             **by_group,
             "all": by_group.mean(),
             "worst": own["wrong_cycles_percent"].max(),
-            "mse_rad2": own["mse_rad2"].mean(),
+            "mse_rad2": own["mse_rad2"].mean(skipna=False),
             "confidence_auc": own["confidence_auc"].mean(),
             "ns_a_voxel": 1e9 * own["seconds"].sum() / own["voxels"].sum(),
             "peak_mb": own["peak_mb"].max(),

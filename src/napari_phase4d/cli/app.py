@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 import warnings
 from collections.abc import Sequence
+from itertools import pairwise
 from typing import Annotated
 
 import typer
@@ -73,10 +74,11 @@ def main() -> None:
 
 def check_words(words: Sequence[str]) -> None:
     """Raise ValueError for an empty word: as a folder it would be the one the program runs in."""
-    if "" in words:
-        after = f" after {words[i - 1]}" if (i := words.index("")) else ""
-        msg = f"a word{after} is empty; was a variable of a script never set?"
-        raise ValueError(msg)
+    for before, word in pairwise(["", *words]):
+        if not word or (word.startswith("--") and word.endswith("=")):
+            after = f" after {word or before}" if word or before else ""
+            msg = f"a word{after} is empty; was a variable of a script never set?"
+            raise ValueError(msg)
 
 
 def say_doubt(message: Warning | str, *_: object, **__: object) -> None:

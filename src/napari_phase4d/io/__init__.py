@@ -14,7 +14,7 @@ from napari_phase4d.io.opening import (
 from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout, parts_beside
-from napari_phase4d.io.remote import address_of, description_digest
+from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.results import read_results, write_phase, write_table
 from napari_phase4d.io.tomography import sinogram, write_sinogram
 
@@ -31,7 +31,6 @@ __all__ = [
     "RawLayout",
     "address_of",
     "arriving_at",
-    "description_digest",
     "holds_phase",
     "needs_layout",
     "open_input",

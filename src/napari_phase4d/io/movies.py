@@ -18,7 +18,7 @@ from PIL import Image
 
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.words import as_path
+from napari_phase4d.words import local_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -78,7 +78,7 @@ def write_movie(
     Cancelled
         If ``cancelled()`` returned True; an older file of that name is then left as it was.
     """
-    path = as_path(path)
+    path = local_path(path)
     write = writer_for(path)
     fastest = FASTEST[path.suffix.lower()]
     if not 0 < frames_a_second <= fastest:
@@ -208,7 +208,7 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
     ValueError
         If the ending is another one.
     """
-    path = as_path(path)
+    path = local_path(path)
     if path.suffix.lower() not in ENDINGS:
         msg = f"{path.name} can't be written as a figure; use one of {', '.join(ENDINGS)}"
         raise ValueError(msg)

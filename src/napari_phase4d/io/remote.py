@@ -2,38 +2,20 @@
 
 from __future__ import annotations
 
-import hashlib
 import os
-import re
 from pathlib import Path
 from typing import Any
 
 from napari_phase4d.io.lazy import Unsound, in_one_line
+from napari_phase4d.words import address_of
 
-__all__ = ["address_of", "description_digest", "is_missing", "remote_store", "unreached"]
+__all__ = ["address_of", "is_missing", "remote_store", "unreached"]
 
-#: How an address begins; a path keeps one of the two slashes.
-SCHEME = re.compile(r"(https?|s3):/{1,2}(?=[^/])", re.IGNORECASE)
 #: Seconds to wait for an answer, and between two parts of it.
 CONNECT_S, READ_S = 10.0, 30.0
 #: Files of which one at least describes what a store holds.
 DESCRIPTIONS = ("zarr.json", ".zmetadata", ".zgroup", ".zattrs", ".zarray")
 INSTALL = 'pip install "napari-phase4d[remote]"'
-
-
-def address_of(given: str | os.PathLike[str]) -> str | None:
-    """Return the address that a text or path stands for; None for a file or folder.
-
-    Examples
-    --------
-    >>> address_of("https://example.org/cell.zarr"), address_of(Path("s3://lab/cell.zarr"))
-    ('https://example.org/cell.zarr', 's3://lab/cell.zarr')
-    >>> address_of("cell.zarr") is None
-    True
-    """
-    text = os.fspath(given)
-    found = SCHEME.match(text)
-    return None if found is None else f"{found[1].lower()}://{text[found.end() :].rstrip('/')}"
 
 
 def remote_store(address: str) -> Any:
@@ -52,7 +34,13 @@ def remote_store(address: str) -> Any:
         missing: set[str]
 
         async def get(self, key: str, *how: Any, **more: Any) -> Any:
-            found = await super().get(key, *how, **more)
+            try:
+                found = await super().get(key, *how, **more)
+            except Exception as error:
+                # Who may not list what is there is told so also of what is not there.
+                if key.rpartition("/")[2] not in DESCRIPTIONS or not is_forbidden(error):
+                    raise
+                found = None
             if found is None:
                 self.missing.add(key)
             return found
@@ -96,43 +84,23 @@ def has_credentials() -> bool:
     return named or Path(usual).expanduser().is_file()
 
 
+def is_forbidden(error: BaseException) -> bool:
+    """Say whether a server refused to answer."""
+    return isinstance(error, PermissionError) or getattr(error, "status", None) in (401, 403)
+
+
 def is_missing(store: Any, key: str) -> bool:
     """Say whether a piece is not on the server; any other fault is raised."""
-    from zarr.core.sync import sync
-
-    return not sync(store.exists(key))
-
-
-def description_digest(address: str) -> str:
-    """Return the SHA-256 of what describes a store: its shape, axes and packing, not its pixels.
-
-    Raises
-    ------
-    OSError
-        If the server does not answer, or holds no Zarr store there.
-    """
+    from zarr.abc.store import RangeByteRequest
     from zarr.core.buffer import default_buffer_prototype
     from zarr.core.sync import sync
 
-    digest, found = hashlib.sha256(), False
-    try:
-        store = remote_store(address)
-        for name in DESCRIPTIONS:
-            value = sync(store.get(name, default_buffer_prototype()))
-            if value is not None:
-                found = True
-                digest.update(name.encode() + b"\0" + value.to_bytes())
-    except Unsound:
-        raise
-    except Exception as error:
-        raise OSError(unreached(address, error)) from error
-    if not found:
-        raise OSError(unreached(address, None))
-    return digest.hexdigest()
+    beginning = RangeByteRequest(0, 1)
+    return sync(store.get(key, default_buffer_prototype(), beginning)) is None
 
 
 def unreached(address: str, error: BaseException | None) -> str:
     """Return the sentence for an address where no store can be read."""
     if error is None or isinstance(error, FileNotFoundError):
-        return f"there is no Zarr store at {address}"
+        return f"there is no Zarr store at {address}, or none that may be read"
     return f"{address} can't be read ({in_one_line(error)}); check the address and the network"

@@ -23,7 +23,7 @@ from napari_phase4d.io.zarr_results import (
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.stacks import in_units
-from napari_phase4d.words import as_path
+from napari_phase4d.words import local_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -88,7 +88,7 @@ def write_phase(
     >>> p4d.read_results(path).equals(yeast["wrapped"])
     True
     """
-    path = as_path(path)
+    path = local_path(path)
     if not isinstance(stack, xr.DataArray) or set(stack.dims) != set(AXES):
         msg = "only a DataArray with dims time, angle, y and x can be written as a result"
         raise TypeError(msg)
@@ -116,7 +116,7 @@ def read_results(path: str | Path) -> xr.DataArray:
     --------
     write_phase : Writes it, with an example.
     """
-    path = as_path(path)
+    path = local_path(path)
     return read_zarr_result(path) if path.is_dir() else read_tiff_result(path)
 
 
@@ -127,16 +127,16 @@ def is_result(path: str | Path) -> bool:
 
 def result_attrs(path: str | Path) -> dict[str, Any] | None:
     """Return the attributes of what `write_phase` wrote to a file here, None for any other."""
-    path = as_path(path)
     if address_of(path) is not None:
         return None
+    path = local_path(path)
     description = zarr_description(path) if path.is_dir() else tiff_description(path)
     return None if description is None else dict(restored(description.get("attrs", {})))
 
 
 def as_table_file(path: str | Path) -> Path:
     """Return the name that a table is written under."""
-    path = as_path(path)
+    path = local_path(path)
     if path.suffix.lower() not in ("", ".csv"):
         msg = f"a table is written as .csv, but the name is {path.name}"
         raise ValueError(msg)

@@ -10,15 +10,20 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.axes import AXES
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
-from napari_phase4d.stacks import pixel_um, unwrapped_stack, wavelengths_of
-from napari_phase4d.words import as_numbers, as_path, check_type, counted, warn
+from napari_phase4d.stacks import on_grid_of, pixel_um, unwrapped_stack, wavelengths_of
+from napari_phase4d.words import as_numbers, check_type, counted, local_path, warn
 
 __all__ = ["sinogram", "write_sinogram"]
 
 #: With fewer views, or over less than this, a tomogram is mostly artefact.
 FEW_VIEWS, NARROW_DEG = 20, 120.0
+#: Phase of the empty field is less than this, in radians; so many pixels of it tell its amplitude.
+EMPTY_RAD, ENOUGH = 0.5, 20
+#: A projection of which so large a share is not known was lost.
+MOSTLY = 0.5
 #: The amplitude of a pixel is at least this share of that of the empty field.
 DARKEST = 1e-3
 
@@ -42,7 +47,8 @@ def sinogram(
     unwrapped : xarray.DataArray
         Unwrapped phase in radians, dims (time, angle, y, x); its empty field lies near zero.
     amplitude : xarray.DataArray, optional
-        Amplitude in the same form. Default: 1 everywhere, of an object that takes no light away.
+        Amplitude of the same frames; that of the empty field counts as 1. Default: 1 everywhere,
+        of an object that takes no light away.
     time : int, optional
         The time whose views are taken, counted from 0.
     view : int, optional
@@ -72,7 +78,7 @@ def sinogram(
     -----
     UserWarning
         If the views are too few or too near to each other for a tomogram; if a frame is left out
-        since it was lost.
+        since most of it is not known; other pixels that are not known count as empty field.
 
     See Also
     --------
@@ -91,18 +97,34 @@ def sinogram(
     """
     optics = Optics() if optics is None else optics
     check_type("optics", optics, Optics, "give Optics(wavelength_um=...)")
-    stack = unwrapped_stack(unwrapped).transpose("time", "angle", "y", "x")
+    needed = ("y", "x") if angles_deg is not None else ("angle", "y", "x")
+    bare = [axis for axis in needed if axis not in getattr(unwrapped, "coords", ())]
+    if bare:
+        msg = (
+            f"the phase has no coordinates along {', '.join(bare)}; "
+            "give it degrees and micrometres with assign_coords"
+        )
+        raise ValueError(msg)
+    stack = unwrapped_stack(unwrapped)
+    stack = stack.expand_dims([d for d in AXES if d not in stack.dims]).transpose(*AXES)
     phase, angles = projections_of(stack, time, view, angles_deg)
     size = amplitude_of(amplitude, stack, time, view)
     pixels = pixel_um(stack, "phase")
     if not np.isclose(*pixels, rtol=1e-3):
         msg = f"pixels must be square, but are {pixels[0]:g} by {pixels[1]:g} um"
         raise ValueError(msg)
-    known = np.isfinite(phase).all(axis=(1, 2)) & np.isfinite(size).all(axis=(1, 2))
+    unknown = ~(np.isfinite(phase) & np.isfinite(size))
+    known = unknown.mean(axis=(1, 2)) < MOSTLY
+    if not known.any():
+        msg = "no projection is known: all of them were lost"
+        raise ValueError(msg)
     if not known.all():
         lost = ", ".join(str(i) for i in np.flatnonzero(~known))
-        warn(f"projections {lost} are left out: pixels in them are not known")
-        phase, size, angles = phase[known], size[known], angles[known]
+        warn(f"projections {lost} are left out: most of them is not known")
+    phase, size, angles, unknown = (a[known] for a in (phase, size, angles, unknown))
+    if unknown.any():
+        warn(f"{counted(int(unknown.sum()), 'pixel')} that are not known count as empty field")
+        phase, size = np.where(unknown, 0, phase), np.where(unknown, 1, size)
     warn_of_few(angles)
     log = np.log(np.maximum(size, DARKEST)) + 1j * phase
     dims = ("projection", "y", "x")
@@ -166,11 +188,16 @@ def amplitude_of(
     """Return the amplitude of each projection over that of its empty field, its median."""
     if amplitude is None:
         return np.ones_like(chosen_frames(stack, time, view), dtype=np.float64)
-    if not isinstance(amplitude, xr.DataArray) or dict(amplitude.sizes) != dict(stack.sizes):
-        msg = f"amplitude must have the form of the phase, {dict(stack.sizes)}"
-        raise ValueError(msg)
-    size = chosen_frames(amplitude.transpose(*stack.dims), time, view).astype(np.float64)
-    return size / np.nanmedian(size, axis=(1, 2), keepdims=True)
+    fitting = on_grid_of(amplitude, stack, "amplitude").transpose(*stack.dims)
+    size = chosen_frames(fitting, time, view).astype(np.float64)
+    empty = np.abs(chosen_frames(stack, time, view)) < EMPTY_RAD
+    for number, (of_frame, field) in enumerate(zip(size, empty, strict=True)):
+        level = float(np.nanmedian(of_frame[field])) if field.sum() >= ENOUGH else np.nan
+        if np.isfinite(of_frame).any() and not level > 0:
+            msg = f"projection {number} shows no empty field, whose amplitude is needed"
+            raise ValueError(msg)
+        of_frame /= level
+    return size
 
 
 def wavelength_of(stack: xr.DataArray, optics: Optics) -> float:
@@ -216,7 +243,7 @@ def write_sinogram(path: str | Path, data: xr.Dataset) -> Path:
     TypeError, ValueError
         If it is no sinogram, or the name has another ending.
     """
-    path = as_path(path)
+    path = local_path(path)
     if path.suffix.lower() not in ("", ".h5", ".hdf5"):
         msg = f"a sinogram is written as .h5, but the name is {path.name}"
         raise ValueError(msg)

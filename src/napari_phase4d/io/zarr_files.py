@@ -142,6 +142,8 @@ class ZarrReader(FrameReader):
         self.leading = leading
         self._lock = threading.Lock()
         self._array: Any = None
+        #: The last frame that a server is known to have, where it had nothing of one before.
+        self._there = -1
         self._block = (0, np.empty((0, *shape[1:]), dtype))
 
     def read(self, index: int) -> NDArray[Any]:
@@ -201,17 +203,24 @@ class ZarrReader(FrameReader):
     def _check_sent(self, array: Any, index: int) -> None:
         """Raise OSError if a server had nothing of a frame, nor of any later one."""
         missing = getattr(array.store, "missing", None)
-        if not missing:
+        if (
+            not missing
+            or index < self._there
+            or self._is_there(array, index, missing.__contains__)
+        ):
             return
-        later = (index + 2**power for power in range(self.shape[0].bit_length()))
-        tried = [index, *(i for i in later if i < self.shape[0]), self.shape[0] - 1]
-        for number in tried if self.axis is not None else [index]:
-            keys = keys_of(array, self._place(array, number))
-            whole = [f"{self.name}/{key}".lstrip("/") for key in keys]
-            if not all(key in missing or is_missing(array.store, key) for key in whole):
-                return
+        if self.axis is not None:
+            for number in range(self.shape[0] - 1, index, -1):
+                if self._is_there(array, number, lambda key: is_missing(array.store, key)):
+                    self._there = number
+                    return
         msg = "nothing of it is on the server"
         raise OSError(msg)
+
+    def _is_there(self, array: Any, index: int, is_not: Callable[[str], bool]) -> bool:
+        """Say whether a server has any piece of a frame."""
+        keys = keys_of(array, self._place(array, index))
+        return not all(is_not(f"{self.name}/{key}".lstrip("/")) for key in keys)
 
     def _place(self, array: Any, index: int) -> list[int]:
         """Return the place of a frame on the axes before y and x."""

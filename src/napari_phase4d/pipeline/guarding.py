@@ -19,7 +19,7 @@ from napari_phase4d.pipeline.batch.lock import alone
 from napari_phase4d.pipeline.places import make_folder
 from napari_phase4d.pipeline.provenance import Fingerprint
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.words import as_path
+from napari_phase4d.words import local_path
 
 __all__ = ["ResultFolder", "result_folder"]
 
@@ -150,7 +150,7 @@ def result_folder(
         If the folder can't be written, another run works there, or a file would be written over
         that no run has made.
     """
-    folder = as_path(folder)
+    folder = local_path(folder)
     was_there = folder.exists()
     make_folder(folder)
     try:

@@ -17,7 +17,7 @@ from typing import Any
 
 import xarray as xr
 
-from napari_phase4d.io import PROGRAM, address_of, description_digest, parts_beside
+from napari_phase4d.io import PROGRAM, address_of, parts_beside
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.starting import FOUND_BY
@@ -60,7 +60,7 @@ class Fingerprint:
     sha256 : str, optional
         Of a file, SHA-256 of what it holds, as other programs give it. Of a folder, or of a file
         that is read with others, SHA-256 of the name, size and content of each, in the order of
-        their names. Of a store behind an address, of what describes it: its pixels stay there.
+        their names. None for a sample, and for a store on a server, where the pixels stay.
     """
 
     name: str
@@ -112,8 +112,8 @@ class Hashing:
         if is_sample(self.source):
             return Fingerprint(self.source)
         name = Path(self.source).name
-        if (address := address_of(self.source)) is not None:
-            return Fingerprint(name, None, description_digest(address))
+        if address_of(self.source) is not None:
+            return Fingerprint(name)
         digest = finished(self._future, Watch(1, "checking the file", None, cancelled))
         if parts_of(self.source) != self._before:
             msg = f"{name} was changed while it was read; run it again when it is complete"

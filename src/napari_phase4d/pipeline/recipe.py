@@ -25,7 +25,7 @@ from napari_phase4d.io import RawLayout
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.unwrapping import check_method
-from napari_phase4d.words import as_path
+from napari_phase4d.words import local_path
 
 __all__ = ["DEFAULT_METHODS", "PAPER_METHODS", "PHASE_SETTINGS", "Recipe"]
 
@@ -313,7 +313,7 @@ class Recipe(BaseModel):
         OSError
             If it can't be written; an older file of that name is then left as it was.
         """
-        path = as_path(path)
+        path = local_path(path)
         with written_whole(path) as temporary:
             temporary.write_text(self.model_dump_json(indent=2) + "\n", encoding="utf-8")
         return path
@@ -329,7 +329,7 @@ class Recipe(BaseModel):
         ValueError
             If it is no recipe, or a setting has no such value.
         """
-        path = as_path(path)
+        path = local_path(path)
         try:
             return cls.model_validate(settings_in(path))
         except ValidationError as error:

@@ -15,7 +15,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, mask_of
 from napari_phase4d.stacks import wrapped_stack
 from napari_phase4d.unwrapping import METHODS, Problem
-from napari_phase4d.words import as_path
+from napari_phase4d.words import local_path
 
 __all__ = ["holds_outcome", "read_outcome"]
 
@@ -24,7 +24,7 @@ RECIPE, TABLE, WRAPPED = "recipe.json", "table.csv", "wrapped"
 
 def holds_outcome(folder: str | Path) -> bool:
     """Say whether `write_outcome` has written into a folder what `read_outcome` needs."""
-    folder = as_path(folder)
+    folder = local_path(folder)
     return (folder / RECIPE).is_file() and stack_file(folder, WRAPPED) is not None
 
 
@@ -52,7 +52,7 @@ def read_outcome(folder: str | Path) -> Outcome:
     ValueError
         If a result does not fit the wrapped phase, or there is none.
     """
-    folder = as_path(folder)
+    folder = local_path(folder)
     source = stack_file(folder, WRAPPED)
     if source is None or not (folder / RECIPE).is_file():
         msg = (

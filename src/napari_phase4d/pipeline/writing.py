@@ -13,7 +13,7 @@ from napari_phase4d.io.zarr_results import note_zarr_result, path_of
 from napari_phase4d.pipeline.provenance import Fingerprint, provenance_of, with_provenance
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
-from napari_phase4d.words import as_path
+from napari_phase4d.words import local_path
 
 __all__ = ["Form", "checked_form", "write_outcome"]
 
@@ -66,7 +66,7 @@ def write_outcome(
         If ``cancelled()`` returned True; the files written by then are whole.
     """
     chosen = checked_form(form)
-    folder, comparison = as_path(folder), outcome.comparison
+    folder, comparison = local_path(folder), outcome.comparison
     stacks = {
         "wrapped" if name == "phase" else str(name): stack
         for name, stack in outcome.reconstruction.data_vars.items()

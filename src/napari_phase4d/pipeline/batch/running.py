@@ -39,7 +39,15 @@ from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.writing import checked_form, write_outcome
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
-from napari_phase4d.words import as_path, check_bool, check_call, counted, is_expected, sentence_of
+from napari_phase4d.words import (
+    as_path,
+    check_bool,
+    check_call,
+    counted,
+    is_expected,
+    local_path,
+    sentence_of,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -132,7 +140,7 @@ def run_batch(
         as_path(file)
     sources = list(dict.fromkeys(found_anywhere(file) for file in files))
     given = {found_anywhere(file): str(file) for file in reversed(files)}
-    out = as_path(out)
+    out = local_path(out)
     make_folder(out)
     folders = result_folders(sources, out)
     Summary.check_own(out)
