@@ -143,7 +143,7 @@ MUTATIONS = (
              '"object_index", object_index) + self.medium_index',
              ("test_optics",)),
     Mutation("area of a pixel in dry mass", "analysis/measures.py",
-             "optics.dry_mass_pg(total, pixel_um2,", "optics.dry_mass_pg(total, 1.0,",
+             "optics.dry_mass_pg(1.0, pixel_um2,", "optics.dry_mass_pg(1.0, 1.0,",
              ("test_measures",)),
     Mutation("nanometres to micrometres", "io/video.py",
              '("nm", "nanometer", "nanometre"), 1e-3', '("nm", "nanometer", "nanometre"), 1e3',

@@ -15,6 +15,7 @@ from scenes import frame, moving_cells
 
 import napari_phase4d as p4d
 from napari_phase4d.holography import Demodulator
+from napari_phase4d.simulation import swimming_cells
 from napari_phase4d.unwrapping import methods_for
 from napari_phase4d.unwrapping.growing import Workspace, grow_grid
 
@@ -36,3 +37,11 @@ def test_method(benchmark: Benchmark, method: str) -> None:
 def test_demodulation(benchmark: Benchmark) -> None:
     hologram = np.random.default_rng(0).integers(0, 255, SHAPE).astype(np.uint8)
     benchmark(Demodulator(SHAPE, LOBES), hologram)
+
+
+def test_cells(benchmark: Benchmark) -> None:
+    """Twenty frames of two views of 14 cells each, at the size that masses are told at."""
+    shape = (288, 360)
+    data = swimming_cells(shape, 20, 14, divisions=2, leaving=2, entering=2)["phase"]
+    noise = np.random.default_rng(0).normal(0, 0.3, data.shape).astype(np.float32)
+    benchmark(p4d.find_cells, data.copy(data=data.values + noise))

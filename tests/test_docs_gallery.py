@@ -144,3 +144,24 @@ def test_every_picture_has_something_that_makes_it(monkeypatch: pytest.MonkeyPat
     made = {name for names in makers.values() for name in names}
     made.add("speed_growth")  # by the benchmarks
     assert {path.stem for path in (GALLERY.parent / "pictures").iterdir()} == made
+
+
+def test_each_cell_keeps_its_mass_until_it_divides_or_leaves(
+    script: Callable[[str], Names],
+) -> None:
+    names = script("09_cells.py")
+    table = names["table"]
+    assert table["cell"].nunique() == 6
+    for _, rows in table.groupby(["cell", "angle (deg)"]):
+        first, error = rows["dry mass (pg)"].iloc[0], rows["dry mass error (pg)"].iloc[0]
+        assert abs(rows["dry mass (pg)"].iloc[3] - first) < 6 * error
+
+
+def test_two_wavelengths_tell_the_steps(script: Callable[[str], Names]) -> None:
+    names = script("10_wavelengths.py")
+    wrong = {
+        name: wrong_cycle_share(stack, names["exact"]["phase"])
+        for name, stack in names["found"].results.items()
+    }
+    assert wrong["synthetic-wavelength"] == 0
+    assert wrong["directional-l1"] > 0.05

@@ -159,7 +159,7 @@ def test_leftovers_of_runs_that_were_killed_go(phase: Path, tmp_path: Path) -> N
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_run_that_is_told_to_end_leaves_nothing_half_written(tmp_path: Path, name: str) -> None:
     path, out = tmp_path / "long.npy", tmp_path / "out"
-    exact = p4d.simulation.swimming_euglena((96, 128), 40, peak_rad=9)
+    exact = p4d.simulation.swimming_euglena((96, 128), 240, peak_rad=9)
     np.save(path, exact["wrapped"].values)
     command = [sys.executable, "-m", "napari_phase4d", "run", path, "--out", out]
     process = subprocess.Popen(

@@ -33,7 +33,7 @@ FIRST = 5
 METHODS = ("spatial-2d", "temporal", "temporal-angular", "directional-l1")
 RECIPE = p4d.Recipe(n_views=2, methods=METHODS, first_frames=FIRST)
 #: Seconds that tests wait for frames that do not come ...
-SHORT = {"patience_s": 1.2, "frame_patience_s": 0.6}
+SHORT = {"patience_s": 5.0, "frame_patience_s": 2.0}
 #: ... and for those that do, on a machine that has much else to do.
 LONG = {"patience_s": 40.0, "frame_patience_s": 30.0}
 
@@ -332,7 +332,7 @@ def test_a_long_gap_costs_one_patience(video: Video, tmp_path: Path) -> None:
     watch(folder, RECIPE.changed(methods=("spatial-2d",)), tmp_path / "out", **SHORT,
           **heard.calls())  # fmt: skip
     assert len(heard.frames) == 61
-    assert time.monotonic() - began < 15  # 54 patiences are 32 s
+    assert time.monotonic() - began < 60  # 54 patiences are 108 s
 
 
 def test_a_slow_program_loses_nothing(video: Video, tmp_path: Path) -> None:

@@ -136,13 +136,18 @@ def test_sum_rule_of_a_multi_carrier_hologram() -> None:
 
 
 def test_red_blood_cells_are_found_and_nothing_else() -> None:
-    """Six cells on an uneven background, two of which touch; the halo round them is no cell."""
+    """Six cells on an uneven background, of which two touch; the halo round them is no cell."""
     rec = p4d.open_recording(measured("offaxis/pydhm_RBC.jpg"))
     lobes = p4d.find_lobes(rec, n_views=1)
     phase = p4d.reconstruct(rec, lobes, background="zernike")["phase"]
     cells = p4d.find_cells(p4d.unwrap(phase, "spatial-2d"))
-    middles = [(80, 102), (36, 41), (121, 33), (196, 58), (80, 204)]  # seen by eye
+    middles = [(80, 102), (36, 41), (121, 33), (196, 58), (80, 191), (80, 218)]  # seen by eye
     numbers = [int(cells[0, 0, y, x]) for y, x in middles]
-    assert len(set(numbers)) == 5
+    assert len(set(numbers)) == 6
     assert 0 not in numbers
     assert set(np.unique(cells)) == {0, *numbers}
+    # The line between the two lies in the gap that is seen.
+    sizes = np.bincount(cells.values.ravel())[numbers[-2:]]
+    assert 0.8 < sizes[0] / sizes[1] < 1.25
+    assert int(cells[0, 0, 80, 200]) == numbers[-2]
+    assert int(cells[0, 0, 80, 211]) == numbers[-1]

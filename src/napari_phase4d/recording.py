@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import PLAIN_AXES, coordinate
 from napari_phase4d.optics import Optics
-from napari_phase4d.words import check_type
+from napari_phase4d.words import check_type, warn
 
 __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_reader"]
 
@@ -331,9 +331,11 @@ def checked_frames(frames: Any, name: str) -> NDArray[np.generic]:
         raise ValueError(msg) from error
     dtype = np.dtype(video.dtype)
     if dtype.kind == "b":
-        msg = f"{name} holds True and False, as masks do; a hologram video needs grey values"
-        raise TypeError(msg)
-    if dtype.kind not in "uif":
+        warn(
+            f"{name} holds True and False, as masks do; if it is a hologram of one bit, its phase "
+            "is poor: record grey values"
+        )
+    if dtype.kind not in "buif":
         msg = f"{name} holds {dtype} values; a hologram video needs real numbers"
         raise TypeError(msg)
     if video.ndim < 2:

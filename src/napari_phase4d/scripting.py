@@ -95,9 +95,11 @@ for method, phase in outcome.comparison.results.items():
 
 CELLS = """\
 # The cells: their labels, a row for each cell, time and view, and a row for each cell.
-p4d.write_phase(folder / "cells.ome.tif", outcome.cells.labels)
-outcome.cells.table.to_csv(folder / "cells.csv", index=False)
-outcome.cells.summary.to_csv(folder / "cell_summary.csv", index=False)
+# A warning has said why, if they could not be found.
+if outcome.cells is not None:
+    p4d.write_phase(folder / "cells.ome.tif", outcome.cells.labels)
+    outcome.cells.table.to_csv(folder / "cells.csv", index=False)
+    outcome.cells.summary.to_csv(folder / "cell_summary.csv", index=False)
 """
 
 END = """\

@@ -47,7 +47,8 @@ def test_cells_are_found_shown_and_saved_by_clicks(viewer, unwrapped, click, tmp
     click("find_cells")
     result = unwrapped.session.results["directional-l1"]
     cells = p4d.find_cells(result)
-    table = p4d.measure(result, cells, p4d.Optics())
+    trust = unwrapped.session.outcome.comparison.confidence("directional-l1")
+    table = p4d.measure(result, cells, p4d.Optics(), confidence=trust)
     pd.testing.assert_frame_equal(unwrapped.session.cells.table, table)
     outlines, numbers, ways = (shown(viewer, kind) for kind in (Labels, Points, Tracks))
     np.testing.assert_array_equal(np.asarray(outlines.data), cells.values)
@@ -85,6 +86,23 @@ def test_cells_are_found_shown_and_saved_by_clicks(viewer, unwrapped, click, tmp
     note = json.loads((tmp_path / "everything" / "run.json").read_text())
     assert set(note["input"]) == {"name"}
     assert unwrapped.session.outcome.recipe.cells == p4d.CellSettings()
+
+
+def test_pixels_in_doubt_count_without_being_asked_for(dock):
+    sample = p4d.simulation.swimming_cells((96, 112), 4, 2, peak_rad=12, divisions=0, leaving=0)
+    rng = np.random.default_rng(0)
+    noise = rng.normal(0, 0.5, sample["wrapped"].shape)
+    wrapped = np.angle(np.exp(1j * (sample["wrapped"].values + noise))).astype(np.float32)
+    dock.session.set_phase(sample["wrapped"].copy(data=wrapped))
+    dock.session.unwrap(["temporal"], mask=None)
+    assert not dock.session.confidence
+    cells = dock.session.find_cells()
+    comparison = dock.session.outcome.comparison
+    result, name = comparison.results["temporal"], "dry mass error (pg)"
+    trust = comparison.confidence("temporal")
+    wanted = p4d.measure(result, cells.labels, p4d.Optics(), confidence=trust)
+    pd.testing.assert_frame_equal(cells.table, wanted)
+    assert (wanted[name] > p4d.measure(result, cells.labels, p4d.Optics())[name]).any()
 
 
 def test_ways_follow_the_angle_on_screen(viewer, unwrapped):

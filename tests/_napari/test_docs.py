@@ -23,6 +23,7 @@ WITH_EXAMPLES = [
     "README.md",
     "docs/explanation/reproduction.md",
     "docs/how-to/batch.md",
+    "docs/how-to/benchmark.md",
     "docs/how-to/boundary.md",
     "docs/how-to/disagree.md",
     "docs/how-to/formats.md",

@@ -1,14 +1,14 @@
 """How good an unwrapping is, methods side by side, and what they say of the object."""
 
+from napari_phase4d.analysis.cell_regions import region_with_cell
 from napari_phase4d.analysis.cell_results import (
     Cells,
     CellSettings,
     cells_in,
-    region_with_cell,
     summary_of_cells,
     with_empty_field,
 )
-from napari_phase4d.analysis.cells import find_cells, follow_cells
+from napari_phase4d.analysis.cells import copied_labels, find_cells, follow_cells
 from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
 from napari_phase4d.analysis.confidence import REFERENCE, confidence, slip_warning, slipped_frames
 from napari_phase4d.analysis.errors import mean_squared_error, wrong_cycle_map, wrong_cycle_share
@@ -37,6 +37,7 @@ __all__ = [
     "compare",
     "compare_on",
     "confidence",
+    "copied_labels",
     "difference",
     "find_cells",
     "follow_cells",

@@ -1,4 +1,4 @@
-"""Cells of a result, from pixels to a table: found, followed, measured; regions that go along."""
+"""Cells of a result, from pixels to a table: found, followed, measured."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cells import find_cells, follow_cells
+from napari_phase4d.analysis.loading import each_frame
 from napari_phase4d.analysis.measures import measure
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
@@ -21,7 +21,6 @@ __all__ = [
     "CellSettings",
     "Cells",
     "cells_in",
-    "region_with_cell",
     "summary_of_cells",
     "with_empty_field",
 ]
@@ -98,6 +97,12 @@ class CellSettings:
             )
             raise ValueError(msg)
 
+    @property
+    def finding(self) -> dict[str, Any]:
+        """The arguments of `find_cells`."""
+        names = ("threshold_rad", "smallest_um2", "largest_um2", "at_border", "split")
+        return {name: getattr(self, name) for name in names}
+
 
 #: Columns of the table where there are no cells.
 NO_CELLS = ("cell", "parent", "time (s)", "angle (deg)", "dry mass (pg)", "dry mass error (pg)")
@@ -157,7 +162,7 @@ def cells_in(
     labels : xarray.DataArray, optional
         Cells of another program, or corrected by hand: taken as they are, and only followed.
     confidence : xarray.DataArray, optional
-        What `confidence` gives: pixels in doubt make errors larger.
+        What `confidence` gives: pixels in doubt make errors larger, see `measure`.
     progress, cancelled : callable, optional
         See `unwrap`.
 
@@ -174,20 +179,11 @@ def cells_in(
     if wrapped is not None:
         unwrapped = with_empty_field(unwrapped, wrapped)
     if labels is None:
-        found = find_cells(
-            unwrapped,
-            threshold_rad=how.threshold_rad,
-            smallest_um2=how.smallest_um2,
-            largest_um2=how.largest_um2,
-            at_border=how.at_border,
-            split=how.split,
-            progress=progress,
-            cancelled=cancelled,
-        )
+        found = find_cells(unwrapped, **how.finding, progress=progress, cancelled=cancelled)
     else:
         found = follow_cells(labels, progress=progress, cancelled=cancelled)
     found.attrs["method"] = method
-    if not (found.data > 0).any():
+    if not any(frame.any() for frame in each_frame(found)):
         return Cells(found, pd.DataFrame({name: [] for name in NO_CELLS}), method)
     table = measure(
         unwrapped,
@@ -267,69 +263,3 @@ def summary_of_cells(table: pd.DataFrame) -> pd.DataFrame:
                 row[name] = float(np.median(known)) if known.size else float("nan")
         rows.append(row)
     return pd.DataFrame(rows, columns=None if rows else ["cell", "parent", *MEDIANS[:3]])
-
-
-def region_with_cell(
-    region: NDArray[np.bool_], frame: tuple[int, int], cells: xr.DataArray
-) -> NDArray[np.bool_]:
-    """Let a region that was drawn in one frame go along with the cell that it lies on.
-
-    It keeps its form, and is moved as the middle of the cell moves, through times and views. What
-    leaves the field is cut off; where the cell is not found, the region is empty.
-
-    Parameters
-    ----------
-    region : ndarray of bool, shape (y, x)
-        The region.
-    frame : (int, int)
-        Numbers of the time and angle at which it was drawn.
-    cells : xarray.DataArray
-        What `find_cells` gives, dims (time, angle, y, x).
-
-    Returns
-    -------
-    ndarray of bool, shape (time, angle, y, x)
-
-    Raises
-    ------
-    ValueError
-        If there is no cell in the region in that frame.
-    """
-    labels = cells.transpose("time", "angle", "y", "x").data
-    if not (0 <= frame[0] < labels.shape[0] and 0 <= frame[1] < labels.shape[1]):
-        msg = (
-            f"the region was drawn at time {frame[0]} and angle {frame[1]} (counted from 0), but "
-            f"there are {labels.shape[0]} times and {labels.shape[1]} angles; draw it again"
-        )
-        raise ValueError(msg)
-    here = np.asarray(labels[frame])
-    inside = here[region & (here > 0)]
-    if not inside.size:
-        msg = (
-            f"there is no cell in the region at time {frame[0]} and angle {frame[1]} (counted "
-            "from 0), so it can't go along with one; draw it on a cell, or let it stand still"
-        )
-        raise ValueError(msg)
-    cell = int(np.bincount(inside).argmax())
-    start = middle_of(here == cell)
-    moved = np.zeros(cells.shape, dtype=bool)
-    for place in np.ndindex(*cells.shape[:2]):
-        of_cell = np.asarray(labels[place]) == cell
-        if of_cell.any():
-            shifted(region, np.rint(middle_of(of_cell) - start).astype(int), moved[place])
-    return moved
-
-
-def middle_of(mask: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return the middle (y, x) of the pixels of a mask."""
-    return np.array([float(part.mean()) for part in np.nonzero(mask)])
-
-
-def shifted(mask: NDArray[np.bool_], way: NDArray[np.int_], target: NDArray[np.bool_]) -> None:
-    """Move a mask by whole pixels into an empty one; what leaves it is lost."""
-    source, goal = [], []
-    for step, size in zip(way.tolist(), mask.shape, strict=True):
-        source.append(slice(max(-step, 0), max(min(size, size - step), 0)))
-        goal.append(slice(max(step, 0), max(min(size, size + step), 0)))
-    if mask[tuple(source)].size:
-        target[tuple(goal)] = mask[tuple(source)]

@@ -8,7 +8,6 @@ import os
 import shutil
 import tempfile
 from collections.abc import Iterable
-from dataclasses import dataclass
 from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
@@ -19,32 +18,17 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
 from scipy.optimize import linear_sum_assignment
-from skimage.filters import apply_hysteresis_threshold
-from skimage.morphology import h_maxima
 from skimage.segmentation import watershed
 
+from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.analysis.loading import parts_over_time
 from napari_phase4d.axes import AXES
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.stacks import check_rising, checked_labels, unwrapped_stack
-from napari_phase4d.unwrapping import noise_of
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 
-__all__ = ["check_follower", "find_cells", "follow_cells"]
+__all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
 
-#: A cell rises by so many radians above the empty field somewhere, if the noise allows it; with
-#: noise, by so many of its standard deviations after smoothing over a pixel.
-THRESHOLD_RAD, DEVIATIONS, SMOOTHING = 0.25, 6.0, 1.0
-#: All that is joined to it and rises by this share of that may belong to it.
-LOW = 0.4
-#: It ends where phase falls below this share of the highest so many pixels round about. For a step
-#: that would be half; for a ball, which is steepest at its end, it is a fifth.
-RISEN, RIM = 0.35, 3
-#: Smaller blobs, in pixels, are no cells unless it is said how small a cell may be.
-SMALLEST_PIXELS = 30
-#: Two parts of a blob are two cells where its width between them is less than this share of that
-#: of the narrower one.
-NECK = 0.72
 #: A cell of the frame before takes part in a blob where this share of it lies in the blob.
 OVERLAP = 0.35
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
@@ -58,10 +42,6 @@ DAUGHTER = 0.85
 REACH_ACROSS = 1.5
 #: ... and are seen together in this share of the frames of the shorter one.
 TOGETHER = 0.3
-
-Image = NDArray[np.float32]
-Labels = NDArray[np.int32]
-Mask = NDArray[np.bool_]
 
 
 def find_cells(
@@ -194,6 +174,25 @@ def no_labels(like: xr.DataArray) -> Labels:
         return np.memmap(file, dtype=np.int32, mode="r+", shape=like.shape)
 
 
+def copied_labels(labels: xr.DataArray) -> Labels:
+    """Return a copy of labels to paint in, which lies where they lie: in memory, or in a file.
+
+    Parameters
+    ----------
+    labels : xarray.DataArray
+        What `find_cells` gives, dims (time, angle, y, x).
+
+    Raises
+    ------
+    OSError
+        If there is no room for it.
+    """
+    copy = no_labels(labels)
+    for part, values in parts_over_time(labels):
+        copy[part] = values
+    return copy
+
+
 def lies_in_file(data: Any) -> bool:
     """Say whether numbers are not in memory: lazy ones, and views of mapped files."""
     if not isinstance(data, np.ndarray):
@@ -212,140 +211,6 @@ def pixel_sides(stack: xr.DataArray) -> tuple[float, float]:
     return sides[0], sides[1]
 
 
-# ---- in a frame ------------------------------------------------------------------------------
-
-
-@dataclass(frozen=True)
-class Rule:
-    """What a cell is, see `find_cells`; areas in pixels."""
-
-    threshold: float | None
-    smallest: float
-    largest: float
-    at_border: bool
-    split: bool
-
-    def found_in(self, phase: Image) -> Labels:
-        """Return the cells of a frame (y, x), numbered from 1."""
-        known = np.isfinite(phase)
-        filled = np.where(known, phase, 0).astype(np.float32)
-        if not known.any():
-            return np.zeros(phase.shape, dtype=np.int32)
-        noise = noise_of(filled, known)
-        height = ndimage.gaussian_filter(filled - level_of(filled[known]), SMOOTHING)
-        height[~known] = 0
-        # What the noise leaves after smoothing, or how uneven the empty field is.
-        left = max(noise / (2 * math.sqrt(math.pi) * SMOOTHING), unevenness(height[known]))
-        high = self.threshold or max(THRESHOLD_RAD, DEVIATIONS * left)
-        above = apply_hysteresis_threshold(height, max(LOW * high, 4.5 * left), high)
-        above = ndimage.binary_fill_holes(ndimage.binary_opening(above, iterations=1))
-        labels, count = ndimage.label(above & ends_half_way(height, above))
-        labels = labels.astype(np.int32)
-        if self.split and count:
-            labels = cut_at_necks(labels, self.smallest)
-        return self._numbered(labels)
-
-    def _numbered(self, labels: Labels) -> Labels:
-        """Give those blobs that may be cells new numbers."""
-        sizes = np.bincount(labels.ravel())
-        kept = (sizes >= self.smallest) & (sizes <= self.largest)
-        kept[0] = False
-        if not self.at_border:
-            rim = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-            kept[rim] = False
-        number = np.cumsum(kept, dtype=np.int32) * kept
-        found: Labels = number[labels].astype(np.int32)
-        return found
-
-
-def unevenness(height: NDArray[np.floating]) -> float:
-    """Return the standard deviation of an empty field about 0, told from what lies below it."""
-    below = -height[height < 0]
-    return 1.4826 * float(np.median(below)) if below.size else 0.0
-
-
-def level_of(values: NDArray[np.floating]) -> float:
-    """Return the commonest of some numbers: the level of the empty field."""
-    low, high = np.quantile(values, (0.001, 0.999))
-    bins = int(np.clip((high - low) / 0.05, 8, 4096))
-    counts, edges = np.histogram(values, bins, (low, max(high, low + 1e-3)))
-    smooth = ndimage.gaussian_filter1d(counts.astype(float), 1.5)
-    middle = float(edges[int(np.argmax(smooth))] + (edges[1] - edges[0]) / 2)
-    near = values[np.abs(values - middle) < 0.3]
-    return float(np.median(near)) if near.size else middle
-
-
-def ends_half_way(height: Image, blobs: Mask) -> Mask:
-    """Return the pixels of blobs within the line where phase has risen about half-way.
-
-    Smoothing and the optics blur the end of a cell to both sides of it: what is far below the
-    phase a few pixels further in lies outside.
-    """
-    near = ndimage.maximum_filter(height, 2 * RIM + 1)
-    inside: Mask = ndimage.binary_fill_holes(blobs & (height > RISEN * near))
-    return inside & blobs
-
-
-def cut_at_necks(labels: Labels, smallest: float) -> Labels:
-    """Cut blobs in two where they are narrow between two wide parts."""
-    found = labels.copy()
-    count = int(labels.max())
-    for number, box in enumerate(ndimage.find_objects(labels), 1):
-        if box is None:
-            continue
-        blob = np.pad(labels[box] == number, 1)
-        depth = ndimage.gaussian_filter(ndimage.distance_transform_edt(blob), 1.0) * blob
-        deepest = float(depth.max())
-        markers, n = ndimage.label(h_maxima(depth, 0.1 * deepest))
-        if n < 2:
-            continue
-        parts = joined_over_wide_necks(watershed(-depth, markers, mask=blob), depth, smallest)
-        inner = parts[1:-1, 1:-1]
-        for extra in range(2, int(parts.max()) + 1):
-            count += 1
-            found[box][inner == extra] = count
-    return found
-
-
-def joined_over_wide_necks(parts: Labels, depth: Image, smallest: float) -> Labels:
-    """Join parts of a blob whose neck is not narrow, or that are too small, numbered from 1."""
-    parts = parts.astype(np.int32)
-    while parts.max() > 1:
-        sizes = np.bincount(parts.ravel())
-        widest = ndimage.maximum(depth, parts, np.arange(len(sizes)))
-        best: tuple[float, int, int] | None = None
-        for a, b, neck in necks(parts, depth):
-            share = neck / min(widest[a], widest[b])
-            if min(sizes[a], sizes[b]) < smallest:
-                share = 2.0
-            if share > NECK and (best is None or share > best[0]):
-                best = share, a, b
-        if best is None:
-            break
-        _, a, b = best
-        parts[parts == b] = a
-        parts[parts > b] -= 1
-    return parts
-
-
-def necks(parts: Labels, depth: Image) -> Iterable[tuple[int, int, float]]:
-    """Yield the pairs of parts that touch, and the greatest depth where they do."""
-    found: dict[tuple[int, int], float] = {}
-    for axis in (0, 1):
-        one = parts[:-1] if axis == 0 else parts[:, :-1]
-        other = parts[1:] if axis == 0 else parts[:, 1:]
-        here = depth[:-1] if axis == 0 else depth[:, :-1]
-        there = depth[1:] if axis == 0 else depth[:, 1:]
-        touch = (one != other) & (one > 0) & (other > 0)
-        lower = np.minimum(here, there)[touch]
-        for a, b, d in zip(
-            one[touch].tolist(), other[touch].tolist(), lower.tolist(), strict=True
-        ):
-            pair = (min(a, b), max(a, b))
-            found[pair] = max(found.get(pair, 0.0), d)
-    return ((a, b, d) for (a, b), d in sorted(found.items()))
-
-
 # ---- from frame to frame ---------------------------------------------------------------------
 
 
@@ -356,7 +221,9 @@ def keep_apart(labels: Labels) -> None:
         if not both.any():
             continue
         sizes = np.bincount(before.ravel())
-        pairs, overlap = np.unique(np.stack([now[both], before[both]]), axis=1, return_counts=True)
+        joint = np.bincount(now[both] * np.int64(sizes.size) + before[both])
+        found = np.flatnonzero(joint)
+        pairs, overlap = np.stack(np.divmod(found, sizes.size)), joint[found]
         shared = overlap >= OVERLAP * sizes[pairs[1]]
         blobs, members = np.unique(pairs[0][shared], return_counts=True)
         for blob in blobs[members > 1]:
@@ -465,8 +332,10 @@ def spots_of(labels: xr.DataArray, sides: tuple[float, float], watch: Watch) -> 
         numbers = np.flatnonzero(sizes[1:]) + 1
         if not len(numbers):
             continue
-        centres = ndimage.center_of_mass(np.ones(frame.shape), frame, numbers)
-        for number, (y, x) in zip(numbers, centres, strict=True):
+        places = np.nonzero(frame)
+        owners = frame[places]
+        centres = [np.bincount(owners, part)[numbers] / sizes[numbers] for part in places]
+        for number, y, x in zip(numbers, *centres, strict=True):
             area = sizes[number] * sides[0] * sides[1]
             rows.append((time, int(number), y * sides[0], x * sides[1], area))
     found = pd.DataFrame(rows, columns=["frame", "label", "y", "x", "area"])
@@ -502,19 +371,49 @@ def tracks_of(spots: pd.DataFrame, reach_um: float | None, gap: int) -> pd.DataF
         segment_end_cost=COSTLIER * (1.5 * reach) ** 2,
         no_splitting_cost=COSTLIER * diameter**2,
     )  # fmt: skip
-    found, divisions, _ = tracker.predict_dataframe(
-        spots, coordinate_cols=["y", "x", "size"], frame_col="frame", only_coordinate_cols=False
-    )
-    found = found.reset_index(drop=True).rename(columns={"track_id": "track", "frame_y": "frame"})
-    if "frame" not in found:
-        found["frame"] = spots["frame"].to_numpy()
+    frames, places = spots["frame"].to_numpy(), spots[["y", "x", "size"]].to_numpy()
+    starts = np.searchsorted(frames, np.arange(frames[0], frames[-1] + 2))
+    tree = tracker.predict([places[a:b] for a, b in pairwise(starts.tolist())])
+    links = [(starts[a] + i, starts[b] + j) for (a, i), (b, j) in tree.edges]
+    track, divisions = tracks_by_links(len(spots), links)
+    found = spots.assign(track=track)
     ends = found.groupby("track")["area"].agg(["first", "last"])
-    parent = dict.fromkeys(found["track"].tolist(), -1)
-    pairs = () if divisions.empty else divisions[["child_track_id", "parent_track_id"]].to_numpy()
-    for child, mother in pairs:
+    parent = dict.fromkeys(track.tolist(), -1)
+    for child, mother in divisions:
         if ends["first"][child] <= DAUGHTER * ends["last"][mother]:
             parent[child] = mother
-    return pd.DataFrame(found).assign(parent=[parent[track] for track in found["track"]])
+    return found.assign(parent=[parent[t] for t in track.tolist()])
+
+
+def tracks_by_links(
+    count: int, links: Iterable[tuple[int, int]]
+) -> tuple[NDArray[np.int64], list[tuple[int, int]]]:
+    """Return the track of so many spots, by rising frame, and (daughter, parent) of divisions.
+
+    laptrack can tell this too, in a table that takes longer than all of its tracking.
+
+    Parameters
+    ----------
+    count : int
+        Of spots.
+    links : iterable of (int, int)
+        Numbers of spots that follow each other.
+    """
+    before = np.full(count, -1)
+    for earlier, later in links:
+        before[later] = earlier
+    followers = np.bincount(before[before >= 0], minlength=count)
+    track, divisions = np.zeros(count, dtype=np.int64), []
+    tracks = 0
+    for spot, last in enumerate(before.tolist()):
+        if last >= 0 and followers[last] == 1:
+            track[spot] = track[last]
+            continue
+        track[spot] = tracks
+        if last >= 0:
+            divisions.append((tracks, int(track[last])))
+        tracks += 1
+    return track, divisions
 
 
 def joined_views(views: list[pd.DataFrame]) -> list[tuple[int, int]]:

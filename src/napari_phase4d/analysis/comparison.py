@@ -111,6 +111,17 @@ class Comparison:
         """
         return self.confidences([method], progress, cancelled)[method]
 
+    def known_confidence(
+        self,
+        method: str,
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> xr.DataArray | None:
+        """Return `confidence` of a method, None where results are larger than memory."""
+        if self.problem is None:
+            return None
+        return self.confidence(method, progress, cancelled)
+
     def confidences(
         self,
         methods: Sequence[str] | None = None,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from napari_phase4d.machine import free_memory
 from napari_phase4d.words import size_in_words
 
-__all__ = ["frame_of", "in_memory", "parts_over_time"]
+__all__ = ["PART_BYTES", "each_frame", "frame_of", "in_memory", "parts_over_time"]
 
 #: Copies that work on a whole stack makes of it, about.
 COPIES = 4
@@ -60,3 +60,9 @@ def parts_over_time(stack: xr.DataArray, more: int = 0) -> Iterator[tuple[slice,
     for start in range(0, n_times, at_once):
         part = slice(start, min(start + at_once + more, n_times))
         yield part, np.asarray(stack.data[part])
+
+
+def each_frame(stack: xr.DataArray) -> Iterator[NDArray[Any]]:
+    """Yield the frames (y, x) of a stack (time, angle, y, x), of which few are in memory."""
+    for _, values in parts_over_time(stack):
+        yield from values.reshape(-1, *values.shape[2:])

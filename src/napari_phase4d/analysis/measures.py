@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 from skimage.draw import polygon2mask
 
 from napari_phase4d.analysis.cell_table import path_scale, table_of_cells
-from napari_phase4d.analysis.loading import parts_over_time
-from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH, in_full
+from napari_phase4d.analysis.loading import PART_BYTES, each_frame, parts_over_time
+from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stacks import (
@@ -174,7 +174,8 @@ def measure(
         by which rays that come at an angle go through more of the object, where the image is
         not foreshortened as well. Default False. For cells only.
     confidence : DataArray or array_like, optional
-        What `confidence` gives: pixels in doubt make the error of a cell larger.
+        What `confidence` gives: each pixel that is right with a chance of less than 0.68 makes
+        the error of its cell larger, by the chance that it is wrong times a whole turn.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each region or frame; ``cancelled()`` stops the
         work.
@@ -197,8 +198,8 @@ def measure(
         Of regions one row a region, time and angle, in this order. Columns: "region", "time (s)",
         "angle (deg)", "area (um^2)", "mean phase (rad)", "mean optical path difference (nm)";
         with ``object_index`` "mean height (um)" and "volume (um^3)"; "dry mass (pg)". Where a
-        region has no pixel in a frame, its means are NaN, its area, volume and mass 0. Time or
-        angle are NaN where the phase has no such coordinate.
+        region has no pixel in a frame, its area is 0 and all else NaN; a cell that is not found in
+        a frame has no row there. Time or angle are NaN where the phase has no such coordinate.
 
     Raises
     ------
@@ -247,28 +248,28 @@ def measure(
     tables = []
     for name, mask in masks.items():
         sums, counts = totals(stack, mask, watch)
+        sums[counts == 0] = np.nan  # what is not seen weighs nobody knows what
         row = {"region": name, **frames_of(stack), "area (um^2)": counts * pixel_um2}
         row |= light_column(stack)
         row |= phase_columns(sums, counts, pixel_um2, optics, object_index, scale)
-        row["dry mass (pg)"] = [
-            optics.dry_mass_pg(total, pixel_um2, refraction_increment_ml_per_g)
-            for total in sums * scale
-        ]
+        mass = optics.dry_mass_pg(1.0, pixel_um2, refraction_increment_ml_per_g)
+        row["dry mass (pg)"] = sums * scale * mass
         tables.append(pd.DataFrame(row))
         watch.step()
     return pd.concat(tables, ignore_index=True)
 
 
-def labels_on(labels: Any, stack: xr.DataArray) -> NDArray[Any]:
+def labels_on(labels: Any, stack: xr.DataArray) -> Any:
     """Return labels (time, angle, y, x) that fit the phase, or say why they don't."""
     labels = checked_labels(labels, "the cells") if labels.ndim in PLAIN_AXES else labels
     missing = [dim for dim in stack.dims if dim not in labels.dims and stack.sizes[dim] == 1]
     if missing and isinstance(labels, xr.DataArray):  # as the phase was before it had four axes
         labels = labels.drop_vars(missing, errors="ignore").expand_dims(missing)
     if isinstance(labels, xr.DataArray) and set(labels.dims) == set(stack.dims):
-        found = in_full(on_grid_of(labels, stack, "the cells"))
+        # Lazy ones stay so: they are brought into memory a frame at a time.
+        found = on_grid_of(labels, stack, "the cells").transpose(*AXES).data
     else:
-        found = np.asarray(labels)
+        found = getattr(labels, "data", labels)
     if found.shape != stack.shape:
         msg = f"the cells are {found.shape}, which does not fit the phase, {stack.shape}"
         raise ValueError(msg)
@@ -288,17 +289,21 @@ def parents_of(labels: Any) -> dict[int, int]:
         raise ValueError(msg) from error
 
 
-def chances(confidence: Any, unwrapped: xr.DataArray) -> NDArray[Any]:
+def chances(confidence: Any, unwrapped: xr.DataArray) -> Any:
     """Return how far pixels are to be trusted, or say why that can't be."""
-    found = in_full(on_grid_of(confidence, unwrapped, "the confidence"))
-    if found.dtype.kind not in "fiu":
-        msg = f"the confidence must be real numbers from 0 to 1, but is {found.dtype}"
+    given = on_grid_of(confidence, unwrapped, "the confidence")
+    full = given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES)
+    if full.dtype.kind not in "fiu":
+        msg = f"the confidence must be real numbers from 0 to 1, but is {full.dtype}"
         raise TypeError(msg)
-    low, high = float(np.nanmin(found, initial=np.inf)), float(np.nanmax(found, initial=-np.inf))
+    low, high = np.inf, -np.inf
+    for frame in each_frame(full):
+        low = min(low, float(np.nanmin(frame, initial=np.inf)))
+        high = max(high, float(np.nanmax(frame, initial=-np.inf)))
     if not 0 <= low <= high <= 1:  # high is below low where nothing is known
         msg = f"the confidence must lie between 0 and 1, but runs from {low:.4g} to {high:.4g}"
         raise ValueError(msg)
-    return found
+    return full.data
 
 
 def totals(
@@ -308,13 +313,17 @@ def totals(
     sums = np.zeros(stack.shape[:2])
     counts = np.zeros(stack.shape[:2], dtype=np.intp)
     for part, phase in parts_over_time(stack):
-        watch.check()
-        inside = np.asarray(mask[part])
-        for time, angle in np.ndindex(*phase.shape[:2]):
-            frame = (part.start + time, angle)
-            values = phase[time, angle][inside[time, angle]]
-            known = values[np.isfinite(values)]
-            sums[frame], counts[frame] = known.sum(dtype=np.float64), known.size
+        # Phase may be in memory, and a mask of the same length need not be.
+        times = max(1, PART_BYTES // 4 // max(phase[0].size, 1))
+        for begin in range(0, len(phase), times):
+            watch.check()
+            start = part.start + begin
+            inside = np.asarray(mask[start : min(start + times, part.stop)])
+            for time, angle in np.ndindex(*inside.shape[:2]):
+                frame = (start + time, angle)
+                values = phase[begin + time, angle][inside[time, angle]]
+                known = values[np.isfinite(values)]
+                sums[frame], counts[frame] = known.sum(dtype=np.float64), known.size
     return sums.ravel(), counts.ravel()
 
 

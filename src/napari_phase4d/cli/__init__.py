@@ -1,4 +1,4 @@
-"""The command line: napari-phase4d demo | info | look | run | compare | reproduce."""
+"""The command line: demo | info | look | run | watch | compare | reproduce | benchmark."""
 
 from napari_phase4d.cli.app import app, main
 

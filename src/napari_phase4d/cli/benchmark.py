@@ -51,8 +51,11 @@ def benchmark(
         warm_up()  # which would count as the time of the first method
         table = run_benchmark(method, group, progress)
     summary = summary_of(table)
+    shown = summary[list(SHOWN)]
+    for name in ("ns_a_voxel", "peak_mb"):
+        shown = shown.assign(**{name: [f"{value:.0f}" for value in shown[name]]})
     print_table(
-        summary[list(SHOWN)].rename(columns=SHOWN),
+        shown.rename(columns=SHOWN),
         "Wrong cycles in % of the object, mean of the groups; AUC of the confidence",
     )
     written = write_benchmark(table, out)

@@ -194,6 +194,15 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         if recipe.confidence:
             print_verdict(outcome)
     console.print(f"{counted(len(written), 'file')} written to [bold]{folder.resolve()}[/bold]")
+    check_cells(outcome)
+
+
+def check_cells(outcome: Outcome) -> None:
+    """Raise ValueError where cells were asked for and could not be found."""
+    error = outcome.cells_error
+    if error is not None:
+        msg = f"the results are written, but without their cells: {sentence_of(error)}"
+        raise ValueError(msg) from error
 
 
 def optics_of(opened: Recording | xr.DataArray) -> Optics:
@@ -284,6 +293,7 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
     print_missed_views(outcome, recipe)
     finish(exact, outcome, out)
     console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
+    check_cells(outcome)
 
 
 def finish(exact: xr.DataArray | None, outcome: Outcome, folder: Path) -> None:

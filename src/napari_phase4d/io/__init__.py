@@ -16,6 +16,7 @@ from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout, parts_beside
 from napari_phase4d.io.remote import address_of, description_digest
 from napari_phase4d.io.results import read_results, write_phase, write_table
+from napari_phase4d.io.tomography import sinogram, write_sinogram
 
 __all__ = [
     "JOINED_SUFFIXES",
@@ -39,9 +40,11 @@ __all__ = [
     "parts_beside",
     "read_results",
     "recording_of",
+    "sinogram",
     "step_of",
     "write_figure",
     "write_movie",
     "write_phase",
+    "write_sinogram",
     "write_table",
 ]

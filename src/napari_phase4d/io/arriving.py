@@ -165,7 +165,7 @@ class Arriving(ABC):
         self._dark_ends = bool(frame.any())
 
     def changed(self, index: int) -> float:
-        """Return when what holds a frame last changed, by ``time.monotonic()``."""
+        """Return when what holds a frame last changed, by ``time.monotonic``."""
         return -math.inf
 
     def poll(self) -> bool:

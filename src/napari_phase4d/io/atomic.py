@@ -74,6 +74,8 @@ def remove_dead(parent: Path, begins: str = ".") -> None:
 
 #: Between tries to remove what is still written into, in seconds, and how often.
 AGAIN_S, TRIES = 0.05, 40
+#: A folder is gone if it is not there so many looks in a row.
+QUIET = 4
 
 
 def remove_folder(folder: Path) -> None:
@@ -82,11 +84,13 @@ def remove_folder(folder: Path) -> None:
     Zarr writes chunks side by side: when one fails, as on a full disk, others still come and make
     their folder anew.
     """
+    gone = QUIET if not folder.exists() else 0
     for _ in range(TRIES):
-        if not folder.exists():
+        if gone >= QUIET:
             return
         shutil.rmtree(folder, ignore_errors=True)
         time.sleep(AGAIN_S)
+        gone = 0 if folder.exists() else gone + 1
 
 
 #: A disk with less room than this is full.

@@ -32,12 +32,12 @@ from napari_phase4d.pipeline.places import Place, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.starting import noting_start, open_by, with_start
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import check_light, is_known
 from napari_phase4d.unwrapping.problem import checked_boundaries
-from napari_phase4d.words import check_type, warn
+from napari_phase4d.words import check_type, sentence_of, warn
 
 __all__ = [
     "Outcome",
@@ -74,6 +74,8 @@ class Outcome:
         recipe named the frame.
     cells : Cells, optional
         The cells of the result most to be trusted, if the recipe asks for them.
+    cells_error : Exception, optional
+        Why there are none although the recipe asks for them; all else is whole.
     """
 
     recording: Recording | None
@@ -83,6 +85,7 @@ class Outcome:
     truth: xr.DataArray | None = None
     scores: xr.DataArray | None = None
     cells: Cells | None = None
+    cells_error: Exception | None = None
 
 
 def run(
@@ -123,6 +126,7 @@ def run(
     ------
     OSError, TypeError, ValueError
         If the recording can't be read, a setting does not fit it, or memory or disk are too small.
+        Cells that can't be found are warned of, see `Outcome`.
     Cancelled
         If ``cancelled()`` returned True.
 
@@ -159,9 +163,9 @@ def run(
             used, scores = with_start(recipe, opened, progress, cancelled)
             comparison = unwrap_by(used, opened, truth, progress, cancelled, place=place)
         comparison = noting_start(comparison, scores)
-        cells = cells_by(used, comparison, opened, Optics(), progress, cancelled)
         data = xr.Dataset({"phase": opened})
-        return Outcome(None, used, data, comparison, truth, scores, cells)
+        outcome = Outcome(None, used, data, comparison, truth, scores)
+        return with_cells(outcome, Optics(), progress, cancelled)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
         beginning_of(recording, recipe.first_frames),
@@ -189,8 +193,9 @@ def run(
     used = used.changed(
         lobes=tuple(lobes), optics=recording.optics, refocus_um=data.attrs.get("refocus_um")
     )
-    cells = cells_by(used, comparison, data["phase"], recording.optics, progress, cancelled)
-    return Outcome(recording, used, data, noting_start(comparison, scores), truth, scores, cells)
+    comparison = noting_start(comparison, scores)
+    outcome = Outcome(recording, used, data, comparison, truth, scores)
+    return with_cells(outcome, recording.optics, progress, cancelled)
 
 
 def say_what_counts(recipe: Recipe, recording: Recording) -> None:
@@ -210,6 +215,29 @@ def say_what_counts(recipe: Recipe, recording: Recording) -> None:
         )
 
 
+def with_cells(
+    outcome: Outcome,
+    optics: Optics,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Outcome:
+    """Return what a run gave with the cells that its recipe asks for.
+
+    What has been computed by then is not lost if they can't be found.
+    """
+    try:
+        cells = cells_by(
+            outcome.recipe, outcome.comparison, outcome.reconstruction["phase"], optics,
+            progress, cancelled,
+        )  # fmt: skip
+    except Cancelled:
+        raise
+    except Exception as error:  # of whatever library
+        warn(f"the cells could not be found: {sentence_of(error)}; all else is in the outcome")
+        return replace(outcome, cells_error=error)
+    return replace(outcome, cells=cells)
+
+
 def cells_by(
     recipe: Recipe,
     comparison: Comparison,
@@ -221,7 +249,7 @@ def cells_by(
     """Find, follow and measure cells as a recipe asks for, None if it does not.
 
     They are those of the result most to be trusted; where the phase notes its wavelength, that
-    counts.
+    counts. Pixels in doubt make their errors larger, unless the run was larger than memory.
     """
     if recipe.cells is None:
         return None
@@ -236,6 +264,7 @@ def cells_by(
         recipe.cells,
         method=method,
         wrapped=wrapped,
+        confidence=comparison.known_confidence(method, progress, cancelled),
         progress=progress,
         cancelled=cancelled,
     )

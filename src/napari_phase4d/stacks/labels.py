@@ -47,7 +47,8 @@ def checked_labels(given: Any, name: str = "the labels") -> xr.DataArray:
     if isinstance(given, xr.DataArray):
         labels: xr.DataArray = given
     else:
-        values = np.asarray(given)
+        # Lazy ones as well, which are not to come into memory whole.
+        values = given if hasattr(given, "dask") else np.asarray(given)
         if values.ndim not in PLAIN_AXES:
             msg = f"{name} must have two to four axes, but are {values.shape}"
             raise ValueError(msg)

@@ -26,7 +26,7 @@ from napari_phase4d.unwrapping.light import frames_among, views_by_light
 from napari_phase4d.unwrapping.light.agreement import chance_by_wavelengths
 from napari_phase4d.unwrapping.masks import left_out_advice
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
-from napari_phase4d.unwrapping.noise import noise_of
+from napari_phase4d.unwrapping.noise import median_of, noise_of
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS
 from napari_phase4d.unwrapping.running import (
@@ -75,6 +75,7 @@ __all__ = [
     "label_of",
     "left_out_advice",
     "loop_sums",
+    "median_of",
     "methods_for",
     "noise_of",
     "noted",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from napari_phase4d.progress import on_all_cores
 from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping.given import Given, as_given, working_blocks
 
-__all__ = ["WithoutLost", "lost_frames", "lost_of", "noise_of", "sampled_noise"]
+__all__ = ["WithoutLost", "lost_frames", "lost_of", "median_of", "noise_of", "sampled_noise"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -130,8 +131,31 @@ def noise_of(
             ]
             second = second[thrice[0] & thrice[1] & thrice[2]]
         if second.size:
-            found.append(float(np.median(second)) / 0.6745 / np.sqrt(6))
+            found.append(median_of(second.ravel()) / 0.6745 / np.sqrt(6))
     return min(found, default=0.0)
+
+
+#: Among fewer numbers the median is found fast enough.
+FEW = 4096
+
+
+def median_of(values: NDArray[np.floating[Any]]) -> float:
+    """Return the median of numbers (n,), as ``numpy.median`` gives it.
+
+    It takes a third of the time: only what lies near the median of some of them is sorted out.
+    """
+    if values.size < FEW:
+        return float(np.median(values))
+    some = np.sort(values[:: values.size // (FEW // 4)])
+    low, high = some[int(0.45 * some.size)], some[int(0.55 * some.size)]
+    above = values >= low
+    below = int(np.count_nonzero(values < low))
+    near = values[above & (values <= high)]
+    first, last = (values.size - 1) // 2 - below, values.size // 2 - below
+    some_nan = below + np.count_nonzero(above) < values.size
+    if some_nan or not 0 <= first <= last < near.size:
+        return float(np.median(values))
+    return float(np.mean(np.partition(near, (first, last))[first : last + 1]))
 
 
 @dataclass(frozen=True)

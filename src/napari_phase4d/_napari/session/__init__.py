@@ -18,7 +18,7 @@ from napari_phase4d._napari.session.plans import (
     with_their_cells,
 )
 from napari_phase4d._napari.session.plans.phase import Plan
-from napari_phase4d._napari.session.plans.results import Masks
+from napari_phase4d._napari.session.plans.results import Masks, MasksCall
 from napari_phase4d._napari.session.session import Session
 from napari_phase4d._napari.session.state import Changed
 from napari_phase4d._napari.session.states import StepState, step_states
@@ -26,6 +26,7 @@ from napari_phase4d._napari.session.states import StepState, step_states
 __all__ = [
     "Changed",
     "Masks",
+    "MasksCall",
     "Opened",
     "Plan",
     "Session",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +14,15 @@ from napari.layers import Labels
 from qtpy.QtWidgets import QAbstractItemView, QFileDialog
 
 from napari_phase4d._napari.preferences import own_optics
-from napari_phase4d._napari.session import plan_cell_by_methods, plan_cells
+from napari_phase4d._napari.session import Plan, plan_cell_by_methods, plan_cells
 from napari_phase4d._napari.steps.material import in_grid, increment_field, index_field
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
-from napari_phase4d.analysis import CellSettings, most_trusted
+from napari_phase4d.analysis import Cells, CellSettings, most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import colour_of
+from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import counted
 
@@ -215,12 +218,19 @@ class CellsPart(Step):
         """Find and measure the cells, or follow those of a layer, in a thread."""
         self.session.needed_outcome()
         source = self.source.value
-        # A copy: somebody may paint while the cells are followed.
-        labels = None if source == FOUND else np.array(source.data)
+        labels = None if source == FOUND else source.data
         plan = plan_cells(
             self.session, self.result.value, self.settings, labels, optics=own_optics()
         )
-        self.jobs.start(plan, then=self._tell)
+        self.jobs.start(replace(plan, work=partial(self._found_and_ready, plan)), then=self._tell)
+
+    def _found_and_ready(
+        self, plan: Plan, progress: ProgressCall | None, cancelled: CancelledCall | None
+    ) -> Cells:
+        """Find cells, and make their layers, which would hold up the window."""
+        cells: Cells = plan.work(progress, cancelled)
+        self.presenter.cells.prepare(cells)
+        return cells
 
     def _tell(self) -> None:
         cells = self.session.cells

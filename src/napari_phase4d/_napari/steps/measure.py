@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +14,12 @@ from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QFileDialog
 
 from napari_phase4d._napari.preferences import own_optics
-from napari_phase4d._napari.session import Masks, plan_measuring, with_their_cells
+from napari_phase4d._napari.session import (
+    Masks,
+    MasksCall,
+    plan_measuring,
+    with_their_cells,
+)
 from napari_phase4d._napari.steps.material import in_grid, increment_field, index_field
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.pointing import (
@@ -31,6 +35,7 @@ from napari_phase4d._napari.widgets.section import split
 from napari_phase4d.analysis import most_trusted, traces_of
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import named_results
+from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["FiguresPart", "MeasurePart", "TracePart"]
@@ -142,8 +147,8 @@ class TracePart(Step):
         self.draw = self.button(
             "Draw a region",
             "draw_region",
-            "Adds a layer to draw in. A region counts at all times and angles; the curves then "
-            "show its mean, and step 5's Measure uses it too.",
+            "Adds a layer to draw in. The curves then show the mean where it was drawn; in the "
+            "tab Measure, a region that was drawn on a cell goes along with it.",
             self.presenter.add_regions,
         )
         self.follow = self.button(
@@ -401,7 +406,7 @@ class MeasurePart(Step):
         chosen = self.result.value
         return list(self.session.results) if chosen == EVERY else str(chosen)
 
-    def _chosen_regions(self) -> Masks | Callable[[], Masks] | None:
+    def _chosen_regions(self) -> Masks | MasksCall | None:
         """Return the regions of the chosen layer, None for the whole object."""
         layer, results = self.regions.value, self.session.results
         method = self.result.value
@@ -416,13 +421,18 @@ class MeasurePart(Step):
                 return drawn
             cells = self.session.cells
             labels = None if cells is None else cells.labels
+            how = self.session.recipe.cells
 
-            def going_along() -> Masks:
-                moved, self._still = with_their_cells(result, drawn, frames, labels)
+            def going_along(
+                progress: ProgressCall | None, cancelled: CancelledCall | None
+            ) -> Masks:
+                moved, self._still = with_their_cells(
+                    result, drawn, frames, labels, how, progress, cancelled
+                )
                 return moved
 
             return going_along
-        return lambda: regions_of_layer(layer, result)
+        return lambda *_: regions_of_layer(layer, result)
 
     def save_to(self, path: str | Path) -> None:
         """Write the table as CSV, units in the headings; the plot as PNG or SVG."""

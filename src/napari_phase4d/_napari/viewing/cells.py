@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import nullcontext
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from napari.layers import Tracks
+from napari.layers import Labels, Points, Tracks
 from napari.utils import Colormap, DirectLabelColormap
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.viewing.layers import layer_tuple, places_of_views, shown
-from napari_phase4d.analysis import Cells
+from napari_phase4d.analysis import Cells, copied_labels
 from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io import step_of
 from napari_phase4d.plotting import OBJECT_COLOUR, colour_of
@@ -26,6 +28,24 @@ OUTLINE, WAY, NUMBER_POINTS = 2, 2, 9
 BRIGHT = 0.65
 
 
+@dataclass(frozen=True)
+class ReadyLayers:
+    """Layers of some cells that are made, and not yet shown."""
+
+    cells: Cells
+    numbers: Points
+    outlines: Labels
+
+    @classmethod
+    def of(cls, cells: Cells) -> ReadyLayers:
+        """Make the layers; they take a copy of all labels, and napari compiles their colours."""
+        label, colours = named(cells)
+        numbers = Points(**numbers_layer(cells, f"numbers of {label}", colours))
+        outlines = Labels(**cells_layer(cells.labels, f"cells of {label}", colours))
+        outlines.contour = OUTLINE
+        return cls(cells, numbers, outlines)
+
+
 class CellLayers:
     """The layers of the cells that were found last.
 
@@ -37,6 +57,7 @@ class CellLayers:
 
     def __init__(self, viewer: Any) -> None:
         self.viewer = viewer
+        self._ready: ReadyLayers | None = None
         self.forget()
 
     def forget(self) -> None:
@@ -57,29 +78,39 @@ class CellLayers:
         """Whether cells were painted, split, merged or deleted since."""
         if self._cells is None or self.outlines not in self.viewer.layers:
             return False
-        return not np.array_equal(self.outlines.data, self._cells.labels.values)
+        found, painted = self._cells.labels.data, self.outlines.data
+        # Frame by frame, up to the first that was changed: labels may be longer than memory.
+        return any(
+            not np.array_equal(np.asarray(painted[time]), np.asarray(found[time]))
+            for time in range(len(found))
+        )
+
+    def prepare(self, cells: Cells) -> None:
+        """Make the layers of cells that are to be shown next; this may be done in any thread."""
+        self._ready = None if cells.table.empty else ReadyLayers.of(cells)
 
     def show(self, cells: Cells | None) -> None:
         """Show cells instead of those of before; a layer in which was painted stays, hidden."""
         if self.is_edited:
             self.outlines.visible = False  # what was painted is the user's
             self.outlines = None
-        for layer in (self.outlines, self._numbers, self._ways):
-            if layer in self.viewer.layers:
+        gone = [layer for layer in self.layers if layer in self.viewer.layers]
+        # napari collects all garbage after each layer that is removed; in a batch, once.
+        with self.viewer.layers.batched_update() if len(gone) > 1 else nullcontext():
+            for layer in gone:
                 self.viewer.layers.remove(layer)
         self.forget()
+        ready, self._ready = self._ready, None
         if cells is None or cells.table.empty:
             return
+        if ready is None or ready.cells is not cells:
+            ready = ReadyLayers.of(cells)
         self._cells = cells
         self._angle = -1
         self.turn_to(self._angle_on_screen())
         # Outlines lie on top: they are what is painted in.
-        label, colours = named(cells)
-        numbers = numbers_layer(cells, f"numbers of {label}", colours)
-        self._numbers = self.viewer.add_points(**numbers)
-        outlines = cells_layer(cells.labels, f"cells of {label}", colours)
-        self.outlines = self.viewer.add_labels(**outlines)
-        self.outlines.contour = OUTLINE
+        self._numbers = self.viewer.add_layer(ready.numbers)
+        self.outlines = self.viewer.add_layer(ready.outlines)
 
     def _angle_on_screen(self) -> int:
         """Return the number of the view that is on screen."""
@@ -135,7 +166,7 @@ def cells_layer(cells: xr.DataArray, name: str, colours: Mapping[int, str]) -> d
     table: dict[int | None, str] = {None: "white", 0: "transparent"}
     table |= dict(colours.items())
     # A copy: what is painted in the layer does not change what was found.
-    kept, data = keywords_of(cells, name), np.array(cells.data)
+    kept, data = keywords_of(cells, name), copied_labels(cells)
     return {**kept, "data": data, "colormap": DirectLabelColormap(color_dict=table)}
 
 

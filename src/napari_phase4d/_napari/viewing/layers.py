@@ -290,7 +290,9 @@ def optics_note(recording: Recording) -> dict[str, Any]:
 def region_layer(like: xr.DataArray, name: str) -> dict[str, Any]:
     """Return the keywords of an empty Shapes layer to draw regions in.
 
-    It has the axes y and x only, so that a region is seen, and counts, at all times and angles.
+    It has the axes y and x only, so that a region is seen where it was drawn at all times and
+    angles. When it is measured it goes along with the cell that it was drawn on, unless it is told
+    to stand still.
 
     Parameters
     ----------

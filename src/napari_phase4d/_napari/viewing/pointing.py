@@ -161,8 +161,9 @@ def regions_of_layer(layer: Any, phase: xr.DataArray) -> dict[str, Mask]:
     Parameters
     ----------
     layer : napari.layers.Shapes or napari.layers.Labels
-        Shapes hold at all times and angles, whichever frame they were drawn on. Labels have the
-        axes (y, x), (time, y, x) or (time, angle, y, x) of the phase.
+        Shapes are masks (y, x), where they were drawn; what they go along with is looked for in
+        `with_their_cells`, by `frames_of_regions`. Labels have the axes (y, x), (time, y, x) or
+        (time, angle, y, x) of the phase.
     phase : xarray.DataArray
         The phase, dims (time, angle, y, x).
 

@@ -108,7 +108,8 @@ def run_batch(
         ``results``, ``best_method`` (the one most to be trusted), ``doubtful_percent`` (of the
         object's pixels in its result, where the recipe asks for confidence), ``cells`` (how many
         were found, where it asks for them; ``out/cells.csv`` has a row for each), ``input_bytes``,
-        ``input_sha256``, ``notes`` (what had to be assumed of the file), ``error``.
+        ``input_sha256``, ``notes`` (what had to be assumed of the file), ``error``. Where only
+        cells could not be found, the results are there all the same, and the file has failed.
 
     Raises
     ------
@@ -204,8 +205,10 @@ def one_file(
             raise OSError(msg) from error
         return
     words = f"complete already in {folder}"
-    if status == DONE:
+    if status != COMPLETE:
         words = f"{counted(facts['results'], 'result')} in {facts['seconds']:.0f} s -> {folder}"
+    if status == FAILED:
+        words = f"failed: {facts['error']}; {words}"
     summary.tell(words, number)
     summary.note(number, status, facts)
 
@@ -213,7 +216,7 @@ def one_file(
 def results_of(
     wish: Wish, source: str, folder: Path, progress: ProgressCall | None
 ) -> tuple[str, dict[str, Any]]:
-    """Return whether a file was run or complete already, and the facts of it."""
+    """Return whether a file was run, failed in part or was complete already, and its facts."""
     began = time.perf_counter()
     with fingerprinting(source) as hashing:
         recipe = wish.recipe.changed(recording=source)
@@ -223,7 +226,7 @@ def results_of(
         asked = asked_for(recipe, wish.form, wish.truth_digest, reference)
         if wish.resume:
             note = complete(folder, asked, hashing, wish.cancelled)
-            if note is not None:
+            if note is not None and "error" not in note["facts"]:
                 return COMPLETE, note["facts"] | facts_of_input(note["input"])
         with made_whole(folder) as partial:
             outcome = written(wish, recipe, hashing, reference, partial, progress)
@@ -231,7 +234,7 @@ def results_of(
             known = hashing.result(wish.cancelled).as_dict()  # asked again: is it still the same?
             facts["seconds"] = seconds_since(began)
             write_note(partial, asked, known, facts, wish.cancelled)
-    return DONE, facts | facts_of_input(known)
+    return (FAILED if "error" in facts else DONE), facts | facts_of_input(known)
 
 
 def written(

@@ -14,7 +14,7 @@ from napari_phase4d.analysis import most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.progress import ProgressCall, reworded
-from napari_phase4d.words import counted
+from napari_phase4d.words import counted, sentence_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -176,6 +176,8 @@ def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
     }
     if outcome.cells is not None:
         facts["cells"] = len(outcome.cells.summary)
+    if outcome.cells_error is not None:
+        facts["error"] = f"without cells: {sentence_of(outcome.cells_error)}"
     table = pd.read_csv(folder / "table.csv", index_col="id")
     if "doubtful_percent" in table.columns:
         doubtful = float(table["doubtful_percent"].to_dict()[best])

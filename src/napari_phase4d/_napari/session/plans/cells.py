@@ -17,6 +17,7 @@ from napari_phase4d.analysis import (
     Cells,
     CellSettings,
     cells_in,
+    copied_labels,
     find_cells,
     measure,
     most_trusted,
@@ -28,6 +29,10 @@ from napari_phase4d.optics import Optics
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
 __all__ = ["plan_cell_by_methods", "plan_cells", "with_their_cells"]
+
+
+#: A mask of a frame, or of all frames.
+Region = NDArray[np.bool_] | xr.DataArray
 
 
 def plan_cells(
@@ -50,7 +55,7 @@ def plan_cells(
         How; default: as the recipe says.
     labels : ndarray of int, optional
         Cells that are there already, dims (y, x), (time, y, x) or (time, angle, y, x); they are
-        taken as they are, and only followed.
+        taken as they are, and only followed. Lazy ones are never in memory whole.
     optics : Optics, optional
         The microscope of phase that does not say it.
 
@@ -65,11 +70,16 @@ def plan_cells(
     how = settings or state.recipe.cells or CellSettings()
     used = optics_of(state, result, optics or Optics())
     given = None if labels is None else labels_like(result, labels)
-    trust, wrapped = state.confidence.get(method), state.needed_reconstruction()["phase"]
+    known, wrapped = state.confidence.get(method), state.needed_reconstruction()["phase"]
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Cells:
+        # A copy: somebody may paint while the cells are followed.
+        kept = given if given is None else given.copy(data=copied_labels(given))
+        trust = known
+        if trust is None:
+            trust = comparison.known_confidence(method, progress, cancelled)
         return cells_in(
-            result, used, how, method=method, wrapped=wrapped, labels=given, confidence=trust,
+            result, used, how, method=method, wrapped=wrapped, labels=kept, confidence=trust,
             progress=progress, cancelled=cancelled,
         )  # fmt: skip
 
@@ -118,11 +128,18 @@ def plan_cell_by_methods(
         msg = "there are no cells yet; press Find cells"
         raise ValueError(msg)
     how = state.recipe.cells or CellSettings()
-    trust, wrapped = dict(state.confidence), state.needed_reconstruction()["phase"]
+    wrapped = state.needed_reconstruction()["phase"]
+    known = dict(state.confidence)
 
     def work(
         progress: ProgressCall | None, cancelled: CancelledCall | None
     ) -> dict[str, pd.DataFrame]:
+        trust = {
+            method: known[method]
+            if method in known
+            else comparison.known_confidence(method, progress, cancelled)
+            for method in comparison.results
+        }
         # With all cells, since the others are no empty field.
         tables = {
             method: measure(
@@ -130,7 +147,7 @@ def plan_cell_by_methods(
                 optics_of(state, result, optics or Optics()),
                 object_index=how.object_index,
                 refraction_increment_ml_per_g=how.refraction_increment_ml_per_g,
-                oblique=how.oblique, confidence=trust.get(method),
+                oblique=how.oblique, confidence=trust[method],
                 progress=progress, cancelled=cancelled,
             )
             for method, result in comparison.results.items()
@@ -150,7 +167,10 @@ def with_their_cells(
     regions: Mapping[str, NDArray[np.bool_]],
     frames: Mapping[str, tuple[int, int]],
     labels: xr.DataArray | None,
-) -> tuple[dict[str, NDArray[np.bool_]], str]:
+    settings: CellSettings | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> tuple[dict[str, Region], str]:
     """Let regions go along with the cells that they were drawn on.
 
     Parameters
@@ -163,22 +183,32 @@ def with_their_cells(
         The time and angle at which each was drawn.
     labels : DataArray, optional
         The cells, if they have been found already.
+    settings : CellSettings, optional
+        How they are found else.
+    progress, cancelled : callable, optional
+        See `unwrap`.
 
     Returns
     -------
     moved : dict
-        The regions (time, angle, y, x), or as they are where they lie on no cell.
+        The regions (time, angle, y, x), lazy, or as they are where they lie on no cell.
     still : str
         Which these are and why, in a sentence; "" if there are none.
     """
     try:
-        found = find_cells(result) if labels is None else labels
+        found = labels
+        if found is None:
+            how = (settings or CellSettings()).finding
+            found = find_cells(result, **how, progress=progress, cancelled=cancelled)
     except (ImportError, OSError) as error:
         return dict(regions), f"The regions stand still: {error}."
-    moved, still = {}, []
+    moved: dict[str, Region] = {}
+    still = []
     for name, region in regions.items():
         try:
-            moved[name] = region_with_cell(region, frames[name], found)
+            moved[name] = region_with_cell(
+                region, frames[name], found, progress=progress, cancelled=cancelled
+            )
         except (KeyError, ValueError):  # on no cell, or nobody knows where it was drawn
             moved[name] = region
             still.append(name)

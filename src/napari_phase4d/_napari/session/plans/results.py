@@ -47,6 +47,7 @@ from napari_phase4d.unwrapping import score_boundaries, scores_of_some
 
 __all__ = [
     "Masks",
+    "MasksCall",
     "optics_of",
     "plan_confidence",
     "plan_estimate",
@@ -306,13 +307,15 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
 
 
 #: Regions by name, as masks (y, x), (time, y, x) or (time, angle, y, x).
-Masks = Mapping[str, NDArray[np.bool_]]
+Masks = Mapping[str, NDArray[np.bool_] | xr.DataArray]
+#: ``masks(progress, cancelled)`` makes them, which may take a while.
+MasksCall = Callable[[ProgressCall | None, CancelledCall | None], Masks]
 
 
 def plan_measuring(
     state: State,
     method: str | Sequence[str] | None = None,
-    regions: Masks | Callable[[], Masks] | None = None,
+    regions: Masks | MasksCall | None = None,
     *,
     optics: Optics | None = None,
     object_index: float | None = None,
@@ -328,7 +331,7 @@ def plan_measuring(
         Of which result or results; default: the most reliable one. Of several, the table has a
         column ``method``.
     regions : mapping of str to ndarray, or callable that returns one, optional
-        Masks by name; default: the whole object.
+        Masks by name; default: the whole object. It is called with (progress, cancelled).
     optics : Optics, optional
         The microscope of phase that does not say it.
     object_index : float, optional
@@ -350,7 +353,7 @@ def plan_measuring(
         noted["object index"] = object_index
 
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> pd.DataFrame:
-        masks = regions() if callable(regions) else regions
+        masks = regions(progress, cancelled) if callable(regions) else regions
         found = []
         for place, method in enumerate(methods, 1):
             result, label = comparison.results[method], str(comparison.table["method"][method])
