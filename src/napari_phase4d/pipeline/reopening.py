@@ -15,7 +15,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, mask_of
 from napari_phase4d.stacks import wrapped_stack
 from napari_phase4d.unwrapping import METHODS, Problem
-from napari_phase4d.words import local_path
+from napari_phase4d.words import address_of, local_path
 
 __all__ = ["holds_outcome", "read_outcome"]
 
@@ -24,6 +24,8 @@ RECIPE, TABLE, WRAPPED = "recipe.json", "table.csv", "wrapped"
 
 def holds_outcome(folder: str | Path) -> bool:
     """Say whether `write_outcome` has written into a folder what `read_outcome` needs."""
+    if address_of(folder) is not None:
+        return False
     folder = local_path(folder)
     return (folder / RECIPE).is_file() and stack_file(folder, WRAPPED) is not None
 
