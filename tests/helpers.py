@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import runpy
+import signal
 import sys
 from contextlib import chdir, redirect_stderr, redirect_stdout
 from dataclasses import dataclass
@@ -27,6 +28,17 @@ def measured(name: str) -> Path:
     if not path.exists():
         pytest.skip(f"measured data {name} is not part of the repository and not on this machine")
     return path
+
+
+def hear_signals() -> None:
+    """Let a program that is started be ended: for ``preexec_fn``.
+
+    What a shell starts in the background, or under nohup, ignores some signals, and what that
+    starts inherits it.
+    """
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    if hasattr(signal, "SIGHUP"):
+        signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def wrap(phase: np.ndarray) -> np.ndarray:

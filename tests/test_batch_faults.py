@@ -21,7 +21,7 @@ import pytest
 
 import napari_phase4d as p4d
 from batches import RECIPE, batch, names, statuses, write_phases
-from helpers import command
+from helpers import command, hear_signals
 from napari_phase4d.io import read_results
 from napari_phase4d.io.atomic import remove_folder
 from napari_phase4d.pipeline import Outcome, run_batch, sentence_of
@@ -268,8 +268,7 @@ def test_ctrl_c_is_one_sentence_and_nothing_half_written(phases: Path, tmp_path:
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        # A shell lets what it starts in the background ignore Ctrl-C, and that is inherited.
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+        preexec_fn=hear_signals,
     ) as process:
         until = time.monotonic() + 60
         while not (tmp_path / "out" / "f002").exists() and time.monotonic() < until:

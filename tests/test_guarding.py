@@ -17,6 +17,7 @@ import zarr
 from PIL import Image
 
 import napari_phase4d as p4d
+from helpers import hear_signals
 from napari_phase4d.cli import main
 from napari_phase4d.io.atomic import machine
 from napari_phase4d.pipeline import run_batch
@@ -164,7 +165,7 @@ def test_a_run_that_is_told_to_end_leaves_nothing_half_written(tmp_path: Path, n
     command = [sys.executable, "-m", "napari_phase4d", "run", path, "--out", out]
     process = subprocess.Popen(
         [*map(str, command), "--method", "directional-l1", "--boundary", "0,0"],
-        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True,
+        stderr=subprocess.PIPE, stdout=subprocess.DEVNULL, text=True, preexec_fn=hear_signals,
     )  # fmt: skip
     until = time.monotonic() + 60
     while not (out / NOTE).exists() and time.monotonic() < until:

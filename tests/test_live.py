@@ -23,6 +23,7 @@ import zarr
 from numpy.typing import NDArray
 
 import napari_phase4d as p4d
+from helpers import hear_signals
 from napari_phase4d.io import read_results
 from napari_phase4d.io.growing import Numbering, pattern_of
 from napari_phase4d.pipeline import LiveStatus, Outcome, watch
@@ -504,6 +505,7 @@ def started(*words: str | Path) -> subprocess.Popen[str]:
         stderr=subprocess.STDOUT,
         text=True,
         env=os.environ | {"COLUMNS": "200"},
+        preexec_fn=hear_signals,
     )
 
 
