@@ -30,7 +30,7 @@ ALLOWED = {
     "io": {"optics", "recording", "progress"},
     "holography": {"optics", "recording", "phasors", "progress"},
     "unwrapping": {"phasors", "progress", "stack"},
-    "analysis": {"optics", "progress", "unwrapping"},
+    "analysis": {"optics", "progress", "stack", "unwrapping"},
     "plotting": {"analysis"},
     "simulation": {"optics", "recording"},
     "sample": {"optics", "recording", "simulation"},

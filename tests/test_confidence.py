@@ -10,7 +10,8 @@ from scipy.stats import rankdata
 import napari_phase4d as p4d
 from napari_phase4d.analysis import Verdict, slip_warning, slipped_frames
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
-from napari_phase4d.unwrapping import Problem, astray, roughest_on_the_way, support_by_steps
+from napari_phase4d.stack import Block, InMemory
+from napari_phase4d.unwrapping import Judged, Problem, astray, supports_by_steps
 
 TURN = 2 * np.pi
 
@@ -24,6 +25,17 @@ def noisy() -> xr.Dataset:
 @pytest.fixture(scope="module")
 def compared(noisy: xr.Dataset) -> p4d.Comparison:
     return p4d.compare(noisy["wrapped"], ["spatial-2d", "temporal-angular", "directional-l1"])
+
+
+def support(problem: Problem, result: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how rough the way to each pixel of a result gets, and how firmly it is held."""
+    found = supports_by_steps(problem, {"result": Judged(InMemory(result))})["result"]
+    every = Block(0, len(result))
+    return found.roughest.read(every), found.held.read(every)
+
+
+def noise_astray(wrapped: xr.DataArray) -> np.ndarray:
+    return astray(Problem(wrapped)).read(Block(0, len(wrapped)))
 
 
 def area_under_curve(score: np.ndarray, wrong: np.ndarray) -> float:
@@ -88,14 +100,14 @@ def test_the_way_to_a_pixel_is_as_rough_as_its_roughest_step() -> None:
     flat = np.zeros((1, 1, 40, 40), dtype=np.float32)
     flat[..., 12:28, 12:28] = 2.0
     problem = Problem(flat)
-    right = roughest_on_the_way(problem, flat)
+    right, _ = support(problem, flat)
     assert right[0, 0, 2, 2] == 0
     # At the wall's corners the two walls share a box: D = 4 in one of three places and 2 in two.
     inside = right[0, 0, 14:26, 14:26]
     assert 1 < inside.min() <= inside.max() < 4
     off = flat.copy()
     off[..., 12:28, 12:28] += TURN
-    assert roughest_on_the_way(problem, off)[0, 0, 14:26, 14:26].min() == 12
+    assert support(problem, off)[0][0, 0, 14:26, 14:26].min() == 12
 
 
 @pytest.mark.parametrize(("name", "noise"), [("daughters", 0.7), ("touching", 0.9)])
@@ -139,9 +151,9 @@ def test_a_pixel_is_held_by_most_of_its_steps() -> None:
     for peak in (3.0, 12.0):
         exact = (peak * np.exp(-(y**2 + x**2) / 60)).astype(np.float32)[None, None]
         problem = Problem(exact - np.float32(TURN) * np.round(exact / np.float32(TURN)))
-        right = support_by_steps(problem, exact).held[0, 0, 20:28, 20:28]
+        right = support(problem, exact)[1][0, 0, 20:28, 20:28]
         off = exact + np.float32(TURN) * (exact > 0.5 * peak)
-        assert support_by_steps(problem, off).held[0, 0, 20:28, 20:28].max() <= 0
+        assert support(problem, off)[1][0, 0, 20:28, 20:28].max() <= 0
         held.append(float(right.mean()))
     assert held[0] > 1.5 * held[1] > 0
 
@@ -150,13 +162,13 @@ def test_noise_beyond_half_a_turn_is_a_reason_for_doubt() -> None:
     exact = moving_shape("swelling")
     data = with_noise(exact, 0.5, seed=8)
     wrapped = data["wrapped"].copy()
-    chance = astray(Problem(wrapped))
+    chance = noise_astray(wrapped)
     assert chance.max() < 0.2
     wrapped[4, 1, 32, 32] += 3.1 - (wrapped[4, 1, 32, 32] - exact["phase"][4, 1, 32, 32])
     wrapped = (wrapped + np.pi) % TURN - np.pi
-    far = astray(Problem(wrapped))
+    far = noise_astray(wrapped)
     assert far[4, 1, 32, 32] > 0.1
-    assert not astray(Problem(exact["wrapped"])).any()
+    assert not noise_astray(exact["wrapped"]).any()
 
 
 def test_a_slipped_object_is_said() -> None:

@@ -371,8 +371,6 @@ def test_what_can_not_be_is_said_before_the_work(
     chosen = recipe.changed(storage="disk")
     with pytest.raises(ValueError, match=r"boundary frame \(time 99, angle 0\) does not exist"):
         p4d.run(chosen.changed(boundary=((99, 0),)), video, folder=tmp_path)
-    with pytest.raises(OSError, match="maps of confidence need all frames in memory"):
-        p4d.run(chosen.changed(confidence=True), video, folder=tmp_path)
     (tmp_path / "file").write_text("")
     with pytest.raises(OSError, match=r"file can't be written .*; choose another one"):
         p4d.run(chosen, video, folder=tmp_path / "file")

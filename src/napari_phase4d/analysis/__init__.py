@@ -10,12 +10,13 @@ from napari_phase4d.analysis.cell_results import (
 )
 from napari_phase4d.analysis.cells import copied_labels, find_cells, follow_cells
 from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
-from napari_phase4d.analysis.confidence import REFERENCE, confidence, slip_warning, slipped_frames
+from napari_phase4d.analysis.confidence import REFERENCE, confidence
 from napari_phase4d.analysis.errors import mean_squared_error, wrong_cycle_map, wrong_cycle_share
 from napari_phase4d.analysis.itoh import itoh_margin, order_shares, residues
 from napari_phase4d.analysis.loading import frame_of, in_memory
 from napari_phase4d.analysis.measures import measure, polygon_mask, region_masks
 from napari_phase4d.analysis.noise import noise_figures, noise_sentence, with_wavelength
+from napari_phase4d.analysis.tally import Tally, slip_warning, slipped_frames
 from napari_phase4d.analysis.traces import Traces, difference, traces, traces_of
 from napari_phase4d.analysis.verdict import (
     Verdict,
@@ -30,6 +31,7 @@ __all__ = [
     "CellSettings",
     "Cells",
     "Comparison",
+    "Tally",
     "Traces",
     "Verdict",
     "best_known",

@@ -16,21 +16,16 @@ import psutil
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from napari_phase4d.analysis.confidence import (
-    REFERENCE,
-    chance_of_right,
-    reference_of,
-    slip_warning,
-)
+from napari_phase4d.analysis.confidence import REFERENCE, chances_of_right, reference_of
 from napari_phase4d.analysis.errors import (
     OF_TRUTH,
     as_truth,
-    doubtful_percent,
     errors,
     in_order,
     table_of,
 )
-from napari_phase4d.analysis.verdict import Verdict, verdict_on
+from napari_phase4d.analysis.tally import Tally, slip_words, tally_of
+from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
 from napari_phase4d.unwrapping import (
@@ -46,6 +41,9 @@ from napari_phase4d.words import check_call, shown
 __all__ = ["Comparison", "compare", "compare_on", "measured"]
 
 
+T = TypeVar("T")
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Results of several methods on one problem.
@@ -59,32 +57,21 @@ class Comparison:
         that are doubtful in percent, where asked for with `with_doubt`; and against truth,
         where given, the mean squared error in rad^2 and the share of pixels wrong by a turn in
         percent.
-    problem : Problem or None
-        What was unwrapped; None for a recording larger than memory.
+    problem : Problem
+        What was unwrapped, in memory or on disk.
     phase : DataArray
         The wrapped phase.
     """
 
     results: Mapping[str, xr.DataArray]
     table: pd.DataFrame
-    problem: Problem | None = field(repr=False)
+    problem: Problem = field(repr=False)
     phase: xr.DataArray = field(repr=False)
 
-    def needed_problem(self) -> Problem:
-        """Return what was unwrapped.
-
-        Raises
-        ------
-        ValueError
-            If it was not held in memory.
-        """
-        if self.problem is None:
-            msg = (
-                "how far to trust a result is judged on all frames at once, but these do not fit "
-                "into memory; take some of them, such as phase.isel(time=slice(100)), and compare"
-            )
-            raise ValueError(msg)
-        return self.problem
+    @property
+    def held(self) -> bool:
+        """Whether all of it is held in memory."""
+        return self.problem.held
 
     def reference(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
@@ -92,11 +79,10 @@ class Comparison:
         """Return the result of directional L1, computed now if it was not among the methods."""
         if REFERENCE in self.results:
             return self.results[REFERENCE]
-        problem = self.needed_problem()
         try:
-            return reference_of(problem, progress, cancelled)
+            return reference_of(self.problem, progress, cancelled)
         finally:
-            problem.forget_field()
+            self.problem.forget_field()
 
     def confidence(
         self,
@@ -107,7 +93,7 @@ class Comparison:
         """Return the chance, from 0 to 1, that each pixel of a method's result is right.
 
         See `napari_phase4d.confidence`. The first call may unwrap by directional L1, which the
-        others are held against.
+        others are held against. Where results lie on disk, so do these maps.
         """
         return self.confidences([method], progress, cancelled)[method]
 
@@ -117,8 +103,8 @@ class Comparison:
         progress: ProgressCall | None = None,
         cancelled: CancelledCall | None = None,
     ) -> xr.DataArray | None:
-        """Return `confidence` of a method, None where results are larger than memory."""
-        if self.problem is None:
+        """Return `confidence` of a method; of results on disk, None unless it is known already."""
+        if not self.held and not self.problem.knows(map_name(method)):
             return None
         return self.confidence(method, progress, cancelled)
 
@@ -128,35 +114,61 @@ class Comparison:
         progress: ProgressCall | None = None,
         cancelled: CancelledCall | None = None,
     ) -> dict[str, xr.DataArray]:
-        """Return `confidence` of several methods, by default all; each is computed once."""
-        problem = self.needed_problem()
-        reference = self.reference(progress, cancelled)
-        found = {}
+        """Return `confidence` of several methods, by default all; each is computed once.
+
+        All at once take less time than one by one.
+        """
+        wanted = list(self.results) if methods is None else list(methods)
+        return self._maps(wanted, progress, cancelled)
+
+    def _maps(
+        self,
+        wanted: Sequence[str],
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> dict[str, xr.DataArray]:
+        """Return `confidence` of methods, and of directional L1 even if it was not run."""
+        problem = self.problem
+        missing = [m for m in wanted if not problem.knows(map_name(m))]
         try:
-            for method in self.results if methods is None else methods:
-                found[method] = problem.once(
-                    f"confidence of {method}",
-                    partial(
-                        chance_of_right,
-                        problem,
-                        self.results[method],
-                        reference,
-                        progress,
-                        cancelled,
-                    ),
-                )
+            if missing:
+                reference = self.results.get(REFERENCE)
+                if reference is None and problem.held:
+                    reference = self.reference(progress, cancelled)
+                results = {m: self.results.get(m) for m in missing}
+                found = chances_of_right(problem, results, reference, progress, cancelled)
+                for method, trust in found.items():
+                    problem.once(map_name(method), partial(identity, trust))
+            return {m: problem.once(map_name(m), nothing) for m in wanted}
         finally:
             problem.forget_field()
-        return found
+            problem.tidy()
+
+    def tally(self, maps: Mapping[str, xr.DataArray] | None = None) -> Tally:
+        """Count what is in doubt in each frame's object, and on how much of it results differ.
+
+        Parameters
+        ----------
+        maps : mapping of str to DataArray, optional
+            What `confidence` gave for methods; default all of them.
+        """
+        counted = self.confidences() if maps is None else dict(maps)
+        name = f"tally of {', '.join(counted)}"
+        known: tuple[dict[str, xr.DataArray], dict[str, xr.DataArray], Tally] | None = None
+        if self.problem.knows(name):
+            known = self.problem.once(name, nothing)
+        results = dict(counting_turns(self.results))
+        if known is None or not (same(known[0], counted) and same(known[1], results)):
+            self.problem.forget(name)
+            found = tally_of(self.problem, results, counted)
+            known = self.problem.once(name, lambda: (counted, results, found))
+            self.problem.tidy()
+        return known[2]
 
     def warnings(self) -> dict[str, str]:
-        """Say of which methods whole objects may be a cycle off, and in how many frames.
-
-        Nothing is said of results of a recording larger than memory.
-        """
-        if self.problem is None:
-            return {}
-        said = {m: slip_warning(self.problem, trust) for m, trust in self.confidences().items()}
+        """Say of which methods whole objects may be a cycle off, and in how many frames."""
+        slipped = self.tally().slipped
+        said = {method: slip_words(slipped[method]) for method in self.results}
         return {method: sentence for method, sentence in said.items() if sentence}
 
     @property
@@ -169,21 +181,14 @@ class Comparison:
         Raises
         ------
         ValueError
-            If there is no result, or the phase was not held in memory.
+            If there is no result.
         """
         if not self.results:
             msg = "there is no result yet to give a verdict on; run at least one method"
             raise ValueError(msg)
         labels = {str(m): str(self.table["method"][m]) for m in self.results}
-        trust, problem = self.confidences(), self.needed_problem()
-        if REFERENCE not in trust:
-            reference = self.reference()
-            trust[REFERENCE] = problem.once(
-                f"confidence of {REFERENCE}",
-                lambda: chance_of_right(problem, reference, reference),
-            )
-            problem.forget_field()
-        return verdict_on(problem, self.results, trust, self.object_mask(), labels)
+        maps = self._maps(list(dict.fromkeys([*self.results, REFERENCE])))
+        return verdict_on(self.problem, self.results, self.tally(maps), labels)
 
     def against(self, truth: xr.DataArray | Any) -> Comparison:
         """Return the same results, with the columns of the table that need truth for this one.
@@ -229,8 +234,8 @@ class Comparison:
             raise ValueError(msg)
         table = self.table.drop(columns="doubtful_percent", errors="ignore")
         if maps:
-            inside = self.object_mask()
-            shares = {method: doubtful_percent(trust, inside) for method, trust in maps.items()}
+            tally = self.tally(maps)
+            shares = {method: 100 * tally.doubtful_share(method) for method in maps}
             column = [shares.get(str(method), float("nan")) for method in table.index]
             table = table.assign(doubtful_percent=column)
         return replace(self, table=in_order(table))
@@ -268,11 +273,42 @@ class Comparison:
         """Return what of the usable field is not empty, in the form of the phase.
 
         Frames that say nothing hold no object.
+
+        Raises
+        ------
+        ValueError
+            If the results were not held in memory.
         """
-        problem = self.needed_problem()
+        problem = self.problem
+        if not problem.held:
+            msg = (
+                "the mask of the object is made of all frames at once, but these do not fit into "
+                "memory; take some of them, such as phase.isel(time=slice(100)), and compare"
+            )
+            raise ValueError(msg)
         usable = problem.usable & ~problem.lost()[..., None, None]
         inside = usable & ~problem.background().mask
         return problem.result(inside if inside.any() else usable, "object", {"units": "1"})
+
+
+def map_name(method: str) -> str:
+    """Return by which name a problem knows the map of confidence of a method."""
+    return f"confidence of {method}"
+
+
+def identity(found: T) -> T:
+    """Return what is given."""
+    return found
+
+
+def nothing() -> Any:
+    """Return what can't be: what is asked for is known."""
+    raise AssertionError
+
+
+def same(one: Mapping[str, xr.DataArray], other: Mapping[str, xr.DataArray]) -> bool:
+    """Say whether two mappings hold the same stacks, not equal ones."""
+    return one.keys() == other.keys() and all(one[k] is other[k] for k in one)
 
 
 def compare(
@@ -390,7 +426,7 @@ def compare_on(
 ) -> Comparison:
     """Run several methods one after the other, wherever their phase lies; see `compare`."""
     exact = as_truth(truth, problem.template)
-    so_far = Comparison({}, table_of({}), problem if problem.held else None, problem.template)
+    so_far = Comparison({}, table_of({}), problem, problem.template)
     rows: dict[str, dict[str, Any]] = {}
     for place, method in enumerate(methods, 1):
         own_options = options.get(method, {})
@@ -427,8 +463,6 @@ def row_of(label: str, cost: Measured[xr.DataArray], truth: xr.DataArray | None)
     own = {"method": label, "seconds": cost.seconds, "peak_mb": cost.peak_mb}
     return own | errors(cost.result, truth)
 
-
-T = TypeVar("T")
 
 #: Seconds between two looks at the memory of the process.
 LOOK_S = 0.004

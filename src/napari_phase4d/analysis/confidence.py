@@ -2,32 +2,42 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass
+
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
+from napari_phase4d.analysis.loading import stack_of
 from napari_phase4d.axes import in_full
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.stack import Block, Stack
 from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
 from napari_phase4d.unwrapping import (
+    METHODS,
+    Astray,
+    Judged,
     Problem,
     Support,
+    ViewsOf,
+    all_wavelengths_known,
     astray,
     chance_by_wavelengths,
     run_method,
-    support_by_steps,
+    supports_by_steps,
+    working_blocks,
 )
 from napari_phase4d.words import warn
 
 __all__ = [
     "REFERENCE",
-    "chance_of_right",
+    "chances_of_right",
     "confidence",
+    "judged_of",
     "reference_of",
-    "slip_warning",
-    "slipped_frames",
     "turns_off",
+    "whole_turns",
 ]
 
 TURN = 2 * np.pi
@@ -44,13 +54,8 @@ ROUGHEST = 4.0
 LOOSEST = -0.2
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
-#: An object is one piece of a frame of at least so many pixels ...
-SMALLEST_OBJECT = 30
-#: ... and may have slipped if at least this share of it is trusted less than so much.
-MOST, FIRM = 0.5, 0.8
 
-Stack = NDArray[np.float32]
-Mask = NDArray[np.bool_]
+Image = NDArray[np.float32]
 
 
 def confidence(
@@ -112,7 +117,8 @@ def confidence(
     values = unwrapped_stack(on_grid_of(unwrapped, problem.template, name), name)
     doubt_other_phase(values, problem)
     reference = reference_of(problem, progress, cancelled)
-    return chance_of_right(problem, values, reference, progress, cancelled)
+    name = str(values.attrs.get("method", "")) or "result"
+    return chances_of_right(problem, {name: values}, reference, progress, cancelled)[name]
 
 
 def doubt_other_phase(unwrapped: xr.DataArray, problem: Problem) -> None:
@@ -140,145 +146,181 @@ def reference_of(
     return problem.once(REFERENCE, lambda: run_method(problem, REFERENCE, progress, cancelled, {}))
 
 
-def chance_of_right(
+def chances_of_right(
     problem: Problem,
-    result: xr.DataArray,
-    reference: xr.DataArray,
+    results: Mapping[str, xr.DataArray | None],
+    reference: xr.DataArray | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
-) -> xr.DataArray:
-    """Return `confidence` of a result, where the problem and the reference are at hand.
+) -> dict[str, xr.DataArray]:
+    """Return `confidence` of some results, of stacks of any length.
 
     Parameters
     ----------
     problem : Problem
         What was unwrapped.
-    result, reference : DataArray
-        Unwrapped phase in the form of the problem's; the reference is that of directional L1.
+    results : mapping of str to DataArray or None
+        Unwrapped phase in the form of the problem's, by method; None for the reference itself.
+    reference : DataArray, optional
+        The result of directional L1; default: it is computed on the way.
     progress, cancelled : callable, optional
         See `unwrap`.
     """
-    if problem.parts():
-        return chance_of_colours(problem, result, reference, progress, cancelled)
-    own = support_of(problem, result, progress, cancelled)
-    other = problem.once("support", lambda: support_of(problem, reference, progress, cancelled))
-    noise = problem.once("astray", lambda: astray(problem, progress, cancelled))
-    differs = in_full(turns_off(result, reference)) != 0
-    weight, rival = odds_of_right(own), odds_of_right(other)
-    weight = np.where(differs, weight, np.maximum(weight, rival))
-    chance = (1 - noise) * weight / (1 + weight + np.where(differs, rival, 0))
-    chance[problem.lost()] = 0
-    found = problem.result(
-        chance.astype(np.float32), "confidence", {"of": result.attrs.get("method", "")}
-    )
-    found.attrs["units"] = "1"
-    return found
-
-
-def chance_of_colours(
-    problem: Problem,
-    result: xr.DataArray,
-    reference: xr.DataArray,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
-) -> xr.DataArray:
-    """Return `confidence` where views differ in wavelength.
-
-    Where every angle has several, by how far they agree, which tells sheer walls too; else by the
-    steps of each wavelength by itself.
-    """
-    values = in_full(result)
-    if result.attrs.get("mask", "none") != "none":
-        values = np.where(values == 0, np.float32(np.nan), values)
-    chance = chance_by_wavelengths(problem, values)
-    if chance is None:
-        chance = np.zeros_like(values)
-        for views, part in problem.parts():
-            chosen = {"angle": list(views)}
-            of_part = chance_of_right(
-                part, result.isel(chosen), reference.isel(chosen), progress, cancelled
-            )
-            chance[:, list(views)] = in_full(of_part)
+    maps = {name: problem.result_stack(f"confidence_{name}") for name in results}
+    judged = {
+        name: None if result is None or result is reference else judged_of(result)
+        for name, result in results.items()
+    }
+    own = None if reference is None else judged_of(reference)
+    if problem.parts() and all_wavelengths_known(problem):
+        both = {n: j or own or reference_on_the_way(problem, progress, cancelled)
+                for n, j in judged.items()}  # fmt: skip
+        by_colour(problem, both, maps, progress, cancelled)
     else:
-        chance[np.isnan(values)] = 1  # masked: taken for empty field
-    chance[problem.lost()] = 0
-    found = problem.result(chance, "confidence", {"of": result.attrs.get("method", "")})
-    found.attrs["units"] = "1"
+        every = tuple(range(problem.given.shape[1]))
+        for views, part in problem.parts() or [(every, problem)]:
+            chosen = {n: None if j is None else j.of_views(views) for n, j in judged.items()}
+            of_part = None if own is None else own.of_views(views)
+            if of_part is None:
+                of_part = reference_on_the_way(part, progress, cancelled)
+            into = {name: ViewsOf(stack, views) for name, stack in maps.items()}
+            by_steps(part, chosen, of_part, into, progress, cancelled)
+    found = {}
+    for name, stack in maps.items():
+        result = results[name]
+        method = name if result is None else result.attrs.get("method", "")
+        attrs = {"of": method, "units": "1"}
+        found[name] = problem.map_of(stack, f"confidence_{name}", attrs).rename("confidence")
     return found
 
 
-def support_of(
+def judged_of(result: xr.DataArray) -> Judged:
+    """Return a result as it is judged."""
+    return Judged(stack_of(result), result.attrs.get("mask", "none") != "none")
+
+
+def reference_on_the_way(
+    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> Judged:
+    """Return the result of directional L1, which is needed on the way only."""
+
+    def unwrapped() -> Judged:
+        found = problem.store.temporary("reference", problem.given.shape, "float32")
+        METHODS[REFERENCE].function(problem, found, progress, cancelled)
+        return Judged(found, problem.finds_mask or not problem.all_usable)
+
+    return problem.once("reference", unwrapped)
+
+
+def by_steps(
     problem: Problem,
-    result: xr.DataArray,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
-) -> Support:
-    """Return how well the steps support a result, in which masked pixels are empty field.
+    results: Mapping[str, Judged | None],
+    reference: Judged,
+    maps: Mapping[str, Stack],
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> None:
+    """Write the chance that each wrap count is right, by the ways that lead to it."""
+    wanted = {name: result for name, result in results.items() if result is not None}
+    if not problem.knows("support"):
+        wanted["reference"] = reference
+    supports = supports_by_steps(problem, wanted, progress, cancelled)
+    rival = problem.once("support", lambda: supports["reference"])
+    noise = astray(problem, progress, cancelled)
+    blocks = working_blocks(problem.given.shape)
+    watch = Watch(len(blocks) * len(results), "weighing the results", progress, cancelled)
+    for name, result in results.items():
+        chance = ChanceBlock(
+            problem,
+            result or reference,
+            reference,
+            supports.get(name, rival),
+            rival,
+            noise,
+            maps[name],
+        )
+        for _ in in_threads(chance, blocks, watch, wait=True):
+            pass
 
-    Faint amplitude counts as roughness, as it does in the steps.
+
+@dataclass(frozen=True)
+class ChanceBlock:
+    """Writes the chance that the wrap counts of a block are right.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    result, reference : Judged
+        The result, and that of directional L1.
+    own, rival : Support
+        What the steps say of both.
+    noise : Astray
+        What noise does.
+    found : Stack
+        Where the chance goes.
     """
-    values = in_full(result)
-    if result.attrs.get("mask", "none") != "none":
-        values = np.where(values == 0, np.float32(np.nan), values)  # taken for empty field
-    return support_by_steps(problem, values, progress, cancelled)
+
+    problem: Problem
+    result: Judged
+    reference: Judged
+    own: Support
+    rival: Support
+    noise: Astray
+    found: Stack
+
+    def __call__(self, block: Block) -> None:
+        """Do a block."""
+        differs = whole_turns(self.result.read(block), self.reference.read(block)) != 0
+        weight, rival = (odds_of_right(support, block) for support in (self.own, self.rival))
+        weight = np.where(differs, weight, np.maximum(weight, rival))
+        still = 1 - self.noise.read(block)
+        chance = still * weight / (1 + weight + np.where(differs, rival, 0))
+        chance[self.problem.lost()[block.start : block.stop]] = 0
+        self.found.write(block, chance.astype(np.float32))
 
 
-def odds_of_right(support: Support) -> Stack:
+def by_colour(
+    problem: Problem,
+    results: Mapping[str, Judged],
+    maps: Mapping[str, Stack],
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> None:
+    """Write the chance that each wrap count is right, by how far the wavelengths agree.
+
+    That tells sheer walls too.
+    """
+    blocks = working_blocks(problem.given.shape)
+    watch = Watch(len(blocks) * len(results), "weighing the results", progress, cancelled)
+    for name, result in results.items():
+        for block in blocks:
+            values = result.read(block)
+            chance = chance_by_wavelengths(problem, values, block)
+            chance[np.isnan(values)] = 1  # masked: taken for empty field
+            chance[problem.lost()[block.start : block.stop]] = 0
+            maps[name].write(block, chance)
+            watch.step()
+
+
+def odds_of_right(support: Support, block: Block) -> Image:
     """Return the odds, right to wrong, of wrap counts that are supported so well."""
-    rough = np.minimum(support.roughest, np.float32(ROUGHEST))
-    held = np.maximum(support.held, np.float32(LOOSEST))
-    odds: Stack = np.exp(-(LEVEL + PER_RADIAN * rough + PER_HOLD * held))
+    rough = np.minimum(support.roughest.read(block), np.float32(ROUGHEST))
+    held = np.maximum(support.held.read(block), np.float32(LOOSEST))
+    odds: Image = np.exp(-(LEVEL + PER_RADIAN * rough + PER_HOLD * held))
     return odds
+
+
+def whole_turns(one: Image, other: Image) -> Image:
+    """Return by how many whole turns two results differ; 0 where either is not known."""
+    found: Image = np.nan_to_num(np.round((one - other) / np.float32(TURN)))
+    return found
 
 
 def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     """Return by how many whole turns two results differ; 0 where one of them was masked."""
+    every = Block(0, result.sizes.get("time", 1))
     reference = reference.transpose(*result.dims)
-    off = np.nan_to_num(np.round((result.values - reference.values) / np.float32(TURN)))
-    for stack in (result, reference):
-        if stack.attrs.get("mask", "none") != "none":
-            off = np.where(stack.values == 0, np.float32(0), off)
+    one, other = (judged_of(stack).read(every) for stack in (result, reference))
+    off = whole_turns(one, other).reshape(result.shape)
     return result.copy(data=off)
-
-
-def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
-    """Mark the frames (time, angle) in which most of an object may be off by the same cycles.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was unwrapped.
-    trust : DataArray
-        What `confidence` gave.
-    """
-    wrong = in_full(trust) < FIRM
-    objects = problem.usable & ~problem.background().mask
-    found = np.zeros(wrong.shape[:2], dtype=bool)
-    for frame in np.argwhere(~problem.lost()):
-        place = tuple(frame)
-        labels, count = ndimage.label(objects[place])
-        if not count:
-            continue
-        size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-        bad = np.bincount(labels[wrong[place]], minlength=count + 1)[1:]
-        found[place] = bool(((size >= SMALLEST_OBJECT) & (bad >= MOST * size)).any())
-    return found
-
-
-def slip_warning(problem: Problem, trust: xr.DataArray) -> str:
-    """Say in one sentence in which frames whole objects may have slipped; "" if in none.
-
-    Parameters
-    ----------
-    problem, trust
-        See `slipped_frames`.
-    """
-    slipped = slipped_frames(problem, trust)
-    count = int(slipped.sum())
-    if not count:
-        return ""
-    time, angle = np.argwhere(slipped)[0]
-    return (
-        f"in {count} of {slipped.size} frames most of an object may be off by a cycle, "
-        f"first at time {time}, view {angle}"
-    )

@@ -18,7 +18,6 @@ __all__ = [
     "DOUBTFUL",
     "OF_TRUTH",
     "as_truth",
-    "doubtful_percent",
     "errors",
     "in_order",
     "mean_squared_error",
@@ -151,12 +150,3 @@ def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]
         "mse_rad2": mean_squared_error(result, truth),
         "wrong_cycles_percent": 100 * wrong_cycle_share(result, truth),
     }
-
-
-def doubtful_percent(confidence: xr.DataArray, inside: xr.DataArray) -> float:
-    """Return the share in percent of the pixels inside that are trusted less than 0.5."""
-    trust = confidence.transpose(*inside.dims).values
-    count = np.count_nonzero(inside.values)
-    if count == 0:
-        return float("nan")
-    return 100 * np.count_nonzero((trust < DOUBTFUL) & inside.values) / count

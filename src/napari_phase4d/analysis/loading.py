@@ -9,10 +9,12 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.machine import free_memory
+from napari_phase4d.stack import Block, InMemory, Stack
 from napari_phase4d.words import size_in_words
 
-__all__ = ["PART_BYTES", "each_frame", "frame_of", "in_memory", "parts_over_time"]
+__all__ = ["PART_BYTES", "each_frame", "frame_of", "in_memory", "parts_over_time", "stack_of"]
 
 #: Copies that work on a whole stack makes of it, about.
 COPIES = 4
@@ -66,3 +68,32 @@ def each_frame(stack: xr.DataArray) -> Iterator[NDArray[Any]]:
     """Yield the frames (y, x) of a stack (time, angle, y, x), of which few are in memory."""
     for _, values in parts_over_time(stack):
         yield from values.reshape(-1, *values.shape[2:])
+
+
+class LazyStack:
+    """A stack that is read from where it lies, to be read only.
+
+    Parameters
+    ----------
+    stack : DataArray
+        Any of the dims (time, angle, y, x).
+    """
+
+    def __init__(self, stack: xr.DataArray) -> None:
+        self._stack = stack
+        self.shape = tuple(stack.sizes.get(axis, 1) for axis in AXES)
+
+    def read(self, block: Block, angles: slice = slice(None)) -> NDArray[Any]:
+        """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
+        chosen = {"time": slice(block.start, block.stop), "angle": angles}
+        part = self._stack.isel({d: c for d, c in chosen.items() if d in self._stack.dims})
+        return in_full(part)
+
+    def write(self, block: Block, values: NDArray[Any], angles: slice = slice(None)) -> None:
+        """Refuse: it is somebody else's."""
+        raise NotImplementedError
+
+
+def stack_of(stack: xr.DataArray) -> Stack:
+    """Return a stack to be read a block of frames at a time, wherever it lies."""
+    return InMemory(in_full(stack)) if stack.chunks is None else LazyStack(stack)

@@ -9,13 +9,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.confidence import REFERENCE, turns_off
-from napari_phase4d.analysis.errors import DOUBTFUL, wrong_cycle_share
+from napari_phase4d.analysis.errors import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
+from napari_phase4d.analysis.tally import Tally
 from napari_phase4d.unwrapping import METHODS, Problem
 
 __all__ = [
     "Verdict",
     "best_known",
+    "counting_turns",
     "most_trusted",
     "order_verdict",
     "steps_sentence",
@@ -75,30 +77,6 @@ class Verdict(str):
         return self
 
 
-def disagreement(results: Mapping[str, xr.DataArray], inside: xr.DataArray) -> xr.DataArray:
-    """Return the share of each frame's object on which not all results have the same wrap count.
-
-    Parameters
-    ----------
-    results : mapping of str to DataArray
-        Unwrapped phase of some methods.
-    inside : DataArray of bool
-        The object.
-
-    Returns
-    -------
-    DataArray
-        The dims without y and x, from 0 to 1; 0 where there is no object.
-    """
-    stacks = list(results.values())
-    differ = xr.zeros_like(inside, dtype=bool)
-    for stack in stacks[1:]:
-        differ = differ | (turns_off(stack, stacks[0]) != 0)
-    count = inside.sum(("y", "x"))
-    share = (differ & inside).sum(("y", "x")) / count.where(count > 0)
-    return share.fillna(0.0)
-
-
 def counting_turns(results: Mapping[str, xr.DataArray]) -> Mapping[str, xr.DataArray]:
     """Leave estimates out, where two other results are left."""
     exact = {m: r for m, r in results.items() if m not in ESTIMATES}
@@ -108,8 +86,7 @@ def counting_turns(results: Mapping[str, xr.DataArray]) -> Mapping[str, xr.DataA
 def verdict_on(
     problem: Problem,
     results: Mapping[str, xr.DataArray],
-    trust: Mapping[str, xr.DataArray],
-    inside: xr.DataArray,
+    tally: Tally,
     labels: Mapping[str, str],
 ) -> Verdict:
     """Say which result to use, how much of it is in doubt, and where methods disagree most.
@@ -118,24 +95,22 @@ def verdict_on(
     ----------
     problem : Problem
         What was unwrapped.
-    results, trust : mapping of str to DataArray
-        Unwrapped phase of each method, and its confidence; that of directional L1 is known even
-        if its result is not among them.
-    inside : DataArray of bool
-        The object.
+    results : mapping of str to DataArray
+        Unwrapped phase of each method.
+    tally : Tally
+        What their maps of confidence come to; that of directional L1 is known even if its result
+        is not among them.
     labels : mapping of str to str
         What each method is called.
     """
-    known = inside & ~problem.result(lost_pixels(problem), "lost", {})
-    count = max(int(known.sum()), 1)
-    doubt = {m: float(((t < DOUBTFUL) & known).sum()) / count for m, t in trust.items()}
+    doubt = {m: np.nan_to_num(tally.doubtful_share(m)) for m in tally.doubtful}
     own = doubt.pop(REFERENCE) if REFERENCE not in results else None
     best = min(doubt, key=lambda m: (round(doubt[m] / ALIKE), m != REFERENCE))
-    shares = disagreement(counting_turns(results), known)
-    values = np.asarray(shares.values)
+    values = tally.disagreement
     lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
-    place = np.unravel_index(int(np.argmax(values)), values.shape) if values.size else ()
-    named = {str(d): int(i) for d, i in zip(shares.dims, place, strict=True)}
+    time, angle = np.unravel_index(int(np.argmax(values)), values.shape)
+    dims = problem.template.dims
+    named = {d: int(i) for d, i in (("time", time), ("angle", angle)) if d in dims}
     most = float(values.max(initial=0.0))
     found = Verdict(
         spoken(
@@ -148,20 +123,23 @@ def verdict_on(
         )
     )
     found.method, found.doubtful_percent = best, 100 * doubt[best]
-    found.frame = (named.get("time", 0), named.get("angle", 0)) if most > 0 else None
+    found.frame = (int(time), int(angle)) if most > 0 else None
     found.disagreement_percent, found.lost_frames = 100 * most, lost
-    found.disagreement = shares
+    found.disagreement = of_frames(values, problem.template)
     return found
+
+
+def of_frames(values: NDArray[np.float64], template: xr.DataArray) -> xr.DataArray:
+    """Return numbers of all frames (time, angle) with the dims and places of those of a stack."""
+    frames = template.isel(dict.fromkeys(("y", "x"), 0), drop=True)
+    full = xr.DataArray(values, dims=("time", "angle"))
+    missing = [d for d in ("time", "angle") if d not in frames.dims]
+    return full.isel(dict.fromkeys(missing, 0)).assign_coords(frames.coords)
 
 
 def spoken(parts: list[str]) -> str:
     """Join what there is to say."""
     return " ".join(part for part in parts if part)
-
-
-def lost_pixels(problem: Problem) -> NDArray[np.bool_]:
-    """Mark all pixels of the frames that say nothing."""
-    return np.broadcast_to(problem.lost()[..., None, None], problem.wrapped.shape)
 
 
 def percent(share: float) -> str:

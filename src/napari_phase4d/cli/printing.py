@@ -196,8 +196,8 @@ def print_cells(outcome: Outcome) -> None:
 
 
 def print_verdict(outcome: Outcome) -> None:
-    """Say which result to use and how far; nothing where results are larger than memory."""
-    if outcome.comparison.problem is not None:
+    """Say which result to use and how far; of results on disk if maps of confidence were made."""
+    if outcome.comparison.held or outcome.recipe.confidence:
         console.print(f"[bold]{escape(outcome.comparison.verdict)}[/bold]")
 
 

@@ -320,7 +320,8 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     verdict = order_verdict(results, outcome.recipe.start_frames[0], exact)
     console.print(f"Of the steps on their way: {words}. {verdict}")
     labels = outcome.comparison.table["method"]
-    for method, sentence in outcome.comparison.warnings().items():
+    judged = outcome.comparison.held or outcome.recipe.confidence
+    for method, sentence in (outcome.comparison.warnings() if judged else {}).items():
         console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
     print_verdict(outcome)
 

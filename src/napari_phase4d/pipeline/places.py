@@ -29,7 +29,7 @@ from napari_phase4d.pipeline.streaming import (
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
-__all__ = ["Place", "find_place", "make_folder", "place_for", "stacks_beside"]
+__all__ = ["Place", "find_place", "make_folder", "place_for", "stacks_beside", "temporary_folder"]
 
 
 @dataclass(frozen=True)
@@ -136,12 +136,6 @@ def find_place(
     needs.check(where, on_disk=on_disk)
     if not on_disk:
         return None
-    if recipe.confidence:
-        msg = (
-            "maps of confidence need all frames in memory at once, but these stay on disk; leave "
-            "confidence out, or cut the recording into shorter ones"
-        )
-        raise OSError(msg)
     workers: Workers = Threads() if scheduler is None else Cluster(scheduler)
     return Place(Shelf(temporary_folder() if folder is None else Path(folder)), workers)
 

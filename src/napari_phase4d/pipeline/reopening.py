@@ -11,8 +11,10 @@ import xarray as xr
 
 from napari_phase4d.analysis import Comparison
 from napari_phase4d.io import OME_TIFF, OME_ZARR, open_phase, read_results
+from napari_phase4d.pipeline.places import temporary_folder
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, mask_of
+from napari_phase4d.pipeline.streaming import ProblemOnDisk, Shelf, stored_at
 from napari_phase4d.stacks import wrapped_stack
 from napari_phase4d.unwrapping import METHODS, Problem
 from napari_phase4d.words import address_of, local_path
@@ -74,12 +76,24 @@ def read_outcome(folder: str | Path) -> Outcome:
     )
     data = xr.Dataset({"phase": phase} | ({} if amplitude is None else {"amplitude": amplitude}))
     table = table_in(folder, stacks)
-    problem = None
-    if phase.chunks is None:
-        mask = mask_of(used, phase)
-        problem = Problem(wrapped_stack(phase), used.start_frames, mask, amplitude)
-    comparison = Comparison(stacks, table, problem, phase)
+    comparison = Comparison(stacks, table, problem_of(used, phase, amplitude), phase)
     return Outcome(None, used, data, comparison, exact)
+
+
+def problem_of(recipe: Recipe, phase: xr.DataArray, amplitude: xr.DataArray | None) -> Problem:
+    """Return what a run has unwrapped; it stays where it lies."""
+    stored = stored_at(phase)
+    if stored is None:
+        mask = mask_of(recipe, phase)
+        return Problem(wrapped_stack(phase), recipe.start_frames, mask, amplitude)
+    return ProblemOnDisk(
+        phase,
+        stored,
+        Shelf(temporary_folder()),
+        recipe.start_frames,
+        finds_mask=recipe.mask == "auto",
+        amplitude=amplitude,
+    )
 
 
 def stack_file(folder: Path, name: str) -> Path | None:

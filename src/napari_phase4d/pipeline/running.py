@@ -162,6 +162,7 @@ def run(
         with place_for(recipe, needs, folder, scheduler) as place:
             used, scores = with_start(recipe, opened, progress, cancelled)
             comparison = unwrap_by(used, opened, truth, progress, cancelled, place=place)
+            trust_on_disk(used, comparison, progress, cancelled)
         comparison = noting_start(comparison, scores)
         data = xr.Dataset({"phase": opened})
         outcome = Outcome(None, used, data, comparison, truth, scores)
@@ -190,12 +191,24 @@ def run(
             amplitude=data["amplitude"],
             place=place,
         )
+        trust_on_disk(used, comparison, progress, cancelled)
     used = used.changed(
         lobes=tuple(lobes), optics=recording.optics, refocus_um=data.attrs.get("refocus_um")
     )
     comparison = noting_start(comparison, scores)
     outcome = Outcome(recording, used, data, comparison, truth, scores)
     return with_cells(outcome, recording.optics, progress, cancelled)
+
+
+def trust_on_disk(
+    recipe: Recipe,
+    comparison: Comparison,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> None:
+    """Make maps of confidence that a recipe asks for, if they lie on disk, as results do there."""
+    if recipe.confidence and not comparison.held:
+        comparison.confidences(None, progress, cancelled)
 
 
 def say_what_counts(recipe: Recipe, recording: Recording) -> None:
@@ -249,7 +262,8 @@ def cells_by(
     """Find, follow and measure cells as a recipe asks for, None if it does not.
 
     They are those of the result most to be trusted; where the phase notes its wavelength, that
-    counts. Pixels in doubt make their errors larger, unless the run was larger than memory.
+    counts. Pixels in doubt make their errors larger; after a run larger than memory they do so if
+    the recipe asks for confidence.
     """
     if recipe.cells is None:
         return None

@@ -13,17 +13,21 @@ from napari_phase4d.unwrapping.boundaries import (
 from napari_phase4d.unwrapping.causal import CAUSAL, Causal, causal_methods, for_what_comes
 from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.support import (
+    Astray,
+    Judged,
     Support,
     astray,
-    roughest_on_the_way,
-    support_by_steps,
+    supports_by_steps,
 )
 from napari_phase4d.unwrapping.ends import both_ends, ends_along
 from napari_phase4d.unwrapping.flow import loop_sums
 from napari_phase4d.unwrapping.framewise import frame_by_frame
-from napari_phase4d.unwrapping.given import Given, is_known, working_frames
-from napari_phase4d.unwrapping.light import frames_among, views_by_light
-from napari_phase4d.unwrapping.light.agreement import chance_by_wavelengths
+from napari_phase4d.unwrapping.given import Given, is_known, working_blocks, working_frames
+from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
+from napari_phase4d.unwrapping.light.agreement import (
+    all_wavelengths_known,
+    chance_by_wavelengths,
+)
 from napari_phase4d.unwrapping.masks import left_out_advice
 from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.noise import median_of, noise_of
@@ -51,14 +55,18 @@ __all__ = [
     "SCORED_TIMES",
     "SCORING_METHOD",
     "STACKS_OF_A_FRAME",
+    "Astray",
     "Causal",
     "Given",
+    "Judged",
     "Method",
     "Option",
     "Problem",
     "SharedSteps",
     "Support",
+    "ViewsOf",
     "all_options",
+    "all_wavelengths_known",
     "astray",
     "best_frame",
     "border_medians",
@@ -80,13 +88,13 @@ __all__ = [
     "noise_of",
     "noted",
     "object_in",
-    "roughest_on_the_way",
     "run_method",
     "score_boundaries",
     "scores_of_some",
     "scores_sentence",
-    "support_by_steps",
+    "supports_by_steps",
     "unwrap",
     "views_by_light",
+    "working_blocks",
     "working_frames",
 ]

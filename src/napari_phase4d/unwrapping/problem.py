@@ -215,6 +215,20 @@ class Problem(SharedSteps):
             values = np.where(self.unknown[..., None, None], np.float32(np.nan), values)
         return self.result(values, method, attrs)
 
+    def map_of(self, values: Stack, name: str, attrs: dict[str, Any]) -> xr.DataArray:
+        """Return a map of something else than phase, from 0 to 1, in the form of the phase.
+
+        Parameters
+        ----------
+        values : Stack
+            As `result_stack` made it.
+        name : str
+            The name that it was made by.
+        attrs : dict
+            What it is.
+        """
+        return self.result(values.read(Block(0, values.shape[0])), name, attrs)
+
     # ---- views of several wavelengths ----
 
     @property

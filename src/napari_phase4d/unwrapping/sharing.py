@@ -54,3 +54,6 @@ class SharedSteps:
         """Let go of what the directional methods share: it is as large as many results."""
         self.forget(FIELD)
         self.forget(GRAPH)
+
+    def tidy(self) -> None:
+        """Remove what was needed on the way only, where that lies on disk."""

@@ -15,6 +15,7 @@ from napari_phase4d.pipeline.streaming.stored import Shelf
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.progress import Watch
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest
+from napari_phase4d.stacks import KIND
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
@@ -29,6 +30,10 @@ from napari_phase4d.unwrapping.problem import (
 __all__ = ["ProblemOnDisk"]
 
 R = TypeVar("R")
+T = TypeVar("T")
+
+#: Beginnings of the names of what stays when the shelf is cleared: maps that are whole, numbers.
+LASTING = ("confidence of", "tally", "lost", "brightness", "all usable")
 
 
 class ProblemOnDisk(Problem):
@@ -74,6 +79,7 @@ class ProblemOnDisk(Problem):
         self.finds_mask = finds_mask
         self._stored = stored
         self._shelf = shelf
+        self._clearings = shelf.clearings
         self._store: Store = shelf if store is None else store
         self._amplitude = amplitude
         self._workers = Threads() if workers is None else workers
@@ -180,6 +186,30 @@ class ProblemOnDisk(Problem):
         result = self.template.copy(deep=False).rename(method)
         result.attrs = {**self.template.attrs, "units": "rad", **attrs}
         return self._shelf.put(method, result, widest(limits))
+
+    def map_of(self, values: Stack, name: str, attrs: dict[str, Any]) -> xr.DataArray:
+        """Return a map of something else than phase, see `Problem`, as it lies on disk."""
+        found = self.template.copy(deep=False).rename(name)
+        found.attrs = {k: v for k, v in self.template.attrs.items() if k != KIND} | attrs
+        return self._shelf.put(name, found, (0.0, 1.0))
+
+    # ---- what lies on the shelf may have been cleared away ----
+
+    def once(self, name: str, work: Callable[[], T]) -> T:
+        """Return what ``work()`` returned when it was first asked for by this name."""
+        if self._shelf.clearings != self._clearings:
+            self._clearings = self._shelf.clearings
+            self._known = {k: v for k, v in self._known.items() if k.startswith(LASTING)}
+        return super().once(name, work)
+
+    def knows(self, name: str) -> bool:
+        """Say whether something has been computed by this name, and is still there."""
+        there = self._shelf.clearings == self._clearings or name.startswith(LASTING)
+        return there and super().knows(name)
+
+    def tidy(self) -> None:
+        """Remove what was needed on the way only."""
+        self._shelf.clear()
 
 
 class KnownBlock:

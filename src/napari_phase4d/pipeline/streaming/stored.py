@@ -106,10 +106,22 @@ class Shelf:
     def __init__(self, folder: Path) -> None:
         # Workers of a cluster may have been started elsewhere.
         self.folder = folder.absolute()
-        #: Holds what is needed on the way only.
-        self.scratch = new_folder(self.folder, ".phase4d")
+        #: How often it has been cleared.
+        self.clearings = 0
+        self._open()
+
+    def _open(self) -> None:
+        """Make the folder that holds what is needed on the way only."""
+        self._scratch = new_folder(self.folder, ".phase4d")
         # The name of the folder alone: nothing of the shelf may be held by what clears it.
-        self._clear = weakref.finalize(self, shutil.rmtree, self.scratch, ignore_errors=True)
+        self._clear = weakref.finalize(self, shutil.rmtree, self._scratch, ignore_errors=True)
+
+    @property
+    def scratch(self) -> Path:
+        """The folder that holds what is needed on the way only, made anew if it was cleared."""
+        if not self._clear.alive:
+            self._open()
+        return self._scratch
 
     def new(self, name: str, shape: tuple[int, ...]) -> Stored:
         """Return an empty stack that will have this name."""
@@ -164,7 +176,9 @@ class Shelf:
 
     def clear(self) -> None:
         """Remove what was needed on the way only."""
-        self._clear()
+        if self._clear.alive:
+            self._clear()
+            self.clearings += 1
 
 
 class GrowingStack:

@@ -24,7 +24,13 @@ Stack = NDArray[np.float32]
 
 
 def held_by_steps(
-    first: Whole, second: Whole, off: Whole, rough: Stack, n: int, no_way: float
+    first: Whole,
+    second: Whole,
+    off: Whole,
+    rough: Stack,
+    n: int,
+    no_way: float,
+    counted: int | None = None,
 ) -> tuple[Stack, Stack]:
     """Return how rough the way from node 0 to each node gets, and how firmly each is held.
 
@@ -40,6 +46,9 @@ def held_by_steps(
         Number of nodes.
     no_way : float
         Roughness that stands for no way at all.
+    counted : int, optional
+        How many of the steps, the first ones, hold parts at their rims; the others are but ways.
+        Default all.
 
     Returns
     -------
@@ -56,7 +65,16 @@ def held_by_steps(
     weight = (1 + np.maximum(rough, 0).astype(np.float64)) ** -GENTLE
     joined = np.full(len(first), -1, dtype=np.int32)
     when_joined(first, second, parent, when, joined)
-    up, down, count = rims(first, second, off, weight, joined, n, len(left))
+    up, down, count = rims(
+        first,
+        second,
+        off,
+        weight,
+        joined,
+        n,
+        len(left),
+        len(first) if counted is None else counted,
+    )
     add_parts(left, right, up, down, count, n)
     firmness = np.minimum(up, down) / np.maximum(count, 1)
     made = np.full(len(up), -np.inf, dtype=np.float32)
@@ -125,7 +143,14 @@ def when_joined(first: Whole, second: Whole, parent: Whole, when: Whole, joined:
 
 @compiled
 def rims(
-    first: Whole, second: Whole, off: Whole, weight: Numbers, joined: Whole, n: int, merges: int
+    first: Whole,
+    second: Whole,
+    off: Whole,
+    weight: Numbers,
+    joined: Whole,
+    n: int,
+    merges: int,
+    counted: int,
 ) -> tuple[Numbers, Numbers, Numbers]:
     """Return what a turn up and down costs every node, and how many steps it has.
 
@@ -133,7 +158,7 @@ def rims(
     """
     up, down = np.zeros(n + merges), np.zeros(n + merges)
     count = np.zeros(n + merges)
-    for i in range(len(first)):
+    for i in range(counted):
         a, b, w = first[i], second[i], weight[i]
         more = w * (abs(off[i] + 1) - abs(off[i]))
         less = w * (abs(off[i] - 1) - abs(off[i]))

@@ -2,27 +2,29 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.phasors import turned
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
-from napari_phase4d.stack import Block
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.stack import Block, Stack
 from napari_phase4d.unwrapping.directional.following import followed_steps
+from napari_phase4d.unwrapping.directional.graph import PixelGraph, graphs_of, spans_of
 from napari_phase4d.unwrapping.directional.merging import held_by_steps
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
-from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
-from napari_phase4d.unwrapping.directional.steps import Opinion
-from napari_phase4d.unwrapping.ends import ends_along
+from napari_phase4d.unwrapping.directional.ways import NO_TREE, Tree, WaysOutside
+from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registration import moved
 from napari_phase4d.unwrapping.sharing import GRAPH
 from napari_phase4d.unwrapping.spatial import border_medians
 
-__all__ = ["Support", "astray", "roughest_on_the_way", "support_by_steps"]
+__all__ = ["Astray", "Judged", "Support", "astray", "supports_by_steps"]
 
 TURN = np.float32(2 * np.pi)
 #: What has no way to the empty field is as rough as this, in radians.
@@ -31,7 +33,7 @@ NO_WAY = 12.0
 #: of the noise. Fitted to one half of the moving cells, at noises of 0.7 and 0.9 rad.
 APART = 1.7
 
-Stack = NDArray[np.float32]
+Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
 
 
@@ -41,9 +43,9 @@ class Support:
 
     Parameters
     ----------
-    roughest : ndarray of shape (time, angle, y, x)
+    roughest : Stack
         The roughest step, in radians, on the smoothest way from the empty field.
-    held : ndarray, same shape
+    held : Stack
         From -1 to 1: how firmly the steps hold the parts that the pixel belongs to against a turn
         more or less, see `held_by_steps`.
     """
@@ -52,13 +54,38 @@ class Support:
     held: Stack
 
 
-def support_by_steps(
+@dataclass(frozen=True)
+class Judged:
+    """A result to be judged.
+
+    Parameters
+    ----------
+    values : Stack
+        Unwrapped phase of any method, radians; NaN counts as empty field.
+    masked : bool, optional
+        Whether 0 stands for what a mask has left out; it counts as empty field then.
+    """
+
+    values: Stack
+    masked: bool = False
+
+    def read(self, block: Block) -> Image:
+        """Return some times; what counts as empty field is NaN."""
+        values: Image = self.values.read(block)
+        return np.where(values == 0, np.float32(np.nan), values) if self.masked else values
+
+    def of_views(self, views: tuple[int, ...]) -> Judged:
+        """Return some views of it."""
+        return Judged(ViewsOf(self.values, views), self.masked)
+
+
+def supports_by_steps(
     problem: Problem,
-    unwrapped: Stack,
+    results: Mapping[str, Judged],
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
-) -> Support:
-    """Return how well the steps support each pixel of a result.
+) -> dict[str, Support]:
+    """Return how well the steps support each pixel of some results.
 
     A way goes along steps over time, angle, y and x, and only along those that a result agrees
     with: whose wrap count is the one that directional L1 would give them. Of all ways from the
@@ -67,152 +94,183 @@ def support_by_steps(
     it is rough. A smooth way may lead into a part by accident; then most other steps at its rim
     are against it, or for nothing, and it is not held.
 
+    A long recording is looked at a span of frames at a time. Ways lead through all of it even so,
+    see `WaysOutside`; the steps at the rim of a part are those of its span.
+
     Parameters
     ----------
     problem : Problem
         What was unwrapped.
-    unwrapped : ndarray of shape (time, angle, y, x)
-        A result of any method, radians; NaN counts as empty field.
+    results : mapping of str to Judged
+        The results, by words.
     progress, cancelled : callable, optional
         See `unwrap`.
     """
     field = prepared(problem, progress, cancelled)
+    cores = spans_of(field.scene.part)
+    supports = {
+        name: Support(
+            *(
+                problem.store.temporary(f"{part}_{name}", problem.given.shape, "float32")
+                for part in ("roughest", "held")
+            )
+        )
+        for name in results
+    }
+    ways: dict[str, WaysOutside] = {}
+    if len(cores) > 1:
+        ways = followed_ways(problem, field, results, cores, progress, cancelled)
     watch = Watch(1, "weighing the steps", progress, cancelled)
-    graph = problem.once(GRAPH, lambda: pixel_graph(field, watch))
-    turns = turns_of_nodes(field.scene, graph, problem, unwrapped)
-    off = turns[graph.second] - turns[graph.first] - graph.turns
-    worst, held = held_by_steps(graph.first, graph.second, off, graph.rough, graph.n, NO_WAY)
-    return Support(
-        np.clip(of_pixels(field.scene, graph, worst), np.float32(0), np.float32(NO_WAY)),
-        of_pixels(field.scene, graph, held),
-    )
+    for span, graph in numbered(graphs(problem, field, cores, watch), cores):
+
+        def judge(name: str, span: int = span, graph: PixelGraph = graph) -> None:
+            look = Look(problem, field.scene, graph, results[name])
+            look.write(supports[name], outside(graph, ways.get(name), span))
+
+        for _ in in_threads(judge, results, watch.quiet(len(results)), wait=True, large=True):
+            pass
+    return supports
+
+
+def graphs(
+    problem: Problem, field: Field, cores: list[Block], watch: Watch
+) -> Iterable[PixelGraph]:
+    """Return the graph of each span, in some order; that of a single one is kept for others."""
+
+    def all_of_them() -> Iterator[PixelGraph]:
+        return graphs_of(field.scene, followed_steps(field.scene, field.floors, watch), cores)
+
+    if len(cores) > 1:
+        return all_of_them()
+    return problem.once(GRAPH, lambda: list(all_of_them()))
+
+
+def numbered(found: Iterable[PixelGraph], cores: list[Block]) -> Iterator[tuple[int, PixelGraph]]:
+    """Give each graph the number of its span."""
+    for graph in found:
+        yield cores.index(graph.core), graph
+
+
+def followed_ways(
+    problem: Problem,
+    field: Field,
+    results: Mapping[str, Judged],
+    cores: list[Block],
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> dict[str, WaysOutside]:
+    """Return the ways outside of every span, for each result."""
+    pixels = math.prod(field.scene.shape[1:])
+    found = {name: WaysOutside(problem.store, name, pixels) for name in results}
+    watch = Watch(1, "following ways", progress, cancelled)
+    for span, graph in numbered(graphs(problem, field, cores, watch), cores):
+
+        def add(name: str, span: int = span, graph: PixelGraph = graph) -> None:
+            look = Look(problem, field.scene, graph, results[name])
+            found[name].add(span, graph, look.off() == 0)
+
+        for _ in in_threads(add, results, watch.quiet(len(results)), wait=True, large=True):
+            pass
+    for ways in found.values():
+        watch.check()
+        ways.follow(len(cores))
+    return found
+
+
+def outside(graph: PixelGraph, ways: WaysOutside | None, span: int) -> Tree:
+    """Return the ways outside of a span between nodes of its graph."""
+    if ways is None:
+        return NO_TREE
+    found = NO_TREE
+    for tree, time in (
+        (ways.before(span), graph.core.start),
+        (ways.after(span), graph.core.stop),
+    ):
+        if len(tree.rough):
+            found = found.with_others(tree.between(graph.nodes_at(time)))
+    return found
 
 
 @dataclass(frozen=True)
-class PixelGraph:
-    """Every pixel of the object and every island of the empty field as a node.
+class Look:
+    """Looks at a result over the frames of a graph.
 
     Parameters
     ----------
-    nodes : ndarray of int, shape (kept time, angle, y, x)
-        Node of every pixel of the moved frames. The pixels of an island in one frame share one; 0
-        is the island that is held, and stands for what has none.
-    n_islands, n : int
-        How many nodes are islands, which come first; how many there are.
-    first, second : ndarray of int
-        The nodes at both ends of every step.
-    turns : ndarray of int
-        Turns of the second minus those of the first, as the step asks for.
-    rough : ndarray of float
-        Roughness of every step in radians.
+    problem : Problem
+        What was unwrapped.
+    scene : Scene
+        It, the object held in place.
+    graph : PixelGraph
+        The steps.
+    result : Judged
+        The result.
     """
 
-    nodes: Whole
-    n_islands: int
-    n: int
-    first: Whole
-    second: Whole
-    turns: Whole
-    rough: Stack
+    problem: Problem
+    scene: Scene
+    graph: PixelGraph
+    result: Judged
+
+    def off(self) -> Whole:
+        """Return by how many turns the result differs from what each step asks for."""
+        turns = self.turns()
+        found: Whole = turns[self.graph.second] - turns[self.graph.first] - self.graph.turns
+        return found
+
+    def turns(self) -> Whole:
+        """Return the wrap count of every node, relative to each frame's empty field."""
+        scene, around = self.scene, self.graph.around
+        kept = scene.frames.kept[around.start : around.stop]
+        times = Block(int(kept[0]), int(kept[-1]) + 1)
+        background = self.problem.background()
+        level = border_medians(background.level, self.problem.first)
+        steady = (self.result.read(times) - background.ground(level, times))[kept - times.start]
+        seen = scene.read(around)
+        shifts = scene.shifts[around.start : around.stop]
+        turns = np.round((moved(steady, shifts) - seen.phase) / TURN)
+        known = np.isfinite(turns)
+        turns = np.where(known, turns, 0).astype(np.int32)
+        for frame in np.ndindex(*turns.shape[:2]):
+            # What a mask left out is the field at its level; in what it kept, an even part of a
+            # cell may pass for empty.
+            if seen.empty[frame].any():
+                off = np.int32(np.median(turns[frame][seen.empty[frame]]))
+                turns[frame] -= off * known[frame]
+        found = np.zeros(self.graph.n, dtype=np.int32)
+        found[self.graph.nodes] = turns
+        found[: self.graph.n_islands] = 0
+        return found
+
+    def write(self, support: Support, outside: Tree) -> None:
+        """Write how well the steps support the times that the graph stands for."""
+        graph, off = self.graph, self.off()
+        ways = Tree(graph.first, graph.second, graph.rough)
+        if len(outside.rough):
+            ways = ways.with_others(outside)
+            off = np.concatenate([off, np.zeros(len(outside.rough), dtype=np.int32)])
+        worst, held = held_by_steps(
+            ways.first, ways.second, off, ways.rough, graph.n, NO_WAY, len(graph.rough)
+        )
+        np.clip(worst, np.float32(0), np.float32(NO_WAY), out=worst)
+        times, which = times_of(self.scene, graph.core)
+        inner = graph.core.of(graph.around)
+        back = -self.scene.shifts[graph.core.start : graph.core.stop]
+        for stack, of_nodes in ((support.roughest, worst), (support.held, held)):
+            stack.write(times, moved(of_nodes[graph.nodes[inner]], back)[which])
 
 
-def pixel_graph(field: Field, watch: Watch) -> PixelGraph:
-    """Return the graph of all pixels, in memory."""
-    scene = field.scene
-    every = Block(0, scene.shape[0])
-    islands, n_islands, fields = islands_of(scene.islands(every), scene.frames.start)
-    free = scene.read(every).free
-    nodes = np.maximum(islands, 0)
-    n = n_islands + int(np.count_nonzero(free))
-    nodes[free] = np.arange(n_islands, n, dtype=np.int32)
-    inside = nodes[:, :, *scene.box]
-    columns: list[tuple[Whole, Whole, Whole, Stack]] = []
-    for weighed in followed_steps(scene, field.floors, watch):
-        first = weighed.block.start
-        for opinions in (weighed.by_axis, weighed.followed):
-            for axis, opinion in opinions.items():
-                more = 1 if axis == 0 else 0
-                frames = slice(first, first + len(opinion.turns) + more)
-                columns.append(listed(inside[frames], axis, opinion))
-    others = fields[fields != 0]
-    none = np.zeros(len(others), dtype=np.int32)
-    columns.append((none, others, none, np.full(len(others), FIRM, dtype=np.float32)))
-    first_, second, turns, rough = (np.concatenate(c) for c in zip(*columns, strict=True))
-    return PixelGraph(nodes, n_islands, n, first_, second, turns, rough)
+def times_of(scene: Scene, core: Block) -> tuple[Block, NDArray[np.intp]]:
+    """Return the times that some kept frames stand for, and which of them each time takes."""
+    kept, n = scene.frames.kept, len(scene.frames.lost)
+    first = 0 if core.start == 0 else int(kept[core.start])
+    times = Block(first, n if core.stop == len(kept) else int(kept[core.stop]))
+    return times, scene.frames.all_times(times) - core.start
 
 
-def listed(nodes: Whole, axis: int, opinion: Opinion) -> tuple[Whole, Whole, Whole, Stack]:
-    """List the steps along an axis between nodes (time, angle, y, x)."""
-    head, tail = ends_along(axis, 4)
-    kept = opinion.kept
-    turns = opinion.turns[kept].astype(np.int32)
-    return nodes[head][kept], nodes[tail][kept], turns, opinion.rough[kept]
-
-
-def islands_of(islands: Whole, start: tuple[int, int]) -> tuple[Whole, int, Whole]:
-    """Give the islands of the empty field numbers through all frames; -1 where there is none.
-
-    The largest one of the start is 0; else, if that frame has none, the largest of all. There is
-    always one number at least, even where no pixel has it.
-
-    Parameters
-    ----------
-    islands : ndarray of int, shape (time, angle, y, x)
-        Their numbers in each frame by itself, from 0; -1 elsewhere.
-    start : tuple of int
-        Frame (time, angle).
-
-    Returns
-    -------
-    found : ndarray of int, shape of the islands
-        The number of each pixel's island.
-    count : int
-        How many there are.
-    fields : ndarray of int
-        The largest island of every frame, where it takes enough of it to be the field.
-    """
-    found = np.full(islands.shape, -1, dtype=np.int32)
-    count, fields = 0, []
-    for frame in np.ndindex(*islands.shape[:2]):
-        numbers = islands[frame]
-        sizes = np.bincount(numbers.ravel() + 1)[1:]
-        found[frame] = np.where(numbers >= 0, numbers + count, -1)
-        if len(sizes) and sizes.max() >= FIELD_SHARE * numbers.size:
-            fields.append(count + int(np.argmax(sizes)))
-        count += len(sizes)
-    if count == 0:
-        return found, 1, np.zeros(0, dtype=np.int32)
-    in_start = found[start]
-    asked = in_start if (in_start >= 0).any() else found
-    largest = int(np.argmax(np.bincount(asked[asked >= 0])))
-    swap = np.arange(count + 1, dtype=np.int32)
-    swap[-1] = -1  # where nothing is empty
-    swap[[0, largest]] = swap[[largest, 0]]
-    return swap[found], count, swap[np.array(fields, dtype=np.intp)]
-
-
-def roughest_on_the_way(
-    problem: Problem,
-    unwrapped: Stack,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
-) -> Stack:
-    """Return how rough the best way from the empty field to each pixel gets, in radians.
-
-    Parameters
-    ----------
-    problem, unwrapped, progress, cancelled
-        See `support_by_steps`.
-    """
-    return support_by_steps(problem, unwrapped, progress, cancelled).roughest
-
-
-def astray(
-    problem: Problem,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
-) -> Stack:
-    """Return the chance that the noise of a pixel alone takes it more than half a turn away.
+@dataclass(frozen=True)
+class Astray:
+    """The chance that the noise of a pixel alone takes it more than half a turn away.
 
     Where its neighbours, averaged along the slope, say e radians else than the pixel, the two
     differ by e or by e - 2 pi. For a normal distribution of variance v the odds of the latter are
@@ -221,47 +279,39 @@ def astray(
 
     Parameters
     ----------
+    scene : Scene
+        What was unwrapped.
+    """
+
+    scene: Scene
+
+    def read(self, block: Block) -> Image:
+        """Return it for some times."""
+        scene = self.scene
+        if scene.noise < NOISY:
+            return np.zeros((len(block), *scene.shape[1:]), dtype=np.float32)
+        which = scene.frames.all_times(block)
+        kept = Block(int(which[0]), int(which[-1]) + 1)
+        away = np.abs(turned(scene.noisy_phase(kept) - scene.read(kept).phase))
+        odds = np.exp(
+            (away - np.float32(np.pi)) * np.float32(2 * np.pi / (APART * scene.noise**2))
+        )
+        back = -scene.shifts[kept.start : kept.stop]
+        return moved(odds / (1 + odds), back)[which - kept.start]
+
+
+def astray(
+    problem: Problem,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Astray:
+    """Return the chance that noise alone takes a pixel astray, to be read in blocks of times.
+
+    Parameters
+    ----------
     problem : Problem
         What was unwrapped.
     progress, cancelled : callable, optional
         See `unwrap`.
     """
-    scene = prepared(problem, progress, cancelled).scene
-    if scene.noise < NOISY:
-        return np.zeros(problem.wrapped.shape, dtype=np.float32)
-    every = Block(0, scene.shape[0])
-    away = np.abs(turned(scene.noisy_phase(every) - scene.read(every).phase))
-    odds = np.exp((away - np.float32(np.pi)) * np.float32(2 * np.pi / (APART * scene.noise**2)))
-    return at_all_times(scene, moved(odds / (1 + odds), -scene.shifts))
-
-
-def at_all_times(scene: Scene, stack: Stack) -> Stack:
-    """Return a stack of the kept times with the times left out, taken from the one before."""
-    n = len(scene.frames.lost)
-    return stack if len(stack) == n else stack[scene.frames.all_times(Block(0, n))]
-
-
-def of_pixels(scene: Scene, graph: PixelGraph, of_nodes: Stack) -> Stack:
-    """Return what nodes have on all pixels of all times."""
-    return at_all_times(scene, moved(of_nodes[graph.nodes], -scene.shifts))
-
-
-def turns_of_nodes(scene: Scene, graph: PixelGraph, problem: Problem, unwrapped: Stack) -> Whole:
-    """Return the wrap count of every node in a result, relative to each frame's empty field."""
-    background = problem.background()
-    level = background.ground(border_medians(background.level, problem.first))
-    seen = scene.read(Block(0, scene.shape[0]))
-    steady = (unwrapped - level)[scene.frames.kept]
-    turns = np.round((moved(steady, scene.shifts) - seen.phase) / TURN)
-    known = np.isfinite(turns)
-    turns = np.where(known, turns, 0).astype(np.int32)
-    for frame in np.ndindex(*turns.shape[:2]):
-        # What a mask left out is the field at its level; in what it kept, an even part of a cell
-        # may pass for empty.
-        if seen.empty[frame].any():
-            off = np.int32(np.median(turns[frame][seen.empty[frame]]))
-            turns[frame] -= off * known[frame]
-    found = np.zeros(graph.n, dtype=np.int32)
-    found[graph.nodes] = turns
-    found[: graph.n_islands] = 0
-    return found
+    return Astray(prepared(problem, progress, cancelled).scene)

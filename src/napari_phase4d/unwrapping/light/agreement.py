@@ -19,7 +19,7 @@ from napari_phase4d.unwrapping.light.synthetic import (
 )
 from napari_phase4d.unwrapping.problem import Problem
 
-__all__ = ["chance_by_wavelengths"]
+__all__ = ["all_wavelengths_known", "chance_by_wavelengths"]
 
 Image = NDArray[np.float32]
 
@@ -31,8 +31,15 @@ LONERS = 0.02
 OTHERS = (-2, -1, 1, 2)
 
 
-def chance_by_wavelengths(problem: Problem, unwrapped: Image) -> Image | None:
+def all_wavelengths_known(problem: Problem) -> bool:
+    """Say whether every angle has several wavelengths, which can be held against each other."""
+    return has_every_wavelength(problem.wavelengths_um, problem.angles_deg)
+
+
+def chance_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> Image:
     """Return the chance that each wrap count is right, by how far the wavelengths agree on it.
+
+    Every angle must have several, see `all_wavelengths_known`.
 
     The difference of the unwrapped phases at two wavelengths is that of their synthetic one. It
     predicts each of them, and is off by a turn where a count is wrong, so that noise tells the
@@ -44,17 +51,17 @@ def chance_by_wavelengths(problem: Problem, unwrapped: Image) -> Image | None:
     problem : Problem
         What was unwrapped.
     unwrapped : ndarray of shape (time, view, y, x)
-        A result of any method, radians.
+        Some times of a result of any method, radians.
+    block : Block
+        Which times.
 
     Returns
     -------
-    ndarray of float32, same shape, or None
-        From 0 to 1; None where an angle has one wavelength only.
+    ndarray of float32, same shape
+        From 0 to 1.
     """
-    if not has_every_wavelength(problem.wavelengths_um, problem.angles_deg):
-        return None
     groups = groups_of(problem, 0.0)
-    ground = scene_of(problem, groups).ground(Block(0, unwrapped.shape[0]))
+    ground = scene_of(problem, groups).ground(block)
     about_zero = unwrapped - ground
     chance = np.ones_like(unwrapped)
     for group in groups:

@@ -398,7 +398,7 @@ def object_in(comparison: Comparison, result: xr.DataArray) -> Any:
     ValueError
         If results on disk were unwrapped in the whole field.
     """
-    if comparison.problem is not None:
+    if comparison.held:
         return comparison.object_mask().values.astype(bool)
     if result.attrs.get("mask") == "auto":
         return result.data != 0

@@ -1,0 +1,188 @@
+"""What maps of confidence come to, frame by frame: pixels in doubt, whole objects that slipped."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from napari_phase4d.analysis.confidence import judged_of, whole_turns
+from napari_phase4d.analysis.errors import DOUBTFUL
+from napari_phase4d.analysis.loading import stack_of
+from napari_phase4d.progress import Watch, in_threads
+from napari_phase4d.stack import Block, Stack
+from napari_phase4d.unwrapping import Judged, Problem, working_blocks
+
+__all__ = ["Tally", "slip_warning", "slip_words", "slipped_frames", "tally_of"]
+
+#: An object is one piece of a frame of at least so many pixels ...
+SMALLEST_OBJECT = 30
+#: ... and may have slipped if at least this share of it is trusted less than so much.
+MOST, FIRM = 0.5, 0.8
+
+Counts = NDArray[np.int64]
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class Tally:
+    """Pixels counted in every frame (time, angle).
+
+    Parameters
+    ----------
+    inside : ndarray of int
+        Those of the object; of the usable field, where no object is found at all.
+    doubtful : dict of str to ndarray of int
+        Of these, those that are more likely wrong than right, by method.
+    slipped : dict of str to ndarray of bool
+        Whether most of an object may be off by the same cycles, by method.
+    differ : ndarray of int
+        Those inside on which not all results have the same wrap count.
+    """
+
+    inside: Counts
+    doubtful: dict[str, Counts]
+    slipped: dict[str, Mask]
+    differ: Counts
+
+    def doubtful_share(self, method: str) -> float:
+        """Return the share of all pixels inside that are in doubt; NaN without any."""
+        count = int(self.inside.sum())
+        return int(self.doubtful[method].sum()) / count if count else float("nan")
+
+    @property
+    def disagreement(self) -> NDArray[np.float64]:
+        """Share of each frame's pixels on which results differ; 0 where there is no object."""
+        return self.differ / np.maximum(self.inside, 1)
+
+
+def tally_of(
+    problem: Problem, results: Mapping[str, xr.DataArray], trust: Mapping[str, xr.DataArray]
+) -> Tally:
+    """Count what is in doubt and where results differ, of stacks of any length.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    results : mapping of str to DataArray
+        Unwrapped phase of methods that are held against each other.
+    trust : mapping of str to DataArray
+        What `confidence` gave for methods.
+    """
+    count = Count(
+        problem,
+        [judged_of(result) for result in results.values()],
+        [stack_of(trust_map) for trust_map in trust.values()],
+    )
+    blocks = working_blocks(problem.given.shape)
+    watch = Watch(len(blocks), "counting", None, None)
+    found = list(in_threads(count, blocks, watch))
+    in_object, in_field, slipped = (np.concatenate(part) for part in zip(*found, strict=True))
+    counts = in_object if in_object[..., 0].any() else in_field
+    return Tally(
+        counts[..., 0],
+        {method: counts[..., 2 + i] for i, method in enumerate(trust)},
+        {method: slipped[..., i] for i, method in enumerate(trust)},
+        counts[..., 1],
+    )
+
+
+@dataclass(frozen=True)
+class Count:
+    """Counts in a block.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    results : list of Judged
+        What is held against each other.
+    trust : list of Stack
+        Maps of confidence.
+    """
+
+    problem: Problem
+    results: list[Judged]
+    trust: list[Stack]
+
+    def __call__(self, block: Block) -> tuple[Counts, Counts, Mask]:
+        """Return what is counted in the object, in the field, and where objects slipped.
+
+        The last axis of the counts is: pixels, those that differ, those in doubt of each method.
+        """
+        lost = self.problem.lost()[block.start : block.stop]
+        field = self.problem.given.read(block)[1] & ~lost[..., None, None]
+        inside = field & ~self.problem.background().empty.read(block)
+        maps = [stack.read(block) for stack in self.trust]
+        looks = [np.ones_like(field), self._differ(block, field), *(m < DOUBTFUL for m in maps)]
+        in_object, in_field = (
+            np.stack([np.count_nonzero(look & where, axis=(2, 3)) for look in looks], axis=-1)
+            for where in (inside, field)
+        )
+        slipped = np.zeros((*inside.shape[:2], len(maps)), dtype=bool)
+        for frame in np.ndindex(*inside.shape[:2]):
+            slipped[frame] = slips(inside[frame], [m[frame] < FIRM for m in maps])
+        return in_object, in_field, slipped
+
+    def _differ(self, block: Block, field: Mask) -> Mask:
+        """Mark where not all results have the same wrap count."""
+        found = np.zeros_like(field)
+        if len(self.results) > 1:
+            first, *others = (result.read(block) for result in self.results)
+            for other in others:
+                found |= whole_turns(other, first) != 0
+        return found
+
+
+def slips(inside: Mask, wrong: list[Mask]) -> list[bool]:
+    """Say for each mask of doubt whether most of an object of the frame lies in it."""
+    labels, count = ndimage.label(inside)
+    if not count:
+        return [False] * len(wrong)
+    size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    found = []
+    for mask in wrong:
+        bad = np.bincount(labels[mask], minlength=count + 1)[1:]
+        found.append(bool(((size >= SMALLEST_OBJECT) & (bad >= MOST * size)).any()))
+    return found
+
+
+def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
+    """Mark the frames (time, angle) in which most of an object may be off by the same cycles.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    trust : DataArray
+        What `confidence` gave.
+    """
+    return tally_of(problem, {}, {"": trust}).slipped[""]
+
+
+def slip_warning(problem: Problem, trust: xr.DataArray) -> str:
+    """Say in one sentence in which frames whole objects may have slipped; "" if in none.
+
+    Parameters
+    ----------
+    problem, trust
+        See `slipped_frames`.
+    """
+    return slip_words(slipped_frames(problem, trust))
+
+
+def slip_words(slipped: Mask) -> str:
+    """Say in which of the frames (time, angle) whole objects may have slipped; "" if in none."""
+    count = int(slipped.sum())
+    if not count:
+        return ""
+    time, angle = np.argwhere(slipped)[0]
+    return (
+        f"in {count} of {slipped.size} frames most of an object may be off by a cycle, "
+        f"first at time {time}, view {angle}"
+    )

@@ -1,0 +1,263 @@
+"""Every pixel of the object as a node: the graph of its steps, a span of frames at a time."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.stack import Block, blocks_of
+from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
+from napari_phase4d.unwrapping.directional.scene import Scene
+from napari_phase4d.unwrapping.directional.steps import Weighed
+from napari_phase4d.unwrapping.ends import ends_along
+
+__all__ = ["PixelGraph", "graphs_of", "spans_of"]
+
+#: Pixels of the object's box, of all views, in a span, unless it has fewer than so many frames.
+SPAN_PIXELS, SPAN_FRAMES = 10_000_000, 16
+
+Image = NDArray[np.float32]
+Whole = NDArray[np.int32]
+
+
+def spans_of(part: Sequence[int]) -> list[Block]:
+    """Cut the kept frames into spans: one, unless the recording is long.
+
+    Where it is cut depends on nothing but its size.
+
+    Parameters
+    ----------
+    part : sequence of int
+        Shape of the object's box over the kept frames (time, angle, y, x).
+    """
+    frames = max(SPAN_FRAMES, SPAN_PIXELS // max(math.prod(part[1:]), 1))
+    return blocks_of(part, min(frames, part[0]))
+
+
+@dataclass(frozen=True)
+class Steps:
+    """The steps of one time; their ends are pixels (angle, y, x) of the box, counted through.
+
+    Parameters
+    ----------
+    first, second : ndarray of int
+        Both ends, within the time.
+    turns : ndarray of int16
+        Turns of the second end minus those of the first, as the step asks for.
+    rough : ndarray of float32
+        Roughness in radians.
+    pixel, turns_ahead, rough_ahead : ndarray
+        The steps from a pixel to the same one of the time after.
+    """
+
+    first: Whole
+    second: Whole
+    turns: NDArray[np.int16]
+    rough: Image
+    pixel: Whole
+    turns_ahead: NDArray[np.int16]
+    rough_ahead: Image
+
+
+def steps_by_time(weighed: Weighed, part: Sequence[int]) -> Iterator[Steps]:
+    """Yield the steps of every time of a block, always in the same order."""
+    numbers = np.arange(math.prod(part[1:]), dtype=np.int32).reshape(tuple(part[1:]))
+    within = [
+        (axis, opinion)
+        for opinions in (weighed.by_axis, weighed.followed)
+        for axis, opinion in sorted(opinions.items())
+        if axis > 0
+    ]
+    ahead = weighed.by_axis.get(0)
+    for i in range(len(weighed.block)):
+        columns: list[tuple[Whole, Whole, NDArray[np.int16], Image]] = []
+        for axis, opinion in within:
+            head, tail = (numbers[ends] for ends in ends_along(axis - 1, 3))
+            kept = opinion.kept[i]
+            columns.append(
+                (head[kept], tail[kept], opinion.turns[i][kept], opinion.rough[i][kept])
+            )
+        kept = np.zeros(numbers.shape, dtype=bool)
+        none = np.zeros(0, dtype=np.int16), np.zeros(0, dtype=np.float32)
+        if ahead is not None and i < len(ahead.turns):
+            kept = ahead.kept[i]
+            none = ahead.turns[i][kept].astype(np.int16), ahead.rough[i][kept]
+        yield Steps(*together(columns), numbers[kept], *none)
+
+
+def together(
+    columns: list[tuple[Whole, Whole, NDArray[np.int16], Image]],
+) -> tuple[Whole, Whole, NDArray[np.int16], Image]:
+    """Return lists of steps as one."""
+    if not columns:
+        none = np.zeros(0, dtype=np.int32)
+        return none, none, none.astype(np.int16), none.astype(np.float32)
+    first, second, turns, rough = (np.concatenate(c) for c in zip(*columns, strict=True))
+    return first, second, turns.astype(np.int16, copy=False), rough
+
+
+@dataclass(frozen=True)
+class PixelGraph:
+    """Every pixel of the object and every island of the empty field as a node, over some frames.
+
+    Parameters
+    ----------
+    core : Block
+        The kept frames that it stands for.
+    around : Block
+        Those that it holds: the frame before and the one after too.
+    nodes : ndarray of int, shape (time, angle, y, x)
+        Node of every pixel of the moved frames around. The pixels of an island in one frame share
+        one; 0 is the island that is held, and stands for what has none.
+    n_islands, n : int
+        How many nodes are islands, which come first; how many there are.
+    first, second : ndarray of int
+        The nodes at both ends of every step.
+    turns : ndarray of int
+        Turns of the second minus those of the first, as the step asks for.
+    rough : ndarray of float
+        Roughness of every step in radians.
+    """
+
+    core: Block
+    around: Block
+    nodes: Whole
+    n_islands: int
+    n: int
+    first: Whole
+    second: Whole
+    turns: Whole
+    rough: Image
+
+    def nodes_at(self, time: int) -> Whole:
+        """Return the nodes of all pixels of a frame that it holds, one after the other."""
+        found: Whole = self.nodes[time - self.around.start].ravel()
+        return found
+
+
+def graphs_of(scene: Scene, steps: Iterable[Weighed], cores: list[Block]) -> Iterator[PixelGraph]:
+    """Yield the graph of each span of frames, as soon as all its steps are known.
+
+    Parameters
+    ----------
+    scene : Scene
+        What is unwrapped.
+    steps : iterable of Weighed
+        All its steps, see `followed_steps`, in any order.
+    cores : list of Block
+        The spans.
+    """
+    n = scene.shape[0]
+    held = held_island(scene)
+    waiting = {core: core.wider(1, 1, n) for core in cores}
+    known: dict[int, Steps] = {}
+    for weighed in steps:
+        known.update(zip(weighed.block.times, steps_by_time(weighed, scene.part), strict=True))
+        ready = [c for c, around in waiting.items() if all(t in known for t in around.times)]
+        for core in ready:
+            around = waiting.pop(core)
+            needed = {t for others in waiting.values() for t in others.times}
+            own = {t: known[t] if t in needed else known.pop(t) for t in around.times}
+            yield graph_of(scene, core, around, own, held)
+
+
+def graph_of(
+    scene: Scene,
+    core: Block,
+    around: Block,
+    steps: dict[int, Steps],
+    held: tuple[int, int, int] | None,
+) -> PixelGraph:
+    """Return the graph of some frames; the steps by time are used up."""
+    nodes, n_islands, fields = islands_of(scene.islands(around), around.start, held)
+    free = scene.read(around).free
+    n = n_islands + int(np.count_nonzero(free))
+    nodes[free] = np.arange(n_islands, n, dtype=np.int32)
+    columns = []
+    for t in around.times:
+        here, own = boxed(nodes, t - around.start, scene), steps.pop(t)
+        columns.append((here[own.first], here[own.second], own.turns.astype(np.int32), own.rough))
+        if t + 1 < around.stop:
+            there = boxed(nodes, t + 1 - around.start, scene)
+            turns = own.turns_ahead.astype(np.int32)
+            columns.append((here[own.pixel], there[own.pixel], turns, own.rough_ahead))
+    none = np.zeros(len(fields), dtype=np.int32)
+    columns.append((none, fields, none, np.full(len(fields), FIRM, dtype=np.float32)))
+    first, second, turns, rough = (np.concatenate(c) for c in zip(*columns, strict=True))
+    return PixelGraph(core, around, nodes, n_islands, n, first, second, turns, rough)
+
+
+def boxed(nodes: Whole, i: int, scene: Scene) -> Whole:
+    """Return the nodes of a frame's box, one pixel after the other."""
+    found: Whole = nodes[i][:, *scene.box].ravel()
+    return found
+
+
+def held_island(scene: Scene) -> tuple[int, int, int] | None:
+    """Return time, angle and number of the island of the empty field that is held.
+
+    It is the largest of the start; if that frame has none, the largest of all; None without any.
+    """
+    time, angle = scene.frames.start
+    found = largest_island(scene.islands(Block(time, time + 1))[0, angle])
+    if found is not None:
+        return time, angle, found[0]
+    best, size = None, 0
+    for block in blocks_of(scene.shape):
+        islands = scene.islands(block)
+        for i, a in np.ndindex(*islands.shape[:2]):
+            found = largest_island(islands[i, a])
+            if found is not None and found[1] > size:
+                best, size = (block.start + i, a, found[0]), found[1]
+    return best
+
+
+def largest_island(numbers: Whole) -> tuple[int, int] | None:
+    """Return number and pixels of the largest island of a frame, None if it has none."""
+    sizes = np.bincount(numbers.ravel() + 1)[1:]
+    return (int(np.argmax(sizes)), int(sizes.max())) if len(sizes) else None
+
+
+def islands_of(
+    islands: Whole, start: int, held: tuple[int, int, int] | None
+) -> tuple[Whole, int, Whole]:
+    """Give the islands of the empty field numbers through some frames.
+
+    Parameters
+    ----------
+    islands : ndarray of int, shape (time, angle, y, x)
+        Their numbers in each frame by itself, from 0; -1 elsewhere.
+    start : int
+        Time of the first frame.
+    held : tuple of int or None
+        Time, angle and number of the one that is held.
+
+    Returns
+    -------
+    found : ndarray of int, shape of the islands
+        The number of each pixel's island: 0 is that which is held, and stands for what has none.
+    count : int
+        How many there are, with 0.
+    fields : ndarray of int
+        The largest island of every other frame, where it takes enough of it to be the field.
+    """
+    found = np.zeros(islands.shape, dtype=np.int32)
+    count, fields = 1, []
+    for i, a in np.ndindex(*islands.shape[:2]):
+        numbers = islands[i, a]
+        largest = largest_island(numbers)
+        if largest is None:
+            continue
+        mine = np.arange(count, count + int(numbers.max()) + 1, dtype=np.int32)
+        count += len(mine)
+        if held is not None and (start + i, a) == held[:2]:
+            mine[held[2]] = 0
+        if largest[1] >= FIELD_SHARE * numbers.size and mine[largest[0]]:
+            fields.append(mine[largest[0]])
+        inside = numbers >= 0
+        found[i, a][inside] = mine[numbers[inside]]
+    return found, count, np.array(fields, dtype=np.int32)

@@ -1,0 +1,147 @@
+"""Confidence of recordings of any length: the same ways and numbers, in memory and on disk."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import xarray as xr
+from scipy.stats import rankdata
+
+import napari_phase4d as p4d
+from napari_phase4d.pipeline import read_outcome, write_outcome
+from napari_phase4d.simulation import (
+    at_wavelengths,
+    hard_shape,
+    moving_shape,
+    with_fault,
+    with_noise,
+)
+from napari_phase4d.stack import Block, InMemory
+from napari_phase4d.unwrapping import Judged, Problem, supports_by_steps
+from napari_phase4d.unwrapping.directional import graph
+
+TURN = 2 * np.pi
+METHODS = ("spatial-2d", "temporal-angular", "directional-l1")
+
+
+def thick_and_noisy() -> xr.Dataset:
+    exact = moving_shape("swelling")
+    return with_noise(exact.assign(phase=1.4 * exact["phase"]), 0.6, seed=8)
+
+
+def with_black_frames() -> xr.Dataset:
+    return with_fault(hard_shape("ring", (48, 48), 12), "black frame", 0.2, seed=1)
+
+
+@pytest.fixture
+def short_spans(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(graph, "SPAN_PIXELS", 1)
+    monkeypatch.setattr(graph, "SPAN_FRAMES", 3)
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("start", [(0, 0), (7, 1)])
+@pytest.mark.parametrize("data", [thick_and_noisy(), with_black_frames()])
+def test_ways_are_the_same_wherever_a_recording_is_cut(
+    data: xr.Dataset, start: tuple[int, int], method: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The smoothest way may lead through frames far away, and come back."""
+    result = p4d.unwrap(data["wrapped"], method, boundary=start).values
+    found = []
+    for pixels, frames in ((10_000_000, 16), (1, 3), (1, 5)):
+        monkeypatch.setattr(graph, "SPAN_PIXELS", pixels)
+        monkeypatch.setattr(graph, "SPAN_FRAMES", frames)
+        judged = {"result": Judged(InMemory(result))}
+        support = supports_by_steps(Problem(data["wrapped"], start), judged)["result"]
+        found.append(support.roughest.read(Block(0, len(result))))
+    assert np.unique(found[0]).size > 100
+    np.testing.assert_array_equal(found[1], found[0])
+    np.testing.assert_array_equal(found[2], found[0])
+
+
+def test_a_thin_frame_far_away_vouches_for_a_thick_cell(short_spans: None) -> None:
+    """No frame of the last spans is thin, so that each by itself could vouch for nothing."""
+    y, x = np.mgrid[-24:24, -24:24]
+    plateau = (np.hypot(y, x) < 12).astype(np.float32)
+    height = np.minimum(np.arange(30), 14) * np.float32(5 / 14)
+    exact = (height[:, None, None] * plateau).astype(np.float32)
+    wrapped = xr.DataArray((exact + np.pi) % TURN - np.pi, dims=("time", "y", "x"))
+    late, inside = slice(18, None), plateau > 0
+    trust = p4d.confidence(exact, wrapped).values[late][:, inside]
+    alone = p4d.confidence(exact[late], wrapped[late]).values[:, inside]
+    assert trust.min() > 0.9
+    assert alone.max() < 0.5
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_doubt_is_where_it_belongs_in_short_spans_too(short_spans: None, method: str) -> None:
+    data = thick_and_noisy()
+    result = p4d.unwrap(data["wrapped"], method)
+    inside = data["phase"].values > 1
+    doubt = 1 - p4d.confidence(result, data["wrapped"]).values[inside]
+    wrong = (np.round((result.values - data["phase"].values) / TURN) != 0)[inside]
+    n = int(wrong.sum())
+    area = (rankdata(doubt)[wrong].sum() - n * (n + 1) / 2) / (n * (len(wrong) - n))
+    assert n > 20
+    assert area >= 0.96
+
+
+def outcomes(
+    tmp_path: Path, phase: xr.DataArray, **settings: object
+) -> tuple[p4d.Comparison, p4d.Comparison]:
+    """Return what a recipe gives in memory and on disk, with their files written."""
+    path = p4d.io.write_phase(tmp_path / "phase.ome.zarr", phase)
+    found = []
+    for storage in ("memory", "disk"):
+        recipe = p4d.Recipe(
+            recording=str(path), content="phase", boundary=((0, 0),), storage=storage, **settings
+        )
+        out = tmp_path / storage
+        outcome = p4d.run(recipe, folder=out)
+        write_outcome(outcome, out)
+        found.append(outcome.comparison)
+    return found[0], found[1]
+
+
+@pytest.mark.parametrize("mask", [None, "auto"])
+def test_on_disk_it_is_the_same(tmp_path: Path, short_spans: None, mask: str | None) -> None:
+    held, lying = outcomes(
+        tmp_path, with_black_frames()["wrapped"], methods=METHODS[:2], mask=mask, confidence=True
+    )
+    for method in METHODS[:2]:
+        expected, found = held.confidence(method), lying.confidence(method)
+        assert found.chunks is not None
+        assert found.attrs["of"] == expected.attrs["of"] == method
+        assert found.dtype == np.float32
+        np.testing.assert_array_equal(found.values, expected.values)
+        assert (tmp_path / "disk" / f"confidence_{method}.ome.zarr").is_dir()
+    assert lying.verdict == held.verdict
+    assert lying.warnings() == held.warnings()
+    tables = [c.with_doubt(c.confidences()).table["doubtful_percent"] for c in (held, lying)]
+    np.testing.assert_array_equal(*tables)
+    # What was needed on the way only is gone: the reference too, which nobody asked for.
+    assert not list((tmp_path / "disk").glob(".phase4d*"))
+    assert not (tmp_path / "disk" / "directional-l1.ome.zarr").exists()
+
+
+def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
+    held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=("spatial-2d",))
+    assert lying.known_confidence("spatial-2d") is None
+    expected = held.confidence("spatial-2d").values
+    np.testing.assert_array_equal(lying.confidence("spatial-2d").values, expected)
+    assert lying.known_confidence("spatial-2d") is not None
+    reopened = read_outcome(tmp_path / "disk").comparison
+    assert not reopened.held
+    np.testing.assert_array_equal(reopened.confidence("spatial-2d").values, expected)
+    assert reopened.verdict == held.verdict
+    assert not list((tmp_path / "disk").glob(".phase4d*"))
+
+
+def test_on_disk_it_is_the_same_for_several_wavelengths(tmp_path: Path) -> None:
+    data = at_wavelengths(moving_shape("swelling"), (0.532, 0.6328))
+    held, lying = outcomes(tmp_path, data["wrapped"], methods=("temporal-angular",))
+    assert "wavelength" in lying.phase.coords
+    found, expected = (c.confidence("temporal-angular").values for c in (lying, held))
+    np.testing.assert_array_equal(found, expected)
