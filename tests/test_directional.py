@@ -19,11 +19,11 @@ from napari_phase4d.unwrapping.background import find_background
 from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
 from napari_phase4d.unwrapping.directional.edges import PARTS, merged_edges
 from napari_phase4d.unwrapping.directional.following import followed_steps
+from napari_phase4d.unwrapping.directional.graph import islands_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen, follow_object, seams
 from napari_phase4d.unwrapping.directional.steps import Floors, roughness
-from napari_phase4d.unwrapping.directional.support import islands_of
 from napari_phase4d.unwrapping.noise import noise_of
 from napari_phase4d.unwrapping.problem import Problem
 
@@ -260,14 +260,15 @@ def test_islands_are_numbered_by_frame() -> None:
     empty[0, 0, :, :2] = empty[0, 0, :, 3:] = True
     empty[1, 0] = True
     each = np.stack([ndimage.label(frame[0])[0] - 1 for frame in empty])[:, None]
-    numbers, count, fields = islands_of(each, (0, 0))
-    assert count == 3
-    assert (numbers[~empty] == -1).all()
-    assert (numbers[0, 0, :, 3:] == 0).all()  # the largest of the boundary frame
-    assert sorted({int(numbers[0, 0, 0, 0]), int(numbers[1, 0, 0, 0])}) == [1, 2]
-    # The largest of each frame is the field.
-    assert [int(f) for f in fields] == [0, int(numbers[1, 0, 0, 0])]
-    nothing = islands_of(np.full((1, 1, 2, 2), -1), (0, 0))
+    numbers, count, fields = islands_of(each, 5, (5, 0, 1))
+    assert (numbers[~empty] == 0).all()
+    assert (numbers[0, 0, :, 3:] == 0).all()  # the one that is held
+    own = {int(numbers[0, 0, 0, 0]), int(numbers[1, 0, 0, 0])}
+    assert len(own) == 2
+    assert own < set(range(1, count))
+    # The largest of each other frame is the field.
+    assert [int(f) for f in fields] == [int(numbers[1, 0, 0, 0])]
+    nothing = islands_of(np.full((1, 1, 2, 2), -1), 0, None)
     assert nothing[1] == 1
     assert len(nothing[2]) == 0
 

@@ -424,7 +424,7 @@ def test_results_of_others_are_not_written_over(video: Video, tmp_path: Path) ->
     ("settings", "said"),
     [
         ({"boundary": ((3, 0),)}, "boundary at time 0"),
-        ({"confidence": True}, "leave it out"),
+        ({"confidence": True}, "leave confidence out"),
         ({"reference": FIRST}, "not among the first"),
         ({"content": "phase"}, "give a recording of holograms"),
     ],

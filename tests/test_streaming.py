@@ -10,6 +10,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -25,8 +26,8 @@ from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.pipeline.streaming.workers import Cluster, Threads
 from napari_phase4d.progress import Cancelled, Watch, in_threads
 from napari_phase4d.recording import Recording
-from napari_phase4d.stack import block_at, block_frames, blocks_of
-from napari_phase4d.unwrapping import METHODS, methods_for
+from napari_phase4d.stack import Block, block_at, block_frames, blocks_of
+from napari_phase4d.unwrapping import METHODS, methods_for, working_frames
 from napari_phase4d.unwrapping.directional import methods, regions, scene, steps
 
 STREAMING = tuple(m for m in methods_for(None) if METHODS[m].streams)
@@ -247,6 +248,25 @@ def test_blocks_cover_all_frames_once() -> None:
     assert all(t in block_at(shape, t).times for t in range(19))
     assert block_frames((1000, 2, 4096, 4096)) == 1
     assert block_frames((3, 2, 10, 10)) == 3
+
+
+def test_threads_may_write_parts_of_the_same_piece(tmp_path: Path) -> None:
+    shelf = Shelf(tmp_path)
+    stored = shelf.new("numbers", (64, 1, 32, 32))
+    frames = np.random.default_rng(0).normal(size=stored.shape).astype(np.float32)
+
+    def write(block: Block) -> None:
+        stored.write(block, frames[block.start : block.stop])
+
+    with ThreadPoolExecutor(4) as pool:
+        list(pool.map(write, blocks_of(stored.shape, 3)))  # a piece holds 8
+    np.testing.assert_array_equal(stored.read(Block(0, 64)), frames)
+
+
+@pytest.mark.parametrize("pixels", [1000, 40_000, 80_000, 131_000, 300_000, 655_360, 10**7])
+def test_what_is_worked_on_at_a_time_are_whole_pieces(pixels: int) -> None:
+    shape = (1000, 1, pixels, 1)
+    assert working_frames(shape) % block_frames(shape) == 0
 
 
 def test_a_half_written_stack_has_no_name(tmp_path: Path) -> None:

@@ -92,14 +92,28 @@ def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPat
     assert float(scores[time, angle]) == float(scores.max())
 
 
-def test_what_needs_all_frames_says_so(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
-    class Little:
-        available = 1000
-
-    on_disk.session.unwrap(["spatial-2d", "temporal-angular"])
-    monkeypatch.setattr("psutil.virtual_memory", lambda: Little)
-    with pytest.raises(ValueError, match="how far to trust a result is judged on all frames"):
-        on_disk.session.weigh()
+def test_results_on_disk_are_judged(viewer, on_disk, click) -> None:
+    session = on_disk.session
+    session.update(methods=("spatial-2d", "temporal-angular"))
+    session.unwrap()
+    assert not session.verdict, "it takes long on disk, so it waits until it is asked for"
+    assert "press Confidence" in on_disk.compare.verdict.text()
+    click("show_confidence")
+    assert on_disk.compare.verdict.text() == session.verdict
+    recipe = session.needed_outcome().recipe
+    memory = p4d.run(recipe.changed(storage="memory"), session.recording).comparison
+    assert session.verdict == memory.verdict
+    for method in recipe.methods:
+        trust = session.confidence[method]
+        assert trust.chunks is not None, "it lies in memory"
+        np.testing.assert_array_equal(trust.values, memory.confidence(method).values)
+    doubt = memory.with_doubt(memory.confidences()).table["doubtful_percent"]
+    pd.testing.assert_series_equal(
+        session.needed_outcome().comparison.table["doubtful_percent"], doubt
+    )
+    layer = next(la for la in viewer.layers if "onfidence" in la.name)
+    assert layer.data.shape == (30, 2, *trust.shape[2:])
+    assert tuple(layer.axis_labels) == ("time", "angle", "y", "x")
 
 
 def test_steps_and_differences_are_computed_where_they_are_looked_at(viewer, on_disk) -> None:

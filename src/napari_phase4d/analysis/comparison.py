@@ -16,7 +16,12 @@ import psutil
 import xarray as xr
 from numpy.typing import ArrayLike
 
-from napari_phase4d.analysis.confidence import REFERENCE, chances_of_right, reference_of
+from napari_phase4d.analysis.confidence import (
+    REFERENCE,
+    chances_of_right,
+    reference_of,
+    trust_map,
+)
 from napari_phase4d.analysis.errors import (
     OF_TRUTH,
     as_truth,
@@ -24,6 +29,7 @@ from napari_phase4d.analysis.errors import (
     in_order,
     table_of,
 )
+from napari_phase4d.analysis.loading import stack_of
 from napari_phase4d.analysis.tally import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
@@ -42,6 +48,8 @@ __all__ = ["Comparison", "compare", "compare_on", "measured"]
 
 
 T = TypeVar("T")
+#: Name of the share of the object that is in doubt in directional L1, where that was not run.
+OF_REFERENCE = "tally of the reference"
 
 
 @dataclass(frozen=True)
@@ -119,27 +127,38 @@ class Comparison:
         All at once take less time than one by one.
         """
         wanted = list(self.results) if methods is None else list(methods)
-        return self._maps(wanted, progress, cancelled)
+        missing = [m for m in wanted if not self.problem.knows(map_name(m))]
+        if missing:
+            self._judge(missing, progress, cancelled)
+        return {m: self.problem.once(map_name(m), nothing) for m in wanted}
 
-    def _maps(
+    def _judge(
         self,
-        wanted: Sequence[str],
+        methods: Sequence[str],
         progress: ProgressCall | None = None,
         cancelled: CancelledCall | None = None,
-    ) -> dict[str, xr.DataArray]:
-        """Return `confidence` of methods, and of directional L1 even if it was not run."""
-        problem = self.problem
-        missing = [m for m in wanted if not problem.knows(map_name(m))]
+    ) -> None:
+        """Make maps of confidence of methods.
+
+        Of directional L1, if it was not run, no more is kept than how much of it is in doubt: the
+        verdict needs no more, and what lies on disk would have to be read once more for it.
+        """
+        problem, held = self.problem, self.held
         try:
-            if missing:
-                reference = self.results.get(REFERENCE)
-                if reference is None and problem.held:
-                    reference = self.reference(progress, cancelled)
-                results = {m: self.results.get(m) for m in missing}
-                found = chances_of_right(problem, results, reference, progress, cancelled)
-                for method, trust in found.items():
-                    problem.once(map_name(method), partial(identity, trust))
-            return {m: problem.once(map_name(m), nothing) for m in wanted}
+            reference = self.results.get(REFERENCE)
+            if reference is None and held:
+                reference = self.reference(progress, cancelled)
+            results = {m: self.results.get(m) for m in methods}
+            own = REFERENCE not in self.results and not problem.knows(OF_REFERENCE)
+            if own and not (held and methods):
+                results[REFERENCE] = reference
+            found = chances_of_right(problem, results, reference, progress, cancelled)
+            for method in methods:
+                trust = trust_map(problem, found[method], method, method)
+                problem.once(map_name(method), partial(identity, trust))
+            if REFERENCE in found and REFERENCE not in self.results:
+                tally = tally_of(problem, {}, {REFERENCE: found[REFERENCE]})
+                problem.once(OF_REFERENCE, lambda: tally.doubtful_share(REFERENCE))
         finally:
             problem.forget_field()
             problem.tidy()
@@ -160,7 +179,8 @@ class Comparison:
         results = dict(counting_turns(self.results))
         if known is None or not (same(known[0], counted) and same(known[1], results)):
             self.problem.forget(name)
-            found = tally_of(self.problem, results, counted)
+            maps_on = {method: stack_of(trust) for method, trust in counted.items()}
+            found = tally_of(self.problem, results, maps_on)
             known = self.problem.once(name, lambda: (counted, results, found))
             self.problem.tidy()
         return known[2]
@@ -187,8 +207,12 @@ class Comparison:
             msg = "there is no result yet to give a verdict on; run at least one method"
             raise ValueError(msg)
         labels = {str(m): str(self.table["method"][m]) for m in self.results}
-        maps = self._maps(list(dict.fromkeys([*self.results, REFERENCE])))
-        return verdict_on(self.problem, self.results, self.tally(maps), labels)
+        tally, own = self.tally(), None
+        if REFERENCE not in self.results:
+            if not self.problem.knows(OF_REFERENCE):
+                self._judge([])
+            own = self.problem.once(OF_REFERENCE, nothing)
+        return verdict_on(self.problem, self.results, tally, labels, own)
 
     def against(self, truth: xr.DataArray | Any) -> Comparison:
         """Return the same results, with the columns of the table that need truth for this one.

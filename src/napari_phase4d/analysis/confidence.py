@@ -36,6 +36,7 @@ __all__ = [
     "confidence",
     "judged_of",
     "reference_of",
+    "trust_map",
     "turns_off",
     "whole_turns",
 ]
@@ -118,7 +119,8 @@ def confidence(
     doubt_other_phase(values, problem)
     reference = reference_of(problem, progress, cancelled)
     name = str(values.attrs.get("method", "")) or "result"
-    return chances_of_right(problem, {name: values}, reference, progress, cancelled)[name]
+    found = chances_of_right(problem, {name: values}, reference, progress, cancelled)[name]
+    return trust_map(problem, found, name, str(values.attrs.get("method", "")))
 
 
 def doubt_other_phase(unwrapped: xr.DataArray, problem: Problem) -> None:
@@ -152,8 +154,10 @@ def chances_of_right(
     reference: xr.DataArray | None = None,
     progress: ProgressCall | None = None,
     cancelled: CancelledCall | None = None,
-) -> dict[str, xr.DataArray]:
-    """Return `confidence` of some results, of stacks of any length.
+) -> dict[str, Stack]:
+    """Return what `confidence` gives for some results, of stacks of any length.
+
+    Where these lie on disk they go when the problem is tidied, unless `trust_map` keeps them.
 
     Parameters
     ----------
@@ -185,13 +189,25 @@ def chances_of_right(
                 of_part = reference_on_the_way(part, progress, cancelled)
             into = {name: ViewsOf(stack, views) for name, stack in maps.items()}
             by_steps(part, chosen, of_part, into, progress, cancelled)
-    found = {}
-    for name, stack in maps.items():
-        result = results[name]
-        method = name if result is None else result.attrs.get("method", "")
-        attrs = {"of": method, "units": "1"}
-        found[name] = problem.map_of(stack, f"confidence_{name}", attrs).rename("confidence")
-    return found
+    return maps
+
+
+def trust_map(problem: Problem, values: Stack, name: str, method: str) -> xr.DataArray:
+    """Return a map as `confidence` gives it.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    values : Stack
+        The map.
+    name : str
+        By which the result was given to `chances_of_right`.
+    method : str
+        Id of the method, if it is known.
+    """
+    attrs = {"of": method, "units": "1"}
+    return problem.map_of(values, f"confidence_{name}", attrs).rename("confidence")
 
 
 def judged_of(result: xr.DataArray) -> Judged:

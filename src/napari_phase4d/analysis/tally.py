@@ -61,7 +61,7 @@ class Tally:
 
 
 def tally_of(
-    problem: Problem, results: Mapping[str, xr.DataArray], trust: Mapping[str, xr.DataArray]
+    problem: Problem, results: Mapping[str, xr.DataArray], trust: Mapping[str, Stack]
 ) -> Tally:
     """Count what is in doubt and where results differ, of stacks of any length.
 
@@ -71,13 +71,13 @@ def tally_of(
         What was unwrapped.
     results : mapping of str to DataArray
         Unwrapped phase of methods that are held against each other.
-    trust : mapping of str to DataArray
-        What `confidence` gave for methods.
+    trust : mapping of str to Stack
+        Maps of confidence by method.
     """
     count = Count(
         problem,
         [judged_of(result) for result in results.values()],
-        [stack_of(trust_map) for trust_map in trust.values()],
+        list(trust.values()),
     )
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks), "counting", None, None)
@@ -162,7 +162,7 @@ def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
     trust : DataArray
         What `confidence` gave.
     """
-    return tally_of(problem, {}, {"": trust}).slipped[""]
+    return tally_of(problem, {}, {"": stack_of(trust)}).slipped[""]
 
 
 def slip_warning(problem: Problem, trust: xr.DataArray) -> str:

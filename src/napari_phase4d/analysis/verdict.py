@@ -88,6 +88,7 @@ def verdict_on(
     results: Mapping[str, xr.DataArray],
     tally: Tally,
     labels: Mapping[str, str],
+    own: float | None = None,
 ) -> Verdict:
     """Say which result to use, how much of it is in doubt, and where methods disagree most.
 
@@ -98,13 +99,13 @@ def verdict_on(
     results : mapping of str to DataArray
         Unwrapped phase of each method.
     tally : Tally
-        What their maps of confidence come to; that of directional L1 is known even if its result
-        is not among them.
+        What their maps of confidence come to.
     labels : mapping of str to str
         What each method is called.
+    own : float, optional
+        The share of the object that is in doubt in directional L1, if that is not among them.
     """
-    doubt = {m: np.nan_to_num(tally.doubtful_share(m)) for m in tally.doubtful}
-    own = doubt.pop(REFERENCE) if REFERENCE not in results else None
+    doubt = {m: np.nan_to_num(tally.doubtful_share(m)) for m in results}
     best = min(doubt, key=lambda m: (round(doubt[m] / ALIKE), m != REFERENCE))
     values = tally.disagreement
     lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
@@ -117,7 +118,7 @@ def verdict_on(
             [
                 first_words(labels[best], doubt[best], len(results)),
                 where_words(named, most, len(results)),
-                better_words(own, doubt[best]),
+                better_words(None if own is None else np.nan_to_num(own), doubt[best]),
                 lost_words(lost, problem.lost().size),
             ]
         )

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from napari_phase4d.analysis import REFERENCE
 from napari_phase4d.holography import Demodulator, Lobe
 from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
@@ -19,6 +20,7 @@ from napari_phase4d.unwrapping import (
     SCORING_METHOD,
     STACKS_OF_A_FRAME,
     Method,
+    graph_bytes,
     working_frames,
 )
 from napari_phase4d.words import size_in_words
@@ -29,6 +31,8 @@ __all__ = ["Needs", "needed_bytes", "needs_of", "phase_needs", "working_bytes"]
 SHARE_OF_MEMORY = 0.7
 #: Bytes for each pixel of a camera frame while it is transformed.
 BYTES_OF_A_CAMERA_PIXEL = 32
+#: What is known of how well steps support a result, in stacks of float32.
+STACKS_OF_A_SUPPORT = 2
 #: What the frames of a longer recording need that are looked at alone, in stacks of float32.
 SCORING_STACKS = 8
 
@@ -111,7 +115,9 @@ def needs_of(recipe: Recipe, recording: Recording, lobes: Sequence[Lobe]) -> Nee
     height, width = Demodulator(recording.frame_shape, lobes).output_shape
     shape = (recording.n_frames, len(lobes), height, width)
     finds_start = recipe.boundary == "auto"
-    found = phase_needs(recipe.methods, shape, finds_start=finds_start)
+    found = phase_needs(
+        recipe.methods, shape, finds_start=finds_start, confidence=recipe.confidence
+    )
     camera = cores() * BYTES_OF_A_CAMERA_PIXEL * math.prod(recording.frame_shape)
     amplitude = 4 * math.prod(shape)
     return Needs(
@@ -125,7 +131,11 @@ def needs_of(recipe: Recipe, recording: Recording, lobes: Sequence[Lobe]) -> Nee
 
 
 def phase_needs(
-    methods: Sequence[str], shape: Sequence[int], *, finds_start: bool = False
+    methods: Sequence[str],
+    shape: Sequence[int],
+    *,
+    finds_start: bool = False,
+    confidence: bool = False,
 ) -> Needs:
     """Return what unwrapping of a stack (time, angle, y, x) needs.
 
@@ -137,6 +147,8 @@ def phase_needs(
         That of the stack.
     finds_start : bool, optional
         Whether the safest frame to start from is still to be found.
+    confidence : bool, optional
+        Whether maps of confidence are made of all results.
     """
     stack, frame = 4 * math.prod(shape), 4 * math.prod(shape[2:])
     whole = [m for m in methods if not METHODS[m].streams]
@@ -146,11 +158,17 @@ def phase_needs(
     in_memory, on_disk = stack + working_bytes(stack, methods, frame=frame), block + at_once
     scratch = max((METHODS[m].scratch_bytes for m in methods), default=0) * math.prod(shape)
     start = start_bytes(shape) if finds_start else 0
+    maps = 0
+    if confidence:
+        maps = stack * (len(methods) + STACKS_OF_A_SUPPORT * (len(methods) + 1) + 1)
+        graph = graph_bytes(shape)
+        in_memory += maps + graph
+        on_disk = max(on_disk, block_bytes(METHODS[REFERENCE], shape) + graph)
     return Needs(
         tuple(methods),
         max(in_memory, stack + start),
         max(on_disk, start),
-        stack * (1 + len(methods)) + scratch,
+        stack * (1 + len(methods)) + scratch + maps,
         greediest,
         start > max(in_memory - stack, on_disk),
     )

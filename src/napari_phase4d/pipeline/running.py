@@ -158,7 +158,9 @@ def run(
         check_start(recipe, opened.shape)
         check_light(recipe.methods, wavelengths_of(opened), opened["angle"].values)
         finds_start = recipe.boundary == "auto"
-        needs = phase_needs(recipe.methods, opened.shape, finds_start=finds_start)
+        needs = phase_needs(
+            recipe.methods, opened.shape, finds_start=finds_start, confidence=recipe.confidence
+        )
         with place_for(recipe, needs, folder, scheduler) as place:
             used, scores = with_start(recipe, opened, progress, cancelled)
             comparison = unwrap_by(used, opened, truth, progress, cancelled, place=place)

@@ -12,6 +12,7 @@ from napari_phase4d.unwrapping.boundaries import (
 )
 from napari_phase4d.unwrapping.causal import CAUSAL, Causal, causal_methods, for_what_comes
 from napari_phase4d.unwrapping.chain import ORDERS
+from napari_phase4d.unwrapping.directional.graph import graph_bytes
 from napari_phase4d.unwrapping.directional.support import (
     Astray,
     Judged,
@@ -79,6 +80,7 @@ __all__ = [
     "for_what_comes",
     "frame_by_frame",
     "frames_among",
+    "graph_bytes",
     "is_known",
     "label_of",
     "left_out_advice",

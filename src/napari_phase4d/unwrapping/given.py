@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, InMemory, Stack, block_at
+from napari_phase4d.stack import Block, InMemory, Stack, block_at, block_frames
 
 __all__ = [
     "LARGEST",
@@ -157,7 +157,10 @@ def working_frames(shape: Sequence[int]) -> int:
     """Return how many frames of (time, angle, y, x) to work on at a time."""
     frame = max(math.prod(shape[1:]), 1)
     frames = max(WORKING_PIXELS // frame, min(FEW_FRAMES, 4 * WORKING_PIXELS // frame), 1)
-    return min(frames, WORKING_FRAMES, shape[0])
+    frames = min(frames, WORKING_FRAMES)
+    # What lies on disk lies in blocks: parts of one are slow to write.
+    block = block_frames(shape)
+    return min(frames - frames % block if frames > block else frames, shape[0])
 
 
 def working_blocks(shape: Sequence[int]) -> list[Block]:

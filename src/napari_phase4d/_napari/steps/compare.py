@@ -27,6 +27,10 @@ __all__ = ["CompareStep"]
 
 NONE, KNOWN = "none", "known with the sample"
 NO_REFERENCE = "less …"
+ON_DISK = (
+    "These results lie on disk, where it takes longer than a run to see which to use: press "
+    "Confidence to hear it."
+)
 
 
 class CompareStep(Step):
@@ -95,7 +99,8 @@ class CompareStep(Step):
         """Say which result to use, as soon as it is known, and go to where that matters most."""
         verdict = self.session.verdict
         frame = getattr(verdict, "frame", None)
-        self.verdict.setText(verdict or self.purpose)
+        asked_for = self.session.results and self.session.place is not None
+        self.verdict.setText(verdict or (ON_DISK if asked_for else self.purpose))
         self.worst.setVisible(frame is not None)
         self._show_agreement()
         if verdict:

@@ -71,8 +71,8 @@ def check_live(recipe: Recipe) -> None:
     reference = recipe.reference
     n_first = recipe.first_frames or FIRST_FRAMES
     faults: dict[str, object] = {
-        "confidence looks at all frames in memory at once; leave it out, and run the recipe on "
-        "the finished recording for it": recipe.confidence,
+        "how far to trust a frame hangs on frames that come later; leave confidence out, and run "
+        "the recipe on the finished recording for it": recipe.confidence,
         "wrapped phase can't be watched; give a recording of holograms": recipe.content == "phase",
         "raw files can't be watched, as nothing in them says where a frame ends": recipe.raw,
         f"reference frame {reference} is not among the first {n_first}, which is all that is "

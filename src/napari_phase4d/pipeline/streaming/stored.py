@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import shutil
+import threading
 import weakref
+from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -40,6 +42,7 @@ __all__ = ["GrowingStack", "Shelf", "Stored", "stored_at"]
 #: Arrays that each process keeps open.
 OPEN_ARRAYS = 32
 ALL = slice(None)
+PART_OF_PIECE = threading.Lock()
 #: Frames that a growing stack has room for; what is not written takes none.
 ROOM = 2**31 - 1
 
@@ -48,7 +51,8 @@ ROOM = 2**31 - 1
 class Stored:
     """A stack (time, angle, y, x) of float32 in a Zarr array.
 
-    Several threads and processes may write different blocks at the same time.
+    Several threads and processes may write different blocks at the same time, as `blocks_of` cuts
+    them; threads of one process any.
 
     Parameters
     ----------
@@ -69,7 +73,15 @@ class Stored:
 
     def write(self, block: Block, values: NDArray[np.float32], angles: slice = ALL) -> None:
         """Write the frames of a block, or some of its views."""
-        opened(self.path)[block.start : block.stop, angles] = values
+        array = opened(self.path)
+        frames = array.chunks[0]
+        whole = not block.start % frames and (
+            not block.stop % frames or block.stop == self.shape[0]
+        )
+        # To write a part of a piece is to read, change and write it: what another thread has
+        # written meanwhile would be lost.
+        with nullcontext() if whole else PART_OF_PIECE:
+            array[block.start : block.stop, angles] = values
 
 
 def stored_at(stack: xr.DataArray) -> Stored | None:

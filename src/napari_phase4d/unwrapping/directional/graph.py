@@ -10,15 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, blocks_of
+from napari_phase4d.unwrapping.directional.merging import smoothest_first, weight_of_hold
 from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
 from napari_phase4d.unwrapping.directional.scene import Scene
-from napari_phase4d.unwrapping.directional.steps import Weighed
+from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
 from napari_phase4d.unwrapping.ends import ends_along
 
-__all__ = ["PixelGraph", "graphs_of", "spans_of"]
+__all__ = ["PixelGraph", "graph_bytes", "graphs_of", "spans_of"]
 
 #: Pixels of the object's box, of all views, in a span, unless it has fewer than so many frames.
-SPAN_PIXELS, SPAN_FRAMES = 10_000_000, 16
+SPAN_PIXELS, SPAN_FRAMES = 4_000_000, 8
+#: What a graph and the search for ways in it take, where all pixels belong to the object.
+BYTES_OF_A_PIXEL = 200
 
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
@@ -38,33 +41,56 @@ def spans_of(part: Sequence[int]) -> list[Block]:
     return blocks_of(part, min(frames, part[0]))
 
 
+def graph_bytes(shape: Sequence[int]) -> int:
+    """Return about how much memory a graph takes at most, of a stack (time, angle, y, x)."""
+    spans = spans_of(shape)
+    return BYTES_OF_A_PIXEL * max(map(len, spans)) * math.prod(shape[1:])
+
+
 @dataclass(frozen=True)
 class Steps:
-    """The steps of one time; their ends are pixels (angle, y, x) of the box, counted through.
+    """Some steps.
 
     Parameters
     ----------
     first, second : ndarray of int
-        Both ends, within the time.
+        Both ends: pixels of the box (angle, y, x) of their times, counted through, or nodes.
     turns : ndarray of int16
         Turns of the second end minus those of the first, as the step asks for.
     rough : ndarray of float32
         Roughness in radians.
-    pixel, turns_ahead, rough_ahead : ndarray
-        The steps from a pixel to the same one of the time after.
     """
 
     first: Whole
     second: Whole
     turns: NDArray[np.int16]
     rough: Image
-    pixel: Whole
-    turns_ahead: NDArray[np.int16]
-    rough_ahead: Image
+
+    def some(self, which: NDArray[np.bool_]) -> Steps:
+        """Return some of them."""
+        return Steps(self.first[which], self.second[which], self.turns[which], self.rough[which])
+
+    def between(self, first: Whole, second: Whole) -> Steps:
+        """Return them between nodes; those of all pixels at both ends are given."""
+        return Steps(first[self.first], second[self.second], self.turns, self.rough)
 
 
-def steps_by_time(weighed: Weighed, part: Sequence[int]) -> Iterator[Steps]:
-    """Yield the steps of every time of a block, always in the same order."""
+NO_ENDS = np.zeros(0, dtype=np.int32)
+
+
+def all_steps(parts: Iterable[Steps]) -> Steps:
+    """Return lists of steps as one."""
+    listed = list(parts)
+    return Steps(
+        np.concatenate([NO_ENDS, *(own.first for own in listed)]),
+        np.concatenate([NO_ENDS, *(own.second for own in listed)]),
+        np.concatenate([NO_ENDS.astype(np.int16), *(own.turns for own in listed)]),
+        np.concatenate([NO_ENDS.astype(np.float32), *(own.rough for own in listed)]),
+    )
+
+
+def steps_by_time(weighed: Weighed, part: Sequence[int]) -> Iterator[tuple[Steps, Steps]]:
+    """Yield the steps of every time of a block and those to the next, always in the same order."""
     numbers = np.arange(math.prod(part[1:]), dtype=np.int32).reshape(tuple(part[1:]))
     within = [
         (axis, opinion)
@@ -74,30 +100,20 @@ def steps_by_time(weighed: Weighed, part: Sequence[int]) -> Iterator[Steps]:
     ]
     ahead = weighed.by_axis.get(0)
     for i in range(len(weighed.block)):
-        columns: list[tuple[Whole, Whole, NDArray[np.int16], Image]] = []
+        found = []
         for axis, opinion in within:
             head, tail = (numbers[ends] for ends in ends_along(axis - 1, 3))
-            kept = opinion.kept[i]
-            columns.append(
-                (head[kept], tail[kept], opinion.turns[i][kept], opinion.rough[i][kept])
-            )
-        kept = np.zeros(numbers.shape, dtype=bool)
-        none = np.zeros(0, dtype=np.int16), np.zeros(0, dtype=np.float32)
+            found.append(kept_steps(opinion, i, head, tail))
+        link = []
         if ahead is not None and i < len(ahead.turns):
-            kept = ahead.kept[i]
-            none = ahead.turns[i][kept].astype(np.int16), ahead.rough[i][kept]
-        yield Steps(*together(columns), numbers[kept], *none)
+            link.append(kept_steps(ahead, i, numbers, numbers))
+        yield all_steps(found), all_steps(link)
 
 
-def together(
-    columns: list[tuple[Whole, Whole, NDArray[np.int16], Image]],
-) -> tuple[Whole, Whole, NDArray[np.int16], Image]:
-    """Return lists of steps as one."""
-    if not columns:
-        none = np.zeros(0, dtype=np.int32)
-        return none, none, none.astype(np.int16), none.astype(np.float32)
-    first, second, turns, rough = (np.concatenate(c) for c in zip(*columns, strict=True))
-    return first, second, turns.astype(np.int16, copy=False), rough
+def kept_steps(opinion: Opinion, i: int, first: Whole, second: Whole) -> Steps:
+    """Return the steps along an axis at a time of a block; all their ends are given."""
+    kept = opinion.kept[i]
+    return Steps(first[kept], second[kept], opinion.turns[i][kept], opinion.rough[i][kept])
 
 
 @dataclass(frozen=True)
@@ -117,10 +133,15 @@ class PixelGraph:
         How many nodes are islands, which come first; how many there are.
     first, second : ndarray of int
         The nodes at both ends of every step.
-    turns : ndarray of int
+    turns : ndarray of int16
         Turns of the second minus those of the first, as the step asks for.
     rough : ndarray of float
         Roughness of every step in radians.
+    order : ndarray of int
+        The steps, the smoothest first.
+    weight, number : ndarray
+        The last steps stand for several each, which lead between the same islands of the empty
+        field and ask for the same: what these hold together, and how many they are.
     """
 
     core: Block
@@ -130,8 +151,11 @@ class PixelGraph:
     n: int
     first: Whole
     second: Whole
-    turns: Whole
+    turns: NDArray[np.int16]
     rough: Image
+    order: Whole
+    weight: NDArray[np.float64]
+    number: Whole
 
     def nodes_at(self, time: int) -> Whole:
         """Return the nodes of all pixels of a frame that it holds, one after the other."""
@@ -154,9 +178,11 @@ def graphs_of(scene: Scene, steps: Iterable[Weighed], cores: list[Block]) -> Ite
     n = scene.shape[0]
     held = held_island(scene)
     waiting = {core: core.wider(1, 1, n) for core in cores}
-    known: dict[int, Steps] = {}
+    known: dict[int, tuple[Steps, Steps]] = {}
     for weighed in steps:
         known.update(zip(weighed.block.times, steps_by_time(weighed, scene.part), strict=True))
+        weighed.by_axis.clear()  # they are large, and this waits for what the graph is used for
+        weighed.followed.clear()
         ready = [c for c, around in waiting.items() if all(t in known for t in around.times)]
         for core in ready:
             around = waiting.pop(core)
@@ -169,7 +195,7 @@ def graph_of(
     scene: Scene,
     core: Block,
     around: Block,
-    steps: dict[int, Steps],
+    steps: dict[int, tuple[Steps, Steps]],
     held: tuple[int, int, int] | None,
 ) -> PixelGraph:
     """Return the graph of some frames; the steps by time are used up."""
@@ -177,18 +203,62 @@ def graph_of(
     free = scene.read(around).free
     n = n_islands + int(np.count_nonzero(free))
     nodes[free] = np.arange(n_islands, n, dtype=np.int32)
-    columns = []
+    listed: list[Steps] = []
     for t in around.times:
-        here, own = boxed(nodes, t - around.start, scene), steps.pop(t)
-        columns.append((here[own.first], here[own.second], own.turns.astype(np.int32), own.rough))
+        here, (within, ahead) = boxed(nodes, t - around.start, scene), steps.pop(t)
+        listed.append(within.between(here, here))
         if t + 1 < around.stop:
-            there = boxed(nodes, t + 1 - around.start, scene)
-            turns = own.turns_ahead.astype(np.int32)
-            columns.append((here[own.pixel], there[own.pixel], turns, own.rough_ahead))
-    none = np.zeros(len(fields), dtype=np.int32)
-    columns.append((none, fields, none, np.full(len(fields), FIRM, dtype=np.float32)))
-    first, second, turns, rough = (np.concatenate(c) for c in zip(*columns, strict=True))
-    return PixelGraph(core, around, nodes, n_islands, n, first, second, turns, rough)
+            listed.append(ahead.between(here, boxed(nodes, t + 1 - around.start, scene)))
+    plain, shared = [], []
+    for own in listed:
+        of_islands = (own.first < n_islands) & (own.second < n_islands)
+        plain.append(own.some(~of_islands))
+        shared.append(put_together(own.some(of_islands)))
+    # The empty field of every frame is held at that of the start.
+    none, one = np.zeros(len(fields), dtype=np.int16), np.ones(len(fields), dtype=np.int32)
+    firm = Steps(none.astype(np.int32), fields, none, np.full(len(fields), FIRM, np.float32))
+    shared.append((firm, one.astype(np.float64), one))
+    many, weight, number = zip(*shared, strict=True)
+    found = all_steps([*plain, *many])
+    return PixelGraph(
+        core,
+        around,
+        nodes,
+        n_islands,
+        n,
+        found.first,
+        found.second,
+        found.turns,
+        found.rough,
+        smoothest_first(found.rough),
+        np.concatenate(weight),
+        np.concatenate(number),
+    )
+
+
+def put_together(steps: Steps) -> tuple[Steps, NDArray[np.float64], Whole]:
+    """Put steps between the same islands that ask for the same together.
+
+    Returns
+    -------
+    steps : Steps
+        One of each kind, as rough as the smoothest of them.
+    weight, number : ndarray
+        What they hold together, see `held_by_steps`, and how many they are.
+    """
+    n = int(steps.second.max(initial=0)) + 1
+    lowest = int(steps.turns.min(initial=0))
+    several = int(steps.turns.max(initial=0)) - lowest + 1
+    # One number for each kind, as rows take far longer to tell apart.
+    pair = steps.first.astype(np.int64) * n + steps.second
+    kinds, which = np.unique(pair * several + (steps.turns - lowest), return_inverse=True)
+    least = np.full(len(kinds), np.inf, dtype=np.float32)
+    np.minimum.at(least, which, steps.rough)
+    weight = np.bincount(which, weight_of_hold(steps.rough), len(kinds)).astype(np.float64)
+    number = np.bincount(which, minlength=len(kinds)).astype(np.int32)
+    pair, asked = np.divmod(kinds, several)
+    first, second = (ends.astype(np.int32) for ends in np.divmod(pair, n))
+    return Steps(first, second, (asked + lowest).astype(np.int16), least), weight, number
 
 
 def boxed(nodes: Whole, i: int, scene: Scene) -> Whole:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -42,6 +43,8 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 #: Amplitude, as a share of its median, below which fading does not grow; and the roughness in
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
+#: Pixels, of all views, whose steps are weighed at a time, unless one frame has more.
+STEP_PIXELS = 2**21
 #: Frames before and after a frame that the weights of its steps depend on.
 BEFORE, AFTER = 2, 3
 
@@ -236,7 +239,10 @@ def weighed_steps(
         How many frames to work on at a time.
     """
     start = scene.frames.start[0]
-    ahead, behind = blocks_outwards(scene.shape[0], start, frames or working_frames(scene.part))
+    # Several blocks wait for each other, and each takes a hundred bytes a pixel.
+    most = max(STEP_PIXELS // math.prod(scene.part[1:]), 1)
+    frames = frames or min(working_frames(scene.part), most)
+    ahead, behind = blocks_outwards(scene.shape[0], start, frames)
     watch.total = len(ahead) + len(behind)
 
     def work(block: Block) -> Weighed:

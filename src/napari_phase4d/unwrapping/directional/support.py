@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.phasors import turned
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stack import Block, Stack
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import PixelGraph, graphs_of, spans_of
-from napari_phase4d.unwrapping.directional.merging import held_by_steps
+from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothest_first
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
 from napari_phase4d.unwrapping.directional.ways import NO_TREE, Tree, WaysOutside
@@ -35,6 +35,7 @@ APART = 1.7
 
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
+Short = NDArray[np.int16]
 
 
 @dataclass(frozen=True)
@@ -122,13 +123,10 @@ def supports_by_steps(
         ways = followed_ways(problem, field, results, cores, progress, cancelled)
     watch = Watch(1, "weighing the steps", progress, cancelled)
     for span, graph in numbered(graphs(problem, field, cores, watch), cores):
-
-        def judge(name: str, span: int = span, graph: PixelGraph = graph) -> None:
-            look = Look(problem, field.scene, graph, results[name])
+        for name, result in results.items():  # one by one: each takes as much as the graph
+            watch.check()
+            look = Look(problem, field.scene, graph, result)
             look.write(supports[name], outside(graph, ways.get(name), span))
-
-        for _ in in_threads(judge, results, watch.quiet(len(results)), wait=True, large=True):
-            pass
     return supports
 
 
@@ -164,13 +162,10 @@ def followed_ways(
     found = {name: WaysOutside(problem.store, name, pixels) for name in results}
     watch = Watch(1, "following ways", progress, cancelled)
     for span, graph in numbered(graphs(problem, field, cores, watch), cores):
-
-        def add(name: str, span: int = span, graph: PixelGraph = graph) -> None:
-            look = Look(problem, field.scene, graph, results[name])
-            found[name].add(span, graph, look.off() == 0)
-
-        for _ in in_threads(add, results, watch.quiet(len(results)), wait=True, large=True):
-            pass
+        for name, result in results.items():
+            watch.check()
+            look = Look(problem, field.scene, graph, result)
+            found[name].add(span, graph, agreeing(graph, look.off()))
     for ways in found.values():
         watch.check()
         ways.follow(len(cores))
@@ -188,6 +183,20 @@ def outside(graph: PixelGraph, ways: WaysOutside | None, span: int) -> Tree:
     ):
         if len(tree.rough):
             found = found.with_others(tree.between(graph.nodes_at(time)))
+    return found
+
+
+def agreeing(graph: PixelGraph, off: Short) -> Whole:
+    """Return the steps that a result agrees with, the smoothest first."""
+    found: Whole = graph.order[off[graph.order] == 0]
+    return found
+
+
+def with_ways(order: Whole, rough: Image, ways: Image) -> Whole:
+    """Put the numbers of ways, which come after those of all steps, among ordered steps."""
+    own = smoothest_first(ways)
+    places = np.searchsorted(rough[order], ways[own], side="right")
+    found: Whole = np.insert(order, places, own + np.int32(len(rough)))
     return found
 
 
@@ -212,13 +221,15 @@ class Look:
     graph: PixelGraph
     result: Judged
 
-    def off(self) -> Whole:
+    def off(self) -> Short:
         """Return by how many turns the result differs from what each step asks for."""
         turns = self.turns()
-        found: Whole = turns[self.graph.second] - turns[self.graph.first] - self.graph.turns
+        found = turns[self.graph.second]
+        found -= turns[self.graph.first]
+        found -= self.graph.turns
         return found
 
-    def turns(self) -> Whole:
+    def turns(self) -> Short:
         """Return the wrap count of every node, relative to each frame's empty field."""
         scene, around = self.scene, self.graph.around
         kept = scene.frames.kept[around.start : around.stop]
@@ -230,14 +241,14 @@ class Look:
         shifts = scene.shifts[around.start : around.stop]
         turns = np.round((moved(steady, shifts) - seen.phase) / TURN)
         known = np.isfinite(turns)
-        turns = np.where(known, turns, 0).astype(np.int32)
+        turns = np.where(known, turns, 0).astype(np.int16)
         for frame in np.ndindex(*turns.shape[:2]):
             # What a mask left out is the field at its level; in what it kept, an even part of a
             # cell may pass for empty.
             if seen.empty[frame].any():
-                off = np.int32(np.median(turns[frame][seen.empty[frame]]))
+                off = np.int16(np.median(turns[frame][seen.empty[frame]]))
                 turns[frame] -= off * known[frame]
-        found = np.zeros(self.graph.n, dtype=np.int32)
+        found = np.zeros(self.graph.n, dtype=np.int16)
         found[self.graph.nodes] = turns
         found[: self.graph.n_islands] = 0
         return found
@@ -245,13 +256,12 @@ class Look:
     def write(self, support: Support, outside: Tree) -> None:
         """Write how well the steps support the times that the graph stands for."""
         graph, off = self.graph, self.off()
-        ways = Tree(graph.first, graph.second, graph.rough)
+        order, ways = agreeing(graph, off), Tree(graph.first, graph.second, graph.rough)
         if len(outside.rough):
+            order = with_ways(order, graph.rough, outside.rough)
             ways = ways.with_others(outside)
-            off = np.concatenate([off, np.zeros(len(outside.rough), dtype=np.int32)])
-        worst, held = held_by_steps(
-            ways.first, ways.second, off, ways.rough, graph.n, NO_WAY, len(graph.rough)
-        )
+        ends, shared = (ways.first, ways.second), (graph.weight, graph.number)
+        worst, held = held_by_steps(*ends, off, ways.rough, graph.n, NO_WAY, order, shared)
         np.clip(worst, np.float32(0), np.float32(NO_WAY), out=worst)
         times, which = times_of(self.scene, graph.core)
         inner = graph.core.of(graph.around)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Store
 from napari_phase4d.unwrapping.directional.graph import PixelGraph
+from napari_phase4d.unwrapping.directional.merging import smoothest_first
 
 __all__ = ["NO_TREE", "Tree", "WaysOutside"]
 
@@ -130,8 +131,10 @@ class WaysOutside:
         self._after = KeptTrees(store, f"{name}_after")
         self._pixels = pixels
 
-    def add(self, span: int, graph: PixelGraph, agreeing: NDArray[np.bool_]) -> None:
+    def add(self, span: int, graph: PixelGraph, agreeing: Whole) -> None:
         """Take what a span's own frames tell: ways between its first frame and the one after.
+
+        Of its steps those count that a result agrees with, the smoothest first.
 
         Pixels of the frame after it are called by their numbers and those of a frame more.
         """
@@ -140,9 +143,7 @@ class WaysOutside:
             if graph.around.start <= time < graph.around.stop:
                 call_by_pixels(names, graph.nodes_at(time), further)
         names[0] = HELD
-        self._inside[span] = spanning(
-            graph.first[agreeing], graph.second[agreeing], graph.rough[agreeing], names
-        )
+        self._inside[span] = Tree(*joined(agreeing, graph.first, graph.second, graph.rough, names))
 
     def follow(self, spans: int) -> None:
         """Follow the ways from span to span, forwards and backwards."""
@@ -179,8 +180,7 @@ def spanning(first: Whole, second: Whole, rough: Stack, names: Whole) -> Tree:
     names : ndarray of int
         The name of every node; -2 where it has none.
     """
-    order = np.argsort(rough, kind="stable")
-    return Tree(*joined(order, first, second, rough, names))
+    return Tree(*joined(smoothest_first(rough), first, second, rough, names))
 
 
 @compiled
@@ -192,7 +192,7 @@ def call_by_pixels(names: Whole, nodes: Whole, more: int) -> None:
 
 @compiled
 def joined(
-    order: NDArray[np.intp], first: Whole, second: Whole, rough: Stack, names: Whole
+    order: Whole, first: Whole, second: Whole, rough: Stack, names: Whole
 ) -> tuple[Whole, Whole, Stack]:
     """Join nodes along steps in order, and list the joins of parts that have named ends.
 

@@ -87,7 +87,12 @@ def plan_unwrapping(state: State) -> Plan:
     finds_start = recipe.boundary == "auto"
     place, number = state.place, next(RUNS)
     folder = Path(tempfile.gettempdir()) if place is None else place.shelf.folder
-    needs = phase_needs(recipe.methods, data["phase"].shape, finds_start=finds_start)
+    needs = phase_needs(
+        recipe.methods,
+        data["phase"].shape,
+        finds_start=finds_start,
+        confidence=recipe.confidence,
+    )
     needs.check(folder, on_disk=place is not None)
 
     parts: SimpleQueue[Part] = SimpleQueue()
@@ -285,7 +290,8 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
     def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Judged:
         comparison = outcome.comparison
         watch = Watch(3, "weighing", progress, cancelled)
-        maps = comparison.confidences(None, None, cancelled)
+        # In memory it is done in no time; on disk it takes longer than the methods.
+        maps = comparison.confidences(None, None if comparison.held else progress, cancelled)
         watch.step()
         warnings = comparison.warnings()
         watch.step()
