@@ -27,6 +27,12 @@ WARM_UP = "from napari_phase4d.pipeline.ahead import warm_up; warm_up()"
 SIDE_BY_SIDE = {"OPENBLAS_NUM_THREADS": "1", "PYTHONDONTWRITEBYTECODE": ""}
 #: Of tests at a time; each takes between one and two gigabytes.
 MOST_PROCESSES = 4
+#: Which of them are run, by what is asked for.
+TESTS = {
+    "": "not thorough",
+    "--quick": "not gui and not slow and not thorough",
+    "--thorough": "thorough",
+}
 XVFB_SCREEN = "-screen 0 1600x1000x24"
 #: What makes napari, the plugin and the tests use the other Qt binding.
 PYSIDE = {"QT_API": "pyside6", "PYTEST_QT_API": "pyside6"}
@@ -72,21 +78,22 @@ def demo(rest: list[str]) -> int:
 
 
 def test(rest: list[str]) -> int:
-    """Run the tests; with --quick only those that need no window and take no long time.
+    """Run the tests, without those that take patience.
 
-    Without arguments, the story of the window is told a second time with the other Qt binding.
+    With --quick only those that need no window and take no time, with --thorough only those that
+    are left out without it. The story of the window is then told with the other Qt binding too.
     """
     setup([])
-    if rest not in ([], ["--quick"]):  # arguments of one's own are for a closer look
+    chosen = TESTS.get(" ".join(rest))
+    if chosen is None:  # arguments of one's own are for a closer look
         return run_graphical(["-m", "pytest", *rest])
     # What no process has compiled before, each of several would compile.
     run([str(python_in_venv()), "-c", WARM_UP], SIDE_BY_SIDE)
     # One process more than cores, as some of the tests wait.
     processes = str(min((os.cpu_count() or 1) + 1, MOST_PROCESSES))
-    chosen = ["-m", "not gui and not slow"] if rest else []
-    together = ["-m", "pytest", "-n", processes, "--dist", "worksteal", *chosen]
+    together = ["-m", "pytest", "-n", processes, "--dist", "worksteal", "-m", chosen]
     code = run_graphical(together, SIDE_BY_SIDE)
-    if rest:
+    if rest != ["--thorough"]:
         return code
     print("The story again, with PySide6:", flush=True)
     return code or run_graphical(["-m", "pytest", "-m", "story", "tests/_napari"], PYSIDE)

@@ -71,6 +71,7 @@ def a_cell() -> np.ndarray:
     return 6 * np.sqrt(np.maximum(1 - ((x - 0.1) / 0.4) ** 2 - ((y + 0.1) / 0.45) ** 2, 0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["zernike", "polynomial"])
 @pytest.mark.parametrize("scale", [0.3, 1.0, 3.0])
 def test_known_aberrations_come_off_and_the_cell_stays(kind: str, scale: float) -> None:
@@ -151,6 +152,7 @@ def test_orders_out_of_range_are_refused(small_video) -> None:
             p4d.Recipe().changed(background_order=order)
 
 
+@pytest.mark.thorough
 @pytest.mark.measured
 @pytest.mark.filterwarnings("ignore:.* left in view")  # as it should be, with a tilt
 @pytest.mark.parametrize(

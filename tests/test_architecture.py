@@ -136,6 +136,7 @@ def room_of(path: Path) -> str:
     return path.relative_to(PACKAGE).parts[0].removesuffix(".py")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_imports_go_one_way(path: Path) -> None:
     room = room_of(path)
@@ -148,6 +149,7 @@ def test_imports_go_one_way(path: Path) -> None:
             assert room == "_napari", f"{room} imports {name}"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_only_what_a_module_exports_is_imported(path: Path) -> None:
     for module, name in imported_names(path):
@@ -157,11 +159,13 @@ def test_only_what_a_module_exports_is_imported(path: Path) -> None:
         assert known, f"{module} has no {name!r} in its __all__"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_no_file_is_too_long(path: Path) -> None:
     assert len(path.read_text(encoding="utf-8").splitlines()) <= 700
 
 
+@pytest.mark.thorough
 def test_importing_the_package_loads_neither_qt_nor_napari() -> None:
     code = (
         "import sys, napari_phase4d as p4d; "

@@ -131,6 +131,7 @@ def flip(path: Path) -> None:
     os.utime(path, ns=(stat.st_atime_ns, stat.st_mtime_ns))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "change", ["input", "recipe", "form", "version", "flipped result", "cut result", "lost result"]
 )
@@ -279,6 +280,7 @@ def test_two_batches_do_not_share_a_folder(phases: Path, tmp_path: Path) -> None
     assert names(tmp_path) == {"batch.log", "summary.csv"}
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("disk")
 @pytest.mark.parametrize("mark", ["ended", "another process by now", "half-written"])
 def test_locks_of_batches_that_are_gone_do_not_count(

@@ -156,6 +156,7 @@ def batch_with_traceback(
     return run_batch(RECIPE, files, out, told=said.append, finished=finished), said
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("storage", "sentence"),
     [
@@ -254,6 +255,7 @@ def test_batch_on_the_command_line(phases: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "out" / "a" / "wrapped.ome.tif").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_ctrl_c_is_one_sentence_and_nothing_half_written(phases: Path, tmp_path: Path) -> None:
     files = []

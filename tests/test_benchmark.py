@@ -33,6 +33,7 @@ def table() -> pd.DataFrame:
     return run_benchmark(["spatial-2d", "directional-l1"], ["one view"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("group", GROUPS)
 def test_the_suite_is_the_same_everywhere(group: str) -> None:
     assert SUITE_VERSION == 1
@@ -47,6 +48,7 @@ def test_the_suite_is_the_same_everywhere(group: str) -> None:
     assert mean == pytest.approx(SUITE_1[group][3], abs=2e-4)
 
 
+@pytest.mark.slow
 def test_truth_is_what_an_unwrapper_that_is_right_returns() -> None:
     for case in cases(["one view", "time lapse", "through the optics"]):
         turned = np.angle(np.exp(1j * (case.wrapped.values - case.truth.values)))
@@ -89,6 +91,7 @@ def test_what_has_no_truth_does_not_count() -> None:
     assert scores_of(found, "spatial-2d", unknown)["mse_rad2"] == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_the_own_method_leads(table: pd.DataFrame) -> None:
     assert set(table["case"]) == set(GROUPS["one view"])
     assert (table["fault"] == "").all()
@@ -98,6 +101,7 @@ def test_the_own_method_leads(table: pd.DataFrame) -> None:
     assert summary["all"]["spatial-2d"] == pytest.approx(by_hand)
 
 
+@pytest.mark.slow
 def test_a_method_that_fails_is_named_and_the_others_are_scored(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -150,6 +154,7 @@ def test_the_page_says_it_all(table: pd.DataFrame, tmp_path: Path) -> None:
     assert (tmp_path / "benchmark.csv").read_text() == "mine"
 
 
+@pytest.mark.thorough
 def test_the_command(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

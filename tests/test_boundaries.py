@@ -22,6 +22,7 @@ def wrong_pixels(data: xr.Dataset, exact: xr.Dataset) -> np.ndarray:
     return (off & (exact["phase"].values > 0.05)).sum((2, 3))
 
 
+@pytest.mark.thorough
 def test_best_frame_is_nearly_always_among_the_least_wrong() -> None:
     """Also where no frame is right: half as thick again, or without the thin half of the times."""
     right = []
@@ -43,6 +44,7 @@ def lost_in(name: str, shape: tuple[int, ...]) -> np.ndarray:
     return np.full(shape, 0.7) if name == "blank" else RNG(1).uniform(-np.pi, np.pi, shape)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("masked", [False, True])
 @pytest.mark.parametrize("kind", ["NaN", "blank", "noise"])
 def test_lost_frames_score_nothing_and_change_no_other(kind: str, masked: bool) -> None:
@@ -110,6 +112,7 @@ def test_scores_say_what_they_rest_on() -> None:
     assert single.attrs["basis"] == "two unwrappers of the frame alone"
 
 
+@pytest.mark.slow
 def test_large_recordings_are_looked_at_here_and_there(monkeypatch: pytest.MonkeyPatch) -> None:
     wrapped = with_noise(moving_shape("returning", (32, 32), 12), 0.1, seed=3)["wrapped"]
     lazy = wrapped.chunk(time=1)

@@ -36,6 +36,7 @@ def recipe_for(file: Path, **settings: float) -> p4d.Recipe:
     return p4d.Recipe(recording=str(file), methods=("directional-l1",), mask=None, cells=cells)
 
 
+@pytest.mark.slow
 def test_a_run_finds_what_the_functions_find(file: Path, tmp_path: Path) -> None:
     outcome = p4d.run(recipe_for(file, smallest_um2=5, object_index=1.4))
     phase = outcome.comparison.results["directional-l1"]
@@ -56,6 +57,7 @@ def test_a_run_finds_what_the_functions_find(file: Path, tmp_path: Path) -> None
     assert p4d.Recipe.from_file(tmp_path / "recipe.json").cells == outcome.recipe.cells
 
 
+@pytest.mark.slow
 def test_a_run_counts_pixels_in_doubt() -> None:
     """Too thick and noisy for this method: masses are off by turns, and their errors say so."""
     sample = swimming_cells((128, 160), 6, 3, peak_rad=12, divisions=0, leaving=0, entering=0)
@@ -78,6 +80,7 @@ def test_a_run_counts_pixels_in_doubt() -> None:
     pd.testing.assert_frame_equal(cells.table, wanted)
 
 
+@pytest.mark.slow
 def test_a_run_beyond_memory_has_no_confidence_and_measures_all_the_same(
     file: Path,
 ) -> None:
@@ -92,6 +95,7 @@ def test_a_run_beyond_memory_has_no_confidence_and_measures_all_the_same(
     )
 
 
+@pytest.mark.slow
 def test_the_summary_has_the_true_masses(sample: xr.Dataset, file: Path) -> None:
     outcome = p4d.run(recipe_for(file))
     assert outcome.cells is not None
@@ -127,6 +131,7 @@ def test_the_summary_leaves_out_what_the_border_cuts() -> None:
     assert summary["frames"].tolist() == [3, 1]
 
 
+@pytest.mark.slow
 def test_no_cells_are_said_and_stop_no_run(file: Path, tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="no cells were found"):
         outcome = p4d.run(recipe_for(file, smallest_um2=1e5))
@@ -137,6 +142,7 @@ def test_no_cells_are_said_and_stop_no_run(file: Path, tmp_path: Path) -> None:
     assert pd.read_csv(tmp_path / "cells.csv").empty
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("fault", "sentence"),
     [(OSError("no room for the labels"), "no room"), (KeyError("frame"), "an unexpected fault")],
@@ -163,6 +169,7 @@ def test_results_are_written_where_cells_can_not_be_found(
     assert not (out / "cells.csv").exists()
 
 
+@pytest.mark.thorough
 def test_a_batch_keeps_results_where_cells_can_not_be_found(
     file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -193,6 +200,7 @@ def test_a_batch_keeps_results_where_cells_can_not_be_found(
     assert again["cells"].tolist() == [again["cells"][1]] * 3
 
 
+@pytest.mark.slow
 def test_cells_on_the_command_line(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     words = ["run", str(file), "--method", "WL1", "--smallest-cell", "5", "--increment", "0.2"]
@@ -205,6 +213,7 @@ def test_cells_on_the_command_line(file: Path, tmp_path: Path) -> None:
     assert "volume (um^3)" in summary
 
 
+@pytest.mark.thorough
 def test_a_batch_has_a_row_for_each_cell(file: Path, tmp_path: Path) -> None:
     copy = tmp_path / "other.ome.tif"
     copy.write_bytes(file.read_bytes())
@@ -219,6 +228,7 @@ def test_a_batch_has_a_row_for_each_cell(file: Path, tmp_path: Path) -> None:
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out" / "cells.csv"), cells)
 
 
+@pytest.mark.slow
 def test_the_script_gives_the_same_cells(file: Path, tmp_path: Path) -> None:
     recipe = recipe_for(file, smallest_um2=5)
     (tmp_path / "script").mkdir()

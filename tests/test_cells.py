@@ -52,6 +52,7 @@ def overlaps(true: np.ndarray, found: np.ndarray) -> tuple[list[tuple[int, int]]
 CASES = [(name, noise) for name in RECORDINGS for noise in (0.0, 0.3)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "noise"), CASES)
 def test_cells_are_found_and_keep_their_numbers(name: str, noise: float) -> None:
     data, _ = recording(name, noise)
@@ -115,6 +116,7 @@ def table_of(name: str, noise: float, seed: int) -> pd.DataFrame:
     return table.assign(true=true).dropna(subset=["true"])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.2, 0.5])
 def test_masses_are_right_and_their_errors_cover(noise: float) -> None:
     table = pd.concat([table_of("some", noise, seed) for seed in (0, 1, 2)])
@@ -146,6 +148,7 @@ def test_a_disc_has_its_area_and_form() -> None:
     assert half == pytest.approx(0.5 * table["dry mass (pg)"][0])
 
 
+@pytest.mark.slow
 def test_pixels_in_doubt_make_the_error_larger() -> None:
     _, noisy = recording("few", 0.3)
     cells = found_in("few", 0.3)

@@ -83,6 +83,7 @@ def spot() -> np.ndarray:
     return region
 
 
+@pytest.mark.thorough
 def test_a_region_goes_along_in_any_length(labels: xr.DataArray) -> None:
     region_with_cell(spot(), (0, 1), labels[:4])  # what is imported first does not count
     told: list[tuple[int, int]] = []
@@ -97,6 +98,7 @@ def test_a_region_goes_along_in_any_length(labels: xr.DataArray) -> None:
     assert told[-1] == (SHAPE[0], SHAPE[0])
 
 
+@pytest.mark.thorough
 def test_a_region_is_measured_in_any_length(labels: xr.DataArray, phase: xr.DataArray) -> None:
     moved = region_with_cell(spot(), (0, 1), labels)
     p4d.measure(phase[:4], {"spot": moved[:4]}, p4d.Optics())
@@ -113,6 +115,7 @@ def test_a_region_stops_going_along_when_cancelled(labels: xr.DataArray) -> None
         region_with_cell(spot(), (0, 0), labels, cancelled=lambda: next(asked))
 
 
+@pytest.mark.slow
 def test_a_region_on_a_cell_that_is_not_there_yet_weighs_nothing_known(
     labels: xr.DataArray, phase: xr.DataArray
 ) -> None:
@@ -129,6 +132,7 @@ def test_a_region_on_a_cell_that_is_not_there_yet_weighs_nothing_known(
     assert cells["time (s)"][cells["cell"] == 2].min() == 1.0
 
 
+@pytest.mark.slow
 def test_lazy_labels_are_measured_without_holding_them(
     labels: xr.DataArray, phase: xr.DataArray
 ) -> None:

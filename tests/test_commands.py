@@ -111,6 +111,7 @@ def test_too_little_memory_is_one_sentence(
     assert said == "Error: it needs more memory than there is\n"
 
 
+@pytest.mark.thorough
 def test_info_says_the_needs_before_it_looks_at_few_times(tmp_path: Path) -> None:
     data = p4d.simulation.budding_yeast((16, 16), n_times=3, angles_deg=(0.0, 5.0))["wrapped"]
     times = np.arange(103) % 3
@@ -141,6 +142,7 @@ def test_raw_frames_of_either_byte_order(tmp_path: Path, order: str, large_first
         raw_layout("8,9,=uint16,0")
 
 
+@pytest.mark.slow
 def test_wrapped_phase_that_is_the_input_stays_as_it_is(phase_file: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     for form, ending in (("zarr", "zarr"), ("tiff", "tif")):
@@ -159,6 +161,7 @@ def contents(path: Path) -> dict[Path, tuple[bytes, int]]:
     return {p: (p.read_bytes(), p.stat().st_mtime_ns) for p in files}
 
 
+@pytest.mark.thorough
 def test_the_demo_without_qt_says_what_to_install(tmp_path: Path) -> None:
     """Where no binding can be imported, as in an environment that has none."""
     code = (
@@ -183,6 +186,7 @@ def test_an_empty_word_is_refused(
     assert names(phase_file.parent) == {"phase.npy"}
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(os.name != "posix", reason="names of files hold no such letters")
 @pytest.mark.parametrize("name", ["red\x1b[31m.npy", "two\nlines.npy", "bell\x07.npy"])
 def test_names_can_not_speak_to_the_terminal(phase_file: Path, name: str) -> None:
@@ -202,6 +206,7 @@ def test_names_can_not_speak_to_the_terminal(phase_file: Path, name: str) -> Non
     assert len(done.stderr.splitlines()) == 1
 
 
+@pytest.mark.thorough
 def test_doubts_are_said_in_words(tmp_path: Path) -> None:
     degrees = np.linspace(-179, 179, 4 * 2 * 24 * 32).reshape(4, 2, 24, 32)
     np.save(tmp_path / "phase.npy", degrees)

@@ -31,6 +31,7 @@ def compared(noisy: xr.Dataset) -> p4d.Comparison:
     return p4d.compare(noisy["wrapped"], METHODS)
 
 
+@pytest.mark.slow
 def test_finished_results_are_not_lost(noisy: xr.Dataset, compared: p4d.Comparison) -> None:
     kept: list[p4d.Comparison] = []
     names: list[str] = []
@@ -116,6 +117,7 @@ def test_against_is_what_compare_with_truth_says(
         compared.against(np.zeros((2, 2)))
 
 
+@pytest.mark.slow
 def test_doubtful_pixels_of_the_object_are_counted(
     noisy: xr.Dataset, compared: p4d.Comparison
 ) -> None:

@@ -222,6 +222,7 @@ def test_a_mask_within_the_object_keeps_its_level(method: str) -> None:
     np.testing.assert_allclose(found[..., radius < 7], phase[..., radius < 7], atol=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["region-growing", "spatial-3d", "network-flow", "laplacian"])
 def test_work_looks_up_within_a_second_whether_to_stop(method: str) -> None:
     w = wrapped(noisy_bump((10, 2, 120, 120), 0.8))
@@ -249,6 +250,7 @@ def test_work_that_is_stopped_half_way_ends_at_once() -> None:
     assert 0.1 < time.monotonic() - began < 1.1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.3, 0.7])
 @pytest.mark.parametrize("shape", [(10, 1, 90, 90), (6, 3, 80, 70)])
 @pytest.mark.usefixtures("traced_memory")

@@ -43,6 +43,7 @@ def area_under_curve(score: np.ndarray, wrong: np.ndarray) -> float:
     return float((rankdata(score)[wrong].sum() - n * (n + 1) / 2) / (n * (~wrong).sum()))
 
 
+@pytest.mark.slow
 def test_wrong_pixels_are_the_doubted_ones(noisy: xr.Dataset, compared: p4d.Comparison) -> None:
     inside = noisy["phase"].values > 1
     for method, result in compared.results.items():
@@ -63,6 +64,7 @@ def test_trusted_pixels_are_right(noisy: xr.Dataset, compared: p4d.Comparison) -
         assert wrong[trusted].mean() < 0.01, method
 
 
+@pytest.mark.thorough
 def test_the_reference_is_computed_when_it_is_missing(noisy: xr.Dataset) -> None:
     alone = p4d.compare(noisy["wrapped"], ["spatial-2d"])
     both = p4d.compare(noisy["wrapped"], ["spatial-2d", "directional-l1"])
@@ -71,6 +73,7 @@ def test_the_reference_is_computed_when_it_is_missing(noisy: xr.Dataset) -> None
     assert list(alone.results) == ["spatial-2d"]
 
 
+@pytest.mark.thorough
 def test_one_call_gives_what_a_comparison_gives(
     noisy: xr.Dataset, compared: p4d.Comparison
 ) -> None:
@@ -83,6 +86,7 @@ def test_one_call_gives_what_a_comparison_gives(
         p4d.confidence(np.zeros((3, 4)), noisy["wrapped"])
 
 
+@pytest.mark.thorough
 def test_faint_pixels_are_doubted(noisy: xr.Dataset) -> None:
     result = p4d.unwrap(noisy["wrapped"], "directional-l1")
     amplitude = xr.ones_like(noisy["phase"])
@@ -110,6 +114,7 @@ def test_the_way_to_a_pixel_is_as_rough_as_its_roughest_step() -> None:
     assert support(problem, off)[0][0, 0, 14:26, 14:26].min() == 12
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "noise"), [("daughters", 0.7), ("touching", 0.9)])
 def test_noisy_pixels_that_are_wrong_are_found(name: str, noise: float) -> None:
     """Shapes that the confidence was not fitted to; a smooth way leads to most wrong pixels."""
@@ -126,6 +131,7 @@ def test_noisy_pixels_that_are_wrong_are_found(name: str, noise: float) -> None:
     assert wrong[trusted].mean() < 0.001
 
 
+@pytest.mark.slow
 def test_objects_that_slip_in_wl1_are_warned_of() -> None:
     """A thick cell whose rim is too steep, which the confidence was not fitted to."""
     exact = moving_shape("returning")
@@ -158,6 +164,7 @@ def test_a_pixel_is_held_by_most_of_its_steps() -> None:
     assert held[0] > 1.5 * held[1] > 0
 
 
+@pytest.mark.slow
 def test_noise_beyond_half_a_turn_is_a_reason_for_doubt() -> None:
     exact = moving_shape("swelling")
     data = with_noise(exact, 0.5, seed=8)
@@ -185,6 +192,7 @@ def test_a_slipped_object_is_said() -> None:
     assert said.endswith("first at time 4, view 0")
 
 
+@pytest.mark.thorough
 def test_verdict_says_what_to_use() -> None:
     data = with_noise(moving_shape("swelling"), 0.5, seed=8)
     found = p4d.compare(data["wrapped"], ["spatial-2d", "temporal-angular", "directional-l1"])
@@ -221,6 +229,7 @@ def test_one_frame_has_a_verdict() -> None:
     assert found.verdict.frame is None
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 @pytest.mark.parametrize("name", ["swelling", "returning", "touching"])
 def test_suggested_frame_is_one_of_the_best(name: str, noise: float) -> None:
@@ -241,6 +250,7 @@ def test_suggested_frame_is_one_of_the_best(name: str, noise: float) -> None:
     assert scores.values[wrong == 0].min() > scores.values[wrong > 100].max()
 
 
+@pytest.mark.thorough
 def test_drift_is_no_reason_for_doubt() -> None:
     exact = moving_shape("returning")
     still = p4d.compare(with_noise(exact, 0.1, seed=1)["wrapped"], ["directional-l1"])
@@ -252,6 +262,7 @@ def test_drift_is_no_reason_for_doubt() -> None:
         assert doubt[1] < 2 * doubt[0] + 1e-4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("axes", [{"angle": [1]}, {"time": [10]}, {"time": [10], "angle": [1]}])
 def test_fewer_axes_are_trusted_less(axes: dict) -> None:
     """Of the pixels given so much chance to be wrong, about so many are."""
@@ -269,6 +280,7 @@ def test_fewer_axes_are_trusted_less(axes: dict) -> None:
     assert not trusted.any() or wrong[trusted].mean() < 0.1
 
 
+@pytest.mark.slow
 def test_drift_and_a_masked_reference_change_no_score() -> None:
     exact = moving_shape("swelling")
     scores = []
@@ -279,6 +291,7 @@ def test_drift_and_a_masked_reference_change_no_score() -> None:
     assert np.abs(scores[0] - scores[1]).max() < 0.05
 
 
+@pytest.mark.slow
 def test_nan_are_left_out_of_scores() -> None:
     y, x = np.mgrid[:64, :64] - 31.5
     wrapped = with_noise(moving_shape("swelling"), 0.2, seed=3)["wrapped"]

@@ -95,6 +95,7 @@ def test_quality_is_the_distance_to_the_mean_of_the_window() -> None:
     assert np.isnan(found[0, 0])
 
 
+@pytest.mark.slow
 def test_erosion_brings_back_a_single_pixel() -> None:
     flat, mask = np.full((5, 5), 0.3), np.ones((5, 5), dtype=bool)
     turns = np.zeros((5, 5), dtype=np.int64)
@@ -103,6 +104,7 @@ def test_erosion_brings_back_a_single_pixel() -> None:
     assert not turns.any()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("step", ["dilate", "erode"])
 def test_compiled_loops_do_what_is_written(step: str) -> None:
     rng = np.random.default_rng(7)

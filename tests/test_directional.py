@@ -59,6 +59,7 @@ def squared_error(found: xr.DataArray, exact: xr.DataArray) -> float:
 # ---- what they find -------------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.2, 0.5, 0.7])
 @pytest.mark.parametrize("name", ["yeast", "dividing", "translating", "vacuole"])
 def test_nearly_all_pixels_are_right(name: str, noise: float) -> None:
@@ -80,6 +81,7 @@ def test_result_differs_from_the_input_by_whole_turns(method: str) -> None:
     np.testing.assert_array_equal(wrapped.values, before)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", OWN)
 def test_an_object_thinner_than_what_is_round_it(method: str) -> None:
     data = with_noise(moving_shape("swelling"), 0.3, seed=5)
@@ -122,6 +124,7 @@ def test_fading_amplitude_is_told_from_a_step() -> None:
     assert wrong(amplitude=amplitude) < 0.7 * wrong()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["swelling", "returning", "vacuole", "bending"])
 def test_without_background_in_view(name: str) -> None:
     """The field lies inside the cell; the boundary frame gives the level."""
@@ -165,6 +168,7 @@ def test_tiny_frames(shape: tuple[int, int], method: str) -> None:
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", OWN)
 def test_what_is_alone_needs_no_other_methods_mask(method: str) -> None:
     """Run after others, with a mask to be found, it finds the same as alone."""
@@ -184,6 +188,7 @@ def test_parts_of_a_mask_keep_to_the_thin_frame() -> None:
     assert (off != 0).mean() < 0.01
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mask", ["auto", "given"])
 @pytest.mark.parametrize("outside", ["nan", "garbage"])
 def test_what_lies_outside_an_aperture_does_not_count(outside: str, mask: str) -> None:
@@ -212,6 +217,7 @@ def test_thin_objects_are_kept() -> None:
     assert found[0, 0].sum() == pytest.approx(thin.values[0, 0].sum(), rel=0.02)
 
 
+@pytest.mark.thorough
 def test_useless_amplitude_does_no_harm() -> None:
     data = with_noise(moving_shape("dividing"), 0.2, seed=2)
     plain = p4d.unwrap(data["wrapped"], "directional-l1").values
@@ -242,6 +248,7 @@ def test_noise_is_measured(noise: float) -> None:
     assert noise_of(data["wrapped"].values) == pytest.approx(noise, rel=0.15)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.3, 0.7])
 @pytest.mark.parametrize("name", list(SHAPES))
 def test_empty_field_is_found_and_nothing_else(name: str, noise: float) -> None:

@@ -123,6 +123,7 @@ def test_a_wall_that_grows_through_a_turn(noise: float) -> None:
     assert error_of(data, empty) <= best
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["tilt per frame", "level per frame", "jump of level"])
 def test_every_frame_has_its_own_level_and_tilt(fault: str) -> None:
     exact = object_("vacuole")

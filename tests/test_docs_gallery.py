@@ -70,6 +70,7 @@ def test_video_to_phase(script: Callable[[str], Names]) -> None:
     assert wrong_cycle_share(phase, exact.assign_coords(phase.coords)) < 0.001
 
 
+@pytest.mark.thorough
 def test_methods_against_truth(script: Callable[[str], Names]) -> None:
     names = script("02_methods_against_truth.py")
     table = names["comparison"].table
@@ -109,6 +110,7 @@ def test_focus_and_aberrations(script: Callable[[str], Names]) -> None:
     assert corner["without the bend"] < 0.1 < corner["as recorded"]
 
 
+@pytest.mark.thorough
 def test_trust(script: Callable[[str], Names]) -> None:
     names = script("06_trust.py")
     trust, wrong = names["trust"].values, names["wrong"].values.astype(bool)
@@ -117,6 +119,7 @@ def test_trust(script: Callable[[str], Names]) -> None:
     assert wrong[names["time"], names["angle"]].sum() == wrong.sum(axis=(2, 3)).max()
 
 
+@pytest.mark.thorough
 def test_larger_than_memory(script: Callable[[str], Names]) -> None:
     names = script("07_larger_than_memory.py")
     assert names["same"]
@@ -146,6 +149,7 @@ def test_every_picture_has_something_that_makes_it(monkeypatch: pytest.MonkeyPat
     assert {path.stem for path in (GALLERY.parent / "pictures").iterdir()} == made
 
 
+@pytest.mark.thorough
 def test_each_cell_keeps_its_mass_until_it_divides_or_leaves(
     script: Callable[[str], Names],
 ) -> None:

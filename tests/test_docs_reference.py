@@ -56,6 +56,7 @@ def public_names() -> set[str]:
     return names
 
 
+@pytest.mark.thorough
 def test_every_public_name_is_in_the_reference(extension: Callable[[str], ModuleType]) -> None:
     fill = extension("written").fill
     pages = [fill(page.read_text(encoding="utf-8")) for page in REFERENCE.glob("*.md")]
@@ -129,6 +130,7 @@ MISTAKES: list[Callable[[Path], Any]] = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("mistake", MISTAKES)
 def test_what_is_said_stands_in_the_reference(
     mistake: Callable[[Path], Any], sentences: list[Any], tmp_path: Path
@@ -157,6 +159,7 @@ def pattern_of(sentence: str) -> str:
     return ".*".join(re.escape(part) for part in re.split(r"\{[^}]*\}", sentence))
 
 
+@pytest.mark.thorough
 def test_pages_are_filled_in(extension: Callable[[str], ModuleType]) -> None:
     fill = extension("written").fill
     marked = [p for p in REFERENCE.glob("*.md") if "<!-- written" in p.read_text("utf-8")]

@@ -23,6 +23,7 @@ def modules_with_examples() -> list[str]:
     return [".".join(path.parts).removesuffix(".__init__") for path in found]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", modules_with_examples())
 def test_examples_give_what_they_say(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -107,6 +107,7 @@ def test_folders_with_a_file_missing_or_cut_short(tmp_path: Path, name: str) -> 
             shutil.rmtree(path)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FORMATS)
 def test_damaged_bytes(tmp_path: Path, name: str) -> None:
     """The same damage as in `benchmarks/fuzz.py`, which goes on for longer."""
@@ -192,6 +193,7 @@ def outcomes_of_change(tmp_path_factory: pytest.TempPathFactory) -> dict[str, st
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows holds files that are open")
 @pytest.mark.parametrize("how", CHANGES)
 @pytest.mark.parametrize("name", FORMATS)
@@ -222,6 +224,7 @@ for name, path in zip(FORMATS, paths):
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(
     not hasattr(os, "setuid") or os.getuid() != 0, reason="only root can become another user"
 )

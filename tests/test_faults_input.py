@@ -140,6 +140,7 @@ def test_what_is_no_recording_is_said(case: str) -> None:
 BAD = [np.nan, np.inf, -np.inf, 1e30, -1e300]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("where", [(1, 5, 6), (1,)], ids=["one pixel", "one frame"])
 def test_frames_with_holes_are_left_out(bad: float, where: tuple[int, ...]) -> None:

@@ -128,6 +128,7 @@ for work in (
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(
     not hasattr(os, "setuid") or os.getuid() != 0, reason="only root can become another user"
 )
@@ -220,6 +221,7 @@ def answers(folder: Path) -> dict[str, tuple[object, str]]:
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("line", COMMANDS)
 def test_commands_end_with_one_sentence(
     answers: dict[str, tuple[object, str]], folder: Path, line: str
@@ -235,6 +237,7 @@ def test_commands_end_with_one_sentence(
     assert not (folder / "phase4d_output").exists()
 
 
+@pytest.mark.thorough
 def test_the_program_itself_ends_so(folder: Path) -> None:
     """Once in a process of its own, and with the whole of the output looked at."""
     line = [sys.executable, "-m", "napari_phase4d", "run", "cut.tif", "--out", "none"]
@@ -245,6 +248,7 @@ def test_the_program_itself_ends_so(folder: Path) -> None:
     assert not (folder / "none").exists()
 
 
+@pytest.mark.slow
 def test_output_that_nobody_reads(folder: Path) -> None:
     """A pipe that is closed, as by ``| head``, ends the program without a traceback."""
     line = [sys.executable, "-m", "napari_phase4d", "--help"]

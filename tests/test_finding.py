@@ -28,6 +28,7 @@ def assert_found(rec: Recording, carriers: tuple, within: float = 0.002) -> None
         assert min(pair_distance(lobe.carrier, carrier) for lobe in lobes) < within
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("drift", [0.0, 0.3])
 @pytest.mark.parametrize("reference", [0.5, 1.0, 2.0])
 @pytest.mark.parametrize("beams", [(1, 1), (1, 0.6), (0.6, 1)])
@@ -46,6 +47,7 @@ def test_carriers_may_lie_on_an_axis(carriers: tuple) -> None:
     assert_found(video(carriers), carriers)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [3, 4, 5, 6])
 def test_up_to_six_views(n: int) -> None:
     six = ((0.42, 0.05), (0.30, 0.20), (0.12, 0.33), (-0.05, 0.42), (-0.2, 0.3), (-0.35, 0.15))
@@ -172,6 +174,7 @@ FILES = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.measured
 @pytest.mark.parametrize("name", FILES)
 def test_carriers_of_measured_holograms(name: str) -> None:

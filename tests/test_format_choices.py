@@ -255,6 +255,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("ending", "names", "sentence"),
     [

@@ -41,6 +41,7 @@ def assert_right(case: Case, frame: np.ndarray, frames: np.ndarray, index: int) 
         assert abs(frame.astype(float) - frames[index]).mean() < 4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_frames_right(tmp_path: Path, name: str) -> None:
     """In any order, from several threads, through dask, and in another process."""
@@ -93,6 +94,7 @@ def rests(case: Case) -> bool:
     return not (case.whole or case.single)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name, case in CASES.items() if rests(case)])
 def test_lazy(tmp_path: Path, name: str) -> None:
     """Opening and reading one frame of 32 takes the memory of 4 or, of small ones, a megabyte."""
@@ -128,6 +130,7 @@ def test_bad_file_gives_one_sentence(tmp_path: Path, name: str) -> None:
     assert path.name in str(caught.value) or piece.name in str(caught.value)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 def test_noise_in_a_file_does_no_harm(tmp_path: Path, name: str) -> None:
     """Bytes changed at random: frames, or one sentence, and nothing else."""

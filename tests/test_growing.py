@@ -219,6 +219,7 @@ for method in methods_for(None):
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_all_methods_give_the_same_where_nothing_compiles(tmp_path: Path) -> None:
     subprocess.run([sys.executable, "-c", WITHOUT], check=True, cwd=tmp_path, timeout=120)

@@ -156,6 +156,7 @@ def test_leftovers_of_runs_that_were_killed_go(phase: Path, tmp_path: Path) -> N
     assert names(out) == MADE | {alive, ".mine-1-2-3"}
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="not on this system")
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGHUP"])
 def test_a_run_that_is_told_to_end_leaves_nothing_half_written(tmp_path: Path, name: str) -> None:

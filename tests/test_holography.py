@@ -42,6 +42,7 @@ def test_power_spectrum_tells_progress_and_can_be_cancelled() -> None:
         p4d.power_spectrum(rec, cancelled=lambda: True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("window", WINDOWS)
 @pytest.mark.parametrize("shape", [(64, 64), (65, 64), (63, 77)])
 @pytest.mark.parametrize(
@@ -106,6 +107,7 @@ def test_background_fit_finds_tilt_and_curvature_round_an_object() -> None:
     )
 
 
+@pytest.mark.thorough
 def test_reconstruction_is_within_a_tenth_of_a_radian_of_truth(
     reconstruction, truth, sample, lobes
 ) -> None:
@@ -330,6 +332,7 @@ def plainly_demodulated(frame: np.ndarray, lobe: Lobe, window: str) -> np.ndarra
     return field.conj() if lobe.flip else field
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [np.uint8, np.uint16, ">u2", np.float32])
 @pytest.mark.parametrize("shape", [(96, 128), (97, 128), (300, 131), (133, 101)])
 @pytest.mark.parametrize(

@@ -39,6 +39,7 @@ def murmurs() -> Iterator[None]:
 DANGEROUS = ("itself.h5", "many.h5", "sizes.ome.tif")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", [name for name in FILES if name not in DANGEROUS])
 def test_absurd_files_are_refused_with_little_memory(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
@@ -209,6 +210,7 @@ for path in paths:
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(not sys.platform.startswith("linux"), reason="/proc and limits of Linux")
 def test_bombs_where_memory_is_bounded(tmp_path: Path) -> None:
     """With 512 MB more than the libraries have: native memory counts here as well."""

@@ -348,6 +348,7 @@ except OSError as error:
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform == "win32", reason="Windows can't limit the size of files")
 def test_result_that_does_not_fit_on_the_disk_leaves_the_old_one(tmp_path: Path) -> None:
     path = tmp_path / "phase.ome.tif"

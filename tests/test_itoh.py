@@ -74,6 +74,7 @@ def test_orders_are_judged_by_the_steps_on_their_way() -> None:
 BOTH = ("temporal-angular", "angular-temporal")
 
 
+@pytest.mark.slow
 def test_order_is_judged_by_truth_and_not_by_a_result_of_itself() -> None:
     data = p4d.simulation.budding_yeast()
     results = p4d.compare(data["wrapped"], mask="auto").results
@@ -129,6 +130,7 @@ def test_an_order_is_advised_only_if_it_matters(
     assert f"{100 * off[1]:.2g} %" in verdict
 
 
+@pytest.mark.thorough
 def test_an_order_that_is_advised_is_the_better_one() -> None:
     """By the result of directional L1 alone, against exact phase."""
     advised = 0

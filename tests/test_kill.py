@@ -161,6 +161,7 @@ def assert_equal(out: Path, undisturbed: Path, storage: str) -> None:
     assert set(tables[0]["status"]) <= {"done", "complete already"}
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(300)
 @pytest.mark.parametrize("storage", ["memory", "disk"])
 def test_killed_batches_go_on_to_the_same_results(work: Path, storage: str) -> None:
@@ -178,6 +179,7 @@ def test_killed_batches_go_on_to_the_same_results(work: Path, storage: str) -> N
     assert_equal(work / storage / "out", work / storage / "undisturbed", storage)
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(120)
 def test_killed_command_goes_on(work: Path) -> None:
     files = sorted((work / "files").glob("*.npy"))

@@ -26,6 +26,7 @@ def found() -> list[tuple[Layout, p4d.holography.FoundLobes]]:
     return [(case, p4d.find_lobes(case.rec, len(case.carriers))) for case in cases]
 
 
+@pytest.mark.thorough
 def test_random_layouts_are_right_or_in_doubt(found) -> None:
     wrong = [lobes for case, lobes in found if not case.found_by(lobes)]
     right = [lobes for case, lobes in found if case.found_by(lobes)]
@@ -43,6 +44,7 @@ def test_doubt_comes_with_another_choice_of_as_many_views(found) -> None:
             assert "next best choice" in lobes.doubts_of_views[-1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 6])
 def test_views_are_counted(n: int) -> None:
     six = ((0.42, 0.05), (0.30, 0.20), (0.12, 0.33), (-0.05, 0.42), (-0.2, 0.3), (-0.35, 0.15))

@@ -55,6 +55,7 @@ def off_by(video: p4d.Recording, rad: float) -> tuple[float, str]:
     return float(np.std(fit.surface - curvature_on(field.shape, rad))), fit.doubt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rad", [4.0, 12.0])
 @pytest.mark.parametrize("peak", [3.0, 6.0, 12.0])
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.3, 0.4)])

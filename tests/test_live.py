@@ -136,6 +136,7 @@ def same_as_a_run(out: Path, heard: Heard, recording: p4d.Recording | None = Non
 # ---- three ways to grow ----------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_folder_that_gets_files_in_bursts(video: Video, tmp_path: Path) -> None:
     folder, out, heard = tmp_path / "camera", tmp_path / "out", Heard()
 
@@ -162,6 +163,7 @@ def test_a_folder_that_gets_files_in_bursts(video: Video, tmp_path: Path) -> Non
     assert not list(out.glob(".*"))
 
 
+@pytest.mark.slow
 def test_a_tiff_whose_bytes_come_in_any_portion(video: Video, tmp_path: Path) -> None:
     whole, growing, heard = tmp_path / "whole.tif", tmp_path / "growing.tif", Heard()
     for number, frame in enumerate(video):
@@ -182,6 +184,7 @@ def test_a_tiff_whose_bytes_come_in_any_portion(video: Video, tmp_path: Path) ->
     assert len(heard.lines) == 2  # what was found, and what is run at the end
 
 
+@pytest.mark.slow
 def test_a_tiff_to_which_pages_are_appended(video: Video, tmp_path: Path) -> None:
     growing, heard = tmp_path / "growing.tif", Heard()
 
@@ -196,6 +199,7 @@ def test_a_tiff_to_which_pages_are_appended(video: Video, tmp_path: Path) -> Non
     assert len(heard.frames) == N
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("frames_a_piece", [1, 4])
 def test_a_zarr_that_is_longer_before_its_frames_are_there(
     video: Video, tmp_path: Path, frames_a_piece: int
@@ -224,6 +228,7 @@ def test_a_zarr_that_is_longer_before_its_frames_are_there(
 # ---- what goes wrong on the way --------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_half_written_file_is_waited_for(video: Video, tmp_path: Path) -> None:
     folder, heard, whole_at = tmp_path / "camera", Heard(), []
 
@@ -246,6 +251,7 @@ def test_a_half_written_file_is_waited_for(video: Video, tmp_path: Path) -> None
     assert len(heard.frames) == 8
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dark_ends", [False, True])
 def test_a_file_that_is_as_long_before_its_pixels_are_there(
     video: Video, tmp_path: Path, *, dark_ends: bool
@@ -280,6 +286,7 @@ def test_a_file_that_is_as_long_before_its_pixels_are_there(
         assert heard.when[6] >= whole_at[0]
 
 
+@pytest.mark.thorough
 def test_few_frames_with_a_gap_among_them(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
     for number in (0, 1, 2, 4, 5):
@@ -290,6 +297,7 @@ def test_few_frames_with_a_gap_among_them(video: Video, tmp_path: Path) -> None:
     assert found.recipe.first_frames == len(heard.frames) == 6
 
 
+@pytest.mark.slow
 def test_files_that_come_in_any_order(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
 
@@ -308,6 +316,7 @@ def test_files_that_come_in_any_order(video: Video, tmp_path: Path) -> None:
     assert found.recipe.first_frames == FIRST
 
 
+@pytest.mark.thorough
 def test_a_frame_that_never_comes_is_said_and_unknown(video: Video, tmp_path: Path) -> None:
     folder, out, heard = tmp_path / "camera", tmp_path / "out", Heard()
     for number in (1, 2, 3, 4, 5, 6, 8, 9):
@@ -325,6 +334,7 @@ def test_a_frame_that_never_comes_is_said_and_unknown(video: Video, tmp_path: Pa
         assert all(np.isnan(r).all() == (index in (6, 8)) for r in results.values())
 
 
+@pytest.mark.thorough
 def test_a_long_gap_costs_one_patience(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
     for number in (*range(6), 60):
@@ -336,6 +346,7 @@ def test_a_long_gap_costs_one_patience(video: Video, tmp_path: Path) -> None:
     assert time.monotonic() - began < 60  # 54 patiences are 108 s
 
 
+@pytest.mark.thorough
 def test_a_slow_program_loses_nothing(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard(pause=0.25)
 
@@ -373,6 +384,7 @@ def test_what_is_no_frame_is_left_out_and_said(video: Video, tmp_path: Path) -> 
 # ---- how it ends -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_it_ends_when_told_to_and_writes_what_came(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
     for number in range(7):
@@ -383,6 +395,7 @@ def test_it_ends_when_told_to_and_writes_what_came(video: Video, tmp_path: Path)
     same_as_a_run(tmp_path / "out", heard)
 
 
+@pytest.mark.slow
 def test_it_ends_after_so_many_frames(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
     for number in range(N):
@@ -457,6 +470,7 @@ def test_limits_that_can_not_be(tmp_path: Path, limits: dict[str, Any]) -> None:
 # ---- what is settled on the first frames -----------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",
     [
@@ -509,6 +523,7 @@ def started(*words: str | Path) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.thorough
 def test_the_command_on_a_folder_that_grows(video: Video, tmp_path: Path) -> None:
     folder, out = tmp_path / "camera", tmp_path / "out"
     recipe = RECIPE.to_file(tmp_path / "recipe.json")
@@ -526,6 +541,7 @@ def test_the_command_on_a_folder_that_grows(video: Video, tmp_path: Path) -> Non
         np.testing.assert_array_equal(found.values, again.comparison.results[method].values)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_command_that_is_ended_writes_what_came(
     video: Video, tmp_path: Path, number: signal.Signals

@@ -54,6 +54,7 @@ def test_plain_video_has_one_view_and_gets_its_picture(plain_video: Path, tmp_pa
     assert not (tmp_path / "two.png").exists()
 
 
+@pytest.mark.thorough
 def test_multiplexed_video_gets_a_row_for_each_view(plain_video: Path, tmp_path: Path) -> None:
     code, words = run_look(
         "sample:euglena", "--out", tmp_path / "two.png", "--refocus", "auto",

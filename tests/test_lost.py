@@ -56,6 +56,7 @@ LOSSES: dict[str, Callable[[Frame], Frame]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", [0, 4, 8])
 @pytest.mark.parametrize("loss", LOSSES)
 def test_a_lost_frame_is_left_out_wherever_it_is(video: Recording, loss: str, place: int) -> None:

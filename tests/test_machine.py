@@ -52,6 +52,7 @@ def test_without_limits_it_is_the_machine() -> None:
     assert 0 < free_memory() <= psutil.virtual_memory().total
 
 
+@pytest.mark.slow
 def test_a_process_in_a_real_control_group_knows_its_limit(group: Path) -> None:
     enter = f"open({str(group / 'cgroup.procs')!r}, 'w').write('0')\n"
     found = subprocess.run(

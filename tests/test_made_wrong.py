@@ -145,6 +145,7 @@ def expected(name: str) -> list[np.ndarray]:
 CASES = [(way, name) for way in WAYS for name in WORKS if not (way in OF_TWO and name in ALONE)]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("way", "name"), CASES)
 def test_nothing_wrong_in_silence(way: str, name: str) -> None:
     work, right = WORKS[name], WRAPPED if name in OF_WRAPPED else EXACT

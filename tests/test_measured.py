@@ -34,6 +34,7 @@ def at_full_size(field: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     return np.fft.ifft2(np.fft.ifftshift(whole)) * np.prod(shape) / np.prod(field.shape)
 
 
+@pytest.mark.slow
 def test_cell_agrees_with_qpretrieve() -> None:
     """HL60 cell and background: the same sideband, disk and radius as qpretrieve's.
 
@@ -64,6 +65,7 @@ def test_cell_agrees_with_qpretrieve() -> None:
     assert rms(error) <= 0.05
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* left in view")  # as it should be, with a tilt
 @pytest.mark.parametrize(("background", "coherence"), [("tilt", 0.93), ("curvature", 0.97)])
 def test_vortex_agrees_with_its_published_phase(background: str, coherence: float) -> None:

@@ -81,6 +81,7 @@ def test_echoes_by_region_growing(head: np.ndarray) -> None:
     assert (second < np.pi).mean() >= 0.998
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("echo", [1, 2])
 def test_slab_agrees_with_kamuis_volume(echo: int, head: np.ndarray) -> None:
     """kamui solves for the fewest turns in a volume, with another algorithm."""
@@ -91,6 +92,7 @@ def test_slab_agrees_with_kamuis_volume(echo: int, head: np.ndarray) -> None:
     assert (turns == np.median(turns)).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["directional-growing", "directional-l1"])
 def test_own_methods_on_radar_interferograms(
     method: str, interferograms: dict[str, np.ndarray]
@@ -105,6 +107,7 @@ def test_own_methods_on_radar_interferograms(
     assert share_off(alone, published, valid) <= 0.0001 < share_off(flat, published, valid)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["directional-growing", "directional-l1"])
 def test_own_methods_on_echoes(method: str, head: np.ndarray) -> None:
     found = p4d.unwrap(head, method).values

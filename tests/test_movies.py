@@ -95,6 +95,7 @@ def test_only_pictures_and_time_change(frames: list[np.ndarray]) -> None:
     assert names.sum() > 100
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n_rows", [1, 2, 6])
 @pytest.mark.parametrize("n_columns", [1, 2, 9])
 @pytest.mark.parametrize("aspect", [1, 2.7])
@@ -211,6 +212,7 @@ def test_frames_are_let_go_one_by_one(tmp_path: Path, ending: str) -> None:
     assert len(alive) == 20
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", [".gif", ".mp4"])
 @pytest.mark.parametrize("after", [0, 1, 6])
 def test_cancelled_movie_leaves_nothing(tmp_path: Path, ending: str, after: int) -> None:
@@ -236,6 +238,7 @@ def test_cancelled_movie_leaves_nothing(tmp_path: Path, ending: str, after: int)
     assert path.read_text() == "an older movie"
 
 
+@pytest.mark.slow
 def test_gif_is_cancelled_while_it_is_compressed_at_the_end(tmp_path: Path) -> None:
     reports: list[object] = []
 

@@ -38,6 +38,7 @@ def solver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> N
         pytest.importorskip("ortools")
 
 
+@pytest.mark.thorough
 @pytest.mark.usefixtures("solver")
 def test_no_cheaper_turns_close_the_loops() -> None:
     """All combinations of -1, 0 and 1 on a small grid are tried."""

@@ -34,6 +34,7 @@ def wrapped_noise(sigma: float, shape: tuple[int, ...], seed: int = 0) -> np.nda
     return np.random.default_rng(seed).normal(0, sigma, shape)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("sigma", [0.01, 0.1, 0.3])
 def test_white_noise_of_known_size_is_found(sigma: float) -> None:
     """Round a thick cell, with drift, tilt and wrapping; two views with different noise.

@@ -64,6 +64,7 @@ def python(environment: dict[str, str], *arguments: str | Path) -> str:
     return done.stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.release
 def test_an_installed_method_is_one_of_all(environment: dict[str, str]) -> None:
     found = json.loads(python(environment, "-c", STORY))
@@ -75,6 +76,7 @@ def test_an_installed_method_is_one_of_all(environment: dict[str, str]) -> None:
     assert found["turns"] < 1e-5 < 1e-3 < found["raw_turns"]
 
 
+@pytest.mark.thorough
 def test_an_installed_method_on_the_command_line(
     environment: dict[str, str], tmp_path: Path
 ) -> None:

@@ -20,6 +20,7 @@ def blocks(language: str) -> list[str]:
     return found
 
 
+@pytest.mark.thorough
 def test_the_page_holds_from_top_to_bottom(tmp_path: Path) -> None:
     package, look, whole_stack, compare = blocks("python")
     (tmp_path / "pyproject.toml").write_text(

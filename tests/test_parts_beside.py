@@ -227,6 +227,7 @@ def test_a_piece_that_unpacks_to_far_more_is_not_unpacked(
     assert not unpacked
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_without_workers_is_soon_said(tmp_path: Path) -> None:

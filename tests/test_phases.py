@@ -119,6 +119,7 @@ def test_a_run_may_begin_with_wrapped_phase(tmp_path: Path) -> None:
     assert "mse_rad2" in outcome.comparison.table
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_compare_on_the_command_line(tmp_path: Path) -> None:
     write_phase(tmp_path / "wrapped.ome.tif", YEAST["wrapped"])
@@ -244,6 +245,7 @@ def test_one_bad_file_does_not_stop_the_others(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "good" / "table.csv").exists()
 
 
+@pytest.mark.slow
 def test_info_says_what_a_phase_file_holds(tmp_path: Path) -> None:
     write_phase(tmp_path / "wrapped.ome.tif", YEAST["wrapped"])
     said = command("info", "wrapped.ome.tif", cwd=tmp_path)

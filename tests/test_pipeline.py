@@ -32,6 +32,7 @@ def test_errors_are_counted_as_in_the_paper() -> None:
     assert wrong_cycle_share(off, truth, where=off > 0.1) == pytest.approx(2 / 3)
 
 
+@pytest.mark.thorough
 def test_table_of_methods_against_truth(reconstruction, truth) -> None:
     """The whole chain on the hologram video, against exact truth."""
     comparison = p4d.compare(reconstruction["phase"], truth=truth, mask="auto")
@@ -150,6 +151,7 @@ def video_file(tmp_path_factory, small_video) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_info_says_what_a_file_holds(video_file: Path) -> None:
     found = command("info", video_file, cwd=video_file.parent)
     assert found.returncode == 0

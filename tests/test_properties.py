@@ -47,6 +47,7 @@ CHAINED = ("angular", "temporal", "temporal-angular", "angular-temporal")
 TIME, ANGLE, Y, X = range(4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", CONGRUENT)
 @quick
 @given(case=noise(), kept=st.sampled_from([1.0, 0.9, 0.5, 0.1]))
@@ -75,6 +76,7 @@ def test_variants_are_congruent_too(variant: str, case: Case) -> None:
     turns_between(found.values, case.phase)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 @quick
 @given(case=noise(), masked=st.booleans(), faded=st.booleans())
@@ -116,6 +118,7 @@ def in_other_forms(phase: np.ndarray) -> dict[str, Any]:
     }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 @quick
 @given(case=noise())
@@ -127,6 +130,7 @@ def test_same_numbers_give_the_same_result_in_any_form(method: str, case: Case) 
         np.testing.assert_array_equal(found.transpose(*DIMS).values, expected, err_msg=form)
 
 
+@pytest.mark.thorough
 @quick
 @given(case=noise(), dtype=st.sampled_from(["i1", "u1", ">i2", "u4", "i8", "f2"]))
 def test_whole_numbers_are_radians(case: Case, dtype: str) -> None:
@@ -137,6 +141,7 @@ def test_whole_numbers_are_radians(case: Case, dtype: str) -> None:
         np.testing.assert_array_equal(found, same)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 @quick
 @given(case=noise(), faded=st.booleans())
@@ -162,6 +167,7 @@ def test_methods_do_not_depend_on_what_else_is_compared(
         xr.testing.assert_identical(found, p4d.unwrap(case.phase, method, case.boundary))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("cell", [False, True])
 @pytest.mark.parametrize("method", EXACT_WHEN_GENTLE)
 @settings(quick, max_examples=EXAMPLES + 4)

@@ -178,6 +178,7 @@ def stacks(draw: Any) -> xr.DataArray:
     return xr.DataArray(values, dims=DIMS, coords=coords, attrs=attrs, name=name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ["ome.tif", "ome.zarr"])
 @settings(quick, max_examples=3 * EXAMPLES)
 @given(stack=stacks())

@@ -195,6 +195,7 @@ def cell(kind: str, shape: tuple[int, int] = (128, 128)) -> np.ndarray:
     return np.fft.ifft2(np.fft.fft2(field) * pupil)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("metric", FOCUS_METRICS)
 @pytest.mark.parametrize("kind", ["phase", "amplitude"])
 @pytest.mark.parametrize("away", [0.0, 14.3, -22.0])

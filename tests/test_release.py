@@ -142,10 +142,12 @@ def test_sdist_builds_and_tests_itself_and_holds_nothing_else(dist: Path) -> Non
     assert not [name for name in members if "_build" in name or name.endswith(".pyc")]
 
 
+@pytest.mark.thorough
 def test_manifest_is_valid_and_everything_in_it_can_be_imported() -> None:
     assert "valid" in told(sys.executable, "-m", "npe2", "validate", "--imports", "napari-phase4d")
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_samples_open_through_the_plugin_engine() -> None:
     found = [line.split() for line in told(sys.executable, "-c", SAMPLES).splitlines()]
@@ -157,6 +159,7 @@ def test_samples_open_through_the_plugin_engine() -> None:
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_command_line_tells_and_runs(tmp_path: Path) -> None:
     program = script("napari-phase4d")
@@ -173,6 +176,7 @@ def test_command_line_tells_and_runs(tmp_path: Path) -> None:
     assert dict(found.sizes)["time"] == 5
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_users_mypy_sees_the_types(tmp_path: Path) -> None:
     right, wrong = tmp_path / "right.py", tmp_path / "wrong.py"

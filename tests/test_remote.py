@@ -133,6 +133,7 @@ def test_addresses_are_told_from_paths(given: str | Path, address: str | None) -
     assert address_of(given) == address
 
 
+@pytest.mark.slow
 def test_frames_are_the_same_and_fetched_when_they_are_looked_at(
     lab: str, server: ThreadingHTTPServer, frames: np.ndarray
 ) -> None:
@@ -147,6 +148,7 @@ def test_frames_are_the_same_and_fetched_when_they_are_looked_at(
     np.testing.assert_array_equal(again.values, frames)
 
 
+@pytest.mark.slow
 def test_an_ome_zarr_brings_its_facts(lab: str, frames: np.ndarray) -> None:
     found = p4d.open_recording(f"{lab}/ome.zarr")
     np.testing.assert_array_equal(found.holograms.values, frames)
@@ -154,6 +156,7 @@ def test_an_ome_zarr_brings_its_facts(lab: str, frames: np.ndarray) -> None:
     np.testing.assert_allclose(np.diff(found.times_s), 0.25)
 
 
+@pytest.mark.thorough
 def test_a_run_gives_what_the_file_gives(lab: str, folder: Path, tmp_path: Path) -> None:
     recipe = p4d.Recipe(methods=("spatial-2d", "temporal"), boundary=((0, 0),))
     there = p4d.run(recipe.changed(recording=f"{lab}/plain.zarr"))
@@ -167,6 +170,7 @@ def test_a_run_gives_what_the_file_gives(lab: str, folder: Path, tmp_path: Path)
     assert list(again["status"]) == ["done"]
 
 
+@pytest.mark.slow
 def test_the_command_line_takes_addresses(lab: str) -> None:
     printed = told("info", f"{lab}/ome.zarr")
     assert printed.startswith("ome.zarr")
@@ -217,6 +221,7 @@ def test_fingerprints_do_not_pretend_to_know_pixels(lab: str) -> None:
     assert fingerprint(f"{lab}/plain.zarr").as_dict() == {"name": "plain.zarr"}
 
 
+@pytest.mark.slow
 def test_frames_before_the_first_that_was_written_are_black(lab: str, folder: Path) -> None:
     for frame in (0, 1, 2, 4, 5):
         (folder / "lab" / "plain.zarr" / "c" / str(frame) / "0" / "0").unlink()
@@ -267,6 +272,7 @@ def test_results_are_not_written_to_a_server(
     assert not (tmp_path / "s3:").exists()
 
 
+@pytest.mark.slow
 def test_phase_is_read_from_a_server(lab: str, folder: Path) -> None:
     wrapped = p4d.simulation.budding_yeast((24, 24), n_times=3)["wrapped"].values[:, 0]
     there = zarr.open(

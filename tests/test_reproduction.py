@@ -25,6 +25,7 @@ def test_the_papers_figures_are_the_papers() -> None:
     assert list(PAPER_MSE.values()) == [2.55, 1.70, 0.95, 0.79, 0.82, 8.68, 6.15, 12.79]
 
 
+@pytest.mark.thorough
 def test_table_holds_the_errors_of_the_methods(found: Reproduction) -> None:
     data = budding_yeast()
     for method in PAPER_MSE:
@@ -66,6 +67,7 @@ def test_full_disk_leaves_the_older_figure(found: Reproduction, tmp_path: Path) 
         assert (disk / "table.csv").exists()
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_everything_is_written(found: Reproduction, tmp_path: Path) -> None:
     written = write_reproduction(found, tmp_path)

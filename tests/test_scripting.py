@@ -178,6 +178,7 @@ def assert_the_same(outcome: Outcome, saved: Path) -> None:
     assert list(table["method"]) == list(outcome.comparison.table["method"])
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_script_of_the_sample(tmp_path: Path) -> None:
     recipe = Recipe(
@@ -195,6 +196,7 @@ def test_script_of_the_sample(tmp_path: Path) -> None:
     assert_the_same(outcome, tmp_path / "results")
 
 
+@pytest.mark.slow
 def test_script_of_the_sample_phase(tmp_path: Path) -> None:
     recipe = Recipe(recording="sample:yeast", methods=("temporal",), confidence=True)
     outcome = p4d.run(recipe)
@@ -242,6 +244,7 @@ def test_script_of_one_array_of_a_file(tmp_path: Path, small_video: Recording) -
     assert_the_same(outcome, saved_by_script(recipe, tmp_path))
 
 
+@pytest.mark.slow
 def test_script_of_phase_with_gaps(tmp_path: Path) -> None:
     wrapped = yeast_sample()["wrapped"].values.copy()
     wrapped[:, :, :5, :9] = np.nan
@@ -264,6 +267,7 @@ def test_sample_runs_from_the_command_line(tmp_path: Path) -> None:
     assert_the_same(p4d.run(recipe), tmp_path / "results")
 
 
+@pytest.mark.thorough
 def test_samples_are_the_same_in_every_process(sample: Sample) -> None:
     code = (
         "import hashlib\n"
@@ -281,6 +285,7 @@ def test_samples_are_the_same_in_every_process(sample: Sample) -> None:
     assert found.stdout.split() == expected
 
 
+@pytest.mark.thorough
 def test_samples_are_opened_by_name(sample: Sample) -> None:
     recording = sample.recording
     assert recording.source == "sample:euglena"
@@ -302,6 +307,7 @@ def test_samples_are_opened_by_name(sample: Sample) -> None:
         open_by(Recipe(recording="sample:cat"))
 
 
+@pytest.mark.slow
 def test_outcome_is_written_with_truth_and_trust(tmp_path: Path) -> None:
     data = yeast_sample()
     recipe = Recipe(recording="sample:yeast", methods=("temporal",), confidence=True)

@@ -95,6 +95,7 @@ def test_a_run_on_disk_starts_where_one_in_memory_does(phase_file: Path, tmp_pat
         xr.testing.assert_identical(on_disk.comparison.results[method].compute(), result)
 
 
+@pytest.mark.slow
 def test_every_file_of_a_batch_has_its_own_star_also_when_resumed(tmp_path: Path) -> None:
     files = [
         write_phase(tmp_path / "late.ome.tif", backwards("swelling")),
@@ -119,6 +120,7 @@ def test_every_file_of_a_batch_has_its_own_star_also_when_resumed(tmp_path: Path
     assert list(named["status"]) == ["done"] * 2
 
 
+@pytest.mark.thorough
 def test_commands_take_auto_or_a_frame_and_say_which(phase_file: Path) -> None:
     line = ("run", phase_file, "--method", "temporal-angular", "--out", phase_file.parent / "out")
     for more in ((), ("--boundary", "auto")):

@@ -58,6 +58,7 @@ def assert_same(found: p4d.pipeline.Outcome, expected: p4d.pipeline.Outcome) -> 
         xr.testing.assert_identical(on_disk.compute(), result)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "settings",
     [
@@ -82,6 +83,7 @@ def test_stacks_on_disk_are_those_in_memory(
     assert {p.name for p in tmp_path.iterdir()} == {f"{name}.ome.zarr" for name in names}
 
 
+@pytest.mark.slow
 def test_every_block_may_be_done_twice(
     recipe: p4d.Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -122,6 +124,7 @@ def test_every_block_may_be_done_twice(
     assert len(done) >= 12, done  # every stage but the holograms'
 
 
+@pytest.mark.slow
 def test_methods_that_need_all_frames_write_to_disk_too(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
@@ -131,6 +134,7 @@ def test_methods_that_need_all_frames_write_to_disk_too(
     assert_same(found, expected)
 
 
+@pytest.mark.slow
 def test_phase_that_is_not_known_everywhere(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
@@ -162,6 +166,7 @@ def long_video(video: Recording, n_frames: int) -> tuple[Recording, Endless]:
     return Recording.from_frames(lazy_frames(reader), optics=video.optics), reader
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_the_recording(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path, traced_memory: None
 ) -> None:
@@ -278,6 +283,7 @@ def test_a_half_written_stack_has_no_name(tmp_path: Path) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_stacks_on_disk_can_be_written_as_tiff(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
@@ -293,6 +299,7 @@ def test_stacks_on_disk_can_be_written_as_tiff(
     np.testing.assert_array_equal(found.values, exact.values)
 
 
+@pytest.mark.slow
 def test_a_folder_can_be_used_again_for_another_recording(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
@@ -339,6 +346,7 @@ def test_a_part_of_a_stack_on_disk_is_that_part(
     place.close()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("after", [1, 2, 3])
 def test_what_is_under_way_leaves_nothing_behind(
     after: int, video: Recording, recipe: p4d.Recipe, tmp_path: Path
@@ -370,6 +378,7 @@ def test_leftovers_of_a_killed_run_are_removed(tmp_path: Path) -> None:
     assert not dead.exists()
 
 
+@pytest.mark.slow
 def test_truth_is_looked_at_first_and_in_any_order_of_axes(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
@@ -419,6 +428,7 @@ def saved(video: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore")
 def test_a_cluster_gives_the_same_though_a_worker_is_killed(
@@ -450,6 +460,7 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(
     assert_same(found, expected)
 
 
+@pytest.mark.slow
 def test_a_cluster_can_be_cancelled(
     cluster: object, saved: Path, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
@@ -492,6 +503,7 @@ def chatter(port: socket.socket, said: bytes) -> None:
         connection.recv(1000)  # until the other end gives up
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("said", [b"", b"SSH-2.0-OpenSSH_9.6\r\n", b"\0" * 8])
 def test_what_else_listens_is_no_scheduler(said: bytes) -> None:
     with socket.create_server(("127.0.0.1", 0)) as port:

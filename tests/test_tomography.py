@@ -32,6 +32,7 @@ def turned(n: int = 60) -> xr.Dataset:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_a_tomographic_program_finds_the_refractive_index(tmp_path: Path) -> None:
     odtbrain = pytest.importorskip("odtbrain", reason="the test peer is not installed")
     exact = with_noise(turned(), 0.05, seed=1)
@@ -165,6 +166,7 @@ def test_files_are_whole_or_not_there(tmp_path: Path) -> None:
     assert [path.name for path in tmp_path.iterdir()] == ["a.h5"]
 
 
+@pytest.mark.slow
 def test_the_page_does_what_it_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("odtbrain", reason="the test peer is not installed")
     monkeypatch.chdir(tmp_path)

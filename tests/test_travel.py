@@ -72,6 +72,7 @@ def test_the_same_stack_gives_the_same_bytes(tmp_path: Path, ending: str) -> Non
     assert other != first
 
 
+@pytest.mark.slow
 def test_opened_by_tifffile_and_by_the_ome_model(tmp_path: Path) -> None:
     ome_types = pytest.importorskip("ome_types")
     path = write_phase(tmp_path / "phase.ome.tif", stack())
@@ -157,6 +158,7 @@ def random_frames(shape: tuple[int, ...]) -> xr.DataArray:
     return xr.DataArray(lazy, dims=DIMS)
 
 
+@pytest.mark.thorough
 @each_ending
 def test_lazy_stacks_are_written_in_bounded_memory(
     tmp_path: Path, ending: str, traced_memory: None

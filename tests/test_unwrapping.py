@@ -92,6 +92,7 @@ def literal(
     }[method]()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bc", [(0, 0), (3, 1)])
 @pytest.mark.parametrize("method", FIVE[1:])
 @pytest.mark.parametrize("masked", [False, True])

@@ -28,6 +28,7 @@ assert warm_up_elsewhere() is None  # nothing is left to do
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_another_process_compiles_once_for_all(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}

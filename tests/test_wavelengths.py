@@ -254,6 +254,7 @@ def test_the_synthetic_wavelength_and_its_noise_are_those_of_the_formula() -> No
     assert max(noise_between(ladder[0], ladder[1]), noise_between(*ladder[1:])) < direct / 5
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("wavelengths", "paths"),
     [(TWO, PLATES), (THREE, (*PLATES, 4.5)), (LONG, (0.25, 0.6, 1.5, 4.0, 9.0, 20.0))],
@@ -298,6 +299,7 @@ def test_pixels_by_themselves_are_as_often_wrong_as_noise_has_it() -> None:
         assert wrong(found, data["phase"]) == pytest.approx(expected, rel=0.06)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("beat", ["spatial", "temporal-angular", "directional-l1"])
 def test_a_moving_cell_thicker_than_half_the_synthetic_wavelength(beat: str) -> None:
     """Its beat wraps by itself, smoothly, and is unwrapped first."""
@@ -437,6 +439,7 @@ def test_methods_never_hold_wavelengths_against_each_other() -> None:
             )
 
 
+@pytest.mark.slow
 def test_on_disk_it_is_the_same(tmp_path: Path, hologram: p4d.Recording) -> None:
     methods = tuple(m for m in p4d.METHODS if p4d.METHODS[m].streams)
     recipe = p4d.Recipe(
@@ -484,6 +487,7 @@ def test_trust_goes_by_how_far_wavelengths_agree() -> None:
     xr.testing.assert_allclose(alone, found.confidence(METHOD))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("beat", ["spatial", "temporal-angular", "directional-l1"])
 @pytest.mark.usefixtures("traced_memory")
 def test_it_stays_within_the_memory_it_names(beat: str) -> None:

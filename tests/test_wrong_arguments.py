@@ -485,6 +485,7 @@ def test_which_of_several_arrays_is_read_is_said(tmp_path: Path) -> None:
     )
 
 
+@pytest.mark.slow
 def test_pixels_of_a_layer_are_square_and_in_any_unit() -> None:
     frames = (100 * np.random.default_rng(0).random((2, 32, 32))).astype(np.uint8)
     viewer = ViewerModel()

@@ -332,6 +332,7 @@ def doubted(call: Callable[[], Any], sentence: str) -> None:
     assert found[0].category is UserWarning
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("work", OF_WRAPPED)
 @pytest.mark.parametrize("way", REFUSED_WRAPPED)
 def test_what_is_no_wrapped_phase_is_refused(way: str, work: str) -> None:
@@ -340,6 +341,7 @@ def test_what_is_no_wrapped_phase_is_refused(way: str, work: str) -> None:
     refused(lambda: OF_WRAPPED[work](stack), sentence)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("work", OF_WRAPPED)
 @pytest.mark.parametrize("way", DOUBTED_WRAPPED)
 def test_what_hardly_is_wrapped_phase_is_doubted(way: str, work: str) -> None:
@@ -362,6 +364,7 @@ def test_other_ways_to_say_the_same_give_the_same(way: str) -> None:
     assert np.abs(np.diff(found["y"])) == pytest.approx(np.diff(WRAPPED["y"]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("work", OF_UNWRAPPED)
 @pytest.mark.parametrize("way", REFUSED_UNWRAPPED)
 def test_what_is_no_unwrapped_phase_is_refused(way: str, work: str) -> None:

@@ -26,6 +26,7 @@ def fields_of(dock) -> list[QWidget]:
     return [w for w in found if w.objectName() and not w.objectName().startswith("qt_")]
 
 
+@pytest.mark.thorough
 def test_every_field_says_what_it_is(ready) -> None:
     fields = fields_of(ready)
     assert len(fields) > 60
@@ -34,6 +35,7 @@ def test_every_field_says_what_it_is(ready) -> None:
         assert words or field.accessibleName(), field.objectName()
 
 
+@pytest.mark.thorough
 def test_tab_leaves_every_table(ready, click, qtbot) -> None:
     ready.session.unwrap(["temporal"])
     click("measure")
@@ -77,6 +79,7 @@ def test_the_window_is_no_larger_than_the_screen(viewer, qtbot) -> None:
     dock.jobs.cancel()
 
 
+@pytest.mark.thorough
 def test_the_way_to_where_methods_disagree(viewer, ready, click, qtbot) -> None:
     ready.session.unwrap(["spatial-2d", "temporal", "directional-l1"])
     qtbot.waitUntil(lambda: bool(ready.session.confidence), timeout=60_000)

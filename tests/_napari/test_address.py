@@ -37,6 +37,7 @@ def address(tmp_path: Path, small_video: Any) -> Iterator[str]:
     server.server_close()
 
 
+@pytest.mark.thorough
 def test_an_address_is_typed_and_worked_on(dock, click, qtbot, address, small_video) -> None:
     answered = answer_dialog(address)
     click("open_address")

@@ -77,6 +77,7 @@ def test_shift_click_adds_to_the_star(viewer, ready, qtbot) -> None:
     assert ready.session.recipe.boundary == (best, other)
 
 
+@pytest.mark.thorough
 def test_a_run_says_its_start_and_renews_the_star(viewer, ready, click, qtbot, tick_only) -> None:
     session = ready.session
     tick_only("temporal-angular", "directional-l1")

@@ -42,6 +42,7 @@ def curves_of(part) -> dict[str, np.ndarray]:
     return {li.get_label(): li.get_ydata() for li in axes.lines if len(li.get_xdata()) > 2}
 
 
+@pytest.mark.thorough
 def test_cells_are_found_shown_and_saved_by_clicks(viewer, unwrapped, click, tmp_path: Path):
     part = unwrapped.compare.cells
     click("find_cells")
@@ -88,6 +89,7 @@ def test_cells_are_found_shown_and_saved_by_clicks(viewer, unwrapped, click, tmp
     assert unwrapped.session.outcome.recipe.cells == p4d.CellSettings()
 
 
+@pytest.mark.thorough
 def test_pixels_in_doubt_count_without_being_asked_for(dock):
     sample = p4d.simulation.swimming_cells((96, 112), 4, 2, peak_rad=12, divisions=0, leaving=0)
     rng = np.random.default_rng(0)
@@ -105,6 +107,7 @@ def test_pixels_in_doubt_count_without_being_asked_for(dock):
     assert (wanted[name] > p4d.measure(result, cells.labels, p4d.Optics())[name]).any()
 
 
+@pytest.mark.thorough
 def test_ways_follow_the_angle_on_screen(viewer, unwrapped):
     cells = unwrapped.session.find_cells()
     for angle in (1, 0):
@@ -118,6 +121,7 @@ def test_ways_follow_the_angle_on_screen(viewer, unwrapped):
     assert not [la for la in viewer.layers if isinstance(la, Tracks)]
 
 
+@pytest.mark.thorough
 def test_a_click_on_a_cell_shows_it_alone(viewer, unwrapped, click, qtbot):
     part = unwrapped.compare.cells
     click("find_cells")
@@ -151,6 +155,7 @@ def click_on(viewer, y: float, x: float) -> None:
     QApplication.processEvents()
 
 
+@pytest.mark.thorough
 def test_corrected_outlines_are_followed_again(viewer, unwrapped, click):
     part = unwrapped.compare.cells
     click("find_cells")
@@ -176,6 +181,7 @@ def test_corrected_outlines_are_followed_again(viewer, unwrapped, click):
     assert part.source.value == "find them"
 
 
+@pytest.mark.thorough
 def test_what_was_not_painted_in_is_replaced(viewer, unwrapped, click):
     click("find_cells")
     click("find_cells")
@@ -183,6 +189,7 @@ def test_what_was_not_painted_in_is_replaced(viewer, unwrapped, click):
         assert len([la for la in viewer.layers if isinstance(la, kind)]) == 1
 
 
+@pytest.mark.thorough
 def test_labels_of_another_layer_are_followed(viewer, unwrapped, click):
     part = unwrapped.compare.cells
     found = p4d.find_cells(unwrapped.session.results["directional-l1"]).values
@@ -198,6 +205,7 @@ def test_labels_of_another_layer_are_followed(viewer, unwrapped, click):
     assert "the same pixels" in unwrapped.status.text()
 
 
+@pytest.mark.thorough
 def test_no_cells_are_said(unwrapped, click):
     unwrapped.compare.cells.smallest.value = 1e5
     click("find_cells")
@@ -206,6 +214,7 @@ def test_no_cells_are_said(unwrapped, click):
     assert "choose one cell first" in unwrapped.status.text()
 
 
+@pytest.mark.thorough
 def test_other_results_have_no_cells_yet(viewer, unwrapped, click):
     click("find_cells")
     unwrapped.session.unwrap(["temporal"])
@@ -213,6 +222,7 @@ def test_other_results_have_no_cells_yet(viewer, unwrapped, click):
     assert unwrapped.compare.cells.table.rowCount() == 0
 
 
+@pytest.mark.thorough
 def test_each_region_notes_its_own_frame(viewer, unwrapped):
     layer = unwrapped.presenter.add_regions()
     for number, frame in enumerate([(0, 0), (7, 1), (3, 0)]):
@@ -225,6 +235,7 @@ def test_each_region_notes_its_own_frame(viewer, unwrapped):
         region_with_cell(np.ones(cells.shape[2:], bool), (50, 0), cells)
 
 
+@pytest.mark.thorough
 def test_a_drawn_region_goes_along_with_its_cell(viewer, unwrapped, click):
     part = unwrapped.compare.measuring
     result = unwrapped.session.results["directional-l1"]
@@ -249,6 +260,7 @@ def test_a_drawn_region_goes_along_with_its_cell(viewer, unwrapped, click):
     assert not np.allclose(still["dry mass (pg)"], wanted["dry mass (pg)"])
 
 
+@pytest.mark.thorough
 @pytest.mark.measured
 def test_a_measured_multiplex_from_file_to_a_table_of_cells(
     viewer, dock, click, qtbot, tmp_path: Path

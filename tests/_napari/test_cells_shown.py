@@ -33,6 +33,7 @@ def test_outlines_are_compared_frame_by_frame() -> None:
     assert shown.is_edited
 
 
+@pytest.mark.thorough
 @pytest.mark.gui
 def test_layers_of_cells_are_made_outside_of_the_windows_thread(dock, click, monkeypatch):
     """They take a copy of all labels, and the first ones have their colours compiled."""

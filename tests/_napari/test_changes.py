@@ -30,6 +30,7 @@ def test_a_refused_close_leaves_the_dock_working(viewer, ready, click, qtbot, ti
     assert ready.session.outcome is not None
 
 
+@pytest.mark.thorough
 def test_corrected_wavelength_reaches_phase_results_and_measure(viewer, ready, click) -> None:
     ready.recording.numbers["wavelength_nm"].value = 532
     for stack in ready.session.reconstruction.data_vars.values():
@@ -80,6 +81,7 @@ def test_unasked_work_that_came_too_late_is_done_again(viewer, ready, qtbot) -> 
     np.testing.assert_array_equal(scores["time"], ready.session.reconstruction["time"])
 
 
+@pytest.mark.thorough
 def test_truth_chosen_while_results_are_made_or_weighed_counts(ready) -> None:
     session: Session = ready.session
     session.update(methods=("spatial-2d", "directional-l1"))
@@ -100,6 +102,7 @@ def test_truth_chosen_while_results_are_made_or_weighed_counts(ready) -> None:
     assert "mse_rad2" not in table
 
 
+@pytest.mark.thorough
 def test_weighing_is_cancelled_between_results(ready) -> None:
     ready.session.unwrap(["spatial-2d", "temporal", "directional-l1"])
     done: list[int] = []
@@ -121,6 +124,7 @@ def test_thin_frames_go_with_their_view_or_not_at_all(ready) -> None:
     assert session.recipe.boundary == ((2, 0),)
 
 
+@pytest.mark.thorough
 def test_settings_that_no_field_shows_are_kept(viewer, ready, click, tmp_path) -> None:
     options = {"region-growing": {"rga_threshold": 3.14159}} if has_option() else {}
     ready.session.update(reference=3, options=options, methods=("temporal", "spatial-2d"))
@@ -145,6 +149,7 @@ def test_holograms_are_saved_after_reconstruction(viewer, ready, tmp_path) -> No
     assert p4d.read_results(path).shape == layer.data.shape
 
 
+@pytest.mark.thorough
 def test_leaving_the_grid_after_all_layers_have_gone(viewer, ready, click) -> None:
     ready.session.unwrap(["spatial-2d", "temporal"])
     viewer.layers.clear()
@@ -155,6 +160,7 @@ def test_leaving_the_grid_after_all_layers_have_gone(viewer, ready, click) -> No
     assert not viewer.canvas.grid.enabled
 
 
+@pytest.mark.thorough
 def test_measure_plot_follows_the_angle(viewer, ready, click, qtbot) -> None:
     ready.session.unwrap(["spatial-2d"])
     click("measure")

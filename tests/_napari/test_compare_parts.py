@@ -35,6 +35,7 @@ def shown(viewer: Any) -> list[str]:
     return [layer.name for layer in viewer.layers if layer.visible]
 
 
+@pytest.mark.thorough
 def test_leaving_the_grid_restores_the_view(viewer, ready, click) -> None:
     wrapped = viewer.layers[-1]
     wrapped.contrast_limits = (-2, 2)
@@ -62,6 +63,7 @@ def test_leaving_the_grid_restores_the_view(viewer, ready, click) -> None:
     assert shown(viewer) == ["2-D", "T/A"]
 
 
+@pytest.mark.thorough
 def test_results_are_linked_and_named(viewer, compared) -> None:
     layers = [layer for layer in viewer.layers if layer.visible]
     assert [layer.name for layer in layers] == ["2-D", "T/A", "WL1"]
@@ -78,6 +80,7 @@ def test_results_are_linked_and_named(viewer, compared) -> None:
     assert all(layer.colormap.name == "magma" for layer in layers)
 
 
+@pytest.mark.thorough
 def test_difference_to_any_result(viewer, compared) -> None:
     compared.compare.difference.value = "less T/A"
     assert shown(viewer) == ["2-D − T/A", "WL1 − T/A"]
@@ -90,6 +93,7 @@ def test_difference_to_any_result(viewer, compared) -> None:
     assert "in radians" in compared.status.text()
 
 
+@pytest.mark.thorough
 def test_truth_from_a_layer(viewer, compared, qtbot) -> None:
     phase = compared.session.reconstruction["phase"]
     exact = viewer.add_image(compared.session.results["directional-l1"].values + 0.5, name="mine")
@@ -108,6 +112,7 @@ def test_truth_from_a_layer(viewer, compared, qtbot) -> None:
     assert "mse_rad2" not in compared.session.outcome.comparison.table
 
 
+@pytest.mark.thorough
 def test_truth_from_a_lazy_layer_is_read_outside_the_window(viewer, compared, qtbot) -> None:
     threads: list[str] = []
 
@@ -129,6 +134,7 @@ def test_truth_from_a_lazy_layer_is_read_outside_the_window(viewer, compared, qt
     np.testing.assert_array_equal(compared.session.truth, values)
 
 
+@pytest.mark.thorough
 def test_table_is_sorted_copied_and_saved(compared, click, tmp_path: Path) -> None:
     table = compared.compare.figures.table
     compared.session.set_truth(compared.session.results["directional-l1"])
@@ -149,6 +155,7 @@ def test_table_is_sorted_copied_and_saved(compared, click, tmp_path: Path) -> No
     pd.testing.assert_frame_equal(saved, compared.session.outcome.comparison.table)
 
 
+@pytest.mark.thorough
 def test_trace_follows_sliders_and_regions(viewer, compared, click, qtbot) -> None:
     click("follow_mouse")
     trace = compared.compare.trace
@@ -184,6 +191,7 @@ def assert_traces(dock: Any, where: tuple[slice, slice], frame: tuple[int, int])
             )
 
 
+@pytest.mark.thorough
 def test_measuring_the_object_and_labels(viewer, compared, click, tmp_path: Path) -> None:
     click("measure")
     measuring = compared.compare.measuring
@@ -228,6 +236,7 @@ def test_measuring_the_object_and_labels(viewer, compared, click, tmp_path: Path
         measuring.save_to(tmp_path / "m.docx")
 
 
+@pytest.mark.thorough
 def test_measuring_says_what_is_missing(viewer, compared, click) -> None:
     click("draw_region")
     compared.compare.measuring.regions.value = viewer.layers["regions"]
@@ -237,6 +246,7 @@ def test_measuring_says_what_is_missing(viewer, compared, click) -> None:
     assert "nothing has been measured yet" in compared.status.text()
 
 
+@pytest.mark.thorough
 def test_figure_movie_and_recipe_are_saved(compared, click, qtbot, tmp_path: Path) -> None:
     share = compared.compare.share
     for name, save in (("figure.svg", share.save_figure), ("movie.mp4", share.save_movie)):
@@ -252,6 +262,7 @@ def test_figure_movie_and_recipe_are_saved(compared, click, qtbot, tmp_path: Pat
     assert json.loads((tmp_path / "recipe.json").read_text())["methods"][0] == "spatial-2d"
 
 
+@pytest.mark.thorough
 def test_saving_where_nothing_can_be_written_is_said(compared, qtbot, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     share = compared.compare.share
@@ -266,6 +277,7 @@ def test_saving_where_nothing_can_be_written_is_said(compared, qtbot, tmp_path: 
         assert re.search("could not be|can.t be", compared.status.text())
 
 
+@pytest.mark.thorough
 def test_script_of_frames_in_memory_says_to_save_them(compared, click) -> None:
     click("copy_script")
     assert compared.status.property("wrong")

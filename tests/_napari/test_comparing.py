@@ -31,6 +31,7 @@ def headings(dock: Any) -> list[str]:
     return [table.horizontalHeaderItem(c).text() for c in range(table.columnCount())]
 
 
+@pytest.mark.thorough
 def test_yeast_by_clicks_with_the_papers_eight_methods(viewer, dock, click) -> None:
     click("try_yeast")
     assert dock.sections[3].is_open
@@ -56,6 +57,7 @@ def test_yeast_by_clicks_with_the_papers_eight_methods(viewer, dock, click) -> N
         assert found["wrong %"] == f"{wanted['wrong_cycles_percent']:.3g}"
 
 
+@pytest.mark.thorough
 def test_maps_of_the_steps(viewer, dock, click, tick_only) -> None:
     tick_only("spatial-2d", "temporal-angular")
     click("try_yeast")
@@ -80,6 +82,7 @@ def test_maps_need_something_to_measure(dock, click) -> None:
     assert "there are no results yet" in dock.status.text()
 
 
+@pytest.mark.thorough
 def test_a_variant_is_named_wherever_its_result_is(viewer, dock, click, tick_only) -> None:
     tick_only("spatial-2d")
     click("try_yeast")
@@ -114,6 +117,7 @@ def test_sample_layers_are_taken_with_their_truth(viewer, dock, click, tick_only
     assert {"MSE rad²", "wrong %"} <= set(headings(dock))
 
 
+@pytest.mark.thorough
 def test_the_sample_video_from_the_menu_is_known_again(viewer, dock, click) -> None:
     viewer.open_sample("napari-phase4d", "euglena")
     dock.recording.layer.value = viewer.layers[0]
@@ -127,6 +131,7 @@ def test_the_sample_video_from_the_menu_is_known_again(viewer, dock, click) -> N
     assert dock.session.truth is None
 
 
+@pytest.mark.thorough
 def test_saved_wrapped_phase_opens_in_dock_and_viewer(
     viewer, dock, click, qtbot, tmp_path: Path, tick_only
 ) -> None:
@@ -146,6 +151,7 @@ def test_saved_wrapped_phase_opens_in_dock_and_viewer(
     assert viewer.layers[-1].metadata[METADATA_KEY]["kind"] == "wrapped"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("button", ["find_lobes", "add_lobe", "reconstruct"])
 def test_steps_for_holograms_say_that_this_is_phase(dock, click, button: str, tick_only) -> None:
     tick_only("spatial-2d")
@@ -158,6 +164,7 @@ def test_steps_for_holograms_say_that_this_is_phase(dock, click, button: str, ti
     assert dock.session.outcome is not None
 
 
+@pytest.mark.thorough
 def test_a_video_after_phase_starts_afresh(viewer, dock, click, small_video, tick_only) -> None:
     tick_only("spatial-2d", "temporal")
     click("try_yeast")
@@ -169,6 +176,7 @@ def test_a_video_after_phase_starts_afresh(viewer, dock, click, small_video, tic
     assert [layer.name for layer in viewer.layers if layer.visible] == [small_video.name]
 
 
+@pytest.mark.thorough
 def test_back_to_the_video_by_its_layer(viewer, dock, click) -> None:
     click("try_sample")
     video = viewer.layers[0]
@@ -179,6 +187,7 @@ def test_back_to_the_video_by_its_layer(viewer, dock, click) -> None:
     assert video.visible
 
 
+@pytest.mark.thorough
 def test_truth_of_the_sample_does_not_depend_on_what_is_typed_in(viewer, dock, click) -> None:
     viewer.open_sample("napari-phase4d", "euglena")
     dock.recording.layer.value = viewer.layers[0]
@@ -190,6 +199,7 @@ def test_truth_of_the_sample_does_not_depend_on_what_is_typed_in(viewer, dock, c
     assert 15 < float(dock.session.truth.max()) < 20
 
 
+@pytest.mark.thorough
 def test_what_was_measured_of_an_earlier_phase_is_forgotten(
     viewer, dock, click, tick_only
 ) -> None:
@@ -205,6 +215,7 @@ def test_what_was_measured_of_an_earlier_phase_is_forgotten(
     assert "there are no results yet" in dock.status.text()
 
 
+@pytest.mark.thorough
 def test_recipe_of_a_phase_file_runs_again(dock, click, qtbot, tmp_path: Path, tick_only) -> None:
     tick_only("temporal-angular")
     path = write_phase(tmp_path / "wrapped.ome.tif", yeast_sample()["wrapped"])
@@ -216,6 +227,7 @@ def test_recipe_of_a_phase_file_runs_again(dock, click, qtbot, tmp_path: Path, t
     np.testing.assert_array_equal(again.comparison.results["temporal-angular"], expected)
 
 
+@pytest.mark.thorough
 def test_trust_and_suggestion_by_clicks(viewer, dock, click) -> None:
     click("try_yeast")
     click("automatic")

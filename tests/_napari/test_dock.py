@@ -34,6 +34,7 @@ def assert_calibrated(viewer: Any) -> None:
     assert tuple(viewer.dims.axis_labels) == AXES
 
 
+@pytest.mark.thorough
 def test_from_the_sample_to_results_by_clicks(viewer, dock, click, tmp_path: Path) -> None:
     """The story of a newcomer: sample, lobes, phase, thin frame, run, grid, save."""
     click("try_sample")
@@ -80,6 +81,7 @@ def wait_for(dock: Any, seconds: float = 60) -> None:
         assert time.monotonic() < end
 
 
+@pytest.mark.thorough
 @pytest.mark.measured
 def test_measured_multiplexed_video_by_clicks(viewer, dock, click) -> None:
     """A measured two-channel time lapse: each view's phase track is that of its own channel."""
@@ -145,6 +147,7 @@ def test_nothing_ticked_is_said(ready, click) -> None:
     assert "no method is ticked" in ready.status.text()
 
 
+@pytest.mark.thorough
 def test_second_run_makes_new_layers(viewer, ready, click, tick_only) -> None:
     tick_only("spatial-2d", "temporal-angular")
     click("run")
@@ -160,6 +163,7 @@ def test_second_run_makes_new_layers(viewer, ready, click, tick_only) -> None:
     assert newest["boundary"] == [[3, 0]]
 
 
+@pytest.mark.thorough
 def test_users_layers_stay_as_they_are(viewer, dock, click, small_video, tick_only) -> None:
     tick_only("spatial-2d", "temporal-angular")
     frames = small_video.holograms.values.copy()
@@ -196,6 +200,7 @@ def test_angles_and_results_do_not_pass_to_the_next_recording(dock, small_video)
     assert [lobe.angle_deg for lobe in dock.session.lobes] == [0, 1]
 
 
+@pytest.mark.thorough
 def test_a_recording_is_on_screen_where_layers_of_another_begin_elsewhere(
     viewer, ready, small_video
 ) -> None:
@@ -224,6 +229,7 @@ def test_wheel_does_not_change_a_field_that_is_not_in_use(ready) -> None:
     assert ready.recording.numbers["magnification"].value == 60
 
 
+@pytest.mark.thorough
 def test_thin_frame_stays_with_its_view(ready, click) -> None:
     """The thin frame is kept when the phase is made anew, also if the views change places."""
     ready.session.update(boundary=((4, 1),))
@@ -296,6 +302,7 @@ def test_dock_fits_a_small_screen(viewer, dock) -> None:
         assert 0 <= position.y() < dock.scroll.viewport().height()
 
 
+@pytest.mark.thorough
 def test_a_step_that_is_opened_by_hand_comes_into_view(viewer, ready, qtbot) -> None:
     ready.show_step(1)
     QApplication.processEvents()

@@ -32,6 +32,7 @@ def opened_again(viewer: Any) -> Any:
     return dock
 
 
+@pytest.mark.thorough
 def test_all_is_there_when_the_dock_is_opened_again(viewer, ready, click, qtbot) -> None:
     ready.session.unwrap(["temporal", "spatial-2d"])
     ready.session.measure()
@@ -61,6 +62,7 @@ def test_all_is_there_when_the_dock_is_opened_again(viewer, ready, click, qtbot)
     again.jobs.cancel()
 
 
+@pytest.mark.thorough
 @pytest.mark.story
 def test_a_run_is_stopped_with_its_dock(viewer, ready, qtbot) -> None:
     ready.session.update(methods=("directional-l1",))
@@ -81,6 +83,7 @@ def test_an_empty_dock_opens_as_ever(viewer, dock, qtbot) -> None:
     again.jobs.cancel()
 
 
+@pytest.mark.thorough
 def test_sliders_keep_to_the_present_recording(viewer, dock, qtbot) -> None:
     yeast = p4d.simulation.budding_yeast(n_times=5)
     dock.session.set_phase(yeast["wrapped"].assign_attrs(source="", object="a yeast"))

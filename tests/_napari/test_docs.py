@@ -39,6 +39,7 @@ OF_THE_WINDOW = ["tutorial/index.md"] + [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.gui
 @pytest.mark.slow
 def test_examples_of_scripting_run_from_top_to_bottom(tmp_path: Path) -> None:
@@ -68,6 +69,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("page", WITH_EXAMPLES)
 def test_examples_run_as_they_are_written(page: str, files: Path) -> None:
@@ -84,6 +86,7 @@ def example_of(page: str) -> str:
     return "\n".join(["import napari_phase4d as p4d", *blocks])
 
 
+@pytest.mark.thorough
 @pytest.mark.gui
 @pytest.mark.parametrize("page", OF_THE_WINDOW)
 def test_what_stands_in_bold_is_on_screen(page: str, dock: Any) -> None:

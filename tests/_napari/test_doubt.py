@@ -25,6 +25,7 @@ def ambiguous() -> Recording:
     return Recording.from_frames(frames, name="ambiguous")
 
 
+@pytest.mark.thorough
 def test_doubt_is_said_and_the_other_choice_is_one_click_away(dock, click, ambiguous) -> None:
     dock.session.set_recording(ambiguous)
     click("find_lobes")
@@ -45,6 +46,7 @@ def test_doubt_is_said_and_the_other_choice_is_one_click_away(dock, click, ambig
     assert "look alike" not in step.warnings.text()
 
 
+@pytest.mark.thorough
 def test_lost_frames_are_listed_in_step_1(dock, click, ambiguous) -> None:
     dock.session.set_recording(ambiguous)
     click("find_lobes")
@@ -55,6 +57,7 @@ def test_lost_frames_are_listed_in_step_1(dock, click, ambiguous) -> None:
     click("find_lobes")
 
 
+@pytest.mark.thorough
 def test_a_recording_that_begins_with_a_lost_frame_opens(dock, click, ambiguous) -> None:
     frames = ambiguous.holograms.values[[1, 0, 2]].astype(np.float32)
     frames[0] = np.nan

@@ -18,6 +18,7 @@ from napari_phase4d.progress import Watch
 pytestmark = pytest.mark.gui
 
 
+@pytest.mark.thorough
 def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) -> None:
     plan = plan_reconstruction(ready.session)
     result = plan.work(None, None)
@@ -30,6 +31,7 @@ def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) ->
     assert len(viewer.layers) == count
 
 
+@pytest.mark.thorough
 def test_change_while_a_job_runs_is_said_and_nothing_mixed(viewer, ready, qtbot) -> None:
     count = len(viewer.layers)
     ready.phase.reconstruct()
@@ -56,6 +58,7 @@ def slow_plan(started: threading.Event, ended: list[str]) -> Plan:
     return Plan("Slow work", work, lambda _: ended.append("received"))
 
 
+@pytest.mark.thorough
 def test_cancel_acts_within_a_second(dock, qtbot) -> None:
     started, ended = threading.Event(), []
     dock.jobs.start(slow_plan(started, ended))
@@ -70,6 +73,7 @@ def test_cancel_acts_within_a_second(dock, qtbot) -> None:
     assert not dock.cancel.isVisible()
 
 
+@pytest.mark.thorough
 def test_two_jobs_at_once_are_refused(ready, qtbot, click) -> None:
     started, ended = threading.Event(), []
     ready.jobs.start(slow_plan(started, ended))
@@ -79,6 +83,7 @@ def test_two_jobs_at_once_are_refused(ready, qtbot, click) -> None:
     qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
 
 
+@pytest.mark.thorough
 def test_finished_results_stay_when_the_rest_is_cancelled(viewer, ready, qtbot) -> None:
     count = len(viewer.layers)
     ready.session.update(methods=("spatial-2d", "temporal", "directional-l1"))
@@ -106,6 +111,7 @@ def test_finished_results_stay_when_the_rest_is_cancelled(viewer, ready, qtbot) 
     np.testing.assert_array_equal(viewer.layers["Temporal"].data, expected.values)
 
 
+@pytest.mark.thorough
 def test_closing_the_window_stops_the_work(viewer, dock, qtbot) -> None:
     started, ended = threading.Event(), []
     dock.jobs.start(slow_plan(started, ended))
@@ -115,6 +121,7 @@ def test_closing_the_window_stops_the_work(viewer, dock, qtbot) -> None:
     assert ended == ["cancelled"]
 
 
+@pytest.mark.thorough
 def test_taking_the_dock_away_stops_the_work(viewer, dock, qtbot) -> None:
     started, ended = threading.Event(), []
     dock.jobs.start(slow_plan(started, ended))

@@ -17,6 +17,7 @@ from napari_phase4d.holography import pair_distance
 pytestmark = pytest.mark.gui
 
 
+@pytest.mark.thorough
 def test_changed_lobes_ask_for_a_new_reconstruction(ready, click, tick_only) -> None:
     tick_only("spatial-2d")
     ready.lobes.table.item(0, 2).setText("0.08")
@@ -31,6 +32,7 @@ def test_changed_lobes_ask_for_a_new_reconstruction(ready, click, tick_only) -> 
     assert "press Reconstruct in step 3 again" in ready.status.text()
 
 
+@pytest.mark.thorough
 def test_failed_search_leaves_the_spectrum_to_place_lobes_by_hand(dock, click) -> None:
     noise = np.random.default_rng(0).normal(size=(8, 64, 64)).astype(np.float32)
     dock.session.open(noise)
@@ -41,6 +43,7 @@ def test_failed_search_leaves_the_spectrum_to_place_lobes_by_hand(dock, click) -
     assert len(dock.lobes.canvas.lobes) == 1
 
 
+@pytest.mark.thorough
 def test_spectrum_shows_by_itself_and_gives_way(dock, qtbot, click, small_video) -> None:
     dock.session.set_recording(small_video)
     assert dock.session.spectrum is None
@@ -57,6 +60,7 @@ def test_spectrum_shows_by_itself_and_gives_way(dock, qtbot, click, small_video)
     assert len(dock.session.lobes) == 2
 
 
+@pytest.mark.thorough
 def test_finding_again_keeps_what_the_user_typed(ready, click) -> None:
     ready.lobes.table.item(0, 3).setText("33")
     ready.lobes.table.item(0, 0).setText("0.18")
@@ -65,6 +69,7 @@ def test_finding_again_keeps_what_the_user_typed(ready, click) -> None:
     assert ready.session.lobes[0].carrier[0] == pytest.approx(0.19, abs=0.003)
 
 
+@pytest.mark.thorough
 def test_wrong_number_in_the_table_changes_nothing(ready) -> None:
     before = ready.session.lobes
     for column, words, sentence in (
@@ -105,6 +110,7 @@ def test_circles_are_dragged_and_resized_with_the_mouse(ready) -> None:
     assert "cycles/µm" in ready.lobes.frequency.text()
 
 
+@pytest.mark.thorough
 def test_lobes_are_added_and_removed(ready, click) -> None:
     click("add_lobe")
     assert len(ready.session.lobes) == 3
@@ -115,6 +121,7 @@ def test_lobes_are_added_and_removed(ready, click) -> None:
     assert ready.session.lobes[-1].angle_deg == 2
 
 
+@pytest.mark.thorough
 def test_views_are_counted_anew_for_each_recording(dock, small_video, click) -> None:
     exact = p4d.simulation.swimming_euglena((128, 128), 6, pixel_um=0.35, peak_rad=6)
     one = p4d.simulation.multiplexed_video(exact["phase"][:, :1], carriers=[(0.19, 0.21)])
@@ -125,6 +132,7 @@ def test_views_are_counted_anew_for_each_recording(dock, small_video, click) -> 
         assert dock.lobes.n_views.native.currentText() == "auto"
 
 
+@pytest.mark.thorough
 def test_every_new_circle_has_a_place_of_its_own(ready, click) -> None:
     for _ in range(3):
         click("add_lobe")

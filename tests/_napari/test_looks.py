@@ -75,6 +75,7 @@ def looks(viewer: Any, dock: Any, qtbot: Any) -> dict[str, NDArray[np.uint8]]:
     return found
 
 
+@pytest.mark.thorough
 def test_the_five_steps_look_as_they_did(
     viewer: Any, dock: Any, qtbot: Any, small_video: Recording
 ) -> None:

@@ -29,6 +29,7 @@ def test_manifest_is_valid_and_every_command_exists() -> None:
     assert set(re.findall(r"command: (\S+)", text)) == declared
 
 
+@pytest.mark.thorough
 def test_sample_opens_from_the_menu(make_napari_viewer) -> None:
     viewer = make_napari_viewer()
     (layer,) = viewer.open_sample("napari-phase4d", "euglena")
@@ -38,6 +39,7 @@ def test_sample_opens_from_the_menu(make_napari_viewer) -> None:
     np.testing.assert_allclose(layer.scale, [1 / 6, 1, 5.2 / 60, 5.2 / 60])
 
 
+@pytest.mark.thorough
 def test_sample_layer_can_be_used_in_the_dock(make_napari_viewer) -> None:
     viewer = make_napari_viewer()
     (layer,) = viewer.open_sample("napari-phase4d", "euglena")

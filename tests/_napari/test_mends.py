@@ -26,6 +26,7 @@ def compared(ready: Any) -> Any:
     return ready
 
 
+@pytest.mark.thorough
 def test_results_are_not_saved_among_frames_or_over_what_is_not_ours(
     compared: Any, tmp_path: Path, small_video: Recording
 ) -> None:
@@ -52,6 +53,7 @@ def test_results_are_not_saved_among_frames_or_over_what_is_not_ours(
     session.save(tmp_path / "new")  # over one's own
 
 
+@pytest.mark.thorough
 def test_a_part_that_can_not_be_shown_holds_nothing_up(dock: Any, qtbot: Any) -> None:
     from queue import SimpleQueue
 
@@ -70,6 +72,7 @@ def test_a_part_that_can_not_be_shown_holds_nothing_up(dock: Any, qtbot: Any) ->
     assert received == ["all"]
 
 
+@pytest.mark.thorough
 def test_regions_in_a_layer_with_features_of_its_own(viewer: Any, compared: Any) -> None:
     layer = viewer.add_shapes(
         [np.array([[1, 1], [1, 9], [9, 9]])], shape_type="polygon", features={"name": ["nucleus"]}
@@ -97,6 +100,7 @@ def test_the_error_of_a_job_stays_and_nothing_old_comes_back(dock: Any, qtbot: A
     assert not dock.status.property("wrong")
 
 
+@pytest.mark.thorough
 def test_frames_that_say_nothing_are_grey_in_the_strip(dock: Any) -> None:
     phase = p4d.simulation.swimming_euglena((60, 72), 6, pixel_um=0.5, peak_rad=9)["wrapped"]
     phase = phase.copy()
@@ -110,6 +114,7 @@ def test_frames_that_say_nothing_are_grey_in_the_strip(dock: Any) -> None:
     assert "says nothing" in strip._picture.words_on((4, 0))
 
 
+@pytest.mark.thorough
 def test_zero_stays_black_whatever_the_contrast(compared: Any) -> None:
     compared.presenter.side_by_side()
     layer = compared.presenter.results()[0]
@@ -130,6 +135,7 @@ def test_zero_stays_black_whatever_the_contrast(compared: Any) -> None:
     assert layer.colormap.name == "gray"
 
 
+@pytest.mark.thorough
 def test_the_picture_stays_where_another_layer_is_shown(viewer: Any, dock: Any) -> None:
     viewer.add_image(np.zeros((2000, 2000)), name="fluorescence")
     made = p4d.simulation.swimming_euglena((60, 72), 4, pixel_um=0.5, peak_rad=9)
@@ -170,6 +176,7 @@ def test_results_of_a_run_that_failed_go(ready: Any, viewer: Any, qtbot: Any) ->
     assert [layer.name for layer in viewer.layers] == names
 
 
+@pytest.mark.thorough
 def test_the_view_is_marked_when_the_panel_opens_again(viewer: Any, compared: Any) -> None:
     compared.presenter.side_by_side()
     compared.compare.views["results"].setChecked(False)

@@ -35,6 +35,7 @@ def on_disk(dock, small_video):
     return dock
 
 
+@pytest.mark.thorough
 def test_the_window_shows_frames_on_demand(viewer, on_disk, small_video) -> None:
     layer = on_disk.presenter.holograms
     assert isinstance(layer.data, OnDemand)
@@ -50,6 +51,7 @@ def test_the_window_shows_frames_on_demand(viewer, on_disk, small_video) -> None
         np.testing.assert_array_equal(shown, phase[time, angle].values)
 
 
+@pytest.mark.thorough
 @pytest.mark.story
 def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Path) -> None:
     session = on_disk.session
@@ -69,6 +71,7 @@ def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Pa
     assert {p.name for p in written} >= {"temporal-angular.ome.zarr", "table.csv"}
 
 
+@pytest.mark.thorough
 def test_an_earlier_run_stays_as_it_was(viewer, on_disk) -> None:
     on_disk.session.unwrap(["temporal-angular"])
     first = on_disk.session.results["temporal-angular"]
@@ -116,6 +119,7 @@ def test_results_on_disk_are_judged(viewer, on_disk, click) -> None:
     assert tuple(layer.axis_labels) == ("time", "angle", "y", "x")
 
 
+@pytest.mark.thorough
 def test_steps_and_differences_are_computed_where_they_are_looked_at(viewer, on_disk) -> None:
     on_disk.session.unwrap(["spatial-2d", "temporal-angular"])
     results = on_disk.session.results

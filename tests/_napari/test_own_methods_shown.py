@@ -28,6 +28,7 @@ def installed_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterat
     sys.modules.pop("phase4d_least_squares", None)
 
 
+@pytest.mark.thorough
 def test_it_is_ticked_run_and_shown_as_the_others(
     installed_example: None, viewer: Any, dock: Any, click: Any
 ) -> None:

@@ -88,6 +88,7 @@ def test_refocus_follows_the_recipe_and_back(dock) -> None:
     assert session.recipe.refocus_um == "auto"
 
 
+@pytest.mark.thorough
 def test_focus_is_found_by_a_click(dock, click, defocused, qtbot) -> None:
     click("find_focus")
     assert "there is no recording yet" in dock.status.text()

@@ -88,6 +88,7 @@ def test_one_shot_without_the_right_layer_says_so(viewer, qtbot) -> None:
     assert len(viewer.layers) == 1
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("key", ["euglena", "euglena_phase", "yeast"])
 def test_samples_open(viewer, key: str) -> None:
     layers = viewer.open_sample("napari-phase4d", key)
@@ -95,6 +96,7 @@ def test_samples_open(viewer, key: str) -> None:
     assert kinds == {"euglena": ["holograms"]}.get(key, ["exact", "wrapped"])
 
 
+@pytest.mark.thorough
 def test_sample_phase_has_its_truth(viewer, dock) -> None:
     exact, wrapped = viewer.open_sample("napari-phase4d", "euglena_phase")
     dock.recording.layer.value = wrapped
@@ -113,6 +115,7 @@ def test_layers_are_saved_and_opened_again(viewer, tmp_path: Path) -> None:
     assert again.axis_labels == wrapped.axis_labels
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", [(9, 11), (3, 9, 11), (3, 2, 9, 11)])
 def test_any_grey_layer_is_saved(viewer, tmp_path: Path, shape: tuple[int, ...]) -> None:
     values = np.random.default_rng(0).random(shape).astype(np.float32)
@@ -124,6 +127,7 @@ def test_any_grey_layer_is_saved(viewer, tmp_path: Path, shape: tuple[int, ...])
     assert float(stack["x"][1] - stack["x"][0]) == pytest.approx(0.2)
 
 
+@pytest.mark.thorough
 def test_recipe_opens_in_viewer_and_dock(viewer, dock, click, qtbot, tmp_path: Path) -> None:
     recipe = p4d.Recipe(
         recording="sample:yeast", methods=("spatial-2d",), boundary=((2, 1),), mask=None
@@ -144,6 +148,7 @@ def test_recipe_opens_in_viewer_and_dock(viewer, dock, click, qtbot, tmp_path: P
         viewer.open(tmp_path / "other.json", plugin="napari-phase4d")
 
 
+@pytest.mark.thorough
 def test_a_file_dropped_on_the_dock_is_opened(viewer, dock, qtbot, tmp_path: Path) -> None:
     path = p4d.Recipe(recording="sample:yeast").to_file(tmp_path / "recipe.json")
     data = QMimeData()
@@ -160,6 +165,7 @@ def test_a_file_dropped_on_the_dock_is_opened(viewer, dock, qtbot, tmp_path: Pat
     assert dock.session.name == "budding yeast"
 
 
+@pytest.mark.thorough
 def test_preferences_hold_the_microscope(viewer, dock, click, qtbot, tmp_path: Path) -> None:
     chosen = get_plugin_settings("napari-phase4d")
     frames = np.random.default_rng(0).integers(0, 200, (3, 32, 32)).astype(np.uint8)

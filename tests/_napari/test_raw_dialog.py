@@ -35,6 +35,7 @@ def answer(height: int, width: int, header: int, button: str) -> list[str]:
     return said
 
 
+@pytest.mark.thorough
 def test_a_raw_file_is_asked_about(dock, qtbot, small_video, tmp_path: Path) -> None:
     frames = small_video.holograms.values.astype("<u2")
     path = tmp_path / "camera.raw"
@@ -60,6 +61,7 @@ def p4d_script(recipe: p4d.Recipe) -> str:
     return as_python(recipe)
 
 
+@pytest.mark.thorough
 def test_a_plain_video_has_one_view(dock, click) -> None:
     exact = p4d.simulation.swimming_euglena((128, 128), 6, pixel_um=0.35, peak_rad=6)
     plain = p4d.simulation.multiplexed_video(exact["phase"][:, :1], carriers=[(0.19, 0.21)])

@@ -34,6 +34,7 @@ def stack() -> xr.DataArray:
     return xr.DataArray(values, dims=AXES, coords=coords, name="temporal-angular", attrs=attrs)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_naparis_own_reader_opens_results(
     viewer: Any, tmp_path: Path, stack: xr.DataArray, ending: str

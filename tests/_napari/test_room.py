@@ -72,6 +72,7 @@ def test_pictures_and_tables_take_the_height_there_is(
     qtbot.waitUntil(lambda: dock.sections[2].height() < 620)
 
 
+@pytest.mark.thorough
 def test_the_object_is_seen_before_a_run(cell: Any, click: Any, viewer: Any) -> None:
     click("show_object")
     (layer,) = [la for la in viewer.layers if la.name.startswith("object in")]
@@ -137,6 +138,7 @@ def test_every_method_in_one_plot(cell: Any, click: Any, tmp_path: Path) -> None
     assert list(pd.read_csv(tmp_path / "every.csv").columns[:2]) == ["method", "region"]
 
 
+@pytest.mark.thorough
 def test_the_plot_is_made_higher_by_its_handle(cell: Any, click: Any, qtbot: Any) -> None:
     click("run")
     click("measure")
@@ -150,6 +152,7 @@ def test_the_plot_is_made_higher_by_its_handle(cell: Any, click: Any, qtbot: Any
     assert all(size >= 52 for size in splitter.sizes())  # neither goes
 
 
+@pytest.mark.thorough
 def test_a_folder_of_results_is_opened_again(
     cell: Any, click: Any, viewer: Any, tmp_path: Path, qtbot: Any
 ) -> None:

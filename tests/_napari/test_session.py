@@ -31,6 +31,7 @@ def session(small_video) -> Session:
     return session
 
 
+@pytest.mark.thorough
 def test_it_needs_neither_qt_nor_napari() -> None:
     code = (
         "import sys, napari_phase4d._napari.session; "

@@ -48,6 +48,7 @@ def open_by_click(click: Any, dock: Any, path: Path) -> None:
     assert dock.session.recording.source == str(path)
 
 
+@pytest.mark.thorough
 def test_the_thin_moment_comes_at_the_end(
     dock, click, qtbot, tmp_path: Path, sample: Sample
 ) -> None:
@@ -74,6 +75,7 @@ def test_the_thin_moment_comes_at_the_end(
     assert dock.session.verdict.startswith("Use WL1")
 
 
+@pytest.mark.thorough
 def test_one_view_and_then_two(
     viewer, dock, click, tmp_path: Path, small_video: Recording
 ) -> None:
@@ -95,6 +97,7 @@ def test_one_view_and_then_two(
     assert viewer.dims.nsteps[:2] == (6, 2)
 
 
+@pytest.mark.thorough
 def test_by_keyboard_alone(viewer, dock, qtbot) -> None:
     dock.window().activateWindow()
     dock.sections[0].heading.setFocus()
@@ -133,6 +136,7 @@ def test_by_keyboard_alone(viewer, dock, qtbot) -> None:
     assert len(dock.session.measured)
 
 
+@pytest.mark.thorough
 def test_nothing_is_cut_in_a_large_font(viewer, dock, ready, qtbot) -> None:
     settings = get_settings().appearance
     size, width = settings.font_size, dock.minimumWidth()

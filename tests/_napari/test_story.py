@@ -82,6 +82,7 @@ def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: P
     run_the_copied_script(viewer, dock, click, tmp_path)
 
 
+@pytest.mark.thorough
 def test_from_holograms_to_a_table_of_cells(viewer, dock, click, qtbot, tmp_path: Path) -> None:
     for name in ("try_cells", "find_lobes", "reconstruct"):
         click(name)

@@ -21,6 +21,7 @@ from test_wavelengths import ANGLES, CARRIERS, PUPIL, TWO, lobes_of
 pytestmark = [pytest.mark.gui, pytest.mark.story]
 
 
+@pytest.mark.thorough
 def test_from_a_hologram_of_two_wavelengths_to_sheer_steps(
     viewer: Any, dock: Any, click: Any, qtbot: Any, tmp_path: Path
 ) -> None:
