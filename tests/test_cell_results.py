@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -81,18 +80,22 @@ def test_a_run_counts_pixels_in_doubt() -> None:
 
 
 @pytest.mark.slow
-def test_a_run_beyond_memory_has_no_confidence_and_measures_all_the_same(
-    file: Path,
-) -> None:
-    outcome = p4d.run(recipe_for(file))
-    assert outcome.cells is not None
-    lazy = replace(outcome.comparison, problem=None)
-    cells = running.cells_by(outcome.recipe, lazy, outcome.reconstruction["phase"], p4d.Optics())
-    assert cells is not None
-    pd.testing.assert_frame_equal(
-        cells.table.drop(columns="dry mass error (pg)"),
-        outcome.cells.table.drop(columns="dry mass error (pg)"),
+def test_a_run_on_disk_finds_the_same_cells(file: Path, tmp_path: Path) -> None:
+    """Confidence is counted in errors on disk only where a recipe asks for it."""
+    recipe = recipe_for(file)
+    expected = p4d.run(recipe).cells
+    assert expected is not None
+    lone, asked = (
+        p4d.run(recipe.changed(storage="disk", confidence=trusted), folder=tmp_path / name).cells
+        for name, trusted in (("lone", False), ("asked", True))
     )
+    assert lone is not None
+    assert asked is not None
+    error = "dry mass error (pg)"
+    pd.testing.assert_frame_equal(
+        lone.table.drop(columns=error), expected.table.drop(columns=error)
+    )
+    pd.testing.assert_frame_equal(asked.table, expected.table)
 
 
 @pytest.mark.slow

@@ -62,12 +62,12 @@ def test_cell_agrees_with_qpretrieve() -> None:
     field = at_full_size(np.exp(1j * ours), data.shape)
     error = wrap(np.angle(field) - their_phase)[20:-20, 20:-20]
     error = wrap(error - np.angle(np.exp(1j * error).mean()))
-    assert rms(error) <= 0.05
+    assert rms(error) <= 0.037
 
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* left in view")  # as it should be, with a tilt
-@pytest.mark.parametrize(("background", "coherence"), [("tilt", 0.93), ("curvature", 0.97)])
+@pytest.mark.parametrize(("background", "coherence"), [("tilt", 0.932), ("curvature", 0.972)])
 def test_vortex_agrees_with_its_published_phase(background: str, coherence: float) -> None:
     """40x hologram: circular coherence with the phase that its authors published.
 
@@ -85,10 +85,10 @@ def test_vortex_agrees_with_its_published_phase(background: str, coherence: floa
 @pytest.mark.parametrize(
     ("name", "radius", "limits"),
     [
-        ("mux2_cells.npz", 0.10, (0.043, 0.022)),
-        ("mux2_cells.npz", None, (0.043, 0.022)),
-        ("mux2_timelapse_t00-29.npz", 0.045, (0.048, 0.040)),
-        ("mux2_timelapse_t00-29.npz", None, (0.048, 0.040)),
+        ("mux2_cells.npz", 0.10, (0.042, 0.020)),
+        ("mux2_cells.npz", None, (0.040, 0.020)),
+        ("mux2_timelapse_t00-29.npz", 0.045, (0.047, 0.037)),
+        ("mux2_timelapse_t00-29.npz", None, (0.036, 0.036)),
     ],
 )
 def test_crosstalk_between_multiplexed_views(
@@ -134,7 +134,7 @@ def test_sum_rule_of_a_multi_carrier_hologram() -> None:
     one, two, both = data["phase"].values[0]
     rest = wrap(one + two - both)
     rest = wrap(rest - np.angle(np.exp(1j * rest).mean()))
-    assert rms(rest) <= 0.012
+    assert rms(rest) <= 0.005
 
 
 def test_red_blood_cells_are_found_and_nothing_else() -> None:

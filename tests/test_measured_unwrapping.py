@@ -32,13 +32,15 @@ def interferograms() -> dict[str, np.ndarray]:
         return {name: file[name] for name in ("wrapped", "unwrapped", "valid", "pairs")}
 
 
-@pytest.mark.parametrize("method", ["spatial-2d", "network-flow"])
-def test_radar_interferograms(method: str, interferograms: dict[str, np.ndarray]) -> None:
-    """Sentinel-1 pairs with published unwrapped phase; at most 0.5 % of the pixels differ."""
+@pytest.mark.parametrize(("method", "most"), [("spatial-2d", 0.0004), ("network-flow", 0.0002)])
+def test_radar_interferograms(
+    method: str, most: float, interferograms: dict[str, np.ndarray]
+) -> None:
+    """Sentinel-1 pairs with published unwrapped phase."""
     valid = interferograms["valid"].astype(bool)
     wrapped = np.where(valid, interferograms["wrapped"], 0)
     found = p4d.unwrap(wrapped, method, mask=valid).values
-    assert share_off(found, interferograms["unwrapped"], valid) <= 0.005
+    assert share_off(found, interferograms["unwrapped"], valid) <= most
 
 
 @pytest.mark.parametrize(
@@ -78,7 +80,7 @@ def test_echoes_by_region_growing(head: np.ndarray) -> None:
     turns = (found - head) / TURN
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-5)
     second = np.abs(found[2] - 2 * found[1] + found[0])
-    assert (second < np.pi).mean() >= 0.998
+    assert (second < np.pi).mean() >= 0.9984
 
 
 @pytest.mark.slow
@@ -104,7 +106,7 @@ def test_own_methods_on_radar_interferograms(
     alone = np.stack([p4d.unwrap(frame, method, mask=inside).values for frame, inside in pairs])
     flat = p4d.unwrap(wrapped, "spatial-2d", mask=valid).values
     published = interferograms["unwrapped"]
-    assert share_off(alone, published, valid) <= 0.0001 < share_off(flat, published, valid)
+    assert share_off(alone, published, valid) <= 0.00005 < share_off(flat, published, valid)
 
 
 @pytest.mark.slow
@@ -112,4 +114,4 @@ def test_own_methods_on_radar_interferograms(
 def test_own_methods_on_echoes(method: str, head: np.ndarray) -> None:
     found = p4d.unwrap(head, method).values
     second = np.abs(found[2] - 2 * found[1] + found[0])
-    assert (second < np.pi).mean() >= 0.9984
+    assert (second < np.pi).mean() >= 0.999

@@ -14,6 +14,7 @@ import pytest
 import napari_phase4d as p4d
 from napari_phase4d.io import read_results
 from napari_phase4d.pipeline import Outcome, fingerprint, fingerprinting, write_outcome
+from napari_phase4d.progress import Cancelled
 from stacks import assert_equal, contents
 
 
@@ -114,15 +115,13 @@ def test_input_that_is_gone_loses_no_results(tmp_path: Path, outcome: Outcome) -
     assert found["input"] == {"name": "gone.tif"}
 
 
-def test_what_fails_in_confidence_loses_no_results(tmp_path: Path, outcome: Outcome) -> None:
-    trusting = replace(
-        outcome,
-        recipe=outcome.recipe.changed(confidence=True),
-        comparison=replace(outcome.comparison, problem=None),  # as of stacks on disk
-    )
-    with pytest.raises(ValueError, match="judged on all frames at once"):
-        write_outcome(trusting, tmp_path)
+def test_what_stops_confidence_loses_no_results(tmp_path: Path, outcome: Outcome) -> None:
+    trusting = replace(outcome, recipe=outcome.recipe.changed(confidence=True))
+    with pytest.raises(Cancelled):
+        # The recipe is the last that is written before pixels are judged.
+        write_outcome(trusting, tmp_path, cancelled=(tmp_path / "recipe.json").exists)
     assert {"temporal.ome.tif", "table.csv", "recipe.json"} <= {p.name for p in tmp_path.iterdir()}
+    assert not list(tmp_path.glob("confidence*"))
 
 
 def test_lazy_results_are_written_as_zarr(tmp_path: Path, outcome: Outcome) -> None:
