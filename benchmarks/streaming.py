@@ -29,6 +29,18 @@ IN_MEMORY = 600
 #: Gigabytes of frames that are streamed: once, twice and four times as long.
 STREAMED_GB = (5, 10, 20)
 GB = 2**30
+#: Side of the smaller frames that every method goes through, and how many of them.
+SMALL, LENGTHS = (512, 640), (256, 1024, 4096)
+#: What is run on them -> the methods of the recipe, and whether it asks for confidence.
+WORK = {
+    "T/A": ("temporal-angular", False),
+    "DE": ("dilate-erode", False),
+    "RGd": ("directional-growing", False),
+    "WL1": ("directional-l1", False),
+    "WL1 and its confidence": ("directional-l1", True),
+}
+#: The longest run of the own method.
+OWN_GB = 20
 
 
 class Repeated(FrameReader):
@@ -43,33 +55,39 @@ class Repeated(FrameReader):
         return self.short[min(place, 2 * len(self.short) - 2 - place)].copy()
 
 
-def save_short(path: Path) -> None:
+def save_short(path: Path, shape: tuple[int, int]) -> None:
     """Simulate the short video."""
-    exact = p4d.simulation.swimming_euglena(FRAME, SHORT, pixel_um=5.2 / 60, peak_rad=8)
+    pixel_um = 5.2 / 60 * FRAME[0] / shape[0]
+    exact = p4d.simulation.swimming_euglena(shape, SHORT, pixel_um=pixel_um, peak_rad=8)
     np.save(path, p4d.simulation.multiplexed_video(exact["phase"]).holograms.values)
 
 
-def one_run(n_frames: int, storage: str, folder: Path) -> dict[str, float]:
-    """Run T/A on so many frames, after a first run that loads and compiles."""
+def one_run(n_frames: int, storage: str, work: str, folder: Path) -> dict[str, float]:
+    """Do some work on so many frames, after a first run that loads and compiles."""
+    method, confidence = WORK[work]
     reader = Repeated(np.load(folder / "short.npy"), n_frames)
     rec = Recording.from_frames(lazy_frames(reader))
     lobes = tuple(p4d.find_lobes(rec, 2))
-    recipe = p4d.Recipe(lobes=lobes, methods=("temporal-angular",), storage=storage)
+    recipe = p4d.Recipe(lobes=lobes, methods=(method,), storage=storage, confidence=confidence)
     p4d.run(recipe, rec.first(SHORT), folder=folder / "first")
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     began = time.perf_counter()
-    p4d.run(recipe, rec, folder=folder / "all")
+    outcome = p4d.run(recipe, rec, folder=folder / "all")
+    if confidence:  # of results in memory it is computed when asked for
+        outcome.comparison.confidences()
     seconds = time.perf_counter() - began
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     disk = sum(f.stat().st_size for f in (folder / "all").rglob("*") if f.is_file())
     return {"seconds": seconds, "peak": 1024 * peak, "before": 1024 * before, "disk": disk}
 
 
-def in_a_process(n_frames: int, storage: str) -> dict[str, float]:
+def in_a_process(
+    n_frames: int, storage: str, work: str = "T/A", shape: tuple[int, int] = FRAME
+) -> dict[str, float]:
     folder = tempfile.mkdtemp(prefix="phase4d-bench-")
     try:
-        save_short(Path(folder) / "short.npy")
-        line = [sys.executable, __file__, str(n_frames), storage, folder]
+        save_short(Path(folder) / "short.npy", shape)
+        line = [sys.executable, __file__, str(n_frames), storage, work, folder]
         done = subprocess.run(line, check=True, capture_output=True, text=True)
         return dict(json.loads(done.stdout.splitlines()[-1]))
     finally:
@@ -93,8 +111,40 @@ def lines() -> Iterator[str]:
             f"| {rate:.0f} | {rate / base:.2f} | {found['peak'] / GB:.2f} GB "
             f"| {found['disk'] / GB:.1f} GB |"
         )
+    yield ""
+    yield from work_lines()
+
+
+def work_lines() -> Iterator[str]:
+    """Rows: what every method takes of recordings once, four and sixteen times as long."""
+    yield f"Frames of {SMALL[0]} x {SMALL[1]} and two views, from holograms to results on disk:"
+    yield ""
+    yield "| work | frames | stacks lie | s | frames/s | to the first row | peak memory |"
+    yield "|---|---|---|---|---|---|---|"
+    for work in WORK:
+        base = 0.0
+        plan = [(LENGTHS[0], "memory"), *((n_frames, "disk") for n_frames in LENGTHS)]
+        for n_frames, storage in plan:
+            found = in_a_process(n_frames, storage, work, SMALL)
+            rate = n_frames / found["seconds"]
+            base = base or rate
+            yield work_row(work, n_frames, storage, found, base)
+    n_frames = int(OWN_GB * GB / np.prod(FRAME))
+    found = in_a_process(n_frames, "disk", "WL1")
+    yield work_row(f"WL1, {FRAME[0]} x {FRAME[1]}, {OWN_GB} GB", n_frames, "disk", found, 0)
+
+
+def work_row(work: str, n_frames: int, storage: str, found: dict[str, float], base: float) -> str:
+    """Return a row of the table of methods."""
+    rate = n_frames / found["seconds"]
+    place = "in memory" if storage == "memory" else "on disk"
+    share = f"{rate / base:.2f}" if base else ""
+    return (
+        f"| {work} | {n_frames} | {place} | {found['seconds']:.0f} | {rate:.0f} | {share} "
+        f"| {found['peak'] / GB:.2f} GB |"
+    )
 
 
 if __name__ == "__main__":
-    frames, where, place = sys.argv[1:]
-    print(json.dumps(one_run(int(frames), where, Path(place))))
+    frames, where, what, place = sys.argv[1:]
+    print(json.dumps(one_run(int(frames), where, what, Path(place))))
