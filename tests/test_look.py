@@ -54,6 +54,12 @@ def test_plain_video_has_one_view_and_gets_its_picture(plain_video: Path, tmp_pa
     assert not (tmp_path / "two.png").exists()
 
 
+def test_a_wrong_ending_is_said_before_the_work(plain_video: Path, tmp_path: Path) -> None:
+    result = CliRunner().invoke(app, ["look", str(plain_video), "--out", str(tmp_path / "look")])
+    assert "look can't be written as a figure; use one of .png" in str(result.exception)
+    assert "Views" not in result.output
+
+
 @pytest.mark.thorough
 def test_multiplexed_video_gets_a_row_for_each_view(plain_video: Path, tmp_path: Path) -> None:
     code, words = run_look(
@@ -63,6 +69,8 @@ def test_multiplexed_video_gets_a_row_for_each_view(plain_video: Path, tmp_path:
     assert code == 0
     assert ", 2 views, pixel" in words
     assert "found for a phase object" in words
+    assert words.count("? ") >= 2  # angles that nobody knows
+    assert "A hologram can't tell the viewing angles" in words
     run_look(plain_video, "--out", tmp_path / "one.png")
     assert rows_of_pictures(tmp_path / "two.png") > 1.2 * rows_of_pictures(tmp_path / "one.png")
 

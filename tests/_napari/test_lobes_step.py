@@ -85,6 +85,7 @@ def test_wrong_number_in_the_table_changes_nothing(ready) -> None:
 
 def test_flip_and_angle_are_set_in_the_table(ready) -> None:
     table = ready.lobes.table
+    assert [table.item(row, 3).text() for row in (0, 1)] == ["?", "?"]  # nobody knows them yet
     flipped = not ready.session.lobes[1].flip
     state = Qt.CheckState.Checked if flipped else Qt.CheckState.Unchecked
     table.item(1, COLUMNS.index("flip")).setCheckState(state)

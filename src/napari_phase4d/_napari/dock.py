@@ -35,6 +35,7 @@ from napari_phase4d._napari.steps import (
 from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Section
+from napari_phase4d.holography import angles_unknown
 from napari_phase4d.pipeline import start_words, warm_up_elsewhere
 from napari_phase4d.unwrapping import left_out_advice
 
@@ -423,9 +424,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._go_on(0 if assumed else 1, "Check the microscope, then find the lobes in step 2.")
 
     def _lobes_changed(self) -> None:
-        angles = [lobe.angle_deg for lobe in self.session.lobes]
-        numbered = len(angles) > 1 and angles == list(range(len(angles)))
-        typing = " Type the viewing angles into the table." if numbered else ""
+        unknown = angles_unknown(self.session.lobes)
+        typing = " Type the viewing angles into the table." if unknown else ""
         self._say_last(
             f"Drag the circles to correct them, then press Reconstruct in step 3.{typing}"
         )

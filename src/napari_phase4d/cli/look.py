@@ -27,7 +27,7 @@ from napari_phase4d.holography import (
     power_spectrum,
     reconstruct,
 )
-from napari_phase4d.io import write_figure
+from napari_phase4d.io import check_figure, write_figure
 from napari_phase4d.machine import free_memory
 from napari_phase4d.pipeline import (
     DEFAULT_METHODS,
@@ -213,6 +213,9 @@ def look(
     if isinstance(recording, xr.DataArray):
         msg = f"{file.name} holds wrapped phase, not holograms; use info or compare on it"
         raise ValueError(msg)
+    if out is None:
+        out = Path(f"look_{result_folders([file], '.')[0].name}.png")
+    check_figure(out)  # before the work
     recording = recording.first(FRAMES)
     with bar() as progress:
         lobes = find_lobes(recording, views, progress=progress)
@@ -235,8 +238,6 @@ def look(
         title=recording.name,
         words=words,
     )
-    if out is None:
-        out = Path(f"look_{result_folders([file], '.')[0].name}.png")
     write_figure(out, figure)
     console.print(f"The picture is [bold]{escape(str(out.resolve()))}[/bold]")
 

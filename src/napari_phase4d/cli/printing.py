@@ -18,6 +18,7 @@ from rich.text import Text
 from napari_phase4d.holography import (
     FoundLobes,
     Lobe,
+    angles_unknown,
     find_lobes,
     lobe_warnings,
     reconstruction_advice,
@@ -121,12 +122,19 @@ def print_lobes(lobes: Sequence[Lobe]) -> None:
     headings = ["view", "ky (1/px)", "kx (1/px)", "radius (1/px)", "angle (deg)", "flipped"]
     for heading in headings + ["wavelength (um)"] * named:
         table.add_column(heading, justify="right")
+    unknown = angles_unknown(lobes)
     for i, lobe in enumerate(lobes, start=1):
         ky, kx = lobe.carrier
-        row = [str(i), f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}"]
+        angle = "?" if unknown else f"{lobe.angle_deg:g}"
+        row = [str(i), f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", angle]
         light = "" if lobe.wavelength_um is None else f"{lobe.wavelength_um:g}"
         table.add_row(*row, "yes" if lobe.flip else "no", *[light] * named)
     console.print(table)
+    if unknown:
+        console.print(
+            "A hologram can't tell the viewing angles: name them with run --angle, or views are "
+            "numbered."
+        )
     doubts = lobes.doubts if isinstance(lobes, FoundLobes) else ()
     for warning in (*doubts, *lobe_warnings(lobes)):
         console.print(f"[yellow]{warning}[/yellow]")

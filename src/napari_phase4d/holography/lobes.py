@@ -17,6 +17,7 @@ __all__ = [
     "MAX_VIEWS",
     "Lobe",
     "StrayTerm",
+    "angles_unknown",
     "canonical",
     "check_lobes",
     "in_order_of_angle",
@@ -358,6 +359,25 @@ def angle_warnings(lobes: Sequence[Lobe]) -> list[str]:
         for (angle, _), numbers in by_angle.items()
         if len(numbers) > 1
     ]
+
+
+def angles_unknown(lobes: Sequence[Lobe]) -> bool:
+    """Say whether views are only numbered, 0, 1, 2 ..., as they are until angles are given.
+
+    Parameters
+    ----------
+    lobes : sequence of Lobe
+        The views. One alone needs no angle.
+
+    Examples
+    --------
+    >>> angles_unknown([Lobe((0.2, 0.2), 0.1, 0), Lobe((-0.2, 0.2), 0.1, 1)])
+    True
+    >>> angles_unknown([Lobe((0.2, 0.2), 0.1, -7), Lobe((-0.2, 0.2), 0.1, 21)])
+    False
+    """
+    angles = [lobe.angle_deg for lobe in lobes]
+    return len(angles) > 1 and angles == list(range(len(angles)))
 
 
 def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:

@@ -3,7 +3,7 @@
 from napari_phase4d.io.arriving import Arrival, ArrivedFrames, Arriving
 from napari_phase4d.io.describing import OME_TIFF, OME_ZARR, PROGRAM, step_of
 from napari_phase4d.io.growing import arriving_at
-from napari_phase4d.io.movies import write_figure, write_movie
+from napari_phase4d.io.movies import check_figure, write_figure, write_movie
 from napari_phase4d.io.opening import (
     JOINED_SUFFIXES,
     READABLE_SUFFIXES,
@@ -31,6 +31,7 @@ __all__ = [
     "RawLayout",
     "address_of",
     "arriving_at",
+    "check_figure",
     "holds_phase",
     "needs_layout",
     "open_input",

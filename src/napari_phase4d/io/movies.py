@@ -23,7 +23,7 @@ from napari_phase4d.words import local_path
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["write_figure", "write_movie"]
+__all__ = ["check_figure", "write_figure", "write_movie"]
 
 #: Flat colours come back within 4 of 255, about what video's 8 bits of brightness and colour
 #: difference can hold. Without latency each frame is in the file before the next is asked for, so
@@ -198,6 +198,15 @@ DOTS_PER_INCH = 150
 ENDINGS = (".png", ".svg", ".pdf")
 
 
+def check_figure(path: str | Path) -> Path:
+    """Return where a figure is to be written; ValueError if its ending says no picture."""
+    path = local_path(path)
+    if path.suffix.lower() not in ENDINGS:
+        msg = f"{path.name} can't be written as a figure; use one of {', '.join(ENDINGS)}"
+        raise ValueError(msg)
+    return path
+
+
 def write_figure(path: str | Path, figure: Figure) -> Path:
     """Write a figure; the ending, .png, .svg or .pdf, says as what.
 
@@ -208,10 +217,7 @@ def write_figure(path: str | Path, figure: Figure) -> Path:
     ValueError
         If the ending is another one.
     """
-    path = local_path(path)
-    if path.suffix.lower() not in ENDINGS:
-        msg = f"{path.name} can't be written as a figure; use one of {', '.join(ENDINGS)}"
-        raise ValueError(msg)
+    path = check_figure(path)
     import matplotlib as mpl
 
     # Words of an SVG or a PDF stay words, which can be found and edited.

@@ -19,7 +19,7 @@ from qtpy.QtWidgets import (
 )
 
 from napari_phase4d._napari.widgets.spectrum_picture import VIEW_COLORS, PlaneView, paint_marks
-from napari_phase4d.holography import Lobe
+from napari_phase4d.holography import Lobe, angles_unknown
 
 __all__ = ["VIEW_COLORS", "LobeTable", "SpectrumCanvas", "changed_lobe"]
 
@@ -391,20 +391,21 @@ class LobeTable(QTableWidget):  # type: ignore[misc]
         self._filling = True
         try:
             self.setRowCount(len(lobes))
+            unknown = angles_unknown(lobes)
             for row, lobe in enumerate(lobes):
-                self._fill_row(row, lobe)
+                self._fill_row(row, lobe, "?" if unknown else f"{lobe.angle_deg:g}")
         finally:
             self._filling = False
         rows = max(1, len(lobes)) * self.verticalHeader().defaultSectionSize()
         self.setFixedHeight(self.horizontalHeader().sizeHint().height() + rows + 6)
 
-    def _fill_row(self, row: int, lobe: Lobe) -> None:
+    def _fill_row(self, row: int, lobe: Lobe, angle: str) -> None:
         header = QTableWidgetItem(str(row + 1))
         header.setForeground(QColor(VIEW_COLORS[row % len(VIEW_COLORS)]))
         self.setVerticalHeaderItem(row, header)
         ky, kx = lobe.carrier
         light = "" if lobe.wavelength_um is None else f"{1000 * lobe.wavelength_um:g}"
-        texts = (f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", f"{lobe.angle_deg:g}", light)
+        texts = (f"{ky:.4f}", f"{kx:.4f}", f"{lobe.radius:.4f}", angle, light)
         for column, words in enumerate(texts):
             self.setItem(row, column, QTableWidgetItem(words))
         flip = QTableWidgetItem()
