@@ -369,7 +369,7 @@ def test_marks_are_the_cheap_steps_and_the_cheapest_of_each() -> None:
     shape, none = full_shape((6, 7)), np.empty((0, 0, 0))
     down, right = point[:-1] + point[1:], point[:, :-1] + point[:, 1:]
     marks = np.zeros((6, 7), np.uint8)
-    mark_cheapest_of_each(point, none, shape, 0.0, marks)
+    mark_cheapest_of_each(point, none, shape, 0.0, marks, 0, len(marks))
     expected = np.zeros((6, 7), np.uint8)
     for i, j in np.ndindex(6, 7):
         around = [

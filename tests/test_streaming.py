@@ -217,8 +217,8 @@ def test_what_does_not_fit_is_said_before_it_begins(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
     rec, reader = long_video(video, 3_000_000)
-    with pytest.raises(OSError, match=r"RG works on all frames at once and needs about .* GB"):
-        p4d.run(recipe.changed(methods=("region-growing",), storage="auto"), rec, folder=tmp_path)
+    with pytest.raises(OSError, match=r"Flow works on all frames at once and needs about .* GB"):
+        p4d.run(recipe.changed(methods=("network-flow",), storage="auto"), rec, folder=tmp_path)
     with pytest.raises(OSError, match=r"results need about .* of disk, but .* has .* left"):
         p4d.run(recipe.changed(storage="disk"), rec, folder=tmp_path / "not there yet")
     with pytest.raises(OSError, match=r"this needs about .* GB of memory, but"):
@@ -238,9 +238,9 @@ def test_what_is_needed_is_what_is_used(
     used = sum(f.stat().st_size for f in tmp_path.rglob("*") if f.is_file())
     assert used < needs.disk < 4 * used  # scratch is gone by now, and zeros are small
     shape = (1000, 2, 100, 100)
-    whole = phase_needs(("spatial-2d", "region-growing", "laplacian"), shape)
-    assert whole.greediest == "region-growing"
-    assert whole.on_disk > METHODS["region-growing"].working_stacks * 4 * np.prod(shape)
+    whole = phase_needs(("spatial-2d", "network-flow", "temporal"), shape)
+    assert whole.greediest == "network-flow"
+    assert whole.on_disk > METHODS["network-flow"].working_stacks * 4 * np.prod(shape)
     assert phase_needs(("spatial-2d",), shape).on_disk == pytest.approx(
         phase_needs(("spatial-2d",), (10**6, *shape[1:])).on_disk
     )

@@ -22,6 +22,9 @@ OWN = "This project"
 OF_A_BLOCK, OF_REGIONS, OF_SCRATCH = 300, 2.0, 16
 #: Memory of DE for each pixel of a block: what is carried is in double precision.
 OF_DILATING = 80
+#: Memory of RG and 3-D for each pixel of a block, in bytes; on disk group and turns of every
+#: pixel, and lists of groups.
+OF_GROWING, OF_GROUPS = 200, 16
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -124,6 +127,9 @@ BUILT_IN: dict[str, Method] = {
             ),
         ),
         working_stacks=50.0,  # of "phasetools"; "textbook" takes 15,
+        streams=True,
+        block_bytes=OF_GROWING,
+        scratch_bytes=OF_GROUPS,
         name="region growing in 4-D",
     ),
     "dilate-erode": Method(
@@ -155,6 +161,9 @@ BUILT_IN: dict[str, Method] = {
         "Joins pixels over time, y and x for each angle, most reliable edges first.",
         volumes.spatial_3d,
         working_stacks=10.0,
+        streams=True,
+        block_bytes=OF_GROWING,
+        scratch_bytes=OF_GROUPS,
         name="reliability in time, y and x",
     ),
     "network-flow": Method(

@@ -6,6 +6,7 @@ compiled where that is possible, and give the same result where it is not.
 
 from __future__ import annotations
 
+from napari_phase4d.unwrapping.growing.contracting import Contracted, Joining, closed, contracted
 from napari_phase4d.unwrapping.growing.costs import Costs, coherence, second_differences
 from napari_phase4d.unwrapping.growing.growth import (
     CostsOf,
@@ -18,11 +19,15 @@ from napari_phase4d.unwrapping.growing.plain import jumps
 from napari_phase4d.unwrapping.growing.rows import PerThread, Workspace
 
 __all__ = [
+    "Contracted",
     "Costs",
     "CostsOf",
+    "Joining",
     "PerThread",
     "Workspace",
+    "closed",
     "coherence",
+    "contracted",
     "grow_grid",
     "grow_list",
     "grow_through_residues",

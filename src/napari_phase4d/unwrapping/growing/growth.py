@@ -46,7 +46,18 @@ from napari_phase4d.unwrapping.growing.rows import (
     residue_limit,
 )
 
-__all__ = ["CostsOf", "grow_grid", "grow_list", "grow_through_residues", "smooth_turns"]
+__all__ = [
+    "HALF",
+    "MANY_LEFT",
+    "CostsOf",
+    "cheaper_cost",
+    "check_size",
+    "grow_grid",
+    "grow_list",
+    "grow_through_residues",
+    "smooth_turns",
+    "steps_between",
+]
 
 #: Pixels and steps are numbered with 32 bits.
 LARGEST = 2**31 - 1
@@ -236,7 +247,7 @@ def grown_turns(
     group = work.array("group", wrapped.shape, np.int32)
     turns = work.array("turns", wrapped.shape, np.int32)
     n = joined_at_once(wrapped, costs, group, turns, work, check)
-    left = count_between(*costs.arguments, np.inf, group)
+    left = count_between(*costs.arguments, np.inf, group, 0)
     several = left > MANY_LEFT * group.size
     for below in (cheaper_cost(costs), np.inf) if several else (np.inf,):
         check()
@@ -265,7 +276,7 @@ def joined_at_once(
         trusted = limit if attempt < MOST_TRIES and limit > 0 else 0.0
         if trusted:
             mark_cheap(*costs.arguments, trusted, marks)
-        mark_cheapest_of_each(*costs.arguments, trusted, marks)
+        mark_cheapest_of_each(*costs.arguments, trusted, marks, 0, len(marks))
         count = joined(wrapped, costs.shape, HALF, marks, group, turns)
         if count >= 0:
             break
@@ -283,14 +294,30 @@ def cheaper_cost(costs: Costs) -> float:
 
 
 def steps_between(
-    wrapped: Phase, costs: Costs, below: float, group: Whole, turns: Whole, work: Workspace
+    wrapped: Phase,
+    costs: Costs,
+    below: float,
+    group: Whole,
+    turns: Whole,
+    work: Workspace,
+    start: int = 0,
 ) -> tuple[Whole, Whole, Whole, Floats]:
-    """List the steps between groups that cost less than ``below``."""
-    n = (count_between(*costs.arguments, below, group),)
+    """List the steps between groups that cost less than ``below``, to the rows from a start on."""
+    n = (count_between(*costs.arguments, below, group, start),)
     first, second = work.array("first", n, np.int32), work.array("second", n, np.int32)
     between, cost = work.array("between", n, np.int32), work.array("cost", n, np.float64)
     if n[0]:
         list_between(
-            wrapped, HALF, *costs.arguments, below, group, turns, first, second, between, cost
+            wrapped,
+            HALF,
+            *costs.arguments,
+            below,
+            group,
+            turns,
+            start,
+            first,
+            second,
+            between,
+            cost,
         )
     return first, second, between, cost
