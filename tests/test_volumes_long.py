@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from napari_phase4d.pipeline.streaming import ProblemOnDisk, Shelf, stored_at
+from napari_phase4d.pipeline.streaming import problem as streaming_problem
 from napari_phase4d.stack import Block, Memory, blocks_of
-from napari_phase4d.unwrapping import volumes
+from napari_phase4d.unwrapping import laplacian, volumes
 from napari_phase4d.unwrapping.growing import Joining, contracted
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.running import run_method
@@ -94,6 +95,30 @@ def test_blocks_of_frames_give_the_same(
             expected = in_memory(wrapped, method, mask, start, **options)
             found = on_disk(wrapped, method, mask, start, tmp_path, **options)
             np.testing.assert_array_equal(found, expected, f"{shape}, noise {noise}")
+
+
+@pytest.mark.parametrize("frames", [1, 3, 8])
+@pytest.mark.parametrize("mask", [None, "auto", "gaps"])
+@pytest.mark.parametrize("variant", ["textbook", "phasetools"])
+def test_laplacian_of_blocks_is_the_same(
+    variant: str,
+    mask: str | None,
+    frames: int,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    for shape in [(9, 2, 12, 14), (5, 1, 8, 9), (1, 2, 6, 6), (2, 1, 1, 5)]:
+        wrapped = scene(shape, 0.5)
+        if mask == "gaps" and min(shape) > 1:
+            wrapped = with_gaps(wrapped)
+        rounded = shape[0] == 5
+        options = {"variant": variant, "rounded": rounded}
+        expected = in_memory(wrapped, "laplacian", mask, (0, 0), **options)
+        with monkeypatch.context() as patch:
+            patch.setattr(streaming_problem, "blocks_of", lambda shape: blocks_of(shape, frames))
+            patch.setattr(laplacian, "AT_ONCE", 30 * frames)
+            found = on_disk(wrapped, "laplacian", mask, (0, 0), tmp_path, **options)
+        np.testing.assert_array_equal(found, expected, f"{shape}")
 
 
 @pytest.mark.parametrize("frames", [1, 2, 4])

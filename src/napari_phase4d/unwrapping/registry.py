@@ -22,9 +22,11 @@ OWN = "This project"
 OF_A_BLOCK, OF_REGIONS, OF_SCRATCH = 300, 2.0, 16
 #: Memory of DE for each pixel of a block: what is carried is in double precision.
 OF_DILATING = 80
+#: Memory of LBE for each pixel of a block, in bytes; on disk what is transformed.
+OF_TRANSFORMS, OF_SPECTRA = 60, 26
 #: Memory of RG and 3-D for each pixel of a block, in bytes; on disk group and turns of every
 #: pixel, and lists of groups.
-OF_GROWING, OF_GROUPS = 200, 16
+OF_GROWING, OF_GROUPS = 200, 20
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -111,6 +113,9 @@ BUILT_IN: dict[str, Method] = {
             Option("rounded", False, "Add whole turns to the wrapped phase, the nearest to it."),
         ),
         working_stacks=8.0,
+        streams=True,
+        block_bytes=OF_TRANSFORMS,
+        scratch_bytes=OF_SPECTRA,
         name="Laplacian-based estimate",
     ),
     "region-growing": Method(
