@@ -11,7 +11,7 @@ import pytest
 from napari_phase4d.pipeline.streaming import ProblemOnDisk, Shelf, stored_at
 from napari_phase4d.pipeline.streaming import problem as streaming_problem
 from napari_phase4d.stack import Block, Memory, blocks_of
-from napari_phase4d.unwrapping import laplacian, volumes
+from napari_phase4d.unwrapping import laplacian, network_flow, volumes
 from napari_phase4d.unwrapping.growing import Joining, contracted
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.running import run_method
@@ -118,6 +118,24 @@ def test_laplacian_of_blocks_is_the_same(
             patch.setattr(streaming_problem, "blocks_of", lambda shape: blocks_of(shape, frames))
             patch.setattr(laplacian, "AT_ONCE", 30 * frames)
             found = on_disk(wrapped, "laplacian", mask, (0, 0), tmp_path, **options)
+        np.testing.assert_array_equal(found, expected, f"{shape}")
+
+
+@pytest.mark.parametrize("frames", [1, 3, 8])
+@pytest.mark.parametrize("mask", [None, "auto", "gaps"])
+def test_flow_of_blocks_is_the_same(
+    mask: str | None, frames: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # Of answers that cost the same any may come out: what is solved together must be the same.
+    monkeypatch.setattr(network_flow, "AT_ONCE", 200)
+    for shape in [(9, 2, 8, 9), (5, 1, 4, 1), (1, 2, 6, 6)]:
+        wrapped = scene(shape, 1.0)
+        if mask == "gaps" and min(shape[2:]) > 1:
+            wrapped = with_gaps(wrapped)
+        expected = in_memory(wrapped, "network-flow", mask, (0, 0))
+        with monkeypatch.context() as patch:
+            patch.setattr(streaming_problem, "blocks_of", lambda shape: blocks_of(shape, frames))
+            found = on_disk(wrapped, "network-flow", mask, (0, 0), tmp_path)
         np.testing.assert_array_equal(found, expected, f"{shape}")
 
 

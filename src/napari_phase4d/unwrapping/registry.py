@@ -22,6 +22,9 @@ OWN = "This project"
 OF_A_BLOCK, OF_REGIONS, OF_SCRATCH = 300, 2.0, 16
 #: Memory of DE for each pixel of a block: what is carried is in double precision.
 OF_DILATING = 80
+#: Memory of Flow for each pixel of a block, in bytes; on disk the phase again, the turns and costs
+#: of steps, and the turns of pixels.
+OF_FLOWS, OF_STEPS = 160, 30
 #: Memory of LBE for each pixel of a block, in bytes; on disk what is transformed.
 OF_TRANSFORMS, OF_SPECTRA = 60, 26
 #: Memory of RG and 3-D for each pixel of a block, in bytes; on disk group and turns of every
@@ -177,6 +180,9 @@ BUILT_IN: dict[str, Method] = {
         "Fewest whole turns that close all loops: over time and angle, then in each frame.",
         network_flow,
         working_stacks=36.0,
+        streams=True,
+        block_bytes=OF_FLOWS,
+        scratch_bytes=OF_STEPS,
         name="network flow, time and angle first",
     ),
     "directional-growing": Method(
