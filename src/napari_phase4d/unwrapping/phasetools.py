@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block
-from napari_phase4d.unwrapping.growing import Contracted, closed, grow_list, jumps
+from napari_phase4d.unwrapping.growing import Contracted, closed, grow_list
 
 __all__ = ["grown_as_phasetools", "memory_edges", "penalised_differences", "times_touch"]
 
@@ -53,7 +53,8 @@ def grown_as_phasetools(
     wrapped, mask = wrapped[own], mask[own]
     phase = np.mod(wrapped, np.float32(TURN))
     first, second = memory_edges(mask)
-    steps = jumps(phase.ravel()[first], phase.ravel()[second], threshold)
+    change = phase.ravel()[second].astype(np.float64) - phase.ravel()[first]
+    steps = (change < -threshold).astype(np.int32) - (change > threshold)
     # Infinite where a pixel has no neighbour; such a step is taken last.
     cost = unreliability[first] + unreliability[second]
     parts, turns, _ = grow_list(first, second, steps, cost, phase.size, overwrite=True)

@@ -1,4 +1,4 @@
-"""Growing regions on grids and on lists of steps, compiled or not.
+"""Growing regions on grids and on lists of steps.
 
 On a grid it is reliability sorting without sorting.
 
@@ -23,9 +23,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import can_compile
 from napari_phase4d.progress import nothing
-from napari_phase4d.unwrapping.growing import plain
 from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
 from napari_phase4d.unwrapping.growing.merging import (
     count_between,
@@ -124,10 +122,7 @@ def grow_through_residues(
     costs = costs_of(wrapped, mask, work)
     check()
     rows = wrapped.reshape(-1, wrapped.shape[-1])
-    if can_compile():
-        turns, parts = grown_turns(rows, costs, work, check)
-    else:
-        turns, parts = plain.grown_grid(rows, *costs.arguments)
+    turns, parts = grown_turns(rows, costs, work, check)
     if parts is not None:
         parts = parts.reshape(wrapped.shape)
     return turns.reshape(wrapped.shape), parts
@@ -150,8 +145,6 @@ def smooth_turns(wrapped: Phase, work: Workspace) -> Whole | None:
     work : Workspace
         Memory to work in; the result lies in it until it is used again.
     """
-    if not can_compile():
-        return plain.integrated(wrapped)
     shape = full_shape(wrapped.shape)
     rows = np.require(wrapped, np.float32, ["C", "W"]).reshape(-1, shape[3])
     turns: Whole = work.array("turns", rows.shape, np.int32)
@@ -195,14 +188,12 @@ def grow_list(
         Number of parts.
     """
     check_size(len(cost))
-    if can_compile():
-        copy = None if overwrite else True
-        a, b, turns = (
-            np.array(column, dtype=np.int32, copy=copy) for column in (first, second, steps)
-        )
-        costs = np.array(cost, dtype=np.float64, copy=copy)
-        return join_cheapest(a, b, turns, costs, n, check)
-    return plain.joined_list(first, second, steps, cost, n)
+    copy = None if overwrite else True
+    a, b, turns = (
+        np.array(column, dtype=np.int32, copy=copy) for column in (first, second, steps)
+    )
+    costs = np.array(cost, dtype=np.float64, copy=copy)
+    return join_cheapest(a, b, turns, costs, n, check)
 
 
 #: Half a turn: the largest step between neighbours, in radians.
