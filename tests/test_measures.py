@@ -5,6 +5,7 @@ from __future__ import annotations
 import time
 from typing import Any
 
+import dask.array as da
 import numpy as np
 import pytest
 import xarray as xr
@@ -257,6 +258,37 @@ def test_traces_are_the_phase_at_a_place() -> None:
         np.testing.assert_allclose(over_mask.over_angle[name], by_angle)
     assert np.isnan(at_pixel.over_time["b"][2])
     assert np.isfinite(over_mask.over_time["b"]).all()
+
+
+def test_traces_of_results_on_disk_read_the_blocks_of_the_place() -> None:
+    values = np.random.default_rng(0).normal(size=(40, 2, 8, 9)).astype(np.float32)
+    values[3, 1, 4, 5] = np.nan
+    read: set[tuple[int, ...]] = set()
+
+    def block(block_info: dict) -> np.ndarray:
+        place = block_info[None]["array-location"]
+        read.add(tuple(first for first, _ in place))
+        return values[tuple(slice(*one) for one in place)]
+
+    chunks = ((2,) * 20, (1, 1), (4, 4), (9,))
+    lazy = da.map_blocks(block, chunks=chunks, dtype=np.float32, meta=values[:0])
+    stack = xr.DataArray(lazy, dims=("time", "angle", "y", "x"))
+    mask = np.zeros((8, 9), dtype=bool)
+    mask[4:6, 3:7] = True
+    for where in ((4, 5), mask):
+        read.clear()
+        found = traces_of({"a": stack}, (4, 1), where)
+        assert read == {(t, 1, 4, 0) for t in range(0, 40, 2)} | {(4, 0, 4, 0)}
+        expected = traces_of({"a": xr.DataArray(values, dims=stack.dims)}, (4, 1), where)
+        np.testing.assert_array_equal(found.over_time["a"], expected.over_time["a"])
+        np.testing.assert_array_equal(found.over_angle["a"], expected.over_angle["a"])
+    read.clear()
+    again = traces_of({"a": stack}, (9, 1), mask, known=found)
+    assert read == {(8, 0, 4, 0), (8, 1, 4, 0)}
+    assert again.over_time is found.over_time
+    asked = iter(range(100))
+    with pytest.raises(p4d.Cancelled):
+        traces_of({"a": stack}, (4, 1), mask, cancelled=lambda: next(asked) > 1)
 
 
 def test_traces_of_phase_without_an_angle() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 import napari_phase4d as p4d
 from helpers import wrap
+from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping import Problem, flow
 from napari_phase4d.unwrapping import network_flow as network_flow_module
 from napari_phase4d.unwrapping.network_flow import whole_turns
@@ -117,9 +118,11 @@ def test_progress_and_cancel() -> None:
     seen: list[tuple[int, int, str]] = []
     p4d.unwrap(w, "network-flow", progress=lambda *told: seen.append(told))
     assert {m for _, _, m in seen} == {
+        "network flow",
         "network flow over time and angle, along y",
         "network flow over time and angle, along x",
         "network flow in each frame",
+        "writing",
     }
     with pytest.raises(p4d.Cancelled):
         p4d.unwrap(w, "network-flow", cancelled=lambda: True)
@@ -139,14 +142,20 @@ def test_a_mask_that_was_found_does_no_harm() -> None:
 def test_turns_are_dear_where_the_first_stage_closed() -> None:
     """A patch that has been noisy over time is cut through rather than its steady surroundings."""
     rng = np.random.default_rng(0)
-    cost = network_flow_module.steps_over_frames
+
+    def cost(problem: Problem) -> np.ndarray:
+        phase, used = network_flow_module.copied(problem, None, None)
+        steps = network_flow_module.steps_over_frames
+        _, found = steps(problem, phase, used, None, None, down=False)
+        return found.read(Block(0, 6))[..., :-1]
+
     w = np.zeros((6, 3, 10, 12))
     w[:, :, 3:7, 3:9] = rng.normal(0, 2.5, (6, 3, 4, 6))
     problem = Problem(wrap(w), (0, 0), None)
-    _, found = cost(problem, 3, None, None)
+    found = cost(problem)
     assert (found[:, :, :2] == network_flow_module.STEADY).all()
     inner = found[:, :, 4:6, 4:8]
     assert (inner == network_flow_module.MENDED).mean() > 0.5
     masked = Problem(wrap(w), (0, 0), np.tile(np.arange(12) < 6, (10, 1)))
-    _, found = cost(masked, 3, None, None)
+    found = cost(masked)
     assert (found[..., 6:] == network_flow_module.OUTSIDE).all()

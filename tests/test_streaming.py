@@ -27,9 +27,25 @@ from napari_phase4d.pipeline.streaming.workers import Cluster, Threads
 from napari_phase4d.progress import Cancelled, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import Block, block_at, block_frames, blocks_of
-from napari_phase4d.unwrapping import METHODS, methods_for, working_frames
+from napari_phase4d.unwrapping import (
+    METHODS,
+    Method,
+    frame_by_frame,
+    methods_for,
+    volumes,
+    working_frames,
+)
 from napari_phase4d.unwrapping.directional import methods, regions, scene, steps
 
+#: A method of another package, which is given all frames at once.
+WHOLE = Method(
+    "Whole",
+    "this test",
+    "Along rows.",
+    frame_by_frame(lambda wrapped, mask: np.unwrap(wrapped, axis=1)),
+    working_stacks=20.0,
+    package="another 1.0",
+)
 STREAMING = tuple(m for m in methods_for(None) if METHODS[m].streams)
 
 
@@ -44,6 +60,12 @@ def video() -> Recording:
 def recipe(video: Recording) -> p4d.Recipe:
     lobes = tuple(p4d.find_lobes(video, 2))
     return p4d.Recipe(lobes=lobes, methods=STREAMING, storage="memory")
+
+
+@pytest.fixture
+def whole(monkeypatch: pytest.MonkeyPatch) -> str:
+    monkeypatch.setitem(METHODS._own, "whole", WHOLE)
+    return "whole"
 
 
 def assert_same(found: p4d.pipeline.Outcome, expected: p4d.pipeline.Outcome) -> None:
@@ -116,19 +138,21 @@ def test_every_block_may_be_done_twice(
         return in_threads(again, items, watch, **more)
 
     monkeypatch.setattr(Threads, "map", twice)
+    monkeypatch.setattr(volumes, "working_blocks", lambda shape: blocks_of(shape, 8))
     for part in (scene, steps, regions, methods):
         monkeypatch.setattr(part, "in_threads", twice_in_threads)
     found = p4d.run(chosen.changed(storage="disk"), folder=tmp_path / "out").comparison.results
     for method, result in expected.items():
         xr.testing.assert_identical(found[method].compute(), result)
-    assert len(done) >= 12, done  # every stage but the holograms'
+    assert len(done) >= 20, done  # every stage but the holograms'
+    assert {"ContractBlock", "FramesBlock", "TimeBlock", "CourseBlock", "CloseBlock"} <= done
 
 
 @pytest.mark.slow
 def test_methods_that_need_all_frames_write_to_disk_too(
-    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+    video: Recording, recipe: p4d.Recipe, whole: str, tmp_path: Path
 ) -> None:
-    chosen = recipe.changed(methods=("temporal-angular", "laplacian", "directional-l1"))
+    chosen = recipe.changed(methods=("temporal-angular", whole, "directional-l1"))
     expected = p4d.run(chosen, video)
     found = p4d.run(chosen.changed(storage="disk"), video, folder=tmp_path)
     assert_same(found, expected)
@@ -214,11 +238,11 @@ def test_the_default_place_goes_when_it_is_not_needed(
 
 
 def test_what_does_not_fit_is_said_before_it_begins(
-    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+    video: Recording, recipe: p4d.Recipe, whole: str, tmp_path: Path
 ) -> None:
     rec, reader = long_video(video, 3_000_000)
-    with pytest.raises(OSError, match=r"RG works on all frames at once and needs about .* GB"):
-        p4d.run(recipe.changed(methods=("region-growing",), storage="auto"), rec, folder=tmp_path)
+    with pytest.raises(OSError, match=r"Whole works on all frames at once and needs about .* GB"):
+        p4d.run(recipe.changed(methods=(whole,), storage="auto"), rec, folder=tmp_path)
     with pytest.raises(OSError, match=r"results need about .* of disk, but .* has .* left"):
         p4d.run(recipe.changed(storage="disk"), rec, folder=tmp_path / "not there yet")
     with pytest.raises(OSError, match=r"this needs about .* GB of memory, but"):
@@ -228,7 +252,7 @@ def test_what_does_not_fit_is_said_before_it_begins(
 
 
 def test_what_is_needed_is_what_is_used(
-    video: Recording, recipe: p4d.Recipe, tmp_path: Path
+    video: Recording, recipe: p4d.Recipe, whole: str, tmp_path: Path
 ) -> None:
     needs = needs_of(recipe.changed(methods=("temporal-angular",)), video, recipe.lobes)
     assert isinstance(needs, Needs)
@@ -238,9 +262,9 @@ def test_what_is_needed_is_what_is_used(
     used = sum(f.stat().st_size for f in tmp_path.rglob("*") if f.is_file())
     assert used < needs.disk < 4 * used  # scratch is gone by now, and zeros are small
     shape = (1000, 2, 100, 100)
-    whole = phase_needs(("spatial-2d", "region-growing", "laplacian"), shape)
-    assert whole.greediest == "region-growing"
-    assert whole.on_disk > METHODS["region-growing"].working_stacks * 4 * np.prod(shape)
+    all_at_once = phase_needs(("spatial-2d", whole, "temporal"), shape)
+    assert all_at_once.greediest == whole
+    assert all_at_once.on_disk > WHOLE.working_stacks * 4 * np.prod(shape)
     assert phase_needs(("spatial-2d",), shape).on_disk == pytest.approx(
         phase_needs(("spatial-2d",), (10**6, *shape[1:])).on_disk
     )
@@ -434,7 +458,8 @@ def saved(video: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_a_cluster_gives_the_same_though_a_worker_is_killed(
     cluster: object, saved: Path, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
-    chosen = recipe.changed(recording=str(saved), methods=("temporal-angular", "spatial-2d"))
+    methods = ("temporal-angular", "spatial-2d", "region-growing", "laplacian")
+    chosen = recipe.changed(recording=str(saved), methods=methods)
     expected = p4d.run(chosen)
     killed: dict[str, int] = {}
 
@@ -455,6 +480,7 @@ def test_a_cluster_gives_the_same_though_a_worker_is_killed(
     address = cluster.scheduler_address  # type: ignore[attr-defined]
     found = p4d.run(chosen, folder=tmp_path, scheduler=address, progress=progress)
     stages = ("reconstruct", "2-D unwrapping", "the object", "along angle", "writing")
+    stages += ("region growing", "estimate, frame by frame")
     assert all(any(stage in message for message in killed) for stage in stages)
     assert sum(victim > 0 for victim in killed.values()) >= len(stages)
     assert_same(found, expected)

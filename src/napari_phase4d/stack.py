@@ -19,6 +19,7 @@ __all__ = [
     "Memory",
     "Stack",
     "Store",
+    "Temporary",
     "block_at",
     "block_frames",
     "blocks_of",
@@ -140,10 +141,20 @@ class Stack(Protocol):
         """Write the frames of a block, or some of its views; threads may write side by side."""
 
 
+class Temporary(Stack, Protocol):
+    """A stack that is needed on the way; it is read and written across the frames as well."""
+
+    def read_pixels(self, pixels: Block) -> NDArray[Any]:
+        """Return some pixels at all times, shape (time, pixel), counted over angle, y and x."""
+
+    def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
+        """Write some pixels at all times."""
+
+
 class Store(Protocol):
     """Where stacks lie that are needed on the way."""
 
-    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Stack:
+    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Temporary:
         """Return a new stack of zeros."""
 
 
@@ -171,6 +182,14 @@ class InMemory:
     def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
         """Write the frames of a block, or some of its views."""
         self.values[block.start : block.stop, angles] = values
+
+    def read_pixels(self, pixels: Block) -> NDArray[Any]:
+        """Return some pixels at all times, shape (time, pixel)."""
+        return self.values.reshape(len(self.values), -1)[:, pixels.start : pixels.stop]
+
+    def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
+        """Write some pixels at all times; the numbers must lie in order."""
+        self.values.reshape(len(self.values), -1)[:, pixels.start : pixels.stop] = values
 
 
 class Memory:
@@ -235,6 +254,23 @@ class FileStack:
             # Unlike ``tofile`` this says when the disk is full.
             whole: Any = np.ascontiguousarray(values, self.dtype)
             file.write(whole.data)
+
+    def read_pixels(self, pixels: Block) -> NDArray[Any]:
+        """Return some pixels at all times, shape (time, pixel)."""
+        found = np.empty((self.shape[0], len(pixels)), self.dtype)
+        with self.path.open("rb") as file:
+            for time, row in enumerate(found):
+                file.seek(self._place(time, 0) + pixels.start * found.itemsize)
+                file.readinto(row.data)
+        return found
+
+    def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
+        """Write some pixels at all times."""
+        whole = np.ascontiguousarray(values, self.dtype)
+        with self.path.open("r+b") as file:
+            for time, row in enumerate(whole):
+                file.seek(self._place(time, 0) + pixels.start * whole.itemsize)
+                file.write(row.data)
 
     def _place(self, time: int, angle: int) -> int:
         """Return where in the file a frame begins."""

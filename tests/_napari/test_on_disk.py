@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,7 @@ import xarray as xr
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
+from napari_phase4d._napari.latest import Latest
 from napari_phase4d._napari.viewing.layers import OnDemand
 from napari_phase4d.analysis import itoh_margin
 from napari_phase4d.io.lazy import lazy_frames
@@ -69,6 +72,74 @@ def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Pa
     assert (expected > 0).all()
     written = session.save(tmp_path)
     assert {p.name for p in written} >= {"temporal-angular.ome.zarr", "table.csv"}
+
+
+@pytest.mark.slow
+def test_curves_follow_the_mouse(on_disk, click, qtbot) -> None:
+    on_disk.session.update(methods=("spatial-2d", "temporal-angular"))
+    click("run")
+    click("follow_mouse")
+    trace = on_disk.compare.trace
+    results = on_disk.session.results
+
+    def shown(pixel: tuple[int, int], frame: tuple[int, int]) -> bool:
+        axes = [] if trace.plot.figure is None else trace.plot.figure.axes
+        if len(axes) < 2:
+            return False
+        t, a = frame
+        for panel, part in zip(axes, ((slice(None), a), (t, slice(None))), strict=False):
+            lines = {line.get_label(): line.get_ydata() for line in panel.get_lines()}
+            values = results["temporal-angular"].values[(*part, *pixel)]
+            if "T/A" not in lines or not np.allclose(lines["T/A"], values, atol=1e-5):
+                return False
+        return True
+
+    on_disk.presenter.go_to(17, 1)
+    for pixel in ((10, 11), (14, 20)):  # the second one while the first is read
+        trace._pixel = pixel
+        trace._show()
+    qtbot.waitUntil(lambda: shown((14, 20), (17, 1)), timeout=20_000)
+    read = trace._read[1].over_time
+    on_disk.presenter.go_to(3, 1)
+    qtbot.waitUntil(lambda: shown((14, 20), (3, 1)), timeout=20_000)
+    assert trace._read[1].over_time is read  # what is the same at all times is not read again
+
+
+def test_late_answers_are_dropped(qtbot) -> None:
+    latest = Latest()
+    go_on = threading.Event()
+    told: list[object] = []
+
+    def waits(cancelled: Callable[[], bool]) -> str:
+        go_on.wait(20)
+        return f"first, stopped: {cancelled()}"
+
+    def fails(cancelled: Callable[[], bool]) -> str:
+        msg = "the disk is gone"
+        raise OSError(msg)
+
+    latest.ask(waits, told.append, told.append, "here")
+    latest.ask(lambda _: "second", told.append, told.append, "there")
+    latest.ask(lambda _: "third", told.append, told.append, "elsewhere")
+    go_on.set()
+    qtbot.waitUntil(lambda: bool(told), timeout=20_000)
+    assert told == ["third"]
+    go_on.clear()
+    latest.ask(waits, told.append, told.append, "here")
+    latest.ask(lambda _: "about the same", told.append, told.append, "here")
+    go_on.set()
+    qtbot.waitUntil(lambda: len(told) == 3, timeout=20_000)
+    assert told[1:] == ["first, stopped: False", "about the same"]
+    latest.ask(fails, told.append, told.append, "here")
+    qtbot.waitUntil(lambda: len(told) == 4, timeout=20_000)
+    assert "the disk is gone" in str(told[-1])
+    go_on.clear()
+    latest.ask(waits, told.append, told.append, "here")
+    latest.drop()
+    go_on.set()
+    latest.ask(lambda _: "last", told.append, told.append, "here")
+    qtbot.waitUntil(lambda: told[-1] == "last", timeout=20_000)
+    assert len(told) == 5
 
 
 @pytest.mark.thorough

@@ -18,7 +18,7 @@ from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
 from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d.progress import Cancelled
 
-__all__ = ["Jobs", "TimeLeft", "in_words", "sentence_of"]
+__all__ = ["GATES", "Ended", "Gate", "Jobs", "TimeLeft", "in_words", "sentence_of"]
 
 TELL_EVERY_MS = 100
 #: Work that was told to stop gets so long at the end of the program.

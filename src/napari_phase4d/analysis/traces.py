@@ -11,14 +11,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.loading import in_memory
-from napari_phase4d.axes import in_full
+from napari_phase4d.axes import AXES, in_full
+from napari_phase4d.progress import CancelledCall, Watch
 from napari_phase4d.stacks import KIND, UNWRAPPED, check_rising, on_grid_of, unwrapped_stack
 from napari_phase4d.unwrapping import METHODS, label_of
 from napari_phase4d.words import check_type, shown
 
 __all__ = ["Traces", "difference", "traces", "traces_of"]
 
+#: Blocks of a stack on disk that are read at a time.
+BLOCKS_AT_ONCE = 8
 #: Part of a frame, and which of its pixels count.
 Place = tuple[slice, slice, NDArray[np.bool_]]
 
@@ -50,6 +52,8 @@ class Traces:
 
 def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: Any) -> Traces:
     """Return the phase at one place over time and over the angle.
+
+    Of results on disk, only the blocks that hold the place are read, some frames at a time.
 
     Parameters
     ----------
@@ -88,32 +92,76 @@ def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: A
     return traces_of(known, frame, where)
 
 
-def traces_of(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: Any) -> Traces:
-    """Return `traces` of results that are known to be sound: fast enough to follow the mouse."""
+def traces_of(
+    results: Mapping[str, xr.DataArray],
+    frame: tuple[int, int],
+    where: Any,
+    *,
+    known: Traces | None = None,
+    cancelled: CancelledCall | None = None,
+) -> Traces:
+    """Return `traces` of results that are known to be sound: fast enough to follow the mouse.
+
+    Parameters
+    ----------
+    results, frame, where
+        See `traces`.
+    known : Traces, optional
+        Of the same results, place and angle: the traces over time are taken from there.
+    cancelled : callable, optional
+        ``cancelled()`` stops the work, between parts that are read from disk.
+    """
     if np.shape(frame) != (2,) or np.asarray(frame).dtype.kind not in "iu":
         msg = f"the frame must be two whole numbers (time, angle), but is {shown(frame)}"
         raise ValueError(msg)
     if not results:
         msg = "there are no results yet; run a method first"
         raise ValueError(msg)
-    stacks = {method: in_full(in_memory(result)) for method, result in results.items()}
-    first = next(iter(stacks.values()))
-    if any(stack.shape != first.shape for stack in stacks.values()):
-        msg = f"the results differ in shape: {', '.join(str(s.shape) for s in stacks.values())}"
+    shapes = {tuple(r.sizes.get(axis, 1) for axis in AXES) for r in results.values()}
+    if len(shapes) > 1:
+        each = [str(tuple(r.sizes.get(axis, 1) for axis in AXES)) for r in results.values()]
+        msg = f"the results differ in shape: {', '.join(each)}"
         raise ValueError(msg)
-    if any(not 0 <= i < n for i, n in zip(frame, first.shape[:2], strict=True)):
-        msg = f"the frame {frame} does not exist; there are {first.shape[:2]} times and angles"
+    (shape,) = shapes
+    if any(not 0 <= i < n for i, n in zip(frame, shape[:2], strict=True)):
+        msg = f"the frame {frame} does not exist; there are {shape[:2]} times and angles"
         raise ValueError(msg)
     time, angle = frame
-    place = checked_place(where, first.shape[2:])
+    place = checked_place(where, shape[2:])
+    watch = Watch(1, "reading curves", None, cancelled)
+    over_time, every = {} if known is None else known.over_time, slice(None)
+    over_angle = {m: mean_over(r, time, every, place, watch) for m, r in results.items()}
+    if known is None:
+        over_time = {m: mean_over(r, every, angle, place, watch) for m, r in results.items()}
     any_result = next(iter(results.values()))
     return Traces(
-        places_along(any_result, "time", first.shape[0]),
-        places_along(any_result, "angle", first.shape[1]),
-        {method: mean_at(stack[:, angle], place) for method, stack in stacks.items()},
-        {method: mean_at(stack[time], place) for method, stack in stacks.items()},
+        places_along(any_result, "time", shape[0]),
+        places_along(any_result, "angle", shape[1]),
+        over_time,
+        over_angle,
         (time, angle),
     )
+
+
+def mean_over(
+    stack: xr.DataArray, time: int | slice, angle: int | slice, place: Place, watch: Watch
+) -> NDArray[np.float64]:
+    """Return the mean phase at a place, over all times of an angle, or all angles of a time."""
+    rows, columns, mask = place
+    wanted = {"time": time, "angle": angle, "y": rows, "x": columns}
+    wanted = {d: slice(w, w + 1) if isinstance(w, int) else w for d, w in wanted.items()}
+    part = stack.isel({dim: one for dim, one in wanted.items() if dim in stack.dims})
+    whole = slice(None), slice(None), mask
+    if part.chunks is None:
+        return mean_at(in_full(part).reshape(-1, *mask.shape), whole)
+    n_times = part.sizes.get("time", 1)
+    at_once = BLOCKS_AT_ONCE * max(part.chunksizes.get("time", (1,)))
+    means = []
+    for start in range(0, n_times, at_once):
+        watch.check()
+        some = part.isel(time=slice(start, start + at_once)) if "time" in part.dims else part
+        means.append(mean_at(in_full(some).reshape(-1, *mask.shape), whole))
+    return np.concatenate(means)
 
 
 def places_along(stack: xr.DataArray, dim: str, count: int) -> NDArray[np.float64]:

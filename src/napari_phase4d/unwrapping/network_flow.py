@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from itertools import product
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
-from napari_phase4d.unwrapping.ends import both_ends
+from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.stack import Block, Limits, Stack, Temporary, limits_of
+from napari_phase4d.unwrapping.alone import with_turns
 from napari_phase4d.unwrapping.flow import closing_turns, loop_sums
+from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.problem import Boundary, Problem
 from napari_phase4d.unwrapping.spatial import border_medians, border_of
 
@@ -21,16 +23,20 @@ TURN = 2 * np.pi
 #: over time and angle; where that course closed by itself. Ten of one kind weigh as much as one of
 #: the next.
 OUTSIDE, MENDED, STEADY = 1, 10, 100
-#: Values that are worked on at a time in the first stage.
-BLOCK = 1 << 17
+#: Values that are read at a time in the first stage, and of these in one flow.
+AT_ONCE, IN_A_FLOW = 1 << 22, 1 << 17
 
 Whole = NDArray[np.int64]
-Stack = NDArray[np.float32]
+Phase = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 
 def network_flow(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Stack:
+    problem: Problem,
+    result: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> list[Limits]:
     """Unwrap steps over time and angle first, then each frame, both by minimum-cost flow.
 
     Costantini et al. 2002 [10] ask for the cheapest whole turns that close all loops of the
@@ -52,31 +58,233 @@ def network_flow(
     problem : Problem
         Pixels outside the mask take part at the lowest cost, so that parts which don't touch
         each other keep a common level; they are 0 in the result.
+    result : Stack
+        Where the unwrapped phase goes, radians.
     progress, cancelled : callable or None
         See `unwrap`.
     """
-    wrapped = problem.wrapped
-    n_times, n_angles, height, width = wrapped.shape
-    down, down_cost = steps_over_frames(problem, 2, progress, cancelled)
-    right, right_cost = steps_over_frames(problem, 3, progress, cancelled)
-    watch = Watch(problem.n_frames, "network flow in each frame", progress, cancelled)
-    frames = list(product(range(n_times), range(n_angles)))
-    border = np.empty((n_times, n_angles))
-    edge = border_of((height, width))
-    result = np.empty_like(wrapped)
+    given, shape = problem.given, problem.given.shape
+    mask = problem.counted(progress, cancelled)
+    phase, used = copied(problem, progress, cancelled)
+    steps: list[Stack] = []
+    for down in (True, False):
+        steps += steps_over_frames(problem, phase, used, progress, cancelled, down=down)
+    turns = problem.store.temporary("flow turns", shape, "int32")
+    close = CloseBlock(given, tuple(steps), turns)
+    borders = problem.each(close, "network flow in each frame", progress, cancelled)
+    border = np.concatenate(borders)
+    level = np.round((border_medians(border, problem.first) - border) / TURN).astype(np.int32)
+    write = WriteBlock(given, mask, turns, level, result)
+    return problem.each(write, "writing", progress, cancelled)
 
-    def work(frame: Boundary) -> Whole:
-        more_down, more_right = closing_turns(
-            down[frame][None], right[frame][None], down_cost[frame][None], right_cost[frame][None]
-        )
-        return integrated(down[frame] + more_down[0], right[frame] + more_right[0])
 
-    for frame, turns in zip(frames, in_threads(work, frames, watch), strict=True):
-        result[frame] = wrapped[frame] + np.float32(TURN) * turns.astype(np.float32)
-        border[frame] = float(np.median(result[frame][edge]))
-    level = np.round((border_medians(border, problem.first) - border) / TURN).astype(np.float32)
-    result += np.float32(TURN) * level[..., None, None]
-    return np.where(problem.mask, result, np.float32(0))
+def copied(
+    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
+) -> tuple[Temporary, Temporary | None]:
+    """Copy the phase, and which pixels count (None for all), to where pixels can be read."""
+    store, shape = problem.store, problem.given.shape
+    phase = store.temporary("flow phase", shape, "float32")
+    # What lies outside a mask that was found is empty field, as good as any.
+    whole = problem.finds_mask or problem.all_usable
+    used = None if whole else store.temporary("flow mask", shape, "bool")
+    problem.each(CopyBlock(problem.given, phase, used), "network flow", progress, cancelled)
+    return phase, used
+
+
+def steps_over_frames(
+    problem: Problem,
+    phase: Temporary,
+    used: Temporary | None,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+    *,
+    down: bool,
+) -> tuple[Temporary, Temporary]:
+    """Do the first stage for the steps along y, or along x.
+
+    Returns
+    -------
+    turns, cost : Temporary
+        Turns to add to the difference of each pixel to the next, and the cost of one more; 0
+        where there is no next one.
+    """
+    name, shape = "y" if down else "x", problem.given.shape
+    turns = problem.store.temporary(f"flow turns {name}", shape, "int32")
+    cost = problem.store.temporary(f"flow cost {name}", shape, "uint8")
+    work = CourseBlock(phase, used, down, problem.first, turns, cost)
+    parts = pixel_blocks(shape)
+    message = f"network flow over time and angle, along {name}"
+    for _ in problem.on_workers(work, parts, Watch(len(parts), message, progress, cancelled)):
+        pass
+    return turns, cost
+
+
+@dataclass(frozen=True)
+class CopyBlock:
+    """Copies wrapped phase, and which pixels count, to where pixels can be read at all times.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    phase, used : Stack
+        Where they go.
+    """
+
+    given: Given
+    phase: Stack
+    used: Stack | None
+
+    def __call__(self, block: Block) -> None:
+        """Do a block."""
+        wrapped, usable = self.given.read(block)
+        self.phase.write(block, wrapped)
+        if self.used is not None:
+            self.used.write(block, usable)
+
+
+def pixel_blocks(shape: tuple[int, ...]) -> list[Block]:
+    """Cut the pixels of a frame, counted over y and x, into blocks for the first stage."""
+    count = shape[2] * shape[3]
+    each = max(1, AT_ONCE // (shape[0] * shape[1]))
+    return [Block(p, min(p + each, count)) for p in range(0, count, each)]
+
+
+@dataclass(frozen=True)
+class CourseBlock:
+    """Does the first stage for the steps from some pixels of the frames.
+
+    Parameters
+    ----------
+    phase : Temporary
+        Wrapped phase in radians.
+    used : Temporary or None
+        Pixels that count; None for all.
+    down : bool
+        Whether the other pixel lies below; else at the right.
+    first : tuple of int
+        The boundary frame.
+    turns, cost : Temporary
+        Where the turns go that are to be added to the difference of the two, and the cost of one
+        more; 0 where there is no other pixel.
+    """
+
+    phase: Temporary
+    used: Temporary | None
+    down: bool
+    first: Boundary
+    turns: Temporary
+    cost: Temporary
+
+    def __call__(self, pixels: Block) -> None:
+        """Do some pixels."""
+        height, width = self.phase.shape[2:]
+        step = width if self.down else 1
+        course = self._read(self.phase, pixels, step) - self._read(self.phase, pixels, 0)
+        used = np.ones(course.shape, dtype=bool)
+        if self.used is not None:
+            used = self._read(self.used, pixels, step) & self._read(self.used, pixels, 0)
+        turns = np.zeros(course.shape, dtype=np.int32)
+        cost = np.zeros(course.shape, dtype=np.uint8)
+        number = np.arange(pixels.start, pixels.stop)
+        last = number >= (height - 1) * width if self.down else (number + 1) % width == 0
+        there = np.flatnonzero(~last)
+        each = max(1, IN_A_FLOW // course[0].size)
+        for start in range(0, len(there), each):
+            some = there[start : start + each]
+            turns[some], mended = course_turns(course[some], used[some], self.first)
+            dear = np.where(mended, MENDED, STEADY)[:, None, None]
+            cost[some] = np.where(used[some], dear, OUTSIDE)
+        for angle in range(self.phase.shape[1]):
+            place = self._place(pixels, angle)
+            self.turns.write_pixels(place, turns[:, :, angle].T)
+            self.cost.write_pixels(place, cost[:, :, angle].T)
+
+    def _read(self, stack: Temporary, pixels: Block, further: int) -> NDArray[Any]:
+        """Return pixels, or others further on, over time and angle: (pixel, time, angle)."""
+        found = []
+        end = stack.shape[2] * stack.shape[3]
+        start, stop = min(pixels.start + further, end), min(pixels.stop + further, end)
+        for angle in range(stack.shape[1]):
+            some = stack.read_pixels(self._place(Block(start, stop), angle)).T
+            found.append(np.pad(some, ((0, len(pixels) - len(some)), (0, 0))))
+        return np.stack(found, axis=2)
+
+    def _place(self, pixels: Block, angle: int) -> Block:
+        """Return where pixels of a frame lie among those of all views."""
+        before = angle * self.phase.shape[2] * self.phase.shape[3]
+        return Block(before + pixels.start, before + pixels.stop)
+
+
+@dataclass(frozen=True)
+class CloseBlock:
+    """Does the second stage for the frames of a block.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    steps : tuple of Stack
+        What the first stage gave for the steps from each pixel to that below, turns and cost, and
+        for those to the right.
+    turns : Stack
+        Where the turns of each pixel go; the level of a frame is open.
+    """
+
+    given: Given
+    steps: tuple[Stack, ...]
+    turns: Stack
+
+    def __call__(self, block: Block) -> NDArray[np.float64]:
+        """Do a block; return the level of each frame's border, shape (time, angle)."""
+        wrapped, _ = self.given.read(block)
+        down, down_cost, right, right_cost = (s.read(block).astype(np.int64) for s in self.steps)
+        steps = (down[..., :-1, :], right[..., :-1], down_cost[..., :-1, :], right_cost[..., :-1])
+        turns = np.empty(wrapped.shape, dtype=np.int32)
+        border = np.empty(wrapped.shape[:2])
+        edge = border_of(wrapped.shape[2:])
+        for frame in np.ndindex(*border.shape):
+            own = [part[frame][None] for part in steps]
+            more_down, more_right = closing_turns(*own)
+            turns[frame] = integrated(own[0][0] + more_down[0], own[1][0] + more_right[0])
+            level = wrapped[frame] + np.float32(TURN) * turns[frame].astype(np.float32)
+            border[frame] = float(np.median(level[edge]))
+        self.turns.write(block, turns)
+        return border
+
+
+@dataclass(frozen=True)
+class WriteBlock:
+    """Writes the unwrapped phase.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    mask : Stack
+        0 outside.
+    turns : Stack
+        Turns of each pixel.
+    level : ndarray of int, shape (time, angle)
+        Turns of each frame.
+    result : Stack
+        Where it goes.
+    """
+
+    given: Given
+    mask: Stack
+    turns: Stack
+    level: NDArray[np.int32]
+    result: Stack
+
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest phase."""
+        wrapped, usable = self.given.read(block)
+        turns = self.turns.read(block) + self.level[block.start : block.stop, :, None, None]
+        unwrapped = with_turns(wrapped, turns, self.mask.read(block))
+        unwrapped = self.given.without_lost(unwrapped, usable)
+        self.result.write(block, unwrapped)
+        return limits_of(unwrapped)
 
 
 def integrated(down: Whole, right: Whole) -> Whole:
@@ -87,60 +295,7 @@ def integrated(down: Whole, right: Whole) -> Whole:
     return turns
 
 
-def steps_over_frames(
-    problem: Problem, axis: int, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> tuple[Whole, Whole]:
-    """Do the first stage for the steps along y (axis 2) or x (axis 3).
-
-    Returns
-    -------
-    turns, cost : ndarray of int, shape of the steps
-        Turns to add to the plain difference of each two neighbours, and the cost of one more.
-    """
-    # What lies outside a mask that was found is empty field, as good as any.
-    mask = np.ones_like(problem.mask) if problem.finds_mask else problem.mask
-    valid = both_ends(mask, axis)
-    difference = np.diff(problem.wrapped, axis=axis)
-    turns = np.zeros(difference.shape, dtype=np.int64)
-    cost = np.ones(difference.shape, dtype=np.int64)
-    if difference.size == 0:
-        return turns, cost
-    name = {2: "y", 3: "x"}[axis]
-    blocks = list(row_blocks(difference.shape))
-    watch = Watch(
-        len(blocks), f"network flow over time and angle, along {name}", progress, cancelled
-    )
-
-    def work(rows: slice) -> tuple[Whole, Whole]:
-        course = np.moveaxis(difference[:, :, rows], (0, 1), (-2, -1))
-        used = np.moveaxis(valid[:, :, rows], (0, 1), (-2, -1))
-        found, mended = course_turns(
-            course.reshape(-1, *course.shape[-2:]),
-            used.reshape(-1, *used.shape[-2:]),
-            problem.first,
-        )
-        dear = np.where(mended, MENDED, STEADY).reshape(course.shape[:-2])
-        return (
-            np.moveaxis(found.reshape(course.shape), (-2, -1), (0, 1)),
-            np.where(valid[:, :, rows], dear, OUTSIDE),
-        )
-
-    for rows, done in zip(blocks, in_threads(work, blocks, watch), strict=True):
-        turns[:, :, rows], cost[:, :, rows] = done
-    return turns, cost
-
-
-def row_blocks(shape: tuple[int, ...]) -> Iterator[slice]:
-    """Yield the rows of the frames in blocks of bounded size."""
-    frames = shape[0] * shape[1]
-    rows = max(1, BLOCK // max(frames * shape[3], 1))
-    for start in range(0, shape[2], rows):
-        yield slice(start, min(start + rows, shape[2]))
-
-
-def course_turns(
-    course: Stack, used: NDArray[np.bool_], first: Boundary
-) -> tuple[Whole, NDArray[np.bool_]]:
+def course_turns(course: Phase, used: Mask, first: Boundary) -> tuple[Whole, Mask]:
     """Unwrap steps between two pixels over time and angle.
 
     Parameters

@@ -3,8 +3,8 @@
 It differs from Abdul-Rahman et al. 2007 in three ways. The differences to the neighbours are not
 wrapped, so that a pixel next to a wrap counts as unreliable. Missing neighbours multiply a
 penalty. And what is meant as the edge to the next time joins pixels of one row: its other end is
-found ``depth + 2`` pixels further in memory instead of one volume further, so that times are held
-together by nothing but the order of joining.
+found ``depth + 2`` pixels further in memory instead of one volume further. So no edge joins times,
+unless a frame has fewer pixels than there are angles, and each is joined by itself.
 """
 
 from __future__ import annotations
@@ -14,9 +14,10 @@ import itertools
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.unwrapping.growing import grow_list, jumps
+from napari_phase4d.stack import Block
+from napari_phase4d.unwrapping.growing import Contracted, closed, grow_list
 
-__all__ = ["grown_as_phasetools", "memory_edges", "penalised_differences"]
+__all__ = ["grown_as_phasetools", "memory_edges", "penalised_differences", "times_touch"]
 
 #: (first pixel, second pixel) of every edge, as flat indices.
 Edges = tuple[NDArray[np.int64], NDArray[np.int64]]
@@ -27,28 +28,44 @@ ONE_MISSING, BOTH_MISSING = 2.0, 4.0
 
 
 def grown_as_phasetools(
-    wrapped: NDArray[np.float32], mask: NDArray[np.bool_], threshold: float
-) -> tuple[NDArray[np.float32], NDArray[np.int32]]:
-    """Return the phase in radians, and the part that each pixel belongs to.
+    wrapped: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    seen: Block,
+    block: Block,
+    threshold: float,
+) -> tuple[Contracted, NDArray[np.int32], NDArray[np.int32]]:
+    """Join the pixels of a block, whose edges join no times; returns what `contracted` does.
 
     Parameters
     ----------
     wrapped : ndarray of shape (time, angle, y, x)
-        Wrapped phase in radians.
+        Wrapped phase in radians of the frames of ``seen``.
     mask : ndarray of bool, same shape
         Pixels to join.
+    seen, block : Block
+        The frames that are given: those of the block with one more at least at either end, where
+        there are any.
     threshold : float
         Step in radians beyond which a turn is added.
     """
+    own = block.of(seen)
+    unreliability = penalised_differences(wrapped, mask)[own].ravel()
+    wrapped, mask = wrapped[own], mask[own]
     phase = np.mod(wrapped, np.float32(TURN))
-    unreliability = penalised_differences(wrapped, mask).ravel()
     first, second = memory_edges(mask)
-    steps = jumps(phase.ravel()[first], phase.ravel()[second], threshold)
+    change = phase.ravel()[second].astype(np.float64) - phase.ravel()[first]
+    steps = (change < -threshold).astype(np.int32) - (change > threshold)
     # Infinite where a pixel has no neighbour; such a step is taken last.
     cost = unreliability[first] + unreliability[second]
     parts, turns, _ = grow_list(first, second, steps, cost, phase.size, overwrite=True)
-    unwrapped = phase + np.float32(TURN) * turns.reshape(phase.shape)
-    return unwrapped, parts.reshape(phase.shape)
+    lifted = np.round((phase - wrapped) / np.float32(TURN)).astype(np.int32)
+    return closed(block, lifted + turns.reshape(mask.shape), parts.reshape(mask.shape), mask)
+
+
+def times_touch(shape: tuple[int, ...]) -> bool:
+    """Say whether some edges may join pixels of different times, in frames of very few pixels."""
+    _, depth, height, width = (n + 2 for n in shape)
+    return depth > 2 * height * width
 
 
 def penalised_differences(

@@ -22,6 +22,14 @@ OWN = "This project"
 OF_A_BLOCK, OF_REGIONS, OF_SCRATCH = 300, 2.0, 16
 #: Memory of DE for each pixel of a block: what is carried is in double precision.
 OF_DILATING = 80
+#: Memory of Flow for each pixel of a block, in bytes; on disk the phase again, the turns and costs
+#: of steps, and the turns of pixels.
+OF_FLOWS, OF_STEPS = 160, 30
+#: Memory of LBE for each pixel of a block, in bytes; on disk what is transformed.
+OF_TRANSFORMS, OF_SPECTRA = 60, 26
+#: Memory of RG and 3-D for each pixel of a block, in bytes; on disk group and turns of every
+#: pixel, and lists of groups.
+OF_GROWING, OF_GROUPS = 200, 20
 PAPER = "Dardikman, Singh & Shaked 2018, section 2"
 CHAIN_OPTIONS = (
     Option(
@@ -108,6 +116,9 @@ BUILT_IN: dict[str, Method] = {
             Option("rounded", False, "Add whole turns to the wrapped phase, the nearest to it."),
         ),
         working_stacks=8.0,
+        streams=True,
+        block_bytes=OF_TRANSFORMS,
+        scratch_bytes=OF_SPECTRA,
         name="Laplacian-based estimate",
     ),
     "region-growing": Method(
@@ -124,6 +135,9 @@ BUILT_IN: dict[str, Method] = {
             ),
         ),
         working_stacks=50.0,  # of "phasetools"; "textbook" takes 15,
+        streams=True,
+        block_bytes=OF_GROWING,
+        scratch_bytes=OF_GROUPS,
         name="region growing in 4-D",
     ),
     "dilate-erode": Method(
@@ -155,6 +169,9 @@ BUILT_IN: dict[str, Method] = {
         "Joins pixels over time, y and x for each angle, most reliable edges first.",
         volumes.spatial_3d,
         working_stacks=10.0,
+        streams=True,
+        block_bytes=OF_GROWING,
+        scratch_bytes=OF_GROUPS,
         name="reliability in time, y and x",
     ),
     "network-flow": Method(
@@ -163,6 +180,9 @@ BUILT_IN: dict[str, Method] = {
         "Fewest whole turns that close all loops: over time and angle, then in each frame.",
         network_flow,
         working_stacks=36.0,
+        streams=True,
+        block_bytes=OF_FLOWS,
+        scratch_bytes=OF_STEPS,
         name="network flow, time and angle first",
     ),
     "directional-growing": Method(

@@ -2,34 +2,56 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, watched
-from napari_phase4d.unwrapping.growing import grow_grid
-from napari_phase4d.unwrapping.phasetools import grown_as_phasetools
+from napari_phase4d.progress import (
+    CancelledCall,
+    ProgressCall,
+    Watch,
+    counting,
+    nothing,
+    watched,
+)
+from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.unwrapping.alone import with_turns
+from napari_phase4d.unwrapping.given import Given, working_blocks
+from napari_phase4d.unwrapping.growing import Contracted, Joining, contracted
+from napari_phase4d.unwrapping.phasetools import grown_as_phasetools, times_touch
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.spatial import add_turns
 
-__all__ = ["all_of", "region_growing", "spatial_3d", "with_levels"]
+__all__ = ["region_growing", "spatial_3d"]
 
 TURN = 2 * np.pi
-Stack = NDArray[np.float32]
+Phase = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-Parts = NDArray[np.int32] | None
+Whole = NDArray[np.int32]
+Turns = NDArray[np.int64]
+#: Part, turns that it is off, and how many pixels say so.
+Votes = NDArray[np.int64]
+#: Joins what is certain in a block, see `contracted`.
+Contracts = Callable[
+    [Phase, Mask, Block, Block, int, Callable[[], None]], tuple[Contracted, Whole, Whole]
+]
+
+ALL = slice(None)
+#: Frames before and after a block that its steps depend on.
+AROUND = 2
 
 
 def region_growing(
     problem: Problem,
+    result: Stack,
     progress: ProgressCall | None,
     cancelled: CancelledCall | None,
     *,
     variant: str = "textbook",
     rga_threshold: float = 3.14,
-) -> Stack:
+) -> list[Limits]:
     """Join pixels over time, angle, y and x, most reliable edges first (RG).
 
     The reliability sorting of Herraez et al. 2002 and Abdul-Rahman et al. 2007 in four dimensions,
@@ -40,6 +62,8 @@ def region_growing(
     ----------
     problem : Problem
         Any; the boundary frame's border gives the level.
+    result : Stack
+        Where the unwrapped phase goes.
     progress, cancelled : callable or None
         See `unwrap`.
     variant : str, optional
@@ -49,129 +73,334 @@ def region_growing(
         Only with "phasetools": step in radians beyond which a turn is added; published default
         3.14.
     """
-    watch = Watch(2, "region growing", progress, cancelled)
-    if variant == "textbook":
-        return grown(problem, slice(None), watch)
     if not 0 < rga_threshold < TURN:
         msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
         raise ValueError(msg)
-    unwrapped, parts = watched(
-        lambda: grown_as_phasetools(problem.wrapped, problem.mask, rga_threshold), watch
-    )
-    watch.step()
-    result = levelled(unwrapped, parts, problem, slice(None), watch)
-    watch.step()
-    return result
+    growing = Growing(problem, "region growing", progress, cancelled)
+    if variant == "textbook":
+        return growing.finish([growing.grown(ALL)], result)
+    whole = times_touch(problem.given.shape)
+    contract = AsPhasetools(rga_threshold)
+    return growing.finish([growing.grown(ALL, contract, in_blocks=not whole)], result)
 
 
 def spatial_3d(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Stack:
+    problem: Problem,
+    result: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> list[Limits]:
     """Join pixels over time, y and x for each angle by itself, most reliable edges first."""
-    n_angles = problem.wrapped.shape[1]
-    watch = Watch(2 * n_angles, "3-D reliability sorting", progress, cancelled)
-    result = np.empty_like(problem.wrapped)
-    for angle in range(n_angles):
-        one = slice(angle, angle + 1)
-        result[:, one] = grown(problem, one, watch)
-    return result
+    growing = Growing(problem, "3-D reliability sorting", progress, cancelled)
+    angles = range(problem.given.shape[1])
+    return growing.finish([growing.grown(slice(a, a + 1)) for a in angles], result)
 
 
-def grown(problem: Problem, angles: slice, watch: Watch) -> Stack:
-    """Unwrap the frames of some angles by region growing and level every part."""
-    wrapped, mask = problem.wrapped[:, angles], problem.mask[:, angles]
-    turns, parts = watched(lambda: grow_grid(wrapped, mask, check=watch.check), watch)
-    unwrapped = np.empty(wrapped.shape, dtype=np.float32)
-    add_turns(wrapped, turns, unwrapped)
-    del turns
-    watch.step()
-    result = levelled(unwrapped, parts, problem, angles, watch)
-    watch.step()
-    return result
-
-
-def levelled(
-    unwrapped: Stack, parts: Parts, problem: Problem, angles: slice, watch: Watch
-) -> Stack:
-    """Choose each part's open multiple of 2 pi.
-
-    The border of the frames is brought within half a turn of zero; round an object that was
-    found, the rim of its mask. Parts of any other mask take it from the two-dimensional
-    unwrapping, which looks at whole frames. The boundary frame decides for the parts in it.
-    """
-    mask = problem.mask[:, angles]
-    first = (problem.first[0], problem.first[1] - (angles.start or 0))
-    if problem.finds_mask or mask.all():
-        return with_levels(unwrapped, parts, None, mask, rim_of, first, watch)
-    reference = problem.spatial()[:, angles]
-    return with_levels(unwrapped, parts, reference, mask, all_of, first, watch)
-
-
-def with_levels(
-    unwrapped: Stack,
-    parts: Parts,
-    reference: Stack | None,
-    mask: Mask,
-    asked: Callable[[Mask], Mask],
-    first: tuple[int, int],
-    watch: Watch,
-) -> Stack:
-    """Add to each part the whole turns that bring it nearest to a reference.
+@dataclass(frozen=True)
+class AsPhasetools:
+    """Joins a block as PhaseTools does.
 
     Parameters
     ----------
-    unwrapped : ndarray of shape (time, angle, y, x)
-        Phase in radians, whose parts each have an open multiple of 2 pi.
-    parts : ndarray of int, same shape, or None
-        Number of the part that each pixel belongs to; None if all are one.
-    reference : ndarray, same shape, or None
-        Phase in radians; None for zero.
-    mask : ndarray of bool, same shape
-        Pixels that count; the others are 0 in the result.
-    asked : callable
-        Returns the pixels of some frames' mask that are asked: those of the boundary frame, else
-        those of its time, else all of them. A part that has none of them asks all its pixels.
-    first : tuple of int
-        The boundary frame (time, angle); it may lie outside.
-    watch : Watch
-        Stops the work.
+    threshold : float
+        Step in radians beyond which a turn is added.
     """
-    labels = None if parts is None else numbered_inside(parts, mask)
-    turns = np.full(2 if labels is None else int(labels.max()) + 1, np.nan)
-    turns[0] = 0  # outside the mask
-    t, a = slice(first[0], first[0] + 1), slice(max(first[1], 0), max(first[1] + 1, 0))
-    for frames, places_of in (((t, a), asked), ((t,), asked), ((), asked), ((), all_of)):
-        if np.isfinite(turns).all():
-            break
+
+    threshold: float
+
+    def __call__(
+        self,
+        wrapped: Phase,
+        mask: Mask,
+        seen: Block,
+        block: Block,
+        n_times: int,
+        check: Callable[[], None],
+    ) -> tuple[Contracted, Whole, Whole]:
+        """Do a block, see `contracted`."""
+        return grown_as_phasetools(wrapped, mask, seen, block, self.threshold)
+
+
+class Growing:
+    """Region growing of a problem, block by block; what is in memory is one block.
+
+    Parameters
+    ----------
+    problem : Problem
+        What to unwrap.
+    message : str
+        What is being done.
+    progress, cancelled : callable or None
+        See `unwrap`.
+    """
+
+    def __init__(
+        self,
+        problem: Problem,
+        message: str,
+        progress: ProgressCall | None,
+        cancelled: CancelledCall | None,
+    ) -> None:
+        self._problem = problem
+        self._message = message
+        self._calls = progress, cancelled
+        self._mask = problem.counted(progress, cancelled)
+        store, shape = problem.store, problem.given.shape
+        self._groups = store.temporary("grown", shape, "int32")
+        self._turns = store.temporary("grown turns", shape, "int32")
+
+    def grown(
+        self, angles: slice, contract: Contracts = contracted, *, in_blocks: bool | None = None
+    ) -> Grown:
+        """Join the frames of some angles.
+
+        Parameters
+        ----------
+        angles : slice
+            Which.
+        contract : callable, optional
+            Joins what is certain in a block.
+        in_blocks : bool, optional
+            Whether to go block by block; default: where the problem is not held in memory.
+        """
+        problem, shape = self._problem, self._problem.given.shape
+        in_blocks = not problem.held if in_blocks is None else in_blocks
+        blocks = working_blocks(shape) if in_blocks else [Block(0, shape[0])]
+        work = ContractBlock(
+            problem.given, self._mask, self._groups, self._turns, angles, contract
+        )
+        progress, cancelled = self._calls
+        times = counting(progress, len(blocks[0]), shape[0])
+        watch = Watch(len(blocks), self._message, times, cancelled)
+        first, last, _ = angles.indices(shape[1])
+        joining = Joining((last - first) * shape[2] * shape[3], problem.store, f"grown {first}")
+        for found in self._each(work, blocks, watch):
+            end = Block(found.block.stop - 1, found.block.stop)
+            joining.add(
+                found, self._groups.read(end, angles), self._turns.read(end, angles), watch.check
+            )
+        parts = joining.finished()
+        return Grown(
+            angles, len(blocks[0]), tuple(parts), joining.n_parts, self._groups, self._turns
+        )
+
+    def _each(
+        self, work: ContractBlock, blocks: list[Block], watch: Watch
+    ) -> Iterator[Contracted]:
+        """Do all blocks; a large one looks up by itself whether to stop."""
+        if len(blocks) > 1:
+            yield from self._problem.on_workers(work, blocks, watch)
+        else:
+            yield watched(lambda: work(blocks[0], watch.check), watch)
+            watch.step()
+
+    def finish(self, grown: list[Grown], result: Stack) -> list[Limits]:
+        """Choose each part's open multiple of 2 pi, and write the result.
+
+        The border of the frames is brought within half a turn of zero; round an object that was
+        found, the rim of its mask. Parts of any other mask take it from the two-dimensional
+        unwrapping, which looks at whole frames. The boundary frame decides for the parts in it,
+        then its time, then all frames.
+        """
+        problem, (progress, cancelled) = self._problem, self._calls
+        by_frames = not problem.finds_mask and not problem.all_usable
+        flat = problem.alone(progress, cancelled).turns if by_frames else None
+        levels = [np.zeros(of.n_parts, dtype=np.int64) for of in grown]
+        known = [np.zeros(of.n_parts, dtype=bool) for of in grown]
+        time, angle = problem.first
+        watch = Watch(1, self._message, progress, cancelled)
+        look = VoteBlock(problem.given, self._mask, grown, flat, known, angle)
+        settle(levels, known, [look(Block(time, time + 1))])
         watch.check()
-        places = places_of(mask[frames])
-        height = -unwrapped[frames][places]
-        if reference is not None:
-            height += reference[frames][places]
-        of_part = np.ones(height.shape, dtype=int) if labels is None else labels[frames][places]
-        found = np.flatnonzero(np.isnan(turns) & (np.bincount(of_part, minlength=len(turns)) > 0))
-        if len(found):
-            turns[found] = np.round(np.asarray(ndimage.median(height, of_part, found)) / TURN)
-    lift = (np.float32(TURN) * turns).astype(np.float32)
-    result = unwrapped + (lift[1] if labels is None else lift[labels])
-    if not mask.all():
-        result[~mask] = 0
-    return result
+        if not all(each.all() for each in known):
+            look = VoteBlock(problem.given, self._mask, grown, flat, known)
+            votes = problem.each(look, "placing loose parts", progress, cancelled)
+            settle(levels, known, votes)
+        write = WriteBlock(problem.given, self._mask, grown, levels, result)
+        return problem.each(write, "writing", progress, cancelled)
 
 
-def numbered_inside(parts: NDArray[np.int32], mask: Mask) -> NDArray[np.int32]:
-    """Give the parts inside a mask numbers from 1, without gaps; 0 outside."""
-    present = np.zeros(int(parts.max()) + 1, dtype=bool)
-    present[parts[mask]] = True
-    number = np.cumsum(present, dtype=np.int32)
-    labels: NDArray[np.int32] = number[parts]
-    labels[~mask] = 0
-    return labels
+@dataclass(frozen=True)
+class ContractBlock:
+    """Joins what is certain in a block.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    mask : Stack
+        Pixels to join.
+    groups, turns : Stack
+        Where the group of every pixel goes, and its turns relative to that.
+    angles : slice
+        Which views.
+    contract : callable
+        What joins.
+    """
+
+    given: Given
+    mask: Stack
+    groups: Stack
+    turns: Stack
+    angles: slice
+    contract: Contracts
+
+    def __call__(self, block: Block, check: Callable[[], None] = nothing) -> Contracted:
+        """Do a block; return what is left of it. ``check`` may raise to stop."""
+        n_times = self.given.shape[0]
+        seen = block.wider(AROUND, AROUND, n_times)
+        wrapped, _ = self.given.read(seen, self.angles)
+        mask = self.mask.read(seen, self.angles)
+        found, groups, turns = self.contract(wrapped, mask, seen, block, n_times, check)
+        self.groups.write(block, groups, self.angles)
+        self.turns.write(block, turns, self.angles)
+        return found
 
 
-def all_of(mask: Mask) -> Mask:
-    """Return the mask itself."""
-    return mask
+@dataclass(frozen=True)
+class Grown:
+    """The parts that the frames of some angles have been joined to.
+
+    Parameters
+    ----------
+    angles : slice
+        Which.
+    frames : int
+        Frames of each block that was joined, but the last.
+    parts : tuple of Stack
+        Part of every group of each block, and its turns, see `Joining.finished`.
+    n_parts : int
+        How many parts there are.
+    groups, turns : Stack
+        Group of every pixel, and its turns relative to that.
+    """
+
+    angles: slice
+    frames: int
+    parts: tuple[Stack, ...]
+    n_parts: int
+    groups: Stack
+    turns: Stack
+
+    def read(self, block: Block) -> tuple[Whole, Whole]:
+        """Return part and turns of every pixel of a block; part -1 outside the mask."""
+        found = [
+            (np.append(part, np.int32(-1))[group], np.append(more, np.int32(0))[group] + turns)
+            for group, turns, part, more in self._pieces(block)
+        ]
+        parts, turns = zip(*found, strict=True)
+        return np.concatenate(parts), np.concatenate(turns)
+
+    def lifted(self, block: Block, level: Turns) -> Whole:
+        """Return the turns of every pixel of a block with those of its part; any outside."""
+        found = []
+        for group, turns, part, more in self._pieces(block):
+            own = more + level[part].astype(np.int32)
+            found.append(turns + (own if len(own) == 1 else np.append(own, np.int32(0))[group]))
+        return found[0] if len(found) == 1 else np.concatenate(found)
+
+    def _pieces(self, block: Block) -> Iterator[tuple[Whole, Whole, Whole, Whole]]:
+        """Yield groups and turns of a block as it was joined; part and turns of each group."""
+        for number in range(block.start // self.frames, -(-block.stop // self.frames)):
+            start = max(block.start, number * self.frames)
+            some = Block(start, min(block.stop, (number + 1) * self.frames))
+            part, more = self.parts[number].read(Block(0, 2))[:, 0, 0]
+            yield (
+                self.groups.read(some, self.angles),
+                self.turns.read(some, self.angles),
+                part,
+                more,
+            )
+
+
+# ---- the open multiple of 2 pi of every part --------------------------------------------------
+
+
+@dataclass(frozen=True)
+class VoteBlock:
+    """Looks how many turns parts are off a reference.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    mask : Stack
+        Pixels that count.
+    grown : list of Grown
+        The parts.
+    flat : Stack or None
+        Turns of each frame unwrapped by itself, where that is the reference and all pixels of the
+        mask are asked; else it is zero, and the rim of the mask is asked.
+    known : list of ndarray of bool
+        Parts that are not asked any more.
+    angle : int, optional
+        View of the boundary frame, at its time: that frame is asked first, then all views.
+        Default: the rim, then all pixels.
+    """
+
+    given: Given
+    mask: Stack
+    grown: list[Grown]
+    flat: Stack | None
+    known: list[Mask]
+    angle: int | None = None
+
+    def __call__(self, block: Block) -> list[tuple[Votes, Votes]]:
+        """Do a block; return for each angle or all what is asked first, and then."""
+        mask = self.mask.read(block)
+        if self.flat is None:
+            wrapped, _ = self.given.read(block)
+            off, rim = -np.round(wrapped / np.float32(TURN)).astype(np.int32), rim_of(mask)
+        else:
+            off, rim = self.flat.read(block).astype(np.int32), mask
+        before, after = rim, mask
+        if self.angle is not None:
+            before, after = np.zeros_like(rim), rim
+            before[:, self.angle] = rim[:, self.angle]
+        found = []
+        for of, known in zip(self.grown, self.known, strict=True):
+            part, turns = of.read(block)
+            asked = (part >= 0) & ~np.append(known, True)[part]
+            both = (before[:, of.angles] & asked, after[:, of.angles] & asked)
+            off_here = off[:, of.angles] - turns
+            first, then = (votes(part[some], off_here[some]) for some in both)
+            found.append((first, then))
+        return found
+
+
+def votes(part: Whole, off: Whole) -> Votes:
+    """Count which parts are how many turns off, shape (kinds, 3)."""
+    if not len(part):
+        return np.zeros((0, 3), dtype=np.int64)
+    least = int(off.min())
+    width = int(off.max()) - least + 1
+    kinds, counts = np.unique(part.astype(np.int64) * width + (off - least), return_counts=True)
+    return np.stack([kinds // width, kinds % width + least, counts], axis=1)
+
+
+def settle(levels: list[Turns], known: list[Mask], votes: list[list[tuple[Votes, Votes]]]) -> None:
+    """Give parts the median of the turns that they are said to be off, in place."""
+    for number, (level, there) in enumerate(zip(levels, known, strict=True)):
+        for kind in (0, 1):
+            said = np.concatenate([of_block[number][kind] for of_block in votes])
+            said = said[~there[said[:, 0]]]
+            if len(said):
+                parts, medians = medians_of(said)
+                level[parts], there[parts] = medians, True
+
+
+def medians_of(said: Votes) -> tuple[Turns, Turns]:
+    """Return parts, and the median of the turns of each, half ones rounded to even."""
+    said = said[np.lexsort((said[:, 1], said[:, 0]))]
+    parts, start = np.unique(said[:, 0], return_index=True)
+    until = np.cumsum(said[:, 2])
+    ends = np.append(start[1:], len(said)) - 1
+    before = until[start] - said[start, 2]
+    count = until[ends] - before
+    low, high = (
+        np.searchsorted(until, before + k, "right") for k in ((count - 1) // 2, count // 2)
+    )
+    return parts, np.round((said[low, 1] + said[high, 1]) / 2).astype(np.int64)
 
 
 def rim_of(mask: Mask) -> Mask:
@@ -180,3 +409,39 @@ def rim_of(mask: Mask) -> Mask:
     inner = ndimage.binary_erosion(mask, cross, border_value=0)
     rim: Mask = mask & ~inner
     return rim
+
+
+@dataclass(frozen=True)
+class WriteBlock:
+    """Writes the unwrapped phase.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    mask : Stack
+        Pixels to unwrap; 0 elsewhere.
+    grown : list of Grown
+        The parts.
+    levels : list of ndarray of int
+        Turns of each part.
+    result : Stack
+        Where it goes.
+    """
+
+    given: Given
+    mask: Stack
+    grown: list[Grown]
+    levels: list[Turns]
+    result: Stack
+
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest phase."""
+        wrapped, usable = self.given.read(block)
+        turns = np.zeros(wrapped.shape, dtype=np.int32)
+        for of, level in zip(self.grown, self.levels, strict=True):
+            turns[:, of.angles] = of.lifted(block, level)
+        unwrapped = with_turns(wrapped, turns, self.mask.read(block))
+        unwrapped = self.given.without_lost(unwrapped, usable)
+        self.result.write(block, unwrapped)
+        return limits_of(unwrapped)

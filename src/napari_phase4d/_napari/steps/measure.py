@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QFileDialog
 
+from napari_phase4d._napari.jobs import sentence_of
+from napari_phase4d._napari.latest import Latest
 from napari_phase4d._napari.preferences import own_optics
 from napari_phase4d._napari.session import (
     Masks,
@@ -32,7 +34,7 @@ from napari_phase4d._napari.viewing.pointing import (
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d._napari.widgets.section import split
-from napari_phase4d.analysis import most_trusted, traces_of
+from napari_phase4d.analysis import Traces, most_trusted, traces_of
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import named_results
 from napari_phase4d.progress import CancelledCall, ProgressCall
@@ -156,6 +158,9 @@ class TracePart(Step):
         )
         self.column.addLayout(self.row(self.draw, self.follow))
         self._mask: NDArray[np.bool_] | None = None
+        #: Reads results on disk; what was read last, and of what.
+        self._reading = Latest(self)
+        self._read: tuple[Any, Traces] | None = None
         self._timer = QTimer(self)
         self._timer.setSingleShot(True)
         self._timer.setInterval(EVERY_MS)
@@ -195,7 +200,8 @@ class TracePart(Step):
         self._start()
 
     def _forget(self) -> None:
-        self._mask = self._pixel = None
+        self._mask = self._pixel = self._read = None
+        self._reading.drop()
         self._start()
 
     def _start(self) -> None:
@@ -211,13 +217,40 @@ class TracePart(Step):
         if outcome is None or where is None:
             self.plot.message("Move the mouse over a result, or draw a region.")
             return
-        if self.session.place is not None:
-            self.plot.message("These results lie on disk; Measure gives curves of a region.")
-            return
         stacks = named_results(outcome.comparison, self.session.truth)
-        found = traces_of(stacks, self.presenter.current_frame(), where)
+        frame = self.presenter.current_frame()
+        if all(stack.chunks is None for stack in stacks.values()):
+            self._draw(traces_of(stacks, frame, where))
+            return
+        # Over time it is the same whatever the time on screen is: that is not read again.
+        place = where.tobytes() if isinstance(where, np.ndarray) else where
+        about = (id(outcome), tuple(stacks), place, frame[1])
+        if self._known(about) is None:
+            self.plot.message("Reading the results from disk…")
+
+        def work(cancelled: CancelledCall) -> Traces:
+            known = self._known(about)
+            return traces_of(stacks, frame, where, known=known, cancelled=cancelled)
+
+        def then(found: Traces) -> None:
+            self._read = (about, found)
+            self._draw(found)
+
+        self._reading.ask(work, then, self._say, about)
+
+    def _known(self, about: Any) -> Traces | None:
+        """Return what was read last, if it was about the same."""
+        read = self._read
+        return read[1] if read is not None and read[0] == about else None
+
+    def _say(self, error: Exception) -> None:
+        """Say what went wrong where the curves would be."""
+        self.plot.message(sentence_of(error))
+
+    def _draw(self, found: Traces) -> None:
+        """Draw curves."""
         time, angle = found.frame
-        place = "mean of the region" if self._mask is not None else f"pixel {where}"
+        place = "mean of the region" if self._mask is not None else f"pixel {self._pixel}"
         panels = [
             Panel(
                 found.times_s,

@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.compiling import can_compile, compiled
-from napari_phase4d.unwrapping.growing import plain
+from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.growing.rows import (
     BORDER,
     Floats,
@@ -242,13 +241,8 @@ def second_differences(
     ends = np.array([axis in bounded for axis in range(3)])
     scaled = sum(n > 1 for n in shape) > 2
     point = work.array("point", rows.shape, np.float64)
-    if can_compile():
-        inside = NO_MASK if mask is None else mask.reshape(rows.shape)
-        unreliability_of_rows(rows, inside, shape, pairs, ends, scaled, point)
-    else:
-        inside = np.ones(shape, dtype=bool) if mask is None else mask.reshape(shape)
-        of_grid = plain.unreliability(rows.reshape(shape), inside, pairs, ends, scaled=scaled)
-        point[:] = of_grid.reshape(rows.shape)
+    inside = NO_MASK if mask is None else mask.reshape(rows.shape)
+    unreliability_of_rows(rows, inside, shape, pairs, ends, scaled, point)
     return Costs(shape, point)
 
 

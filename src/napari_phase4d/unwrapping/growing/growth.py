@@ -1,4 +1,4 @@
-"""Growing regions on grids and on lists of steps, compiled or not.
+"""Growing regions on grids and on lists of steps.
 
 On a grid it is reliability sorting without sorting.
 
@@ -23,9 +23,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import can_compile
 from napari_phase4d.progress import nothing
-from napari_phase4d.unwrapping.growing import plain
 from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
 from napari_phase4d.unwrapping.growing.merging import (
     count_between,
@@ -46,7 +44,18 @@ from napari_phase4d.unwrapping.growing.rows import (
     residue_limit,
 )
 
-__all__ = ["CostsOf", "grow_grid", "grow_list", "grow_through_residues", "smooth_turns"]
+__all__ = [
+    "HALF",
+    "MANY_LEFT",
+    "CostsOf",
+    "cheaper_cost",
+    "check_size",
+    "grow_grid",
+    "grow_list",
+    "grow_through_residues",
+    "smooth_turns",
+    "steps_between",
+]
 
 #: Pixels and steps are numbered with 32 bits.
 LARGEST = 2**31 - 1
@@ -113,10 +122,7 @@ def grow_through_residues(
     costs = costs_of(wrapped, mask, work)
     check()
     rows = wrapped.reshape(-1, wrapped.shape[-1])
-    if can_compile():
-        turns, parts = grown_turns(rows, costs, work, check)
-    else:
-        turns, parts = plain.grown_grid(rows, *costs.arguments)
+    turns, parts = grown_turns(rows, costs, work, check)
     if parts is not None:
         parts = parts.reshape(wrapped.shape)
     return turns.reshape(wrapped.shape), parts
@@ -139,8 +145,6 @@ def smooth_turns(wrapped: Phase, work: Workspace) -> Whole | None:
     work : Workspace
         Memory to work in; the result lies in it until it is used again.
     """
-    if not can_compile():
-        return plain.integrated(wrapped)
     shape = full_shape(wrapped.shape)
     rows = np.require(wrapped, np.float32, ["C", "W"]).reshape(-1, shape[3])
     turns: Whole = work.array("turns", rows.shape, np.int32)
@@ -184,14 +188,12 @@ def grow_list(
         Number of parts.
     """
     check_size(len(cost))
-    if can_compile():
-        copy = None if overwrite else True
-        a, b, turns = (
-            np.array(column, dtype=np.int32, copy=copy) for column in (first, second, steps)
-        )
-        costs = np.array(cost, dtype=np.float64, copy=copy)
-        return join_cheapest(a, b, turns, costs, n, check)
-    return plain.joined_list(first, second, steps, cost, n)
+    copy = None if overwrite else True
+    a, b, turns = (
+        np.array(column, dtype=np.int32, copy=copy) for column in (first, second, steps)
+    )
+    costs = np.array(cost, dtype=np.float64, copy=copy)
+    return join_cheapest(a, b, turns, costs, n, check)
 
 
 #: Half a turn: the largest step between neighbours, in radians.
@@ -236,7 +238,7 @@ def grown_turns(
     group = work.array("group", wrapped.shape, np.int32)
     turns = work.array("turns", wrapped.shape, np.int32)
     n = joined_at_once(wrapped, costs, group, turns, work, check)
-    left = count_between(*costs.arguments, np.inf, group)
+    left = count_between(*costs.arguments, np.inf, group, 0)
     several = left > MANY_LEFT * group.size
     for below in (cheaper_cost(costs), np.inf) if several else (np.inf,):
         check()
@@ -265,7 +267,7 @@ def joined_at_once(
         trusted = limit if attempt < MOST_TRIES and limit > 0 else 0.0
         if trusted:
             mark_cheap(*costs.arguments, trusted, marks)
-        mark_cheapest_of_each(*costs.arguments, trusted, marks)
+        mark_cheapest_of_each(*costs.arguments, trusted, marks, 0, len(marks))
         count = joined(wrapped, costs.shape, HALF, marks, group, turns)
         if count >= 0:
             break
@@ -283,14 +285,30 @@ def cheaper_cost(costs: Costs) -> float:
 
 
 def steps_between(
-    wrapped: Phase, costs: Costs, below: float, group: Whole, turns: Whole, work: Workspace
+    wrapped: Phase,
+    costs: Costs,
+    below: float,
+    group: Whole,
+    turns: Whole,
+    work: Workspace,
+    start: int = 0,
 ) -> tuple[Whole, Whole, Whole, Floats]:
-    """List the steps between groups that cost less than ``below``."""
-    n = (count_between(*costs.arguments, below, group),)
+    """List the steps between groups that cost less than ``below``, to the rows from a start on."""
+    n = (count_between(*costs.arguments, below, group, start),)
     first, second = work.array("first", n, np.int32), work.array("second", n, np.int32)
     between, cost = work.array("between", n, np.int32), work.array("cost", n, np.float64)
     if n[0]:
         list_between(
-            wrapped, HALF, *costs.arguments, below, group, turns, first, second, between, cost
+            wrapped,
+            HALF,
+            *costs.arguments,
+            below,
+            group,
+            turns,
+            start,
+            first,
+            second,
+            between,
+            cost,
         )
     return first, second, between, cost

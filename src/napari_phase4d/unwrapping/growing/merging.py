@@ -35,9 +35,14 @@ from napari_phase4d.unwrapping.growing.rows import (
 )
 
 __all__ = [
+    "among_all",
+    "cheapest_steps",
     "count_between",
+    "join_along",
     "join_cheapest",
     "joined",
+    "keep_between",
+    "leave_out_alone",
     "list_between",
     "mark_cheap",
     "mark_cheapest_of_each",
@@ -100,17 +105,25 @@ def mark_first_of_squares(costs: Floats, limit: float, bit: np.uint8, marks: Mar
 
 @compiled
 def mark_cheapest_of_each(
-    point: Floats, steps: Floats, shape: Shape, limit: float, marks: Marks
+    point: Floats,
+    steps: Floats,
+    shape: Shape,
+    limit: float,
+    marks: Marks,
+    start: int,
+    stop: int,
 ) -> None:
     """Mark the cheapest step of every pixel whose steps all cost no less than a limit.
 
     Of equal ones it is the first in the order of the grid. The tree of cheapest steps holds all
-    of them (the first round of Boruvka 1926). Parameters as of `mark_cheap`.
+    of them (the first round of Boruvka 1926). Only pixels of the rows from ``start`` to before
+    ``stop`` are asked, and steps that lead out of these are not marked. Other parameters as of
+    `mark_cheap`.
     """
     nx = shape[3]
     costs, best = np.empty(nx), np.empty(nx)
     which = np.empty(nx, dtype=np.uint8)
-    for row in range(len(marks)):
+    for row in range(start, stop):
         best[:] = np.inf
         which[:] = 255
         for axis in range(3):
@@ -130,9 +143,10 @@ def mark_cheapest_of_each(
             which[x] = which[x] if best[x] >= limit else np.uint8(255)
         for axis in range(3):
             before = row_before(row, axis, shape)
-            if before >= 0:
+            if before >= start:
                 mark_where(which, np.uint8(axis), np.uint8(1 << axis), marks[before])
-            mark_where(which, np.uint8(5 + axis), np.uint8(1 << axis), marks[row])
+            if row_after(row, axis, shape) < stop:
+                mark_where(which, np.uint8(5 + axis), np.uint8(1 << axis), marks[row])
         mark_where(which[1:], np.uint8(3), ALONG_X, marks[row, :-1])
         mark_where(which, np.uint8(4), ALONG_X, marks[row])
 
@@ -281,11 +295,16 @@ def runs(here: Phase, half: float, marks: Marks, start: int, parent: Whole, turn
 
 
 @compiled
-def count_between(point: Floats, steps: Floats, shape: Shape, below: float, group: Whole) -> int:
-    """Return how many steps of a grid that cost less than ``below`` lie between two groups."""
+def count_between(
+    point: Floats, steps: Floats, shape: Shape, below: float, group: Whole, start: int
+) -> int:
+    """Return how many steps of a grid that cost less than ``below`` lie between two groups.
+
+    Steps to the rows before ``start`` are left out, unless they lead on from there.
+    """
     costs = np.empty(shape[3])
     count = 0
-    for row in range(len(group)):
+    for row in range(start, len(group)):
         here = group[row]
         costs_along(point, steps, row, costs[:-1])
         count += differing(here[:-1], here[1:], costs, below)
@@ -316,6 +335,7 @@ def list_between(
     below: float,
     group: Whole,
     turns: Whole,
+    start: int,
     first: Whole,
     second: Whole,
     between: Whole,
@@ -331,6 +351,8 @@ def list_between(
         Steps of this cost and more are left out.
     group, turns : ndarray of int32, shape (rows, nx)
         Group of every pixel, and its turns relative to that.
+    start : int
+        The first row to which steps are listed.
     first, second, between, cost : ndarray
         Where the groups, the turns between them and the costs go, as many as `count_between`
         says.
@@ -338,7 +360,7 @@ def list_between(
     nx = shape[3]
     costs, places = np.empty(nx), np.empty(nx, dtype=np.int32)
     listed = 0
-    for row in range(len(wrapped)):
+    for row in range(start, len(wrapped)):
         for axis in range(4):
             dx = int(axis == 3)  # along x, a row is compared with itself one pixel further
             before = row if dx else row_before(row, axis, shape)

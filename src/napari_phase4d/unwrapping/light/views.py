@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Stack, Store
+from napari_phase4d.stack import Block, Stack, Store, Temporary
 
 __all__ = ["Named", "Together", "ViewsOf", "frames_among", "views_by_light"]
 
@@ -139,6 +139,6 @@ class Named:
     store: Store
     word: str
 
-    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Stack:
+    def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Temporary:
         """Return a new stack of zeros."""
         return self.store.temporary(f"{self.word}_{name}", shape, dtype)
