@@ -19,13 +19,13 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, nothing
-from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of
+from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of, room_in
 from napari_phase4d.unwrapping.alone import (
-    Alone,
     Framewise,
     Mask,
     Phase,
     Turns,
+    finished_phase,
     lifted_turns,
     with_turns,
 )
@@ -80,8 +80,11 @@ class Chained(Framewise, Protocol):
     def boundaries(self) -> list[Boundary]:
         """The thin frames (time, angle)."""
 
-    def alone(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Alone:
-        """Return all frames unwrapped one by one (step 1)."""
+    def alone(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Stack:
+        """Return the turns of all frames unwrapped one by one (step 1)."""
+
+    def counted(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Stack:
+        """Return the pixels to unwrap."""
 
     def shifts(
         self, progress: ProgressCall | None, cancelled: CancelledCall | None
@@ -119,11 +122,10 @@ def spatial_2d(
     list of (float, float)
         Smallest and largest phase of every block, radians.
     """
-    alone = problem.alone(progress, cancelled)
-    turns = alone.turns
+    turns, mask = problem.alone(progress, cancelled), problem.counted(progress, cancelled)
     if reliability != "herraez":
-        turns = lifted_turns(problem, alone.mask, coherence, progress, cancelled)
-    finish = FinishBlock(problem.given, turns, alone.mask, result)
+        turns = lifted_turns(problem, mask, coherence, progress, cancelled)
+    finish = FinishBlock(problem.given, turns, mask, result)
     return problem.each(finish, "writing", progress, cancelled)
 
 
@@ -138,13 +140,12 @@ def chained(
     split: bool = True,
 ) -> list[Limits]:
     """Apply the building block along one dimension after the other (steps 3 and 4)."""
-    alone = problem.alone(progress, cancelled)
+    before, mask = problem.alone(progress, cancelled), problem.counted(progress, cancelled)
     shape = problem.given.shape
     shifts = np.zeros((*shape[:2], 2), dtype=np.intp)
     if registration:
         shifts = problem.shifts(progress, cancelled)
-    chain = Chain(problem.given, alone.mask, shifts, problem.boundaries, split)
-    before = alone.turns
+    chain = Chain(problem.given, mask, shifts, problem.boundaries, split)
     for dim in order:
         message = f"unwrapping along {dim}"
         after = problem.store.temporary(f"along_{dim}", shape, "int16")
@@ -153,7 +154,7 @@ def chained(
         else:
             along_time(chain, before, after, Watch(shape[1], message, progress, cancelled))
         before = after
-    finish = FinishBlock(problem.given, before, alone.mask, result)
+    finish = FinishBlock(problem.given, before, mask, result)
     return problem.each(finish, "writing", progress, cancelled)
 
 
@@ -382,10 +383,13 @@ class FinishBlock:
     def __call__(self, block: Block) -> Limits:
         """Do a block; return its smallest and largest phase."""
         wrapped, usable = self.given.read(block)
-        unwrapped = with_turns(wrapped, self.turns.read(block), self.mask.read(block))
-        unwrapped = self.given.without_lost(unwrapped, usable)
+        unwrapped = room_in(self.result, block, np.float32)
+        turns, mask = self.turns.read(block), self.mask.read(block)
+        limits = finished_phase(wrapped, turns, mask, unwrapped)
+        if self.given.usable is None and not usable.all():
+            limits = limits_of(self.given.without_lost(unwrapped, usable))
         self.result.write(block, unwrapped)
-        return limits_of(unwrapped)
+        return limits
 
 
 # ---- the building block ----------------------------------------------------------------------
