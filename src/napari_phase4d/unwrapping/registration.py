@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import Watch
 
 __all__ = ["centre", "centre_of_mass_shifts", "likeness", "moved", "next_shift", "rolled"]
@@ -114,13 +115,29 @@ def next_shift(
 
 def centre(mask: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the centre of mass of a mask, NaN if it is empty or all of the frame."""
-    if not mask.any() or mask.all():
+    count, rows, columns = moments(np.require(mask, np.bool_, ["C", "W"]))
+    if count in (0, mask.size):
         return (np.nan, np.nan)
-    rows, columns = mask.sum(axis=1), mask.sum(axis=0)
-    return (
-        float(np.average(np.arange(len(rows)), weights=rows)),
-        float(np.average(np.arange(len(columns)), weights=columns)),
-    )
+    return (rows / count, columns / count)
+
+
+@compiled
+def moments(mask: NDArray[np.bool_]) -> tuple[int, int, int]:
+    """Return the number of pixels of a mask, and the sums of their rows and columns."""
+    height, width = mask.shape
+    in_column = np.zeros(width, np.int64)
+    count, rows, columns = 0, 0, 0
+    for y in range(height):
+        row, own = mask[y], 0
+        for x in range(width):
+            own += row[x]
+        for x in range(width):
+            in_column[x] += row[x]
+        count += own
+        rows += y * own
+    for x in range(width):
+        columns += x * in_column[x]
+    return count, rows, columns
 
 
 def likeness(
