@@ -31,6 +31,7 @@ __all__ = [
     "Phase",
     "Turns",
     "UnwrapBlock",
+    "as_loops_take",
     "each_alone",
     "finished_phase",
     "found_in",
@@ -302,14 +303,15 @@ class FindBlock:
             phase is smooth and not flat, where the object is to be found.
         """
         wrapped, usable = self.given.read(block)
-        unwrapped = with_turns(wrapped, self.turns.read(block), usable)
-        found = np.empty(wrapped.shape, dtype=bool)
+        turns, unwrapped = self.turns.read(block), np.empty(wrapped.shape[2:], np.float32)
+        found = room_in(self.found, block, np.bool_)
         centres = np.empty((*wrapped.shape[:2], 2))
         shares = np.zeros(wrapped.shape[:2])
         for frame in np.ndindex(*wrapped.shape[:2]):
-            found[frame] = object_mask(unwrapped[frame])
+            finished_phase(wrapped[frame], turns[frame], usable[frame], unwrapped)
+            found[frame] = object_mask(unwrapped)
             if self.finds_mask:
-                shares[frame] = smooth_share_left_out(unwrapped[frame], found[frame])
+                shares[frame] = smooth_share_left_out(unwrapped, found[frame])
                 found[frame] &= usable[frame]
             centres[frame] = centre(found[frame])
         self.found.write(block, found)

@@ -20,21 +20,24 @@ Doubles = NDArray[np.float64]
 
 #: Every so-manieth number is sorted to find about where a rank lies, and so many of these to
 #: either side of it are looked at closely.
-SAMPLE, MARGIN = 32, 24
+SAMPLE, MARGIN = 64, 24
 #: So many numbers are looked at together for whether any lies near.
 SOME = 64
 
 
-def gaussian(frame: Frame) -> Frame:
+def gaussian(frame: Frame, level: float = 0.0) -> Frame:
     """Return a frame smoothed as `scipy.ndimage.gaussian_filter` does with a sigma of one pixel.
 
     Parameters
     ----------
     frame : ndarray of float32, shape (y, x)
         What to smooth.
+    level : float, optional
+        What is taken off it before, in single precision. Default nothing.
     """
     out = np.empty_like(frame)
-    correlate_nine(np.require(frame, np.float32, ["C", "W"]), half_gaussian(), out)
+    frame = np.require(frame, np.float32, ["C", "W"])
+    correlate_nine(frame, np.float32(level), half_gaussian(), out)
     return out
 
 
@@ -140,7 +143,7 @@ def mirrored(place: int, n: int) -> int:
 
 
 @compiled
-def correlate_nine(frame: Frame, half: Doubles, out: Frame) -> None:
+def correlate_nine(frame: Frame, level: np.float32, half: Doubles, out: Frame) -> None:
     """Write a frame weighted along y, then along x, over nine pixels each.
 
     What is added when is SciPy's order: the middle, then pairs from the outermost inwards.
@@ -149,6 +152,8 @@ def correlate_nine(frame: Frame, half: Doubles, out: Frame) -> None:
     ----------
     frame : ndarray of float32, shape (y, x)
         What to weigh.
+    level : float
+        What is taken off it before.
     half : ndarray of float64, shape (5,)
         Weights from the middle on.
     out : ndarray of float32, shape (y, x)
@@ -156,37 +161,40 @@ def correlate_nine(frame: Frame, half: Doubles, out: Frame) -> None:
     """
     height, width = frame.shape
     w0, w1, w2, w3, w4 = half[0], half[1], half[2], half[3], half[4]
-    tall = np.empty((height + 8, width), np.float32)
-    for y in range(height + 8):
-        copy_row(frame[mirrored(y - 4, height)], tall[y])
-    wide = np.empty((height, width + 8), np.float32)
+    # The rows around; row y lies at (y + 4) % 9.
+    rows = np.empty((9, width), np.float64)
+    for y in range(-4, 4):
+        copy_row(frame[mirrored(y, height)], level, rows[y + 4])
+    line = np.empty((1, width + 8), np.float64)
     # Slices of rows would cost more than the sums.
     for y in range(height):
+        copy_row(frame[mirrored(y + 4, height)], level, rows[(y + 8) % 9])
+        r0, r1, r2, r3, r4 = y % 9, (y + 1) % 9, (y + 2) % 9, (y + 3) % 9, (y + 4) % 9
+        r5, r6, r7, r8 = (y + 5) % 9, (y + 6) % 9, (y + 7) % 9, (y + 8) % 9
         for x in range(width):
-            total = np.float64(tall[y + 4, x]) * w0
-            total += (np.float64(tall[y, x]) + np.float64(tall[y + 8, x])) * w4
-            total += (np.float64(tall[y + 1, x]) + np.float64(tall[y + 7, x])) * w3
-            total += (np.float64(tall[y + 2, x]) + np.float64(tall[y + 6, x])) * w2
-            total += (np.float64(tall[y + 3, x]) + np.float64(tall[y + 5, x])) * w1
-            wide[y, x + 4] = total
-    for y in range(height):
+            total = rows[r4, x] * w0
+            total += (rows[r0, x] + rows[r8, x]) * w4
+            total += (rows[r1, x] + rows[r7, x]) * w3
+            total += (rows[r2, x] + rows[r6, x]) * w2
+            total += (rows[r3, x] + rows[r5, x]) * w1
+            line[0, x + 4] = np.float32(total)
         for k in range(1, 5):
-            wide[y, 4 - k] = wide[y, 4 + mirrored(-k, width)]
-            wide[y, width + 3 + k] = wide[y, 4 + mirrored(width - 1 + k, width)]
+            line[0, 4 - k] = line[0, 4 + mirrored(-k, width)]
+            line[0, width + 3 + k] = line[0, 4 + mirrored(width - 1 + k, width)]
         for x in range(width):
-            total = np.float64(wide[y, x + 4]) * w0
-            total += (np.float64(wide[y, x]) + np.float64(wide[y, x + 8])) * w4
-            total += (np.float64(wide[y, x + 1]) + np.float64(wide[y, x + 7])) * w3
-            total += (np.float64(wide[y, x + 2]) + np.float64(wide[y, x + 6])) * w2
-            total += (np.float64(wide[y, x + 3]) + np.float64(wide[y, x + 5])) * w1
+            total = line[0, x + 4] * w0
+            total += (line[0, x] + line[0, x + 8]) * w4
+            total += (line[0, x + 1] + line[0, x + 7]) * w3
+            total += (line[0, x + 2] + line[0, x + 6]) * w2
+            total += (line[0, x + 3] + line[0, x + 5]) * w1
             out[y, x] = total
 
 
 @compiled
-def copy_row(row: Frame, out: Frame) -> None:
-    """Write a row."""
+def copy_row(row: Frame, level: np.float32, out: Doubles) -> None:
+    """Write a row above a level, in double precision."""
     for x in range(len(out)):
-        out[x] = row[x]
+        out[x] = np.float32(row[x] - level)
 
 
 @compiled

@@ -55,7 +55,8 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
     edge = border_values(unwrapped)
     level = float(np.median(edge))
     noise = 1.4826 * float(np.median(np.abs(edge - level)))
-    height = np.abs(gaussian(unwrapped - level))
+    height = gaussian(unwrapped, level)
+    np.abs(height, out=height)
     threshold = max(SHARE_OF_PEAK * float(upper_quantile(height, PEAK)), DEVIATIONS * noise, 1e-3)
     above: NDArray[np.bool_] = height > threshold
     top, bottom, left, right = extent(above, WIDEN + 1)

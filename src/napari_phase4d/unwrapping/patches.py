@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["extent", "fill_holes", "remove_specks", "widened"]
+__all__ = ["extent", "fill_holes", "keep_touching", "remove_specks", "shrink", "widened"]
 
 Mask = NDArray[np.bool_]
 #: Row, first and one after the last pixel of every run; its parent among them; the pixels of the
@@ -63,6 +63,64 @@ def remove_specks(mask: Mask, smallest: float) -> None:
     for k in range(count):
         if runs[SIZE, root_of(runs, k)] < smallest:
             mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = False
+
+
+@compiled
+def keep_touching(mask: Mask, edge: Mask, smallest: int) -> None:
+    """Keep patches of so many pixels that share some with an edge; leave the others out."""
+    runs, count = patches_of(mask, True)
+    runs[EDGE] = 0
+    for k in range(count):
+        row = edge[runs[ROW, k]]
+        for x in range(runs[START, k], runs[STOP, k]):
+            if row[x]:
+                runs[EDGE, root_of(runs, k)] = 1
+                break
+    for k in range(count):
+        root = root_of(runs, k)
+        if not runs[EDGE, root] or runs[SIZE, root] < smallest:
+            mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = False
+
+
+@compiled
+def shrink(mask: Mask, beyond: bool, square: bool, out: Mask) -> None:
+    """Write the pixels whose four neighbours are marked too, or all eight in a square.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (y, x)
+        What to shrink.
+    beyond : bool
+        What lies beyond the border.
+    square : bool
+        Whether diagonal neighbours count.
+    out : ndarray of bool, shape (y, x)
+        Where it goes.
+    """
+    height, width = mask.shape
+    nothing = np.full(width, beyond)
+    column = np.full(width + 2, beyond)
+    for y in range(height):
+        above = mask[y - 1] if y > 0 else nothing
+        below = mask[y + 1] if y < height - 1 else nothing
+        shrink_row(above, mask[y], below, column[1 : width + 1], square, out[y])
+        and_beside(column[:width], column[2:], out[y])
+
+
+@compiled
+def shrink_row(above: Mask, row: Mask, below: Mask, column: Mask, square: bool, out: Mask) -> None:
+    """Write what is marked in three rows."""
+    for x in range(len(out)):
+        out[x] = above[x] & row[x] & below[x]
+    for x in range(len(out)):
+        column[x] = out[x] if square else row[x]
+
+
+@compiled
+def and_beside(left: Mask, right: Mask, out: Mask) -> None:
+    """Keep what is marked to the left and to the right as well."""
+    for x in range(len(out)):
+        out[x] &= left[x] & right[x]
 
 
 @compiled

@@ -133,6 +133,16 @@ class Frames:
                 self._stand_in(seen, int(i), int(angle), int(times[i]))
         return seen
 
+    def read_free(self, block: Block) -> Mask:
+        """Return the object's pixels of some of the kept frames, as `read` does."""
+        times = self.kept[block.start : block.stop]
+        if self.lost[times].any():
+            return self.read(block).free
+        around = Block(int(times[0]), int(times[-1]) + 1)
+        _, usable = self.recorded.given.read(around)
+        found: Mask = usable & ~self.background.empty.read(around)
+        return found if len(times) == len(around) else found[times - around.start]
+
     def read_empty(self, block: Block) -> Mask:
         """Return the empty field of some of the kept frames."""
         times = self.kept[block.start : block.stop]
@@ -297,7 +307,7 @@ def box_of(frames: Frames, shifts: Shifts, watch: Watch) -> Box:
     blocks = working_blocks(frames.shape)
 
     def lines(block: Block) -> tuple[Mask, Mask]:
-        seen = moved(frames.read(block).free, shifts[block.start : block.stop])
+        seen = moved(frames.read_free(block), shifts[block.start : block.stop])
         return np.asarray(seen.any(axis=(0, 1, 3))), np.asarray(seen.any(axis=(0, 1, 2)))
 
     rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
@@ -344,7 +354,7 @@ def centres_of(frames: Frames, watch: Watch) -> NDArray[np.float64]:
     blocks = working_blocks(frames.shape)
 
     def work(block: Block) -> NDArray[np.float64]:
-        free = frames.read(block).free
+        free = frames.read_free(block)
         return np.array([[centre(mask) for mask in views] for views in free])
 
     return np.concatenate(list(in_threads(work, blocks, watch.quiet(len(blocks)))))
@@ -462,6 +472,8 @@ def sums_of_moved(now: Look, before: Look, down: int, right: int) -> tuple[float
             c, s, m = now.cosine[view, row], now.sine[view, row], now.mask[view, row]
             c_before, s_before = before.cosine[view, y], before.sine[view, y]
             m_before = before.mask[view, y]
+            if not (m.any() or m_before.any()):
+                continue
             for start, stop, shift in ((left, width, -left), (0, left, width - left)):
                 for x in range(start, stop):
                     if m[x + shift] or m_before[x]:
