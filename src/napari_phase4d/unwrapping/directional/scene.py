@@ -383,19 +383,27 @@ def likeliest(tried: list[Shifts], likeness: list[float], before: Shifts) -> Shi
 
 
 class Look(NamedTuple):
-    """Some views of the object: cosine and sine of the phase, and its mask (view, y, x)."""
+    """Some views of the object: cosine and sine of the phase, and its mask (view, y, x).
+
+    And between which columns the mask lies in each row (view, y, 2).
+    """
 
     cosine: Image
     sine: Image
     mask: Mask
+    ends: Shifts
 
 
 def looks_at(seen: Seen, angles: slice = slice(None)) -> list[Look]:
     """Return what some frames show, time by time."""
-    phase = seen.phase[:, angles]
+    phase, free = seen.phase[:, angles], seen.free[:, angles]
+    width = free.shape[3]
+    some = free.any(axis=3)
+    first = np.where(some, free.argmax(axis=3), width)
+    last = np.where(some, width - free[..., ::-1].argmax(axis=3), 0)
+    ends = np.stack([first, last], axis=3)
     return [
-        Look(*of_time)
-        for of_time in zip(np.cos(phase), np.sin(phase), seen.free[:, angles], strict=True)
+        Look(*of_time) for of_time in zip(np.cos(phase), np.sin(phase), free, ends, strict=True)
     ]
 
 
@@ -472,10 +480,13 @@ def sums_of_moved(now: Look, before: Look, down: int, right: int) -> tuple[float
             c, s, m = now.cosine[view, row], now.sine[view, row], now.mask[view, row]
             c_before, s_before = before.cosine[view, y], before.sine[view, y]
             m_before = before.mask[view, y]
-            if not (m.any() or m_before.any()):
-                continue
+            first, last = now.ends[view, row, 0], now.ends[view, row, 1]
+            first_before, last_before = before.ends[view, y, 0], before.ends[view, y, 1]
             for start, stop, shift in ((left, width, -left), (0, left, width - left)):
-                for x in range(start, stop):
+                # What lies in neither mask is passed over.
+                start_here = max(start, min(first - shift, first_before))
+                stop_here = min(stop, max(last - shift, last_before))
+                for x in range(start_here, stop_here):
                     if m[x + shift] or m_before[x]:
                         total += c[x + shift] * c_before[x]
                         total += s[x + shift] * s_before[x]
