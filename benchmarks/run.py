@@ -13,6 +13,7 @@ import sys
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import calls
 import holography
 import scaling
 import unwrapping
@@ -26,6 +27,7 @@ WINDOW, STREAMING, LIVE = "window", "streaming", "live"
 PARTS: dict[str, tuple[str, Callable[[], Iterator[Row] | Iterator[str]]]] = {
     "frames": ("Single frames, one thread", unwrapping.frame_rows),
     "stacks": ("Stacks of frames", unwrapping.stack_rows),
+    "calls": ("One call of `unwrap()`", calls.lines),
     "volumes": ("Three dimensions", unwrapping.volume_rows),
     "growing": ("Four dimensions", unwrapping.growing_lines),
     "holograms": ("From hologram to phase", holography.rows),

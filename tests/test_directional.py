@@ -47,6 +47,9 @@ class Still:
         own = slice(block.start, block.stop)
         return Seen(*(part if part is None else part[own] for part in self._seen))
 
+    def read_free(self, block: Block) -> np.ndarray:
+        return self.read(block).free
+
 
 def turns_off(found: xr.DataArray, exact: xr.DataArray) -> np.ndarray:
     return np.round((found.values - exact.values) / TURN)

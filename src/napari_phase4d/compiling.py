@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-__all__ = ["can_compile", "compiled", "is_on_disk", "vectorized"]
+__all__ = ["can_compile", "compiled", "is_on_disk", "unchecked", "vectorized"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -32,6 +32,14 @@ def compiled(function: F) -> F:
 def vectorized(function: F) -> F:
     """Do the same with a loop over pixels that does not depend on the order of its sums."""
     return compiled_with(function, VECTORIZED)
+
+
+def unchecked(function: F) -> F:
+    """Do the same as `compiled` with a loop that divides: by zero gives infinity.
+
+    A loop that is to raise an error there works on one number at a time.
+    """
+    return compiled_with(function, {"error_model": "numpy"})
 
 
 def compiled_with(function: F, options: dict[str, Any]) -> F:

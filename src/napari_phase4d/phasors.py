@@ -79,15 +79,16 @@ def turned(phase: NDArray[np.floating]) -> Image:
     if phase.dtype != np.float32:
         result: Image = (phase - TURN * np.round(phase / TURN)).astype(np.float32)
         return result
-    wrapped = np.ascontiguousarray(phase)
-    wrapped = wrapped.copy() if wrapped is phase or wrapped.base is not None else wrapped
-    wrap(wrapped.reshape(-1))
+    # Loops are compiled for arrays in order that may be written to.
+    given = np.require(phase, np.float32, ["C", "W"])
+    wrapped = np.empty(given.shape, dtype=np.float32)
+    wrap(given.reshape(-1), wrapped.reshape(-1))
     return wrapped
 
 
 @vectorized
-def wrap(phase: Image) -> None:
-    """Wrap phases in place."""
+def wrap(phase: Image, out: Image) -> None:
+    """Write wrapped phases."""
     turn = np.float32(2 * np.pi)
     for i in range(len(phase)):
-        phase[i] -= turn * np.rint(phase[i] / turn)
+        out[i] = phase[i] - turn * np.rint(phase[i] / turn)

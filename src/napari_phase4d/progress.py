@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import islice
@@ -117,6 +117,11 @@ class Watch:
         self._cancelled = cancelled
         self._done = 0
 
+    @property
+    def can_stop(self) -> bool:
+        """Whether anybody may want the work to stop."""
+        return self._cancelled is not None
+
     def quiet(self, total: int) -> Watch:
         """Return a watch that heeds the same wish to stop, and tells nothing."""
         return Watch(total, self.message, None, self._cancelled)
@@ -148,8 +153,15 @@ def in_threads(
     Only a few results wait in memory at a time. When cancelled, it stops at once; items already
     under way end by themselves and their results are dropped. With ``wait``, for work that leaves
     more than its result, it ends only when these have ended. With ``large`` results, one at most
-    waits while others are computed.
+    waits while others are computed. A single item that nobody may stop is worked on right here:
+    to start a thread takes longer than many a frame.
     """
+    if is_single(items) and not watch.can_stop:
+        for item in items:
+            result = work(item)
+            watch.step()
+            yield result
+        return
     workers = cores()
     most = workers + 1 if large else 2 * workers
     waiting: deque[Future[Batch[R]]] = deque()
@@ -170,6 +182,11 @@ def in_threads(
     finally:
         stopped.set()
         pool.shutdown(wait=wait, cancel_futures=True)
+
+
+def is_single(items: Iterable[object]) -> bool:
+    """Say whether there is no more than one item; of those that come one by one nobody knows."""
+    return isinstance(items, Sized) and len(items) <= 1
 
 
 @dataclass
@@ -207,6 +224,10 @@ def counted(done: Batch[R], watch: Watch) -> Iterator[R]:
 
 def on_all_cores(work: Callable[[T], object], items: Iterable[T]) -> None:
     """Do some work on every item, on as many threads as there are cores, and wait for all."""
+    if is_single(items):
+        for item in items:
+            work(item)
+        return
     with ThreadPoolExecutor(cores(), THREADS) as pool:
         for _ in pool.map(work, items):
             pass

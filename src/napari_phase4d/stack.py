@@ -25,6 +25,7 @@ __all__ = [
     "blocks_of",
     "blocks_outwards",
     "limits_of",
+    "room_in",
     "widest",
 ]
 
@@ -181,7 +182,30 @@ class InMemory:
 
     def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
         """Write the frames of a block, or some of its views."""
-        self.values[block.start : block.stop, angles] = values
+        place = self.values[block.start : block.stop, angles]
+        if not is_same(place, values):
+            place[...] = values
+
+
+def room_in(stack: Stack, block: Block, dtype: Any) -> NDArray[Any]:
+    """Return an array of any content for the frames of a block, to be written to the stack then.
+
+    It is the place itself where the stack lies in memory: that spares a copy.
+    """
+    if isinstance(stack, InMemory) and stack.values.dtype == dtype:
+        return stack.values[block.start : block.stop]
+    return np.empty((len(block), *stack.shape[1:]), dtype)
+
+
+def is_same(one: NDArray[Any], other: NDArray[Any]) -> bool:
+    """Say whether two arrays are the same place in memory."""
+    return (
+        isinstance(other, np.ndarray)
+        and one.dtype == other.dtype
+        and one.shape == other.shape
+        and one.strides == other.strides
+        and one.__array_interface__["data"] == other.__array_interface__["data"]
+    )
 
     def read_pixels(self, pixels: Block) -> NDArray[Any]:
         """Return some pixels at all times, shape (time, pixel)."""

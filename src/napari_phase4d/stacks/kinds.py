@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
@@ -70,9 +71,13 @@ def check_wrapped(stack: xr.DataArray, name: str) -> None:
     """Refuse what notes to be unwrapped, and is; warn of what looks like no wrapped phase."""
     known = sample_of(stack)
     refuse_labels(stack, name)
-    known = known[np.abs(known) <= BEYOND]  # Problem counts the others as unknown
-    if in_most(known, -LARGEST, LARGEST):  # what never wraps is both
-        doubt_turns(name, known)
+    low, high = ends_of(known)
+    if max(-low, high) > BEYOND:
+        known = known[np.abs(known) <= BEYOND]  # Problem counts the others as unknown
+        low, high = ends_of(known)
+    if max(-low, high) <= LARGEST or in_most(known, -LARGEST, LARGEST):  # what never wraps is both
+        if known.size >= LEAST_PIXELS:
+            doubt_turns(name, low, high)
         return
     if in_most(known, -1e-3, 2 * LARGEST):  # wrapped to a turn from zero on
         return
@@ -107,11 +112,8 @@ def doubt_beyond(name: str, known: NDArray[Any]) -> None:
         )
 
 
-def doubt_turns(name: str, known: NDArray[Any]) -> None:
+def doubt_turns(name: str, low: float, high: float) -> None:
     """Warn if numbers fill just one turn, as counted in turns."""
-    if known.size < LEAST_PIXELS:
-        return
-    low, high = float(known.min()), float(known.max())
     centred = -0.501 <= low < -0.49 and 0.49 < high <= 0.501
     if centred or (-1e-3 <= low < 0.01 and 0.99 < high <= 1.001):
         warn(
@@ -187,14 +189,16 @@ def sample_of(stack: xr.DataArray) -> NDArray[Any]:
     """Return the finite numbers of some frames, spread over the stack."""
     frames = [axis for axis in ("time", "angle") if axis in stack.dims]
     shape = [stack.sizes[axis] for axis in frames]
-    count = int(np.prod(shape, dtype=int))
-    chosen = np.unique(np.linspace(0, count - 1, min(FRAMES, count)).round().astype(int))
+    count = math.prod(shape)
+    chosen = sorted({round(place) for place in np.linspace(0, count - 1, min(FRAMES, count))})
     parts = []
     for number in chosen:
         place = dict(zip(frames, np.unravel_index(number, shape), strict=True)) if frames else {}
-        part = np.asarray(stack.isel(place).data).ravel()
+        part = np.asarray((stack.isel(place) if place else stack).data).ravel()
         parts.append(part.astype(np.float32) if part.dtype == np.float16 else part)
-    shown = np.concatenate(parts)
+    shown = np.concatenate(parts) if len(parts) > 1 else parts[0]
+    if np.isfinite(ends_of(shown)).all():  # which is quicker than to look at each
+        return shown
     known: NDArray[Any] = shown[np.isfinite(shown)]
     return known
 
@@ -203,6 +207,11 @@ def in_most(known: NDArray[Any], low: float, high: float) -> bool:
     """Say whether all but a few numbers lie between two."""
     outside = np.count_nonzero((known < low) | (known > high))
     return bool(outside <= FEW * known.size)
+
+
+def ends_of(numbers: NDArray[Any]) -> tuple[float, float]:
+    """Return the smallest and the largest number; NaN if any is, and zeros if there is none."""
+    return (float(numbers.min()), float(numbers.max())) if numbers.size else (0.0, 0.0)
 
 
 def in_degrees(low: float, high: float) -> bool:

@@ -8,37 +8,41 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import CancelledCall, ProgressCall
-from napari_phase4d.stack import Block, Stack, Store
+from napari_phase4d.stack import Block, Limits, Stack, Store, room_in
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
 from napari_phase4d.unwrapping.masks import object_mask, smooth_share_left_out
 from napari_phase4d.unwrapping.registration import centre
-from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
+from napari_phase4d.unwrapping.spatial import border_medians, turns_of_frame, unwrap_frame
 
 __all__ = [
-    "Alone",
+    "FindBlock",
+    "Found",
     "Framewise",
-    "Lift",
-    "LiftBlock",
+    "Lifted",
     "Mask",
     "Phase",
     "Turns",
     "UnwrapBlock",
+    "as_loops_take",
     "each_alone",
+    "finished_phase",
+    "found_in",
     "lift_of",
     "lifted_turns",
     "object_in",
-    "turns_of",
     "with_turns",
 ]
 
 TURN = np.float32(2 * np.pi)
+ALL = slice(None)
 
 Phase = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -76,60 +80,123 @@ class Framewise(Protocol):
 
 
 @dataclass(frozen=True)
-class Alone:
-    """What two-dimensional unwrapping gave for all frames.
+class Found:
+    """The object in all frames.
 
     Parameters
     ----------
-    turns : Stack
-        Whole turns of each pixel.
-    mask, object : Stack
-        Pixels to unwrap, and the object.
+    object : Stack
+        Its pixels.
     centres : ndarray of shape (time, angle, 2)
         Centre of the object in pixels, NaN where there is none.
     smooth_left_out : float
         Mean share of the field that is no part of the object though its phase is smooth, not flat.
     """
 
-    turns: Stack
-    mask: Stack
     object: Stack
     centres: NDArray[np.float64]
     smooth_left_out: float
 
 
-def turns_of(unwrapped: Phase, wrapped: Phase) -> Turns:
-    """Return the whole turns that were added to wrapped phase."""
-    turns: Turns = np.rint((unwrapped - wrapped) / TURN).astype(np.int16)
-    return turns
+@dataclass(frozen=True)
+class Lifted:
+    """Turns with more whole turns for each frame, which are added as they are read.
+
+    Parameters
+    ----------
+    turns : Stack
+        Turns of each frame by itself.
+    lift : ndarray of int, shape (time, angle)
+        Whole turns to add to each frame.
+    """
+
+    turns: Stack
+    lift: Turns
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack (time, angle, y, x)."""
+        return self.turns.shape
+
+    def read(self, block: Block, angles: slice = ALL) -> Turns:
+        """Return the turns of a block."""
+        turns: Turns = self.turns.read(block, angles)
+        more = self.lift[block.start : block.stop, angles]
+        return turns + more[..., None, None] if more.any() else turns
+
+    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
+        """Refuse: what is added is found from all frames."""
+        raise NotImplementedError
 
 
 def with_turns(wrapped: Phase, turns: Turns, mask: Mask) -> Phase:
     """Return wrapped phase plus whole turns inside the mask, 0 outside."""
-    unwrapped: Phase = turns.astype(np.float32)
-    unwrapped *= TURN
-    unwrapped += wrapped
-    if not mask.all():
-        unwrapped[~mask] = 0
+    unwrapped: Phase = np.empty(wrapped.shape, np.float32)
+    finished_phase(wrapped, turns, mask, unwrapped)
     return unwrapped
+
+
+def finished_phase(wrapped: Phase, turns: Turns, mask: Mask, out: Phase) -> Limits:
+    """Write wrapped phase plus whole turns inside the mask, 0 outside; return its limits.
+
+    All arrays have the same shape; the last two axes are y and x.
+    """
+    lows, highs = [], []
+    for frame in np.ndindex(*wrapped.shape[:-2]):
+        add_in_mask(
+            as_loops_take(wrapped[frame], np.float32),
+            as_loops_take(turns[frame]),
+            as_loops_take(mask[frame], np.bool_),
+            out[frame],
+        )
+        lows.append(out[frame].min())
+        highs.append(out[frame].max())
+    return float(min(lows)), float(max(highs))
+
+
+def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
+    """Return a frame as loops are compiled for; a copy of what is not in order or read-only."""
+    return np.require(frame, dtype, ["C", "W"])
+
+
+@compiled
+def add_in_mask(wrapped: Phase, turns: Turns, mask: Mask, out: Phase) -> None:
+    """Write wrapped phase plus whole turns inside the mask of a frame, 0 outside."""
+    for y in range(len(out)):
+        add_in_row(wrapped[y], turns[y], mask[y], out[y])
+
+
+@compiled
+def add_in_row(wrapped: Phase, turns: Turns, mask: Mask, out: Phase) -> None:
+    """Do a row of it."""
+    turn = np.float32(2 * np.pi)
+    for x in range(len(out)):
+        phase = np.float32(turns[x]) * turn + wrapped[x]
+        out[x] = phase if mask[x] else np.float32(0)
 
 
 def each_alone(
     problem: Framewise, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Alone:
-    """Unwrap all frames, lift them by whole turns, and find the object."""
-    shape = problem.given.shape
-    turns = problem.store.temporary("alone", shape, "int16")
+) -> Stack:
+    """Unwrap all frames one by one, and return their turns, lifted to each other."""
+    turns = problem.store.temporary("alone", problem.given.shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns)
     borders = problem.each(unwrap, "2-D unwrapping", progress, cancelled)
-    found = problem.store.temporary("object", shape, "bool")
-    mask = found if problem.finds_mask else problem.store.temporary("mask", shape, "bool")
-    lifted = problem.store.temporary("lifted", shape, "int16")
-    lift = lift_of(borders, problem.first)
-    work = LiftBlock(problem.given, turns, lifted, lift, mask, found, problem.finds_mask)
+    return Lifted(turns, lift_of(borders, problem.first))
+
+
+def found_in(
+    problem: Framewise,
+    turns: Stack,
+    progress: ProgressCall | None,
+    cancelled: CancelledCall | None,
+) -> Found:
+    """Find the object in all frames, by the turns that `each_alone` gave."""
+    found = problem.store.temporary("object", problem.given.shape, "bool")
+    work = FindBlock(problem.given, turns, found, problem.finds_mask)
     each = problem.each(work, "finding the object", progress, cancelled)
     centres, shares = (np.concatenate([block[i] for block in each]) for i in (0, 1))
-    return Alone(lifted, mask, found, centres, float(shares.mean()))
+    return Found(found, centres, float(shares.mean()))
 
 
 def object_in(wrapped: Phase) -> Mask:
@@ -156,11 +223,8 @@ def lifted_turns(
     shape = problem.given.shape
     turns = problem.store.temporary("ordered", shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns, mask, costs_of)
-    lift = lift_of(problem.each(unwrap, "2-D unwrapping", progress, cancelled), problem.first)
-    lifted = problem.store.temporary("ordered_lifted", shape, "int16")
-
-    problem.each(Lift(turns, lifted, lift), "lifting frames", progress, cancelled)
-    return lifted
+    borders = problem.each(unwrap, "2-D unwrapping", progress, cancelled)
+    return Lifted(turns, lift_of(borders, problem.first))
 
 
 def lift_of(borders: list[NDArray[np.float64]], first: tuple[int, int]) -> Turns:
@@ -168,20 +232,6 @@ def lift_of(borders: list[NDArray[np.float64]], first: tuple[int, int]) -> Turns
     border = np.concatenate(borders)
     lift: Turns = np.round((border_medians(border, first) - border) / TURN).astype(np.int16)
     return lift
-
-
-@dataclass(frozen=True)
-class Lift:
-    """Adds each frame's whole turns; not in place, since a block may be done twice."""
-
-    turns: Stack
-    lifted: Stack
-    lift: Turns
-
-    def __call__(self, block: Block) -> None:
-        """Do a block."""
-        more = self.lift[block.start : block.stop, :, None, None]
-        self.lifted.write(block, self.turns.read(block) + more)
 
 
 @dataclass(frozen=True)
@@ -210,40 +260,36 @@ class UnwrapBlock:
         wrapped, mask = self.given.read(block)
         if self.mask is not None:
             mask = self.mask.read(block)
-        work, out = Workspace(), np.empty_like(wrapped)
+        work, turns = Workspace(), room_in(self.turns, block, np.int16)
         border = np.empty(wrapped.shape[:2])
         for frame in np.ndindex(*border.shape):
-            _, border[frame] = unwrap_frame(
-                wrapped[frame], mask[frame], self.costs_of, work, out[frame]
+            turns[frame], border[frame] = turns_of_frame(
+                wrapped[frame], mask[frame], self.costs_of, work
             )
-        self.turns.write(block, np.where(mask, turns_of(out, wrapped), np.int16(0)))
+        if not mask.all():
+            turns[~mask] = 0
+        self.turns.write(block, turns)
         return border
 
 
 @dataclass(frozen=True)
-class LiftBlock:
-    """Adds each frame's whole turns, finds the object, and where its centre lies.
+class FindBlock:
+    """Finds the object, and where its centre lies.
 
     Parameters
     ----------
     given : Given
         Wrapped phase, and the pixels that count.
-    turns, lifted : Stack
-        Turns of each frame by itself, and where the lifted ones go: were it the same place, a
-        block that is done twice, because a worker died, would be lifted twice.
-    lift : ndarray of int, shape (time, angle)
-        Whole turns to add to each frame.
-    mask, found : Stack
-        Where the pixels to unwrap go, and the object.
+    turns : Stack
+        Turns of each frame by itself, lifted.
+    found : Stack
+        Where the object goes.
     finds_mask : bool
         Whether the object is what is to be unwrapped, so that both are one.
     """
 
     given: Given
     turns: Stack
-    lifted: Stack
-    lift: Turns
-    mask: Stack
     found: Stack
     finds_mask: bool
 
@@ -257,19 +303,16 @@ class LiftBlock:
             phase is smooth and not flat, where the object is to be found.
         """
         wrapped, usable = self.given.read(block)
-        turns = self.turns.read(block) + self.lift[block.start : block.stop, :, None, None]
-        self.lifted.write(block, turns)
-        unwrapped = with_turns(wrapped, turns, usable)
-        found = np.empty(wrapped.shape, dtype=bool)
+        turns, unwrapped = self.turns.read(block), np.empty(wrapped.shape[2:], np.float32)
+        found = room_in(self.found, block, np.bool_)
         centres = np.empty((*wrapped.shape[:2], 2))
         shares = np.zeros(wrapped.shape[:2])
         for frame in np.ndindex(*wrapped.shape[:2]):
-            found[frame] = object_mask(unwrapped[frame])
+            finished_phase(wrapped[frame], turns[frame], usable[frame], unwrapped)
+            found[frame] = object_mask(unwrapped)
             if self.finds_mask:
-                shares[frame] = smooth_share_left_out(unwrapped[frame], found[frame])
+                shares[frame] = smooth_share_left_out(unwrapped, found[frame])
                 found[frame] &= usable[frame]
             centres[frame] = centre(found[frame])
         self.found.write(block, found)
-        if not self.finds_mask:
-            self.mask.write(block, usable)
         return centres, shares

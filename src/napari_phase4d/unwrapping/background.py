@@ -16,6 +16,7 @@ from napari_phase4d.stack import Block, Memory, Stack, Store
 from napari_phase4d.unwrapping.boxes import LEAST_WEIGHT, box_mean
 from napari_phase4d.unwrapping.given import Given, as_given, working_blocks
 from napari_phase4d.unwrapping.noise import WithoutLost, lost_of, sampled_noise
+from napari_phase4d.unwrapping.patches import keep_touching, shrink
 from napari_phase4d.unwrapping.spatial import BORDER, border_of
 
 __all__ = ["Background", "background_of", "find_background", "plane", "tilt_of"]
@@ -463,10 +464,18 @@ def shrunk(mask: Mask, *, beyond: bool, square: bool = False) -> Mask:
     square : bool, optional
         Whether diagonal neighbours count.
     """
-    padded = np.pad(mask, 1, constant_values=beyond)
-    columns = padded[:-2] & padded[1:-1] & padded[2:]
-    middle = columns if square else padded[1:-1]
-    found: Mask = columns[:, 1:-1] & middle[:, :-2] & middle[:, 2:]
+    found = np.empty(mask.shape, dtype=bool)
+    shrink(np.require(mask, bool, ["C", "W"]), beyond, square, found)
+    return found
+
+
+def going_on(mask: Mask, by: int) -> Mask:
+    """Return a mask that goes on beyond its border as it is there, by so many pixels."""
+    height, width = mask.shape
+    found = np.empty((height + 2 * by, width + 2 * by), dtype=bool)
+    found[by:-by, by:-by] = mask
+    found[by:-by, :by], found[by:-by, -by:] = mask[:, :1], mask[:, -1:]
+    found[:by], found[-by:] = found[by], found[-by - 1]
     return found
 
 
@@ -478,19 +487,13 @@ def joined_to_border(flat: Mask, usable: Mask | None, *, quiet: bool) -> Mask:
         edge = rim(usable, 1)
         # Beyond its border the field counts as going on, as it does beyond the frame's.
         flat = flat | ~usable
-    padded = np.pad(flat, 2, mode="edge")
+    padded = going_on(flat, 2)
     inner = shrunk(padded, beyond=False, square=not quiet)
     opened = ~shrunk(~inner, beyond=True, square=not quiet)[2:-2, 2:-2]
     if usable is not None:
         opened &= usable
-    labels, count = ndimage.label(opened)
-    if count == 0:
-        return np.zeros_like(flat)
-    touching = np.zeros(count + 1, dtype=bool)
-    touching[labels[edge]] = True
-    touching &= np.bincount(labels.ravel(), minlength=count + 1) >= SMALLEST
-    touching[0] = False
-    found: Mask = touching[labels]
+    found = np.ascontiguousarray(opened)
+    keep_touching(found, edge, SMALLEST)
     if quiet:
         return found
     kept = found if usable is None else found | ~usable

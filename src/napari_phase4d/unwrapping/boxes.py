@@ -4,17 +4,26 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["LEAST_WEIGHT", "box_mean", "change_on_both_sides", "known_mean"]
+__all__ = [
+    "AT_A_TIME",
+    "LEAST_WEIGHT",
+    "box_mean",
+    "change_on_both_sides",
+    "copy_line",
+    "known_mean",
+]
 
 #: Share of the weight of a box below which a mean counts as nothing.
 LEAST_WEIGHT = 1e-3
+#: So many numbers of a line are worked on at a time, so that they stay near the core.
+AT_A_TIME = 1024
 
 Stack = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -38,11 +47,14 @@ def box_mean(values: Values, axes: Sequence[int] = (0, 1, 2, 3)) -> Values:
         n = values.shape[axis]
         if n < 3:
             continue
+        # Real and imaginary parts are numbers of their own, which take turns along x.
+        parts = 2 if values.dtype == np.complex64 else 1
         if axis == values.ndim - 1:
-            mean_along(values.reshape(-1, n))
+            mean_along(values.reshape(-1, n).view(np.float32), parts)
         else:
-            lines = (math.prod(values.shape[:axis]), n, math.prod(values.shape[axis + 1 :]))
-            mean_across(values.reshape(lines))
+            inner = math.prod(values.shape[axis + 1 :])
+            lines = values.reshape(math.prod(values.shape[:axis]), n, inner)
+            mean_across(lines.view(np.float32))
     return values
 
 
@@ -65,36 +77,52 @@ def known_mean(values: Values, known: Mask, axes: Sequence[int] = (0, 1, 2, 3)) 
 
 
 @compiled
-def mean_along(lines: NDArray[Any]) -> None:
-    """Average lines (line, place) over three places, in place."""
-    third = np.float32(1 / 3)
+def mean_along(lines: Stack, parts: int) -> None:
+    """Average lines (line, place) over three places, in place; each has so many parts."""
     n = lines.shape[1]
+    padded = np.empty(n + 2 * parts, dtype=np.float32)
     for line in range(len(lines)):
         row = lines[line]
-        before, here = row[0], row[0]
-        for i in range(n - 1):
-            after = row[i + 1]
-            row[i] = (before + here + after) * third
-            before, here = here, after
-        row[n - 1] = (before + here + here) * third
+        copy_line(row, padded[parts : parts + n])
+        for i in range(parts):
+            padded[i], padded[parts + n + i] = row[i], row[n - parts + i]
+        mean_of_three(padded[:n], padded[parts : parts + n], padded[2 * parts :], row)
 
 
 @compiled
-def mean_across(lines: NDArray[Any]) -> None:
-    """Average lines (outer, place, inner) over three places, in place."""
+def mean_of_three(before: Stack, here: Stack, after: Stack, out: Stack) -> None:
+    """Write the means of three lines."""
     third = np.float32(1 / 3)
+    for j in range(len(out)):
+        out[j] = (before[j] + here[j] + after[j]) * third
+
+
+@compiled
+def mean_across(lines: Stack) -> None:
+    """Average lines (outer, place, inner) over three places, in place, some inner at a time."""
     outer, n, inner = lines.shape
-    before = np.empty(inner, dtype=lines.dtype)
+    before, here = np.empty(AT_A_TIME, np.float32), np.empty(AT_A_TIME, np.float32)
     for o in range(outer):
-        for j in range(inner):
-            before[j] = lines[o, 0, j]
-        for i in range(n):
-            row = lines[o, i]
-            after = lines[o, min(i + 1, n - 1)]
-            for j in range(inner):
-                here = row[j]
-                row[j] = (before[j] + here + after[j]) * third
-                before[j] = here
+        for start in range(0, inner, AT_A_TIME):
+            stop = min(start + AT_A_TIME, inner)
+            size = stop - start
+            copy_line(lines[o, 0, start:stop], before[:size])
+            for i in range(n):
+                row = lines[o, i, start:stop]
+                copy_line(row, here[:size])
+                if i + 1 < n:
+                    after = lines[o, i + 1, start:stop]
+                    mean_of_three(before[:size], here[:size], after, row)
+                else:
+                    mean_of_three(before[:size], here[:size], here[:size], row)
+                before, here = here, before
+
+
+@compiled
+def copy_line(line: Stack, out: Stack) -> None:
+    """Write a line."""
+    for j in range(len(out)):
+        out[j] = line[j]
 
 
 def change_on_both_sides(step: Stack, axis: int, valid: Mask) -> Stack:
@@ -112,33 +140,97 @@ def change_on_both_sides(step: Stack, axis: int, valid: Mask) -> Stack:
         Steps that count.
     """
     n = step.shape[axis]
-    lines = (math.prod(step.shape[:axis]), n, math.prod(step.shape[axis + 1 :]))
-    found = np.empty(lines, dtype=np.float32)
-    known = np.ascontiguousarray(valid).reshape(lines)
-    change_in_lines(np.ascontiguousarray(step).reshape(lines), known, found)
-    return found.reshape(step.shape)
+    outer, inner = math.prod(step.shape[:axis]), math.prod(step.shape[axis + 1 :])
+    given = np.require(step, np.float32, ["C", "W"])
+    known = np.require(valid, np.bool_, ["C", "W"])
+    found = np.empty(step.shape, dtype=np.float32)
+    if inner == 1:
+        lines = (outer, n)
+        change_along(given.reshape(lines), known.reshape(lines), found.reshape(lines))
+    else:
+        of = (outer, n, inner)
+        change_across(given.reshape(of), known.reshape(of), found.reshape(of))
+    return found
 
 
 @compiled
-def change_in_lines(step: Stack, known: Mask, found: Stack) -> None:
-    """Do `change_on_both_sides` for lines (outer, place, inner)."""
+def change_along(step: Stack, known: Mask, found: Stack) -> None:
+    """Do `change_on_both_sides` for lines (line, place)."""
+    n = step.shape[1]
+    padded, there = np.zeros(n + 2, np.float32), np.zeros(n + 2, np.bool_)
+    for line in range(len(step)):
+        copy_line(step[line], padded[1 : n + 1])
+        mark_line(known[line], there[1 : n + 1])
+        before, here, after = padded[:n], padded[1 : n + 1], padded[2:]
+        there_before, there_here, there_after = there[:n], there[1 : n + 1], there[2:]
+        square_changes(before, here, after, there_before, there_here, there_after, found[line])
+
+
+@compiled
+def change_across(step: Stack, known: Mask, found: Stack) -> None:
+    """Do it for lines (outer, place, inner)."""
     outer, n, inner = step.shape
+    none, nowhere = np.zeros(inner, np.float32), np.zeros(inner, np.bool_)
     for o in range(outer):
         for i in range(n):
-            for j in range(inner):
-                g = step[o, i, j]
-                total, count = np.float32(0), 0
-                if not known[o, i, j]:
-                    found[o, i, j] = 0
-                    continue
-                if i > 0 and known[o, i - 1, j]:
-                    total += abs(g - step[o, i - 1, j])
-                    count += 1
-                if i + 1 < n and known[o, i + 1, j]:
-                    total += abs(step[o, i + 1, j] - g)
-                    count += 1
-                if count == 0:
-                    total = 2 * abs(g)
-                elif count == 1:
-                    total *= 2
-                found[o, i, j] = total * total
+            before, after = none, none
+            known_before, known_after = nowhere, nowhere
+            if i > 0:
+                before, known_before = step[o, i - 1], known[o, i - 1]
+            if i + 1 < n:
+                after, known_after = step[o, i + 1], known[o, i + 1]
+            square_changes(
+                before, step[o, i], after, known_before, known[o, i], known_after, found[o, i]
+            )
+
+
+@compiled
+def square_changes(
+    before: Stack,
+    here: Stack,
+    after: Stack,
+    known_before: Mask,
+    known: Mask,
+    known_after: Mask,
+    found: Stack,
+) -> None:
+    """Do it for steps and those before and behind each; without branches, some at a time."""
+    total, count = np.empty(AT_A_TIME, np.float32), np.empty(AT_A_TIME, np.int8)
+    for start in range(0, len(found), AT_A_TIME):
+        stop = min(start + AT_A_TIME, len(found))
+        size = stop - start
+        total[:size] = 0
+        count[:size] = 0
+        add_change(here[start:stop], before[start:stop], known_before[start:stop], total, count)
+        add_change(here[start:stop], after[start:stop], known_after[start:stop], total, count)
+        square_total(here[start:stop], known[start:stop], total, count, found[start:stop])
+
+
+@compiled
+def add_change(
+    here: Stack, other: Stack, known: Mask, total: Stack, count: NDArray[np.int8]
+) -> None:
+    """Add the changes to other steps, where these are known."""
+    for j in range(len(here)):
+        change = abs(here[j] - other[j])
+        total[j] += change if known[j] else np.float32(0)
+        count[j] += known[j]
+
+
+@compiled
+def square_total(
+    here: Stack, known: Mask, total: Stack, count: NDArray[np.int8], found: Stack
+) -> None:
+    """Write the squares of changes, a missing one replaced by the other."""
+    two = np.float32(2)
+    for j in range(len(here)):
+        both = total[j] if count[j] == 2 else two * total[j]
+        both = both if count[j] > 0 else two * abs(here[j])
+        found[j] = both * both if known[j] else np.float32(0)
+
+
+@compiled
+def mark_line(line: Mask, out: Mask) -> None:
+    """Write a line of marks."""
+    for j in range(len(out)):
+        out[j] = line[j]

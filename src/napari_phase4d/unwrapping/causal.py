@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.stack import Block, InMemory, Stack
 from napari_phase4d.unwrapping.alone import (
-    Lift,
-    LiftBlock,
+    FindBlock,
+    Lifted,
     Mask,
     Phase,
     Turns,
@@ -27,7 +27,7 @@ from napari_phase4d.unwrapping.alone import (
     lift_of,
 )
 from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, FinishBlock, Last, onwards
-from napari_phase4d.unwrapping.given import Given
+from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import coherence
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts, likeness, next_shift
 from napari_phase4d.unwrapping.running import all_options
@@ -91,7 +91,7 @@ class Batch:
     given : Given
         Wrapped phase.
     turns, mask, object : Stack
-        As in `Alone`.
+        Turns of each frame by itself, the pixels to unwrap, and the object.
     centres : ndarray of shape (time, angle, 2)
         Centre of the object in pixels, NaN where there is none.
     """
@@ -228,7 +228,7 @@ class Causal:
 
     @property
     def smooth_left_out(self) -> float:
-        """Mean share that "object only" leaves out though it is smooth, see `Alone`."""
+        """Mean share that "object only" leaves out though it is smooth, see `Found`."""
         if not self.finds_mask or not self._left_out:
             return 0.0
         self._left_out = [np.concatenate(self._left_out)]
@@ -267,11 +267,11 @@ class Causal:
 
     def _alone(self, given: Given, each: Each) -> Batch:
         """Unwrap each frame by itself, and find the object, as `each_alone` does."""
-        turns, lifted = empty(given, np.int16), empty(given, np.int16)
-        lift = self._levels.lift(each(UnwrapBlock(given, turns)))
+        turns = empty(given, np.int16)
+        lifted = Lifted(turns, self._levels.lift(each(UnwrapBlock(given, turns))))
         found = empty(given, bool)
-        mask = found if self.finds_mask else empty(given, bool)
-        done = each(LiftBlock(given, turns, lifted, lift, mask, found, self.finds_mask))
+        mask: Stack = found if self.finds_mask else Counted(given)
+        done = each(FindBlock(given, lifted, found, self.finds_mask))
         centres, shares = (np.concatenate([part[i] for part in done]) for i in (0, 1))
         self._left_out.append(shares)
         self.all_usable = self.all_usable and bool(given.read(each.all)[1].all())
@@ -279,10 +279,9 @@ class Causal:
 
     def _by_coherence(self, batch: Batch, each: Each) -> Stack:
         """Return the turns of each frame by itself in another order, as `lifted_turns` does."""
-        turns, lifted = empty(batch.given, np.int16), empty(batch.given, np.int16)
+        turns = empty(batch.given, np.int16)
         borders = each(UnwrapBlock(batch.given, turns, batch.mask, coherence))
-        each(Lift(turns, lifted, self._ordered.lift(borders)))
-        return lifted
+        return Lifted(turns, self._ordered.lift(borders))
 
     def _turns(self, method: str, batch: Batch, shifts: NDArray[np.intp], each: Each) -> Stack:
         """Return the turns that a method finds."""

@@ -19,13 +19,14 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, nothing
-from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of
+from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of, room_in
 from napari_phase4d.unwrapping.alone import (
-    Alone,
     Framewise,
     Mask,
     Phase,
     Turns,
+    as_loops_take,
+    finished_phase,
     lifted_turns,
     with_turns,
 )
@@ -37,7 +38,6 @@ from napari_phase4d.unwrapping.pieces import (
     thickness,
     with_thin_turning_points,
 )
-from napari_phase4d.unwrapping.registration import moved, rolled
 
 __all__ = [
     "ORDERS",
@@ -80,8 +80,11 @@ class Chained(Framewise, Protocol):
     def boundaries(self) -> list[Boundary]:
         """The thin frames (time, angle)."""
 
-    def alone(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Alone:
-        """Return all frames unwrapped one by one (step 1)."""
+    def alone(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Stack:
+        """Return the turns of all frames unwrapped one by one (step 1)."""
+
+    def counted(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Stack:
+        """Return the pixels to unwrap."""
 
     def shifts(
         self, progress: ProgressCall | None, cancelled: CancelledCall | None
@@ -119,11 +122,10 @@ def spatial_2d(
     list of (float, float)
         Smallest and largest phase of every block, radians.
     """
-    alone = problem.alone(progress, cancelled)
-    turns = alone.turns
+    turns, mask = problem.alone(progress, cancelled), problem.counted(progress, cancelled)
     if reliability != "herraez":
-        turns = lifted_turns(problem, alone.mask, coherence, progress, cancelled)
-    finish = FinishBlock(problem.given, turns, alone.mask, result)
+        turns = lifted_turns(problem, mask, coherence, progress, cancelled)
+    finish = FinishBlock(problem.given, turns, mask, result)
     return problem.each(finish, "writing", progress, cancelled)
 
 
@@ -138,13 +140,12 @@ def chained(
     split: bool = True,
 ) -> list[Limits]:
     """Apply the building block along one dimension after the other (steps 3 and 4)."""
-    alone = problem.alone(progress, cancelled)
+    before, mask = problem.alone(progress, cancelled), problem.counted(progress, cancelled)
     shape = problem.given.shape
     shifts = np.zeros((*shape[:2], 2), dtype=np.intp)
     if registration:
         shifts = problem.shifts(progress, cancelled)
-    chain = Chain(problem.given, alone.mask, shifts, problem.boundaries, split)
-    before = alone.turns
+    chain = Chain(problem.given, mask, shifts, problem.boundaries, split)
     for dim in order:
         message = f"unwrapping along {dim}"
         after = problem.store.temporary(f"along_{dim}", shape, "int16")
@@ -153,7 +154,7 @@ def chained(
         else:
             along_time(chain, before, after, Watch(shape[1], message, progress, cancelled))
         before = after
-    finish = FinishBlock(problem.given, before, alone.mask, result)
+    finish = FinishBlock(problem.given, before, mask, result)
     return problem.each(finish, "writing", progress, cancelled)
 
 
@@ -216,15 +217,14 @@ class Chain:
     boundaries: list[Boundary]
     split: bool
 
-    def read(self, block: Block, turns: Stack, angles: slice = ALL) -> tuple[Phase, Turns, Mask]:
-        """Return a block of wrapped phase, turns and mask, moved into place."""
+    def read(self, block: Block, turns: Stack, angles: slice = ALL) -> list[list[Maps]]:
+        """Return what is known of the frames of a block, by time and angle."""
         wrapped = self.given.read(block, angles)[0]
-        shifts = self.shifts[block.start : block.stop, angles]
-        return (
-            moved(wrapped, shifts),
-            moved(turns.read(block, angles), shifts),
-            moved(self.mask.read(block, angles), shifts),
+        shifts = self.shifts[block.start : block.stop, angles].tolist()
+        of_times = zip(
+            wrapped, turns.read(block, angles), self.mask.read(block, angles), shifts, strict=True
         )
+        return [[Maps(*frame) for frame in zip(*of_time, strict=True)] for of_time in of_times]
 
 
 @dataclass(frozen=True)
@@ -246,16 +246,12 @@ class AlongAngle:
     def __call__(self, block: Block) -> None:
         """Do a block."""
         chain = self.chain
-        wrapped, initial, mask = chain.read(block, self.initial)
-        found = np.empty_like(initial)
-        for i, time in enumerate(block.times):
-            starts = starts_on("angle", time, chain.boundaries)
-            maps = [
-                Maps(*of_angle) for of_angle in zip(wrapped[i], initial[i], mask[i], strict=True)
-            ]
+        found = room_in(self.result, block, np.int16)
+        for i, maps in enumerate(chain.read(block, self.initial)):
+            starts = starts_on("angle", block.start + i, chain.boundaries)
             line = Line(len(maps), maps.__getitem__, found[i].__setitem__)
             unwrap_line(line, starts, split=chain.split)
-        self.result.write(block, moved(found, -chain.shifts[block.start : block.stop]))
+        self.result.write(block, found)
 
 
 def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> None:
@@ -344,20 +340,20 @@ class MapsOfAngle:
         self._chain, self._initial, self._result = chain, initial, result
         self._angle = angle
         self._block: Block | None = None
-        self._held: tuple[Phase, Turns, Mask]
+        self._held: list[list[Maps]]
 
     def read(self, k: int) -> Maps:
-        """Return what is known of map k, moved into place."""
+        """Return what is known of map k."""
         if self._block is None or k not in self._block.times:
             self._block = block_at(self._chain.given.shape, k)
             angle = slice(self._angle, self._angle + 1)
             self._held = self._chain.read(self._block, self._initial, angle)
-        return Maps(*(part[k - self._block.start, 0] for part in self._held))
+        return self._held[k - self._block.start][0]
 
     def write(self, k: int, turns: Turns) -> None:
         """Write the turns of the finished map k."""
-        back = rolled(turns, -self._chain.shifts[k, self._angle])
-        self._result.write(Block(k, k + 1), back[None, None], slice(self._angle, self._angle + 1))
+        angle = slice(self._angle, self._angle + 1)
+        self._result.write(Block(k, k + 1), turns[None, None], angle)
 
 
 @dataclass(frozen=True)
@@ -382,21 +378,29 @@ class FinishBlock:
     def __call__(self, block: Block) -> Limits:
         """Do a block; return its smallest and largest phase."""
         wrapped, usable = self.given.read(block)
-        unwrapped = with_turns(wrapped, self.turns.read(block), self.mask.read(block))
-        unwrapped = self.given.without_lost(unwrapped, usable)
+        unwrapped = room_in(self.result, block, np.float32)
+        turns, mask = self.turns.read(block), self.mask.read(block)
+        limits = finished_phase(wrapped, turns, mask, unwrapped)
+        if self.given.usable is None and not usable.all():
+            limits = limits_of(self.given.without_lost(unwrapped, usable))
         self.result.write(block, unwrapped)
-        return limits_of(unwrapped)
+        return limits
 
 
 # ---- the building block ----------------------------------------------------------------------
 
 
 class Maps(NamedTuple):
-    """Wrapped phase, turns by the initial method, and the object, each of shape (y, x)."""
+    """Wrapped phase, turns by the initial method, and the object, each of shape (y, x).
+
+    They are held as they are; by so many pixels (y, x) they are to be moved, round the edges of
+    the field, for the object to be in place.
+    """
 
     wrapped: Phase
     turns: Turns
     mask: Mask
+    shift: Sequence[int] = (0, 0)
 
 
 #: A map, and its turns in the result.
@@ -485,7 +489,6 @@ def first_turns(maps: Maps) -> Turns:
     return np.where(maps.mask, maps.turns, np.int16(0))
 
 
-@compiled
 def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns) -> None:
     """Write the turns of the next map (steps 2 to 4).
 
@@ -498,15 +501,73 @@ def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns) -> None:
     out : ndarray of int
         Where its turns go.
     """
-    turn = np.float32(2 * np.pi)
     height, width = out.shape
+    next_turns_from(
+        as_loops_take(before.wrapped),
+        as_loops_take(before.mask),
+        as_loops_take(turns),
+        as_loops_take(now.wrapped),
+        as_loops_take(now.mask),
+        as_loops_take(now.turns),
+        (now.shift[0] - before.shift[0]) % height,
+        (now.shift[1] - before.shift[1]) % width,
+        out,
+    )
+
+
+@compiled
+def next_turns_from(
+    wrapped_before: Phase,
+    mask_before: Mask,
+    turns_before: Turns,
+    wrapped: Phase,
+    mask: Mask,
+    turns: Turns,
+    down: int,
+    right: int,
+    out: Turns,
+) -> None:
+    """Do it for arrays, each pixel from the one so far down and right of it in the map before."""
+    height, width = out.shape
+    split = width - right
     for y in range(height):
-        for x in range(width):
-            if not now.mask[y, x]:
-                out[y, x] = 0
-                continue
-            phase, whole = np.float32(0), 0
-            if before.mask[y, x]:
-                phase, whole = before.wrapped[y, x], turns[y, x]
-            step = (phase - now.wrapped[y, x]) / turn
-            out[y, x] = max(whole + int(np.rint(step)), now.turns[y, x])
+        before = (y + down) % height
+        phase, inside, whole = wrapped_before[before], mask_before[before], turns_before[before]
+        next_in_row(
+            phase[right:],
+            inside[right:],
+            whole[right:],
+            wrapped[y],
+            mask[y],
+            turns[y],
+            out[y, :split],
+        )
+        next_in_row(
+            phase,
+            inside,
+            whole,
+            wrapped[y, split:],
+            mask[y, split:],
+            turns[y, split:],
+            out[y, split:],
+        )
+
+
+@compiled
+def next_in_row(
+    wrapped_before: Phase,
+    mask_before: Mask,
+    turns_before: Turns,
+    wrapped: Phase,
+    mask: Mask,
+    turns: Turns,
+    out: Turns,
+) -> None:
+    """Do a part of a row; without branches, so that several pixels are done at a time."""
+    turn = np.float32(2 * np.pi)
+    for x in range(len(out)):
+        phase = wrapped_before[x] if mask_before[x] else np.float32(0)
+        whole = np.int32(turns_before[x]) if mask_before[x] else np.int32(0)
+        whole += np.int32(np.rint((phase - wrapped[x]) / turn))
+        whole = max(whole, np.int32(turns[x]))
+        out[x] = whole if mask[x] else np.int32(0)

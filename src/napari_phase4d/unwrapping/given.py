@@ -82,9 +82,10 @@ class Given:
 
         Where it is said which pixels count, nobody knows here which phase was known.
         """
-        lost = ~usable.any(axis=(2, 3))
-        if self.usable is None and lost.any():
-            unwrapped[lost] = np.nan
+        if self.usable is None:
+            lost = ~usable.any(axis=(2, 3))
+            if lost.any():
+                unwrapped[lost] = np.nan
         return unwrapped
 
 

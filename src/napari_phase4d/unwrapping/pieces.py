@@ -9,6 +9,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.unwrapping.filters import upper_quantile
+
 __all__ = ["Piece", "pieces_between", "thickness", "thickness_profile", "with_thin_turning_points"]
 
 #: A map is as thin as the boundary map if its peak phase is at most this many times as large.
@@ -37,7 +39,7 @@ def thickness_profile(
 
 def thickness(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
     """Return the peak phase (99th percentile inside the mask) of one map, in radians."""
-    return float(np.quantile(unwrapped[mask], 0.99)) if mask.any() else 0.0
+    return float(upper_quantile(unwrapped[mask], 0.99)) if mask.any() else 0.0
 
 
 def with_thin_turning_points(profile: NDArray[np.float64], starts: Sequence[int]) -> list[int]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
@@ -11,6 +12,7 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, in_full
+from napari_phase4d.compiling import compiled
 from napari_phase4d.machine import cores
 from napari_phase4d.progress import (
     CancelledCall,
@@ -31,7 +33,7 @@ from napari_phase4d.stack import (
     blocks_of,
 )
 from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of, wavelengths_of
-from napari_phase4d.unwrapping.alone import Alone, each_alone, with_turns
+from napari_phase4d.unwrapping.alone import Found, each_alone, found_in, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of
 from napari_phase4d.unwrapping.given import LARGEST, Counted, Given, KeptFrames, is_known
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
@@ -52,8 +54,8 @@ __all__ = [
 #: Times at which the usual amplitude is looked at.
 BRIGHTNESS_TIMES = 24
 
-#: Name of what each frame by itself gave, among what a problem shares.
-ALONE = "spatial"
+#: Names of what each frame by itself gave, and of the object in it, among what a problem shares.
+ALONE, OBJECT = "spatial", "object"
 
 Boundary = tuple[int, int]
 R = TypeVar("R")
@@ -307,43 +309,52 @@ class Problem(SharedSteps):
     @property
     def n_frames(self) -> int:
         """Number of frames over all times and angles."""
-        return int(np.prod(self.given.shape[:2]))
+        return math.prod(self.given.shape[:2])
 
     def alone(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Alone:
-        """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
+    ) -> Stack:
+        """Return the turns of all frames unwrapped one by one (step 1 of the algorithms)."""
         return self.once(ALONE, lambda: each_alone(self, progress, cancelled))
+
+    def found(
+        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
+    ) -> Found:
+        """Return the object in all frames (step 2)."""
+        turns = self.alone(progress, cancelled)
+        return self.once(OBJECT, lambda: found_in(self, turns, progress, cancelled))
 
     def smooth_left_out(self) -> float:
         """Return the share left out of an object that was found though it is smooth, not flat.
 
-        It is looked at where frames are unwrapped one by one; 0 if that has not been done.
+        It is looked at where the object is looked for; 0 if that has not been done.
         """
         if self.finds_mask and self.knows("parts") and self.parts():
             shares = [len(views) * part.smooth_left_out() for views, part in self.parts()]
             return sum(shares) / self.given.shape[1]
-        return self.alone().smooth_left_out if self.finds_mask and self.knows(ALONE) else 0.0
+        return self.found().smooth_left_out if self.finds_mask and self.knows(OBJECT) else 0.0
 
     def shifts(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.intp]:
         """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
-        alone = self.alone(progress, cancelled)
-        return self.once("shifts", lambda: self._register(alone, progress, cancelled))
+        if self.n_frames == 1:
+            return np.zeros((1, 1, 2), dtype=np.intp)
+        found = self.found(progress, cancelled)
+        return self.once("shifts", lambda: self._register(found, progress, cancelled))
 
     def _register(
-        self, alone: Alone, progress: ProgressCall | None, cancelled: CancelledCall | None
+        self, found: Found, progress: ProgressCall | None, cancelled: CancelledCall | None
     ) -> NDArray[np.intp]:
         """Return the shifts that bring the object of every frame to one place."""
         watch = Watch(self.n_frames, "registration", progress, cancelled)
         given = self.given
         return centre_of_mass_shifts(
             KeptFrames(given.shape, lambda block, angles: given.read(block, angles)[0]),
-            KeptFrames(given.shape, alone.object.read),
+            KeptFrames(given.shape, found.object.read),
             self.first,
             watch,
-            alone.centres,
+            found.centres,
         )
 
     def settle_mask(
@@ -351,25 +362,25 @@ class Problem(SharedSteps):
     ) -> None:
         """Find the object, where that was asked for, before a method looks at ``mask``."""
         if self.finds_mask:
-            self.alone(progress, cancelled)
+            self.found(progress, cancelled)
 
     def counted(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> Stack:
         """Return the pixels to unwrap, in blocks; the object is looked for where it is unknown."""
-        return self.alone(progress, cancelled).mask if self.finds_mask else Counted(self.given)
+        return self.found(progress, cancelled).object if self.finds_mask else Counted(self.given)
 
     def settle_frames(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> None:
-        """Unwrap each frame by itself, if that has not been done."""
+        """Do what `frame_by_frame` needs, if that has not been done."""
         self.alone(progress, cancelled)
+        self.settle_mask(progress, cancelled)
 
     def frame_by_frame(self, block: Block) -> NDArray[np.float32]:
         """Return the phase of a block as each frame is unwrapped by itself."""
-        alone = self.alone()
         wrapped, _ = self.given.read(block)
-        return with_turns(wrapped, alone.turns.read(block), alone.mask.read(block))
+        return with_turns(wrapped, self.alone().read(block), self.counted().read(block))
 
     def lost(self) -> NDArray[np.bool_]:
         """Mark the frames (time, angle) that say nothing of the object, see `lost_frames`."""
@@ -402,14 +413,14 @@ class Problem(SharedSteps):
         """
         if not self.finds_mask:
             return self.usable
-        found: NDArray[np.bool_] = self.alone().mask.read(Block(0, len(self.usable)))
+        found: NDArray[np.bool_] = self.found().object.read(Block(0, len(self.usable)))
         return found
 
     def spatial(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.float32]:
         """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
-        self.alone(progress, cancelled)
+        self.settle_frames(progress, cancelled)
         return self.frame_by_frame(Block(0, len(self.wrapped)))
 
     @property
@@ -421,13 +432,16 @@ class Problem(SharedSteps):
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""
-        full = xr.DataArray(values, dims=AXES)
-        missing = [d for d in AXES if d not in self.template.dims]
-        squeezed = full.isel(dict.fromkeys(missing, 0)).transpose(*self.template.dims)
-        result = squeezed.assign_coords(self.template.coords)
+        dims = self.template.dims
+        kept = [axis for axis in AXES if axis in dims]
+        squeezed = values[tuple(slice(None) if axis in dims else 0 for axis in AXES)]
+        ordered = squeezed.transpose([kept.index(str(axis)) for axis in dims])
         known = {key: value for key, value in self.template.attrs.items() if key != KIND}
+        result = self.template.copy(deep=False, data=ordered)
         result.attrs = {**known, "units": "rad", **attrs}
-        return result.rename(name)
+        result.encoding = {}
+        result.name = name
+        return result
 
     def _given_amplitude(
         self, amplitude: Any, shape: tuple[int, ...]
@@ -467,11 +481,21 @@ def all_known(stack: NDArray[np.float32]) -> bool:
     bad = threading.Event()
 
     def look(frames: NDArray[np.float32]) -> None:
-        if not is_known(frames).all():
+        numbers = np.require(frames, np.float32, ["C", "W"]).ravel()
+        if not all_within(numbers, np.float32(LARGEST)):
             bad.set()
 
     on_all_cores(look, stack)
     return not bad.is_set()
+
+
+@compiled
+def all_within(numbers: NDArray[np.float32], largest: np.float32) -> bool:
+    """Say whether no number is NaN or larger than this, whatever its sign."""
+    outside = np.int32(0)
+    for k in range(len(numbers)):
+        outside |= np.int32(not abs(numbers[k]) <= largest)
+    return bool(outside == 0)
 
 
 def brightness_of(values: Any) -> NDArray[np.float64]:

@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.progress import Watch
 
 __all__ = ["centre", "centre_of_mass_shifts", "likeness", "moved", "next_shift", "rolled"]
@@ -114,13 +115,29 @@ def next_shift(
 
 def centre(mask: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the centre of mass of a mask, NaN if it is empty or all of the frame."""
-    if not mask.any() or mask.all():
+    count, rows, columns = moments(np.require(mask, np.bool_, ["C", "W"]))
+    if count in (0, mask.size):
         return (np.nan, np.nan)
-    rows, columns = mask.sum(axis=1), mask.sum(axis=0)
-    return (
-        float(np.average(np.arange(len(rows)), weights=rows)),
-        float(np.average(np.arange(len(columns)), weights=columns)),
-    )
+    return (rows / count, columns / count)
+
+
+@compiled
+def moments(mask: NDArray[np.bool_]) -> tuple[int, int, int]:
+    """Return the number of pixels of a mask, and the sums of their rows and columns."""
+    height, width = mask.shape
+    in_column = np.zeros(width, np.int64)
+    count, rows, columns = 0, 0, 0
+    for y in range(height):
+        row, own = mask[y], 0
+        for x in range(width):
+            own += row[x]
+        for x in range(width):
+            in_column[x] += row[x]
+        count += own
+        rows += y * own
+    for x in range(width):
+        columns += x * in_column[x]
+    return count, rows, columns
 
 
 def likeness(
@@ -132,9 +149,73 @@ def likeness(
     shift_before: Shifts,
 ) -> float:
     """Return the mean cosine of the phase difference of two moved frames, on their objects."""
-    either = rolled(masks[now], shift) | rolled(masks[before], shift_before)
-    step = rolled(wrapped[now], shift) - rolled(wrapped[before], shift_before)
-    return float(np.cos(step[either]).mean()) if either.any() else 1.0
+    own, own_mask, other, other_mask = (
+        np.require(frame, None, ["C", "W"])
+        for frame in (wrapped[now], masks[now], wrapped[before], masks[before])
+    )
+    out = np.empty(own.size, np.float32)
+    of_now, of_before = (
+        (int(shift[0]), int(shift[1])),
+        (int(shift_before[0]), int(shift_before[1])),
+    )
+    count = list_steps(own, own_mask, other, other_mask, of_now, of_before, out)
+    return float(np.cos(out[:count]).mean()) if count else 1.0
+
+
+@compiled
+def list_steps(
+    wrapped: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    wrapped_before: NDArray[np.float32],
+    mask_before: NDArray[np.bool_],
+    shift: tuple[int, int],
+    shift_before: tuple[int, int],
+    out: NDArray[np.float32],
+) -> int:
+    """List the phase differences of two moved frames on either's object; return how many."""
+    height, width = wrapped.shape
+    right, right_before = -shift[1] % width, -shift_before[1] % width
+    either, other = np.empty(width, np.bool_), np.empty(width, np.bool_)
+    step, before = np.empty(width, np.float32), np.empty(width, np.float32)
+    count = 0
+    for y in range(height):
+        now, then = (y - shift[0]) % height, (y - shift_before[0]) % height
+        roll_row(mask[now], right, either)
+        roll_row(mask_before[then], right_before, other)
+        if not add_marks(other, either):
+            continue
+        roll_row(wrapped[now], right, step)
+        roll_row(wrapped_before[then], right_before, before)
+        first, last = 0, width - 1
+        while not either[first]:
+            first += 1
+        while not either[last]:
+            last -= 1
+        for x in range(first, last + 1):
+            if either[x]:
+                out[count] = step[x] - before[x]
+                count += 1
+    return count
+
+
+@compiled
+def add_marks(row: NDArray[np.bool_], out: NDArray[np.bool_]) -> bool:
+    """Mark what is marked in a row; return whether anything is, in either."""
+    some = False
+    for x in range(len(row)):
+        out[x] |= row[x]
+        some |= out[x]
+    return some
+
+
+@compiled
+def roll_row(row: NDArray[Any], ahead: int, out: NDArray[Any]) -> None:
+    """Write a row that begins so many pixels further, and goes on at its beginning."""
+    rest, last = row[ahead:], out[len(row) - ahead :]
+    for x in range(len(rest)):
+        out[x] = rest[x]
+    for x in range(len(last)):
+        last[x] = row[x]
 
 
 def rolled(frame: NDArray[Scalar], shift: Shifts) -> NDArray[Scalar]:
@@ -147,6 +228,17 @@ def moved(stack: NDArray[Scalar], shifts: Shifts) -> NDArray[Scalar]:
     if not shifts.any():
         return stack
     result = np.empty_like(stack)
+    height, width = stack.shape[2:]
     for index in np.ndindex(*stack.shape[:2]):
-        result[index] = rolled(stack[index], shifts[index])
+        down, right = int(shifts[index][0]) % height, int(shifts[index][1]) % width
+        frame, out = stack[index], result[index]
+        for rows, of_rows in halves(down, height):
+            for columns, of_columns in halves(right, width):
+                out[rows, columns] = frame[of_rows, of_columns]
     return result
+
+
+def halves(by: int, n: int) -> list[tuple[slice, slice]]:
+    """Return where the two parts of a line of n pixels that is moved go, and where they lie."""
+    parts = [(slice(by, n), slice(0, n - by))]
+    return [*parts, (slice(0, by), slice(n - by, n))] if by else parts

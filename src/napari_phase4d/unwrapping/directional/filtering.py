@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled, vectorized
+from napari_phase4d.compiling import compiled, unchecked, vectorized
 from napari_phase4d.phasors import parts_of, phase_of, phasors
 from napari_phase4d.progress import on_all_cores
-from napari_phase4d.unwrapping.boxes import LEAST_WEIGHT, box_mean
+from napari_phase4d.unwrapping.boxes import AT_A_TIME, LEAST_WEIGHT, box_mean, copy_line
 from napari_phase4d.unwrapping.ends import ends_along
 
 __all__ = ["HALO", "along_slope"]
@@ -24,6 +23,8 @@ SHORTEST = 1e-12
 #: Frames before and after a frame that its average depends on: two, and one more so that at an
 #: end of the recording there are three steps, over which slopes are averaged.
 HALO = 3
+#: Rows of what `turned_mean` looks at.
+HERE, BEFORE, SLOPE_BEFORE, AFTER, SLOPE_AFTER = 0, 1, 2, 3, 4
 
 Stack = NDArray[np.float32]
 Fields = NDArray[np.complex64]
@@ -87,7 +88,7 @@ def slope_along(
     product *= z[tail]
     weights = None
     if not known.all():
-        product *= known
+        keep_known(parts_of(product).reshape(known.size, 2), known.reshape(-1))
         weights = box_mean(known.astype(np.float32))
     slope: Fields = box_mean(product)
     if weights is None:
@@ -100,6 +101,14 @@ def slope_along(
         np.float32(noise**2),
     )
     return slope
+
+
+@compiled
+def keep_known(parts: Stack, known: Mask) -> None:
+    """Make numbers zero that are not known; each has a real and an imaginary part."""
+    for i in range(len(known)):
+        parts[i, 0] = parts[i, 0] if known[i] else np.float32(0)
+        parts[i, 1] = parts[i, 1] if known[i] else np.float32(0)
 
 
 @vectorized
@@ -122,31 +131,99 @@ def use_of_slope(parts: Stack, weights: Stack, known: Mask, variance: np.float32
             parts[y, 2 * x], parts[y, 2 * x + 1] = real * share, imag * share
 
 
-@compiled
-def average(z: NDArray[Any], slope: NDArray[Any], left: Stack) -> None:
+def average(z: Fields, slope: Fields, left: Stack) -> None:
     """Average phasors (outer, place, inner) with both neighbours turned by the slope, in place."""
     outer, n, inner = z.shape
-    before = np.empty(inner, dtype=z.dtype)
+    if inner == 1:
+        along = slope.reshape(outer, n - 1).view(np.float32)
+        average_along(z.reshape(outer, n).view(np.float32), along, left.reshape(outer, n))
+    else:
+        average_across(z.view(np.float32), slope.view(np.float32), left)
+
+
+@compiled
+def average_along(z: Stack, slope: Stack, left: Stack) -> None:
+    """Do `average` for lines of parts (line, place) that take turns."""
+    n = left.shape[1]
+    around = np.zeros((5, 2 * n), np.float32)
+    mean, factor = np.empty(2 * n, np.float32), np.empty(n, np.float32)
+    last = 2 * n - 2
+    for line in range(len(z)):
+        row, own = z[line], slope[line]
+        copy_line(row, around[HERE])
+        copy_line(row[:last], around[BEFORE, 2:])
+        copy_line(row[2:], around[AFTER, :last])
+        copy_line(own, around[SLOPE_BEFORE, 2:])
+        copy_line(own, around[SLOPE_AFTER, :last])
+        turned_mean(around, n, mean, factor)
+        copy_line(mean, row)
+        times_line(factor, left[line])
+
+
+@compiled
+def average_across(z: Stack, slope: Stack, left: Stack) -> None:
+    """Do `average` for parts (outer, place, inner) that take turns, some inner at a time."""
+    outer, n, both = z.shape
+    around = np.zeros((5, 2 * AT_A_TIME), np.float32)
+    mean, factor = np.empty(2 * AT_A_TIME, np.float32), np.empty(AT_A_TIME, np.float32)
     for o in range(outer):
-        for j in range(inner):
-            before[j] = 0
-        for i in range(n):
-            for j in range(inner):
-                here = z[o, i, j]
-                total, weight, squares = here, np.float32(1), np.float32(1)
-                if i > 0:
-                    s = slope[o, i - 1, j]
-                    total += before[j] * s
-                    square = s.real * s.real + s.imag * s.imag
-                    weight += np.sqrt(square)
-                    squares += square
+        for start in range(0, both, 2 * AT_A_TIME):
+            stop = min(start + 2 * AT_A_TIME, both)
+            size = stop - start
+            around[BEFORE] = 0
+            around[SLOPE_BEFORE] = 0
+            copy_line(z[o, 0, start:stop], around[HERE, :size])
+            for i in range(n):
                 if i + 1 < n:
-                    s = slope[o, i, j]
-                    total += z[o, i + 1, j] * s.conjugate()
-                    square = s.real * s.real + s.imag * s.imag
-                    weight += np.sqrt(square)
-                    squares += square
-                share = np.float32(1) / weight
-                left[o, i, j] *= squares * share * share
-                z[o, i, j] = total * share
-                before[j] = here
+                    copy_line(z[o, i + 1, start:stop], around[AFTER, :size])
+                    copy_line(slope[o, i, start:stop], around[SLOPE_AFTER, :size])
+                else:
+                    around[AFTER] = 0
+                    around[SLOPE_AFTER] = 0
+                turned_mean(around, size // 2, mean, factor)
+                copy_line(mean[:size], z[o, i, start:stop])
+                times_line(factor[: size // 2], left[o, i, start // 2 : stop // 2])
+                copy_line(around[HERE, :size], around[BEFORE, :size])
+                copy_line(around[AFTER, :size], around[HERE, :size])
+                copy_line(around[SLOPE_AFTER, :size], around[SLOPE_BEFORE, :size])
+
+
+@unchecked
+def turned_mean(around: Stack, n: int, mean: Stack, factor: Stack) -> None:
+    """Write means of phasors and their neighbours, and which share of the noise is left.
+
+    Parameters
+    ----------
+    around : ndarray of float32, shape (5, 2 n)
+        The phasors, those before and after, and the slopes to either; 0 where there is none. Real
+        and imaginary parts take turns. One array, so that the loop works on several at a time.
+    n : int
+        How many there are.
+    mean, factor : ndarray of float32
+        Where it goes.
+    """
+    one = np.float32(1)
+    for j in range(n):
+        real, imag = around[HERE, 2 * j], around[HERE, 2 * j + 1]
+        z_real, z_imag = around[BEFORE, 2 * j], around[BEFORE, 2 * j + 1]
+        s_real, s_imag = around[SLOPE_BEFORE, 2 * j], around[SLOPE_BEFORE, 2 * j + 1]
+        real += z_real * s_real - z_imag * s_imag
+        imag += z_real * s_imag + z_imag * s_real
+        square = s_real * s_real + s_imag * s_imag
+        weight, squares = one + np.sqrt(square), one + square
+        z_real, z_imag = around[AFTER, 2 * j], around[AFTER, 2 * j + 1]
+        s_real, s_imag = around[SLOPE_AFTER, 2 * j], around[SLOPE_AFTER, 2 * j + 1]
+        real += z_real * s_real + z_imag * s_imag
+        imag += z_imag * s_real - z_real * s_imag
+        square = s_real * s_real + s_imag * s_imag
+        weight, squares = weight + np.sqrt(square), squares + square
+        share = one / weight
+        factor[j] = squares * share * share
+        mean[2 * j], mean[2 * j + 1] = real * share, imag * share
+
+
+@compiled
+def times_line(line: Stack, out: Stack) -> None:
+    """Multiply by a line, in place."""
+    for j in range(len(out)):
+        out[j] *= line[j]

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.stack import Block, Stack
+from napari_phase4d.stack import Block, Stack, room_in
 from napari_phase4d.unwrapping.directional.edges import (
     PARTS,
     SOFTENING,
@@ -98,8 +98,8 @@ def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack
     """Join the pixels of each frame of a block, and list the steps between what is joined."""
     block = weighed.block
     islands = scene.islands(block)
-    groups = np.full(islands.shape, -1, dtype=np.int32)
-    relative = np.zeros(islands.shape, dtype=np.int16)
+    groups, relative = room_in(groups_to, block, np.int32), room_in(relative_to, block, np.int16)
+    groups[...], relative[...] = -1, 0
     free = np.ascontiguousarray(weighed.seen.free)
     fields = np.full((*islands.shape[:2], 3), -1, dtype=np.int32)
     sizes = []

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.unwrapping.ends import ends_along
-from napari_phase4d.unwrapping.growing import Workspace
-from napari_phase4d.unwrapping.spatial import unwrap_frame
+from napari_phase4d.unwrapping.growing import Workspace, second_differences
+from napari_phase4d.unwrapping.spatial import turns_of_frame
 
 __all__ = ["link_map"]
 
@@ -50,10 +50,9 @@ def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
         ground = bare[frame] & known
         if not ground.any() or np.abs(wrapped).max(initial=0, where=known) <= SURE:
             continue
-        whole, _ = unwrap_frame(wrapped, known, work=work)
-        turns = np.round((whole - wrapped) / TURN)
-        level = np.round(np.median(turns[ground]))
-        turns = np.where(known, turns - level, 0).astype(np.int32)
+        turns, _ = turns_of_frame(wrapped, known, second_differences, work)
+        level = np.int32(np.round(np.median(turns[ground])))
+        turns = np.where(known, turns - level, np.int32(0))
         if turns.any():
             found[frame] = wrapped + TURN * without_tears(wrapped, turns)
     return found

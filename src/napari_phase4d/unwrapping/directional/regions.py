@@ -93,14 +93,40 @@ class Regions:
 
         Where there is no group it is the region that is held.
         """
-        group = self.groups.read(block)
-        outside = group < 0
-        here = group + self.base[block.start : block.stop, None, None, None]
-        here[outside] = 0
-        region = self.of_group[here]
-        turns = self.offset[here] + self.relative.read(block)
-        region[outside], turns[outside] = self.held, self.held_turns
+        group, relative = self.groups.read(block), self.relative.read(block)
+        region, turns = np.empty(group.shape, np.int32), np.empty(group.shape, np.int32)
+        for i, time in enumerate(block.times):
+            write_regions(
+                np.require(group[i], None, ["C", "W"]).reshape(-1),
+                np.require(relative[i], None, ["C", "W"]).reshape(-1),
+                int(self.base[time]),
+                self.of_group,
+                self.offset,
+                (self.held, self.held_turns),
+                region[i].reshape(-1),
+                turns[i].reshape(-1),
+            )
         return region, turns
+
+
+@compiled
+def write_regions(
+    group: Index,
+    relative: NDArray[np.int16],
+    base: int,
+    of_group: Index,
+    offset: Index,
+    outside: tuple[int, int],
+    region: Index,
+    turns: Index,
+) -> None:
+    """Write the region and turns of every pixel of a time, by its group counted from a base."""
+    for i in range(len(group)):
+        if group[i] < 0:
+            region[i], turns[i] = outside
+        else:
+            here = group[i] + base
+            region[i], turns[i] = of_group[here], offset[here] + relative[i]
 
 
 def find_regions(scene: Scene, steps: Iterator[Weighed], store: Store, watch: Watch) -> Regions:

@@ -133,6 +133,16 @@ class Frames:
                 self._stand_in(seen, int(i), int(angle), int(times[i]))
         return seen
 
+    def read_free(self, block: Block) -> Mask:
+        """Return the object's pixels of some of the kept frames, as `read` does."""
+        times = self.kept[block.start : block.stop]
+        if self.lost[times].any():
+            return self.read(block).free
+        around = Block(int(times[0]), int(times[-1]) + 1)
+        _, usable = self.recorded.given.read(around)
+        found: Mask = usable & ~self.background.empty.read(around)
+        return found if len(times) == len(around) else found[times - around.start]
+
     def read_empty(self, block: Block) -> Mask:
         """Return the empty field of some of the kept frames."""
         times = self.kept[block.start : block.stop]
@@ -297,7 +307,7 @@ def box_of(frames: Frames, shifts: Shifts, watch: Watch) -> Box:
     blocks = working_blocks(frames.shape)
 
     def lines(block: Block) -> tuple[Mask, Mask]:
-        seen = moved(frames.read(block).free, shifts[block.start : block.stop])
+        seen = moved(frames.read_free(block), shifts[block.start : block.stop])
         return np.asarray(seen.any(axis=(0, 1, 3))), np.asarray(seen.any(axis=(0, 1, 2)))
 
     rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
@@ -344,7 +354,7 @@ def centres_of(frames: Frames, watch: Watch) -> NDArray[np.float64]:
     blocks = working_blocks(frames.shape)
 
     def work(block: Block) -> NDArray[np.float64]:
-        free = frames.read(block).free
+        free = frames.read_free(block)
         return np.array([[centre(mask) for mask in views] for views in free])
 
     return np.concatenate(list(in_threads(work, blocks, watch.quiet(len(blocks)))))
@@ -373,19 +383,27 @@ def likeliest(tried: list[Shifts], likeness: list[float], before: Shifts) -> Shi
 
 
 class Look(NamedTuple):
-    """Some views of the object: cosine and sine of the phase, and its mask (view, y, x)."""
+    """Some views of the object: cosine and sine of the phase, and its mask (view, y, x).
+
+    And between which columns the mask lies in each row (view, y, 2).
+    """
 
     cosine: Image
     sine: Image
     mask: Mask
+    ends: Shifts
 
 
 def looks_at(seen: Seen, angles: slice = slice(None)) -> list[Look]:
     """Return what some frames show, time by time."""
-    phase = seen.phase[:, angles]
+    phase, free = seen.phase[:, angles], seen.free[:, angles]
+    width = free.shape[3]
+    some = free.any(axis=3)
+    first = np.where(some, free.argmax(axis=3), width)
+    last = np.where(some, width - free[..., ::-1].argmax(axis=3), 0)
+    ends = np.stack([first, last], axis=3)
     return [
-        Look(*of_time)
-        for of_time in zip(np.cos(phase), np.sin(phase), seen.free[:, angles], strict=True)
+        Look(*of_time) for of_time in zip(np.cos(phase), np.sin(phase), free, ends, strict=True)
     ]
 
 
@@ -462,8 +480,13 @@ def sums_of_moved(now: Look, before: Look, down: int, right: int) -> tuple[float
             c, s, m = now.cosine[view, row], now.sine[view, row], now.mask[view, row]
             c_before, s_before = before.cosine[view, y], before.sine[view, y]
             m_before = before.mask[view, y]
+            first, last = now.ends[view, row, 0], now.ends[view, row, 1]
+            first_before, last_before = before.ends[view, y, 0], before.ends[view, y, 1]
             for start, stop, shift in ((left, width, -left), (0, left, width - left)):
-                for x in range(start, stop):
+                # What lies in neither mask is passed over.
+                start_here = max(start, min(first - shift, first_before))
+                stop_here = min(stop, max(last - shift, last_before))
+                for x in range(start_here, stop_here):
                     if m[x + shift] or m_before[x]:
                         total += c[x + shift] * c_before[x]
                         total += s[x + shift] * s_before[x]

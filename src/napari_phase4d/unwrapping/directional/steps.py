@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import vectorized
+from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, blocks_outwards
@@ -44,7 +44,7 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
 #: Pixels, of all views, whose steps are weighed at a time, unless one frame has more.
-STEP_PIXELS = 2**21
+STEP_PIXELS = 3 * 2**18
 #: Frames before and after a frame that the weights of its steps depend on.
 BEFORE, AFTER = 2, 3
 
@@ -240,7 +240,7 @@ def weighed_steps(
     """
     start = scene.frames.start[0]
     # Several blocks wait for each other, and each takes a hundred bytes a pixel.
-    most = max(STEP_PIXELS // math.prod(scene.part[1:]), 1)
+    most = max(STEP_PIXELS // math.prod(scene.shape[1:]), 1)
     frames = frames or min(working_frames(scene.part), most)
     ahead, behind = blocks_outwards(scene.shape[0], start, frames)
     watch.total = len(ahead) + len(behind)
@@ -363,12 +363,33 @@ def changes(steps: Along, left: Image | None, axis: int) -> tuple[Image, Mask, I
     """Return squared changes of steps over time, which are known, and the share of noise left."""
     known = steps.valid[1:] & steps.valid[:-1]
     squares = turned(steps.step[1:] - steps.step[:-1])
-    squares *= squares * known
+    square_known(squares.reshape(-1), known.reshape(-1))
     if left is None:
         return squares, known, None
     head, tail = ends_along(axis, 4)
-    share = np.float32(0.5) * (left[head] + left[tail])
-    return squares, known, np.float32(0.5) * (share[1:] + share[:-1])
+    share = left[head] + left[tail]
+    share *= np.float32(0.5)
+    mean = share[1:] + share[:-1]
+    mean *= np.float32(0.5)
+    return squares, known, mean
+
+
+@compiled
+def square_known(numbers: Image, known: Mask) -> None:
+    """Square numbers in place; those that are not known become 0."""
+    for i in range(len(numbers)):
+        numbers[i] = numbers[i] * numbers[i] if known[i] else np.float32(0)
+
+
+@compiled
+def write_unsteady(
+    mean: Image, share: Image, floor: np.float32, known: Mask, unsteady: Image
+) -> None:
+    """Write twice the root of mean squares less the noise; infinite where it is not known."""
+    two, none = np.float32(2), np.float32(0)
+    for i in range(len(mean)):
+        change = two * np.sqrt(max(mean[i] - floor * share[i], none))
+        unsteady[i] = change if known[i] else np.float32(np.inf)
 
 
 def courses_of(
@@ -384,13 +405,17 @@ def courses_of(
     squares, known, share = changes(steps, left, axis)
     mean = known_mean(squares, known, axes=(2, 3))
     floor, usual = floors.change[axis]
-    if share is None:
-        mean -= np.float32(floor)
-    else:
-        # Where things move fast less noise was averaged out than on the empty field.
-        mean -= np.float32(floor / usual if usual else floor) * share
-    unsteady = 2 * np.sqrt(np.maximum(mean, 0))
-    unsteady[~known] = np.inf
+    # Where things move fast less noise was averaged out than on the empty field.
+    noise = floor / usual if usual and share is not None else floor
+    share = np.ones(mean.shape, dtype=np.float32) if share is None else share
+    unsteady = np.empty(mean.shape, dtype=np.float32)
+    write_unsteady(
+        mean.reshape(-1),
+        share.reshape(-1),
+        np.float32(noise),
+        known.reshape(-1),
+        unsteady.reshape(-1),
+    )
     fade = faint(axis, seen.amplitude, slice(None))
     return Courses(
         near,
@@ -399,7 +424,7 @@ def courses_of(
         fade,
         steps.difference,
         steps.valid & ~steps.bare,
-        unsteady.astype(np.float32),
+        unsteady,
     )
 
 

@@ -1,0 +1,106 @@
+"""Compiled filters and patches against SciPy's and NumPy's, bit by bit."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import napari_phase4d as p4d
+from helpers import wrap
+from napari_phase4d.unwrapping.filters import gaussian, middle, running_mean, upper_quantile
+from napari_phase4d.unwrapping.masks import object_mask
+from napari_phase4d.unwrapping.patches import extent, fill_holes, remove_specks, widened
+from napari_phase4d.unwrapping.registration import centre
+from napari_phase4d.unwrapping.spatial import border_of
+
+SHAPES = [(135, 165), (64, 1), (3, 90), (7, 5), (2, 3), (1, 1)]
+
+
+def frames(shape: tuple[int, int]) -> list[np.ndarray]:
+    """Noise, noise with many equal numbers, nothing, and patches of all sizes."""
+    generator = np.random.default_rng(0)
+    noise = 3 * generator.normal(size=shape)
+    smooth = [9 * ndimage.gaussian_filter(noise, sigma) for sigma in (0.5, 1, 2, 4)]
+    found = [noise, np.round(noise), np.zeros(shape), *smooth]
+    return [frame.astype(np.float32) for frame in found]
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_filters_give_the_bits_of_scipy(shape: tuple[int, int]) -> None:
+    for frame in frames(shape):
+        np.testing.assert_array_equal(gaussian(frame), ndimage.gaussian_filter(frame, 1.0))
+        for size in (3, 5, 4):
+            expected = ndimage.uniform_filter(frame, size)
+            np.testing.assert_array_equal(running_mean(frame, size), expected)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_ranks_are_those_of_numpy(shape: tuple[int, int]) -> None:
+    for frame in frames(shape):
+        for share in (0.995, 0.5, 0.1, 0.0, 1.0):
+            assert upper_quantile(frame, share) == np.quantile(frame, share)
+        assert middle(frame.ravel()) == np.median(frame)
+        some = frame.ravel()[min(1, frame.size - 1) :]
+        assert middle(some) == np.median(some)
+
+
+@pytest.mark.parametrize("shape", SHAPES)
+def test_patches_are_those_of_scipy(shape: tuple[int, int]) -> None:
+    for frame in frames(shape):
+        for mask in (frame > 0, frame > 1, frame < 9, frame > 99):
+            top, bottom, left, right = extent(mask, 0)
+            assert not mask.any() or mask[top:bottom, left:right].sum() == mask.sum()
+            filled = mask.copy()
+            fill_holes(filled)
+            np.testing.assert_array_equal(filled, ndimage.binary_fill_holes(mask))
+            large = mask.copy()
+            remove_specks(large, 7)
+            labels, _ = ndimage.label(mask)
+            sizes = np.bincount(labels.ravel())
+            np.testing.assert_array_equal(large, mask & (sizes >= 7)[labels])
+            wider = ndimage.binary_dilation(mask, iterations=2)
+            np.testing.assert_array_equal(widened(mask, 2), wider)
+
+
+def plain_object_mask(unwrapped: np.ndarray) -> np.ndarray:
+    """What `object_mask` does, in the words of SciPy."""
+    edge = unwrapped[border_of(unwrapped.shape)]
+    level = float(np.median(edge))
+    noise = 1.4826 * float(np.median(np.abs(edge - level)))
+    height = np.abs(ndimage.gaussian_filter(unwrapped - level, 1.0))
+    above = height > max(0.1 * float(np.quantile(height, 0.995)), 4 * noise, 1e-3)
+    above = ndimage.binary_fill_holes(above)
+    labels, _ = ndimage.label(above)
+    large = np.bincount(labels.ravel()) >= 0.002 * above.size
+    above &= large[labels]
+    if not above.any() or above[border_of(above.shape)].mean() > 0.5:
+        return np.ones(above.shape, dtype=bool)
+    return ndimage.binary_dilation(above, iterations=2)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2, 0.6])
+@pytest.mark.parametrize("shape", sorted(p4d.simulation.SHAPES))
+def test_masks_are_those_of_scipy(shape: str, noise: float) -> None:
+    exact = p4d.simulation.moving_shape(shape, (96, 128), 3)["phase"].values
+    phase = exact + np.random.default_rng(0).normal(0, noise, exact.shape)
+    found = 0
+    for frame in phase.astype(np.float32).reshape(-1, 96, 128):
+        mask = object_mask(frame)
+        np.testing.assert_array_equal(mask, plain_object_mask(frame))
+        found += not mask.all()
+        y, x = np.nonzero(mask)
+        expected = (np.nan, np.nan) if mask.all() else (y.mean(), x.mean())
+        np.testing.assert_allclose(centre(mask), expected, rtol=1e-14)
+    assert found  # there is an object in some
+
+
+def test_a_single_frame_is_unwrapped_without_a_thread(monkeypatch: pytest.MonkeyPatch) -> None:
+    def started(*_: object) -> None:
+        msg = "a thread was started"
+        raise AssertionError(msg)
+
+    monkeypatch.setattr("threading.Thread.start", started)
+    frame = wrap(frames((135, 165))[6])
+    for method in ("spatial-2d", "temporal-angular"):
+        assert p4d.unwrap(frame, method).shape == frame.shape
