@@ -38,7 +38,9 @@ def test_steps_are_done_a_turn_each_in_order(qtbot: Any) -> None:
         turns.run(noting(done, "c"))
     assert done == []
     assert turns.pending
+    assert not gc.isenabled()
     qtbot.waitUntil(lambda: not turns.pending)
+    assert gc.isenabled()
     assert done == ["a", "b", "c"]
     assert {0, 1, 2} <= set(turn)  # others had their turn after each
     turns.run(noting(done, "d", "e"))  # as a script does
@@ -56,6 +58,7 @@ def test_what_a_script_asks_for_comes_after_what_waits(qtbot: Any) -> None:
     with turns.unhurried():
         turns.run(noting(done, "d"))
     turns.stop()
+    assert gc.isenabled()
     qtbot.wait(30)
     assert done == ["a", "b", "c"]
 

@@ -104,7 +104,6 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         #: Where the dock has scrolled to by itself.
         self._scrolled_to = 0
         self._time_left = TimeLeft()
-        self._collecting: Collecting | None = None
         #: Titles of what failed unasked, which is not tried again.
         self._failed_unasked: list[str] = []
         self.jobs = Jobs(self, self.presenter.turns)
@@ -148,6 +147,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             show_warning(advice)
         self._catch_up()
         warm_up_elsewhere()
+        # Layers would be kept until the dock is closed, also those that are removed.
+        self._collecting = None if len(napari_viewer.layers) else Collecting()
 
     def _catch_up(self) -> None:
         """Go on where an earlier dock of this viewer was closed."""
@@ -420,8 +421,6 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         plan = self.session.quiet_plan(self._failed_unasked)
         if plan is not None:
             self.jobs.start(plan)
-        elif self._collecting is None and self.session.reconstruction is not None:
-            self._collecting = Collecting()  # all libraries have been loaded
 
     def _recording_opened(self) -> None:
         self._failed_unasked = []

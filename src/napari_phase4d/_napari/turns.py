@@ -29,6 +29,8 @@ class Turns:
     def __init__(self) -> None:
         self._waiting: deque[Steps] = deque()
         self._unhurried = self._stepping = False
+        #: Whether Python looks for no garbage until all is done.
+        self._put_off = False
         self._timer: QTimer | None = None
 
     @property
@@ -60,14 +62,21 @@ class Turns:
         """Do at once all that waits."""
         while self._waiting and not self._stepping:
             self._step()
+        if not self._waiting:
+            self._collect_again()
 
     def stop(self) -> None:
         """Do nothing of what waits."""
         self._waiting.clear()
         if self._timer is not None:
             self._timer.stop()
+        self._collect_again()
 
     def _wait(self) -> None:
+        # A search for garbage in the midst of a step, or of what is painted, doubles its time.
+        if not self._put_off and gc.isenabled():
+            self._put_off = True
+            gc.disable()
         if self._timer is None:
             self._timer = QTimer()
             self._timer.setSingleShot(True)
@@ -82,6 +91,13 @@ class Turns:
         finally:
             if self._waiting:
                 self._wait()
+            else:
+                self._collect_again()
+
+    def _collect_again(self) -> None:
+        if self._put_off:
+            self._put_off = False
+            gc.enable()
 
     def _step(self) -> None:
         """Do the next step; of work that fails the rest is left out."""
