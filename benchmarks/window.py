@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import statistics
+import sys
+import tempfile
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
+import tifffile
 import xarray as xr
 from napari.components import ViewerModel
 from qtpy.QtCore import QEvent, QPointF, Qt, QTimer
 from qtpy.QtGui import QMouseEvent
+from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication, QWidget
 from starting import start_lines
 from watching import Painted, Pulse, let_work, rest
@@ -23,6 +28,9 @@ from napari_phase4d._napari.demo import viewer_with_dock
 from napari_phase4d._napari.dock import Phase4DDock
 from napari_phase4d._napari.session import plan_unwrapping
 from napari_phase4d.pipeline.ahead import warm_up
+
+sys.path.append(str(Path(__file__).parents[1] / "tests" / "_napari"))
+from driving import answer_dialog
 
 #: (time, angle, y, x) of the phase that is worked on, with so much noise in radians.
 SHAPE, NOISE_RAD = (60, 2, 256, 256), 0.2
@@ -34,6 +42,8 @@ NINE = (
     "laplacian", "region-growing", "spatial-3d", "dilate-erode",
 )  # fmt: skip
 CAMERA = (1024, 1280)
+#: Frames of the file that is opened as a measured one is.
+MEASURED = 12
 RUNS, DRAGS = 2, 30
 #: Steps of the slider, in stretches in turn in one window and the other.
 STRETCHES, STEPS = 4, 10
@@ -48,6 +58,7 @@ def lines() -> Iterator[str]:
         ("Longest stall of the window", stall_lines),
         ("Moving a slider", slider_lines),
         ("Dragging a circle", drag_lines),
+        ("Clicks and seconds", story_lines),
         ("Start", start_lines),
     ):
         yield f"#### {heading}\n"
@@ -323,3 +334,61 @@ def send_mouse(canvas: Any, kind: QEvent.Type, place: QPointF) -> None:
     there = QPointF(canvas.viewport().mapToGlobal(place.toPoint()))
     event = QMouseEvent(kind, place, there, changed, held, Qt.KeyboardModifier.NoModifier)
     QApplication.sendEvent(canvas.viewport(), event)
+
+
+def story_lines() -> Iterator[str]:
+    """Count clicks and seconds from an empty window to the verdict, by the mouse."""
+    yield "| from an empty window to the verdict | clicks | s | of it waiting for results |"
+    yield "|---|---|---|---|"
+    yield story_row("the sample", ("try_sample", "find_lobes", "reconstruct", "run"))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "measured.tif"
+        exact = p4d.simulation.moving_shape("dividing", CAMERA, MEASURED, angles_deg=ANGLES_DEG)
+        video = p4d.simulation.multiplexed_video(exact["phase"]).holograms.values
+        tifffile.imwrite(path, video, photometric="minisblack")
+        # A file that does not say its microscope: step 1 stays open, to check it.
+        clicks = ("open_file", "heading_2", "find_lobes", "reconstruct", "run")
+        what = f"a TIFF file of {MEASURED} frames, 1024 x 1280 pixels"
+        yield story_row(what, clicks, path)
+
+
+def story_row(what: str, names: tuple[str, ...], path: Path | None = None) -> str:
+    """Click on things of the dock by their names, each as soon as it can be."""
+    viewer, dock = viewer_with_dock(show=True)
+    rest(1)
+    began, waited, clicks = time.perf_counter(), 0.0, 0
+    for name in names:
+        if path is not None and name == "open_file":
+            answered = answer_dialog(path)
+            clicks += 1  # on the dialog's own button
+        click(dock, name)
+        clicks += 1
+        asked = time.perf_counter()
+        let_work(lambda: not dock.jobs.running and not dock.presenter.turns.pending)
+        waited += time.perf_counter() - asked
+        if path is not None and name == "open_file" and not answered():
+            msg = "there was no dialog"
+            raise RuntimeError(msg)
+        if dock.status.property("wrong"):
+            raise RuntimeError(dock.status.text())
+    asked = time.perf_counter()
+    let_work(lambda: bool(dock.session.verdict))
+    ended = time.perf_counter()
+    viewer.close()
+    return f"| {what} | {clicks} | {ended - began:.1f} | {waited + ended - asked:.1f} |"
+
+
+def click(dock: Any, name: str) -> None:
+    """Click on a widget of the dock as a hand does: only where it is in view."""
+    number = name.removeprefix("heading_")
+    widget = (
+        dock.sections[int(number) - 1].heading
+        if number.isdigit()
+        else dock.findChild(QWidget, name)
+    )
+    rest(0.1)
+    port = dock.scroll.viewport()
+    if not port.rect().contains(widget.mapTo(port, widget.rect().center())):
+        msg = f"“{name}” is not in view"
+        raise RuntimeError(msg)
+    QTest.mouseClick(widget, Qt.MouseButton.LeftButton)

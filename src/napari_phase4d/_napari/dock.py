@@ -325,6 +325,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         for step in self.steps:
             step.failed.connect(lambda sentence: self.say(sentence, wrong=True))
             step.said.connect(self._say_last)
+        self.lobes.settled.connect(lambda: self.show_step(2))
         self.jobs.started.connect(self._started)
         self.jobs.progressed.connect(self._progressed)
         self.jobs.finished.connect(self._finished)
