@@ -17,16 +17,28 @@ class Pulse:
     """A timer of 5 ms in the window's thread; where a beat is late, the window stood still."""
 
     def __init__(self) -> None:
-        self._beats: list[float] = []
+        #: When each beat was, and how long the window's thread had computed until then.
+        self._beats: list[tuple[float, float]] = []
         self._timer = QTimer()
         self._timer.setTimerType(Qt.TimerType.PreciseTimer)
-        self._timer.timeout.connect(lambda: self._beats.append(time.perf_counter()))
+        self._timer.timeout.connect(
+            lambda: self._beats.append((time.perf_counter(), time.thread_time()))
+        )
         self._timer.start(TICK_MS)
 
     def longest_stall(self, began: float, ended: float) -> float:
         """Return the longest time without a beat between two moments, less a tick, in ms."""
-        beats = [began, *(beat for beat in self._beats if began < beat < ended), ended]
+        beats = [began, *(beat for beat, _ in self._beats if began < beat < ended), ended]
         return max(0.0, 1000 * float(np.diff(beats).max()) - TICK_MS)
+
+    def longest_work(self, began: float, ended: float) -> float:
+        """Return the most that the window's thread has computed from beat to beat, in ms.
+
+        Unlike the stall, it does not tell of other programs on the machine, nor of what OpenGL
+        draws in threads of its own.
+        """
+        worked = [cpu for beat, cpu in self._beats if began < beat < ended]
+        return 1000 * float(np.diff(worked).max()) if len(worked) > 1 else 0.0
 
 
 class Painted(QObject):

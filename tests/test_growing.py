@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import os
 import subprocess
 import sys
 from functools import partial
@@ -233,6 +234,19 @@ def test_a_compiler_that_fails_is_named_once(monkeypatch: pytest.MonkeyPatch) ->
         assert not compiling.can_compile()  # no second warning
     finally:
         compiling.can_compile.cache_clear()
+
+
+def test_what_has_compiled_once_is_not_loaded_to_see_that_it_can() -> None:
+    compiling.can_compile.cache_clear()
+    compiling.jitted(compiling.one_more, {})(1)  # so that it is kept
+    trial = compiling.jitted(compiling.one_more, {})
+    assert compiling.has_compiled(trial)
+    assert not trial.signatures
+    for kept in compiling.kept_forms(trial):
+        os.utime(kept, (1, 1))  # as from before the libraries were installed
+    assert not compiling.has_compiled(trial)
+    assert compiling.can_compile()
+    assert compiling.has_compiled(trial)
 
 
 # ---- the single kernels ----------------------------------------------------------------------

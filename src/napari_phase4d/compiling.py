@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 import inspect
+import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -70,7 +72,14 @@ def room_of(function: Callable[..., Any]) -> Path:
 def can_compile() -> bool:
     """Say whether functions can be compiled here; if not, warn once and say why."""
     try:
-        return bool(jitted(one_more, {})(1) == 2)
+        trial = jitted(one_more, {})
+        if has_compiled(trial):
+            return True
+        works = bool(trial(1) == 2)
+        for path in kept_forms(trial):
+            with suppress(OSError):
+                path.touch()  # also if it was kept before a library was installed again
+        return works
     except Exception as error:  # whatever it is, there is another way
         reason = f"{type(error).__name__}: {error}".splitlines()[0]
         warnings.warn(
@@ -79,6 +88,18 @@ def can_compile() -> bool:
             stacklevel=2,
         )
         return False
+
+
+def has_compiled(trial: Any) -> bool:
+    """Say whether these versions have compiled a function before, without loading it.
+
+    To load the first compiled function takes a quarter of a second, in which no window opens.
+    """
+    import llvmlite  # type: ignore[import-untyped]
+    import numba
+
+    installed = max(Path(library.__file__).stat().st_mtime for library in (llvmlite, numba))
+    return any(path.stat().st_mtime > installed for path in kept_forms(trial))
 
 
 @functools.cache
@@ -102,11 +123,16 @@ def drop_outdated(room: Path) -> None:
 
 def is_on_disk(function: Callable[..., Any]) -> bool:
     """Say whether a compiled function has been kept on disk; True where nothing is compiled."""
-    stats = getattr(function, "stats", None)
-    if stats is None:
-        return True
-    name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
-    return any(Path(stats.cache_path).glob(name))
+    return not hasattr(function, "stats") or any(kept_forms(function))
+
+
+def kept_forms(function: Any) -> Iterator[Path]:
+    """Yield the files that say what this Python has kept of a compiled function."""
+    folder = function.stats.cache_path
+    if folder is not None:  # where nothing can be written, nothing is kept
+        python = f"py{sys.version_info.major}{sys.version_info.minor}"
+        name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.{python}*.nbi"
+        yield from Path(folder).glob(name)
 
 
 def one_more(number: int) -> int:

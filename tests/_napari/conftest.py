@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from canvas_driving import LOBES
+from driving import let_settle
 from npe2 import PluginManager
 from qtpy.QtCore import QPoint, Qt
 from qtpy.QtTest import QTest
@@ -88,7 +89,7 @@ def click(dock: Any, qtbot: Any) -> Callable[[str], None]:
         QTest.mouseClick(
             widget, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, position
         )
-        qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+        let_settle(qtbot, dock)
 
     return click
 

@@ -83,3 +83,12 @@ def answer_dialog(text: str | Path) -> Callable[[], bool]:
 
     QTimer.singleShot(50, answer)
     return lambda: bool(answered)
+
+
+def let_settle(qtbot: Any, dock: Any) -> None:
+    """Wait until all that was asked for is on screen, and the panel has followed the sliders."""
+    turns, followers = dock.presenter.turns, dock.followers
+    qtbot.waitUntil(
+        lambda: not (dock.jobs.running or turns.pending or followers.frame_changed.pending),
+        timeout=60_000,
+    )

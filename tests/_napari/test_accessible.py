@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 from napari.settings import get_settings
 from qtpy.QtCore import Qt
@@ -17,6 +22,8 @@ from qtpy.QtWidgets import (
 
 pytestmark = pytest.mark.gui
 
+#: Of the line round what has the keyboard.
+FOCUS_COLOUR = "#3d8fe0"
 FIELDS = (QAbstractButton, QAbstractSpinBox, QComboBox, QTableWidget)
 
 
@@ -101,3 +108,64 @@ def test_the_way_to_where_methods_disagree(viewer, ready, click, qtbot) -> None:
         click("show_worst")
         assert ready.presenter.current_frame() == verdict.frame
         assert viewer.canvas.grid.enabled
+
+
+def blue(widget: QWidget) -> int:
+    """Count the pixels of the colour that says where the keyboard is."""
+    image = widget.grab().toImage()
+    places = ((x, y) for x in range(image.width()) for y in range(image.height()))
+    return sum(image.pixelColor(x, y).name() == FOCUS_COLOUR for x, y in places)
+
+
+@pytest.mark.thorough
+def test_the_focus_is_seen(viewer, ready, qtbot) -> None:
+    ready.window().activateWindow()
+    for step, name in ((0, "open_file"), (1, "n_views"), (2, "reconstruct"), (3, "mask"),
+                       (4, "show_difference")):  # fmt: skip
+        ready.show_step(step)
+        qtbot.wait(30)
+        widget = ready.findChild(QWidget, name)
+        ready.sections[step].heading.setFocus()
+        without = blue(widget)
+        widget.setFocus(Qt.FocusReason.TabFocusReason)
+        qtbot.waitUntil(widget.hasFocus, timeout=3000)
+        qtbot.wait(30)
+        assert blue(widget) > without + 10, name
+
+
+SHARP = """
+import sys
+sys.path[:0] = {paths!r}
+from qtpy.QtWidgets import QApplication
+from test_stories import cut_off
+import napari_phase4d as p4d
+from napari_phase4d._napari.demo import viewer_with_dock
+
+viewer, dock = viewer_with_dock(show=True)
+viewer.window.resize(1280, 720)
+assert dock.devicePixelRatioF() == 2
+dock.session.set_phase(p4d.simulation.swimming_euglena((60, 72), 4)["wrapped"])
+dock.session.unwrap(["spatial-2d", "temporal-angular"])
+for number in range(len(dock.sections)):
+    dock.show_step(number)
+    for _ in range(20):
+        QApplication.processEvents()
+    assert cut_off(dock) == [], number
+dock.jobs.cancel()
+viewer.close()
+print("sharp")
+"""
+
+
+@pytest.mark.thorough
+@pytest.mark.slow
+def test_nothing_is_cut_where_a_pixel_is_four() -> None:
+    here = Path(__file__).parent
+    code = SHARP.format(paths=[str(here), str(here.parent)])
+    # In a program of its own: Qt takes the scale of the screen when it starts.
+    environment = {**os.environ, "QT_SCALE_FACTOR": "2"}
+    done = subprocess.run(
+        [sys.executable, "-W", "ignore", "-c", code],
+        env=environment, capture_output=True, text=True, check=False, timeout=240,
+    )  # fmt: skip
+    assert done.stdout.split()[-1:] == ["sharp"], done.stderr[-3000:]

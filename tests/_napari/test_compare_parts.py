@@ -13,7 +13,7 @@ import dask.array as da
 import numpy as np
 import pandas as pd
 import pytest
-from driving import answer_dialog
+from driving import answer_dialog, let_settle
 from qtpy.QtCore import Qt
 from qtpy.QtGui import QGuiApplication
 
@@ -81,14 +81,16 @@ def test_results_are_linked_and_named(viewer, compared) -> None:
 
 
 @pytest.mark.thorough
-def test_difference_to_any_result(viewer, compared) -> None:
+def test_difference_to_any_result(viewer, compared, qtbot) -> None:
     compared.compare.difference.value = "less T/A"
+    let_settle(qtbot, compared)
     assert shown(viewer) == ["2-D − T/A", "WL1 − T/A"]
     results = compared.session.results
     expected = results["directional-l1"].values - results["temporal-angular"].values
     np.testing.assert_array_equal(viewer.layers["WL1 − T/A"].data, expected)
     count = len(viewer.layers)
     compared.compare.difference.value = "less T/A"
+    let_settle(qtbot, compared)
     assert len(viewer.layers) == count  # what is shown already is not added again
     assert "in radians" in compared.status.text()
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from driving import drag
 from qtpy.QtCore import Qt
-from qtpy.QtWidgets import QApplication
+from qtpy.QtWidgets import QApplication, QWidget
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.widgets.spectrum_canvas import COLUMNS
@@ -141,3 +141,22 @@ def test_every_new_circle_has_a_place_of_its_own(ready, click) -> None:
     assert len(carriers) == 5
     apart = [pair_distance(a, b) for a, b in itertools.combinations(carriers, 2)]
     assert min(apart) > 0.05
+
+
+def test_step_3_opens_once_the_views_are_found(dock, click, small_video, qtbot) -> None:
+    dock.session.set_recording(small_video)
+    click("find_lobes")
+    assert len(dock.session.lobes) == 2
+    assert dock.sections[2].is_open
+    qtbot.wait(100)
+    port, go = dock.scroll.viewport(), dock.phase.findChild(QWidget, "reconstruct")
+    assert port.rect().contains(go.mapTo(port, go.rect().center()))
+
+
+def test_views_in_doubt_are_looked_at_first(dock, click, small_video) -> None:
+    dock.session.set_recording(small_video)
+    dock.session.update(n_views=3)  # more than there are
+    click("find_lobes")
+    assert dock.lobes.doubts()
+    assert not dock.sections[2].is_open
+    assert dock.sections[1].is_open

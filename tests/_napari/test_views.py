@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from driving import click_cell
+from driving import click_cell, let_settle
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 
@@ -66,7 +66,9 @@ def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, view
     assert (text.text, text.visible) == ("cell 7, March", True)
 
 
-def test_the_difference_is_to_what_is_chosen(differing: Any, click: Any, viewer: Any) -> None:
+def test_the_difference_is_to_what_is_chosen(
+    differing: Any, click: Any, viewer: Any, qtbot: Any
+) -> None:
     assert differing.compare.difference.value == "less WL1"  # the one most to be trusted
     click("show_difference")
     results = differing.session.results
@@ -74,6 +76,7 @@ def test_the_difference_is_to_what_is_chosen(differing: Any, click: Any, viewer:
     expected = results["spatial-2d"].values - results["directional-l1"].values
     np.testing.assert_array_equal(layer.data, expected)
     differing.compare.difference.value = "less 2-D"
+    let_settle(qtbot, differing)
     assert viewer.layers["WL1 − 2-D"].visible
 
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -32,6 +34,7 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
+from napari_phase4d._napari.turns import Afterwards, Collecting
 from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Section
@@ -104,7 +107,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._time_left = TimeLeft()
         #: Titles of what failed unasked, which is not tried again.
         self._failed_unasked: list[str] = []
-        self.jobs = Jobs(self)
+        self.jobs = Jobs(self, self.presenter.turns)
         # Before the steps, which look at what it shows.
         self.presenter.listen()
         parts = (self.session, self.jobs, self.presenter)
@@ -136,7 +139,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._laid_out.timeout.connect(self._scroll_to_opened)
         self._build()
         self._listen()
-        self.following = Following(napari_viewer, self.steps)
+        self.followers = Followers(self.steps, self)
+        self.following = Following(napari_viewer, [self.followers])
         self.destroyed.connect(self.following.stop)
         self.setAcceptDrops(True)
         self.say(FIRST_WORDS)
@@ -144,6 +148,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             show_warning(advice)
         self._catch_up()
         warm_up_elsewhere()
+        # Layers would be kept until the dock is closed, also those that are removed.
+        self._collecting = None if len(napari_viewer.layers) else Collecting()
 
     def _catch_up(self) -> None:
         """Go on where an earlier dock of this viewer was closed."""
@@ -153,6 +159,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.reset_choices()
         with self.presenter.still():
             session.catch_up()
+        with self.presenter.turns.unhurried():
+            self.presenter.go_on()
         states = step_states(session)
         ready = [n for n, state in enumerate(states) if state != StepState.DONE]
         self.show_step(ready[0] if ready else len(states) - 1)
@@ -207,7 +215,10 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._quiet.stop()
         self.jobs.close()
         self.following.stop()
+        self.followers.stop()
         self.presenter.leave()
+        if self._collecting is not None:
+            self._collecting.end()
 
     def showEvent(self, event: QShowEvent | None) -> None:  # noqa: N802 - Qt's name
         """Watch the window that the dock is in, to stop work when it closes."""
@@ -315,6 +326,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         for step in self.steps:
             step.failed.connect(lambda sentence: self.say(sentence, wrong=True))
             step.said.connect(self._say_last)
+        self.lobes.settled.connect(lambda: self.show_step(2))
         self.jobs.started.connect(self._started)
         self.jobs.progressed.connect(self._progressed)
         self.jobs.finished.connect(self._finished)
@@ -455,6 +467,33 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._next_words = words if self.jobs.running else ""
         if not self.jobs.busy:
             self._quiet.start()
+
+
+class Followers:
+    """The steps, told of the mouse at once, and of the sliders when the canvas has followed them.
+
+    Parameters
+    ----------
+    steps : sequence of Step
+        A step with ``frame_changed()``, ``cursor_moved()`` or ``clicked()`` is told.
+    dock : QObject
+        What they go with.
+    """
+
+    def __init__(self, steps: Sequence[Any], dock: QObject) -> None:
+        self._steps = steps
+        self.frame_changed = Afterwards(partial(self._tell, "frame_changed"), dock)
+        self.cursor_moved = partial(self._tell, "cursor_moved")
+        self.clicked = partial(self._tell, "clicked")
+
+    def stop(self) -> None:
+        """Tell nothing any more."""
+        self.frame_changed.stop()
+
+    def _tell(self, what: str) -> None:
+        for step in self._steps:
+            if hasattr(step, what):
+                getattr(step, what)()
 
 
 def dropped_paths(event: QDropEvent) -> list[Path]:

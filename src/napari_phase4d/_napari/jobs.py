@@ -16,11 +16,14 @@ from psygnal import EmitLoopError
 from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
 
 from napari_phase4d._napari.session import Changed, Plan
+from napari_phase4d._napari.turns import Turns
 from napari_phase4d.progress import Cancelled
 
 __all__ = ["GATES", "Ended", "Gate", "Jobs", "TimeLeft", "in_words", "sentence_of"]
 
 TELL_EVERY_MS = 100
+#: While results come up on screen.
+LOOK_AGAIN_MS = 10
 #: Work that was told to stop gets so long at the end of the program.
 LONGEST_END_MS = 3000
 
@@ -49,6 +52,13 @@ class Gate:
 class Jobs(QObject):  # type: ignore[misc]
     """Runs one piece of work at a time, outside the window's thread.
 
+    Parameters
+    ----------
+    parent : QObject, optional
+        What it goes with.
+    turns : Turns, optional
+        In which results come up on screen; a job has ended only after that.
+
     Signals
     -------
     started(str), progressed(int, int, str), finished(str), cancelled(str, bool), failed(str)
@@ -65,8 +75,9 @@ class Jobs(QObject):  # type: ignore[misc]
     failed = Signal(str)
     idle = Signal(str)
 
-    def __init__(self, parent: QObject | None = None) -> None:
+    def __init__(self, parent: QObject | None = None, turns: Turns | None = None) -> None:
         super().__init__(parent)
+        self._turns = Turns() if turns is None else turns
         self._worker: FunctionWorker | None = None
         self._then: Callable[[], None] | None = None
         self._latest: tuple[int, int, str] | None = None
@@ -165,16 +176,16 @@ class Jobs(QObject):  # type: ignore[misc]
         latest, self._latest = self._latest, None
         if latest is not None and self.running:
             self.progressed.emit(*latest)
-        if self.running and self._plan is not None:
-            take_part(self._plan)
+        # One that is still coming up is not held up by the next.
+        if self.running and self._plan is not None and not self._turns.pending:
+            self._take_part(self._plan)
 
     def _returned(self, worker: FunctionWorker, plan: Plan, ended: Ended) -> None:
         if worker is not self._worker:
             return
-        if ended.error is None and take_part(plan):  # one a turn, so that the window goes on
-            gate = self._gate
-            again = partial(self._returned, worker, plan, ended)
-            QTimer.singleShot(0, lambda: None if gate.closed else again())
+        # One part a turn, so that the window goes on.
+        if self._turns.pending or (ended.error is None and self._take_part(plan)):
+            self._after_a_turn(partial(self._returned, worker, plan, ended))
             return
         stopped = isinstance(ended.error, Cancelled) or self._gate.stop.is_set()
         # A result that arrives after Cancel is not wanted any more, but finished parts are.
@@ -183,13 +194,24 @@ class Jobs(QObject):  # type: ignore[misc]
             if not stopped or has_parts:
                 if ended.error is not None:
                     raise ended.error
-                plan.receive(ended.result)
-                if self._then is not None and not stopped:
-                    self._then()
+                with self._turns.unhurried():
+                    plan.receive(ended.result)
+                    if self._then is not None and not stopped:
+                        self._then()
         except Exception as error:
             self._failed(worker, plan, error)
             return
+        self._shown(worker, plan, stopped=stopped, has_parts=has_parts)
+
+    def _shown(
+        self, worker: FunctionWorker, plan: Plan, *, stopped: bool, has_parts: bool
+    ) -> None:
+        """End a job once all that came of it is on screen."""
         if worker is not self._worker:  # something has begun meanwhile
+            return
+        if self._turns.pending:
+            again = partial(self._shown, worker, plan, stopped=stopped, has_parts=has_parts)
+            self._after_a_turn(again)
             return
         self._worker = None
         if not plan.gives_way:
@@ -199,6 +221,23 @@ class Jobs(QObject):  # type: ignore[misc]
                 self.finished.emit(plan.title)
         self.idle.emit("")
 
+    def _after_a_turn(self, go_on: Callable[[], None]) -> None:
+        """Go on in a later turn of the event loop, unless the window closes."""
+        gate = self._gate
+        wait_ms = LOOK_AGAIN_MS if self._turns.pending else 0
+        QTimer.singleShot(wait_ms, lambda: None if gate.closed else go_on())
+
+    def _take_part(self, plan: Plan) -> bool:
+        """Take one finished part of a plan into the session; return whether there was one.
+
+        One that can't be shown on the way must not hold up the whole, which says what is wrong.
+        """
+        try:
+            with self._turns.unhurried():
+                return plan.next_part()
+        except Exception:
+            return True
+
     def _failed(self, worker: FunctionWorker, plan: Plan, error: Exception) -> None:
         if worker is self._worker:
             self._worker = None
@@ -207,17 +246,6 @@ class Jobs(QObject):  # type: ignore[misc]
             # What has changed meanwhile can be tried again; a real error can't.
             again = isinstance(error, Changed) or not plan.gives_way
             self.idle.emit("" if again else plan.title)
-
-
-def take_part(plan: Plan) -> bool:
-    """Take one finished part of a plan into the session; return whether there was one.
-
-    One that can't be shown on the way must not hold up the whole, which says what is wrong.
-    """
-    try:
-        return plan.next_part()
-    except Exception:
-        return True
 
 
 #: Of all windows, for the end of the program.

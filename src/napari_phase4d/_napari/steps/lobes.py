@@ -9,7 +9,7 @@ from typing import Any
 
 import xarray as xr
 from magicgui.widgets import ComboBox
-from qtpy.QtCore import QElapsedTimer, QTimer
+from qtpy.QtCore import QElapsedTimer, QTimer, Signal
 
 from napari_phase4d._napari.session import plan_lobes
 from napari_phase4d._napari.steps.step import Step
@@ -55,7 +55,15 @@ def free_place(lobes: Sequence[Lobe]) -> tuple[float, float]:
 
 
 class LobesStep(Step):
-    """Spectrum with circles, the wrapped phase they give, a table, and warnings."""
+    """Spectrum with circles, the wrapped phase they give, a table, and warnings.
+
+    Signals
+    -------
+    settled()
+        The views have been found, and nothing in them is in doubt.
+    """
+
+    settled = Signal()
 
     title = "2  Lobes"
     purpose = (
@@ -158,7 +166,11 @@ class LobesStep(Step):
     def find_lobes(self) -> None:
         """Find the views, in a thread."""
         self._first = None
-        self.jobs.start(plan_lobes(self.session))
+        self.jobs.start(plan_lobes(self.session), then=self._go_on)
+
+    def _go_on(self) -> None:
+        if not self.doubts():
+            self.settled.emit()
 
     def add_lobe(self) -> None:
         """Add a view where there is none yet."""

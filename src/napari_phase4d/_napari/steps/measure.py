@@ -151,7 +151,7 @@ class TracePart(Step):
             "draw_region",
             "Adds a layer to draw in. The curves then show the mean where it was drawn; in the "
             "tab Measure, a region that was drawn on a cell goes along with it.",
-            self.presenter.add_regions,
+            self.presenter.start_regions,
         )
         self.follow = self.button(
             "Follow the mouse", "follow_mouse", "Show the pixel under the mouse.", self.unpin

@@ -177,9 +177,10 @@ class Step(QWidget):  # type: ignore[misc]
         widget.changed.connect(changed)
 
     def guarded(self, action: Callable[[], Any]) -> None:
-        """Run an action; a wrong input becomes one sentence."""
+        """Run an action; what it shows comes up in steps, a wrong input becomes one sentence."""
         try:
-            action()
+            with self.presenter.turns.unhurried():
+                action()
         except (OSError, TypeError, ValueError, EmitLoopError) as error:
             self.failed.emit(sentence_of(error))
 

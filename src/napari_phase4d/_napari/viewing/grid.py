@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,7 @@ from typing import Any
 import numpy as np
 from napari.utils import Colormap
 
+from napari_phase4d._napari.turns import Steps
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, PHASE_COLOURS
 
 __all__ = [
@@ -21,6 +23,7 @@ __all__ = [
     "link",
     "look_closer",
     "say_unit",
+    "take_down",
 ]
 
 #: What results side by side share.
@@ -102,13 +105,65 @@ class ViewState:
             viewer.dims.point = self.point
 
 
-def arrange(viewer: Any, layers: Sequence[Any]) -> None:
-    """Show some layers in a grid, each with its name, and one colour bar for all."""
+#: The shape of a grid that follows the number of its layers.
+AS_NEEDED = (-1, -1)
+
+
+def take_down(viewer: Any, layers: Sequence[Any]) -> Steps:
+    """Hide some layers, and leave the grid, in steps.
+
+    A layer or a name that moves to another cell has its shader built anew, which takes longer than
+    anything else here. So the grid keeps its shape, and the last layer goes first.
+    """
+    grid, gone = viewer.canvas.grid, [la for la in in_order(viewer, layers) if la.visible]
+    shape = tuple(grid.shape)
+    if grid.enabled and len(gone) > 1 and shape == AS_NEEDED:
+        grid.shape = shape_for(sum(bool(la.visible) for la in viewer.layers))
+        yield
+    for layer in reversed(gone):
+        hide_labels(layer)
+        layer.visible = False
+        yield
+    grid.enabled = False
+    grid.shape = shape
+    yield
+
+
+def arrange(viewer: Any, layers: Sequence[Any]) -> Steps:
+    """Show some hidden layers in a grid, each with its name, one colour bar for all, in steps."""
+    grid, layers = viewer.canvas.grid, in_order(viewer, layers)
+    shape = tuple(grid.shape)
+    if len(layers) > 1:
+        if shape == AS_NEEDED:  # from the first layer on as it will be in the end
+            others = sum(bool(la.visible) for la in viewer.layers if la not in layers)
+            grid.shape = shape_for(len(layers) + others)
+        grid.enabled = True
+        yield
+    for layer in layers:
+        if layer in viewer.layers:  # and not removed meanwhile
+            layer.visible = True
+            yield
+    grid.shape = shape
+    yield
     for number, layer in enumerate(layers):
-        show_labels(layer, small=len(layers) > CROWD, bar=number == 0)
-        layer.visible = True
-    viewer.canvas.grid.enabled = len(layers) > 1
+        if layer in viewer.layers:
+            show_name(layer, small=len(layers) > CROWD)
+            yield
+            if number == 0:
+                show_bar(layer, small=len(layers) > CROWD)
+                yield
     viewer.canvas.overlays.current_slice.visible = True
+
+
+def in_order(viewer: Any, layers: Sequence[Any]) -> list[Any]:
+    """Return layers of a viewer in the order of its list, which is that of the grid."""
+    return [la for la in viewer.layers if la in layers]
+
+
+def shape_for(count: int) -> tuple[int, int]:
+    """Return the rows and columns that napari gives so many layers."""
+    columns = math.ceil(math.sqrt(count))
+    return math.ceil(count / columns), columns
 
 
 def link(
@@ -116,8 +171,8 @@ def link(
     layers: Sequence[Any],
     limits: tuple[float, float],
     colormap: Colormap | None = None,
-) -> None:
-    """Give layers the same contrast and colours, now and when one of them is changed."""
+) -> Steps:
+    """Give layers the same contrast and colours, now and when one is changed, in steps."""
     low, high = limits
     viewer.layers.unlink_layers(layers)
     for layer in layers:
@@ -129,6 +184,7 @@ def link(
         own = layer.colormap.name.startswith(PHASE_COLOURS)
         if colormap is not None and own:  # and not what the user has chosen
             layer.colormap = colormap
+        yield
     viewer.layers.link_layers(layers, LINKED)
 
 
@@ -151,18 +207,20 @@ def hide_labels(layer: Any) -> None:
         layer.colorbar.visible = False
 
 
-def show_labels(layer: Any, *, small: bool, bar: bool) -> None:
-    """Show a layer's name and a colour bar that leaves the picture free, also in a small cell."""
+def show_name(layer: Any, *, small: bool) -> None:
+    """Show a layer's name."""
     layer.name_overlay.font_size = NAME_FONT[small]
     layer.name_overlay.visible = True
-    layer.colorbar.visible = bar
-    if not bar:
-        return
+
+
+def show_bar(layer: Any, *, small: bool) -> None:
+    """Show a layer's colour bar, which leaves the picture free, also in a small cell."""
     layer.colorbar.size = COLORBAR_SIZE[small]
     layer.colorbar.font_size = COLORBAR_FONT[small]
     layer.colorbar.tick_length = 3.0
     layer.colorbar.box = True
     layer.colorbar.position = "bottom_left"
+    layer.colorbar.visible = True
 
 
 def say_unit(viewer: Any, words: str) -> None:

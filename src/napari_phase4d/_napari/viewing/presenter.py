@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
 import xarray as xr
 from napari.layers import Image
+from napari.utils import Colormap
 from psygnal import Signal
 
 from napari_phase4d._napari.session import Session
+from napari_phase4d._napari.turns import Steps, Turns, exhaust
 from napari_phase4d._napari.viewing.cells import OUTLINE, CellLayers, object_layer
 from napari_phase4d._napari.viewing.grid import (
     LINKED,
@@ -20,10 +22,10 @@ from napari_phase4d._napari.viewing.grid import (
     ViewState,
     arrange,
     common_contrast,
-    hide_labels,
     link,
     look_closer,
     say_unit,
+    take_down,
 )
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
@@ -39,7 +41,8 @@ from napari_phase4d._napari.viewing.layers import (
     thinned,
 )
 from napari_phase4d._napari.viewing.pointing import current_frame, go_to_frame, pixel_under_cursor
-from napari_phase4d.analysis import difference, most_trusted
+from napari_phase4d.analysis import Cells, difference, most_trusted
+from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
 from napari_phase4d.unwrapping import METHODS
 
@@ -67,6 +70,8 @@ class Presenter:
     def __init__(self, viewer: Any, session: Session) -> None:
         self.viewer = viewer
         self.session = session
+        #: In which results come up and go.
+        self.turns = Turns()
         #: What is shown side by side: "results", "wrapped" or the kind of the maps; "" for none.
         self.showing = ""
         #: Where the sliders were when results came up.
@@ -96,6 +101,8 @@ class Presenter:
         self._earlier: list[Any] = []
         self._setting_range = False
         self.listens = self._still = False
+        #: Whether the dock was closed before all results had come up.
+        self._cut_short = False
 
     @classmethod
     def of(cls, viewer: Any) -> Presenter:
@@ -139,11 +146,18 @@ class Presenter:
         finally:
             self._still = False
 
+    def go_on(self) -> None:
+        """Show what was still to come up when an earlier dock was closed."""
+        if self._cut_short and self.session.outcome is not None:
+            self.show_outcome()
+        self._cut_short = False
+
     def leave(self) -> None:
         """Let go of the viewer; what is shown stays, and the session waits for another dock."""
         if not self.listens:
             return
-        self.listens = False
+        self.listens, self._cut_short = False, self.turns.pending
+        self.turns.stop()
         self.session.part()
         self.showing_changed.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
@@ -205,6 +219,7 @@ class Presenter:
 
     def show_recording(self) -> None:
         """Show the frames of the recording, in the layer it came from or in a new one."""
+        self.turns.finish()
         recording = self.session.recording
         self._put_behind()
         self._results, self._own, self.holograms, self._wrapped = {}, [], None, None
@@ -224,6 +239,7 @@ class Presenter:
 
     def show_calibration(self) -> None:
         """Give all layers of the recording its new scale."""
+        self.turns.finish()
         recording = self.session.needed_recording()
         frame = self.viewer.dims.current_step
         for layer in self._own:
@@ -239,6 +255,7 @@ class Presenter:
 
     def _truth_changed(self) -> None:
         """Let the grid show the truth that is chosen now, the next time it is made."""
+        self.turns.finish()
         truth = self.session.truth
         self._results.pop(EXACT, None)
         if truth is None:
@@ -251,6 +268,7 @@ class Presenter:
 
     def show_phase(self) -> None:
         """Show the wrapped phase; the amplitude is added, hidden."""
+        self.turns.finish()
         data = self.session.needed_reconstruction()
         self._results, self._before = {}, None
         self.hide_all()
@@ -273,15 +291,24 @@ class Presenter:
 
     def show_finished(self, method: str, name: str, result: xr.DataArray) -> None:
         """Show a result by itself while other methods still run."""
+        self.turns.run(self._finishing(method, name, result))
+
+    def _finishing(self, method: str, name: str, result: xr.DataArray) -> Steps:
         if self._before is None:
             self._before = ViewState.of(self.viewer)
-        self.hide_all()
         self._show_as("")
+        yield from self._hiding()
         self._add_truth()  # it comes first in the grid
-        self._finished[method] = self.add(stack_layer(result, name, "unwrapped"))
+        yield
+        layer = self._finished[method] = self.add(
+            stack_layer(result, name, "unwrapped", visible=False)
+        )
+        yield
+        layer.visible = True
 
     def drop_finished(self) -> None:
         """Take results away whose run has failed after them: they belong to nothing."""
+        self.turns.finish()
         finished, self._finished = self._finished, {}
         for layer in finished.values():
             if layer in self.viewer.layers:
@@ -291,23 +318,34 @@ class Presenter:
 
     def show_outcome(self) -> None:
         """Show the results side by side, as new layers, after the truth where it is known."""
-        self._results = {}
-        finished, self._finished = self._finished, {}
+        outcome = self.session.needed_outcome()
+        self.turns.run(self._coming(outcome, self.session.truth))
+
+    def _coming(self, outcome: Outcome, truth: xr.DataArray | None) -> Steps:
+        self._results, self._finished = {}, {}
         if self._before is None:
             self._before = ViewState.of(self.viewer)
-        self.hide_all()  # adding to a grid takes much longer
-        comparison = self.session.needed_outcome().comparison
+        self._show_as("results")
+        yield from self._hiding()  # adding to a grid takes much longer
         self._add_truth()
-        if self._exact is not None and self.session.truth is not None:
+        if self._exact is not None and truth is not None:
             self._results[EXACT] = self._exact
+        yield
+        comparison = outcome.comparison
         for method, result in comparison.results.items():
-            layer = finished.get(method)
-            if layer is None or layer not in self.viewer.layers or not shows(layer, result):
+            layer = self._layer_of(result)  # if it came up as its method ended
+            if layer is None:
                 name = str(comparison.table["method"][method])
                 layer = self.add(stack_layer(result, name, "unwrapped", visible=False))
+                yield
             self._results[method] = layer
-        self.side_by_side()
+        yield from self._side_by_side()
         self._arrived = self.current_frame()
+
+    def _layer_of(self, result: xr.DataArray) -> Any | None:
+        """Return the layer of ours that shows a result, None if there is none."""
+        own = (la for la in self.viewer.layers if is_own(la, "unwrapped"))
+        return next((la for la in own if shows(la, result)), None)
 
     @property
     def shows_object(self) -> bool:
@@ -358,14 +396,15 @@ class Presenter:
         """Show where steps are too large, one layer for each dimension, side by side."""
         margin = self.session.margin
         if margin is not None:
-            stacks = {f"step {str(n).replace('_', ' ')}": m for n, m in margin.data_vars.items()}
+            named = margin.data_vars.items()
+            stacks = ((f"step {str(n).replace('_', ' ')}", stack) for n, stack in named)
             self._show_made(stacks, "margin", (margin,))
 
     def show_confidence(self) -> None:
         """Show how far each result is to be trusted, side by side."""
         labels = self.session.needed_outcome().comparison.table["method"]
         maps = self.session.confidence
-        stacks = {f"confidence in {labels[m]}": stack for m, stack in maps.items()}
+        stacks = ((f"confidence in {labels[m]}", stack) for m, stack in maps.items())
         self._show_made(stacks, "confidence", (maps,))
 
     def show_difference(self, reference: str) -> None:
@@ -383,45 +422,53 @@ class Presenter:
             msg = "the exact phase is not known; choose another result to compare with"
             raise ValueError(msg)
         name = EXACT if reference == EXACT else labels[reference]
-        stacks = {
-            f"{labels[m]} − {name}": difference(result, base)
-            for m, result in self.session.results.items()
-            if m != reference
-        }
-        if not stacks:
+        others = {m: result for m, result in self.session.results.items() if m != reference}
+        if not others:
             msg = f"there is no other result than {name} to compare with it"
             raise ValueError(msg)
+        stacks = ((f"{labels[m]} − {name}", difference(r, base)) for m, r in others.items())
         made_of = (base, self.session.results)
         self._show_made(stacks, "difference", made_of, f"difference to {reference}")
 
     def show_wrapped(self) -> None:
         """Show the wrapped phase alone, where it has not been removed."""
+        self.turns.run(self._showing_wrapped(self.session.needed_reconstruction()))
+
+    def _showing_wrapped(self, data: xr.Dataset) -> Steps:
+        self._show_as("wrapped")
         if self._wrapped is None or self._wrapped not in self.viewer.layers:
-            data = self.session.needed_reconstruction()
             name = f"wrapped phase, {self.session.name}"
             self._wrapped = self.add(stack_layer(data["phase"], name, "wrapped", visible=False))
-        self._show_together([self._wrapped])
-        self._show_as("wrapped")
+            yield
+        yield from self._together([self._wrapped])
 
     def _show_made(
         self,
-        stacks: Mapping[str, xr.DataArray],
+        stacks: Iterable[tuple[str, xr.DataArray]],
         kind: str,
         made_of: tuple[object, ...],
         key: str = "",
     ) -> None:
-        """Show stacks side by side, in new layers unless those of before still show the same."""
-        before, layers = self._made.get(key or kind, ((), []))
+        """Show named stacks side by side, in new layers unless those of before show the same."""
+        self.turns.run(self._making(stacks, kind, made_of, key or kind))
+
+    def _making(
+        self,
+        stacks: Iterable[tuple[str, xr.DataArray]],
+        kind: str,
+        made_of: tuple[object, ...],
+        key: str,
+    ) -> Steps:
+        self._show_as(kind)
+        before, layers = self._made.get(key, ((), []))
         same = len(before) == len(made_of) and all(map(operator.is_, before, made_of))
         if not same or any(layer not in self.viewer.layers for layer in layers):
-            layers = [
-                self.add(stack_layer(stack, name, kind, visible=False))
-                for name, stack in stacks.items()
-            ]
-            self._made[key or kind] = (made_of, layers)
-        self._show_together(layers)
-        link(self.viewer, layers, layers[0].contrast_limits)
-        self._show_as(kind)
+            layers = []
+            for name, stack in stacks:
+                layers.append(self.add(stack_layer(stack, name, kind, visible=False)))
+                yield
+            self._made[key] = (made_of, layers)
+        yield from self._together(layers, layers[0].contrast_limits)
 
     def results(self) -> list[Any]:
         """Return the truth, where it is known, and the newest layer of every method in order."""
@@ -430,30 +477,49 @@ class Presenter:
 
     def side_by_side(self) -> None:
         """Show the newest results of every method in a grid, with one contrast for all."""
-        newest = self.results()
-        if not newest:
+        if not self.turns.pending and not self.results():
             raise ValueError(NO_RESULTS)
-        self._show_together(newest)
+        self.turns.run(self._side_by_side())
+
+    def _side_by_side(self) -> Steps:
+        newest = self.results()
+        if not newest:  # all were removed meanwhile
+            return
         # What tells steps of many turns goes further than the others, and no cycle astray.
         told = self._results.get("synthetic-wavelength")
         limits = common_contrast(newest, self._results.get(EXACT, told))
-        link(self.viewer, newest, limits, phase_colormap(limits))
         self._show_as("results")
+        yield from self._together(newest, limits, phase_colormap(limits))
 
-    def _show_together(self, layers: list[Any]) -> None:
-        """Show some layers in a grid, and note what was shown before the first grid."""
+    def _together(
+        self,
+        layers: list[Any],
+        limits: tuple[float, float] | None = None,
+        colormap: Colormap | None = None,
+    ) -> Steps:
+        """Show some layers in a grid, with one contrast where it is given.
+
+        What was shown before the first grid is noted, to come back to.
+        """
         if self._before is None:
             self._before = ViewState.of(self.viewer)
-        # In a batch, napari lays out its canvas once; at its end it collects all garbage, which
-        # takes longer than to lay it out for one or two layers.
-        many = len(layers) > 2
-        with self.viewer.layers.batched_update() if many else nullcontext():
-            self.hide_all()
-            if len(layers) > 1:  # in the grid, regions would get a cell of their own
-                for layer in self.viewer.layers:
-                    if is_own(layer, "regions"):
-                        layer.visible = False
-            arrange(self.viewer, layers)
+        yield from self._hiding()
+        if len(layers) > 1:  # in the grid, regions would get a cell of their own
+            for layer in self.viewer.layers:
+                if is_own(layer, "regions"):
+                    layer.visible = False
+        if limits is not None:
+            yield from link(self.viewer, layers, limits, colormap)
+        looked = False
+        for _ in arrange(self.viewer, layers):
+            yield
+            if not looked and any(layer.visible for layer in layers):
+                self._look_at(layers)
+                looked = True
+                yield
+
+    def _look_at(self, layers: list[Any]) -> None:
+        """Let the canvas be filled with what is shown, or, in a grid of results, the object."""
         self._fit()
         trusted = self._results.get(most_trusted(self.session.results) if self._results else "")
         alone = all(is_own(layer) for layer in self.viewer.layers if layer.visible)
@@ -468,6 +534,7 @@ class Presenter:
         ValueError
             If there is no grid to leave.
         """
+        self.turns.finish()
         if self._before is None:
             msg = "nothing is side by side; press Results in step 5 first"
             raise ValueError(msg)
@@ -480,20 +547,21 @@ class Presenter:
 
     def hide_all(self) -> None:
         """Hide every layer of this plugin and leave the grid; other layers stay as they are."""
-        self.viewer.canvas.grid.enabled = False
-        for layer in self.viewer.layers:
-            # napari lays out its canvas at every change, also of what is hidden already.
-            if layer.visible and is_own(layer) and not is_own(layer, "regions"):
-                hide_labels(layer)
-                layer.visible = False
+        self.turns.run(self._hiding())
+
+    def _hiding(self) -> Steps:
+        own = [la for la in self.viewer.layers if is_own(la) and not is_own(la, "regions")]
+        return take_down(self.viewer, own)
 
     def show_cells(self) -> None:
         """Show the cells that were found last, over the result that they are of."""
-        cells = self.session.cells
+        self.turns.run(self._showing_cells(self.session.cells))
+
+    def _showing_cells(self, cells: Cells | None) -> Steps:
         result = None if cells is None else self._results.get(cells.method)
         if result is not None and result in self.viewer.layers:
-            self._show_together([result])
             self._show_as("cells")
+            yield from self._together([result])
         self.cells.show(cells)
 
     def frame_changed(self) -> None:
@@ -501,18 +569,26 @@ class Presenter:
         if self.session.cells is not None:
             self.cells.turn_to(self.current_frame()[1])
 
-    def add_regions(self) -> Any:
+    def start_regions(self) -> None:
         """Add an empty layer to draw regions in; in the grid, over the most reliable result."""
-        phase = self.session.needed_reconstruction()["phase"]
+        self.turns.run(self._starting_regions(self.session.needed_reconstruction()["phase"]))
+
+    def add_regions(self) -> Any:
+        """Return a new empty layer to draw regions in, shown as by `start_regions`."""
+        self.turns.finish()
+        exhaust(self._starting_regions(self.session.needed_reconstruction()["phase"]))
+        return self._regions[-1]
+
+    def _starting_regions(self, phase: xr.DataArray) -> Steps:
         if self.session.results and self.viewer.canvas.grid.enabled:
             best = self._results.get(most_trusted(self.session.results))
             if best is not None and best in self.viewer.layers:
-                self._show_together([best])
+                yield from self._together([best])
         layer = self.viewer.add_shapes(**region_layer(phase, "regions"))
         self._regions.append(layer)
         layer.mode = "add_polygon"
         self.viewer.layers.selection.active = layer
-        return layer
+        yield
 
     def _fit(self) -> None:
         """Fill the canvas with what is visible; larger layers of other recordings do not count."""

@@ -1,0 +1,189 @@
+"""What is shown comes up in small steps, so that the window never stands still for long."""
+
+from __future__ import annotations
+
+import gc
+from collections import deque
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from qtpy.QtCore import QCoreApplication, QObject, QTimer
+
+__all__ = ["Afterwards", "Collecting", "Steps", "Turns", "exhaust"]
+
+#: Each step is what is done until the next ``yield``.
+Steps = Iterator[None]
+#: So long the window has after each step, to paint and to hear of the mouse.
+PAUSE_MS = 1
+#: A picture is painted after so long, or as soon as what is asked for has been done.
+PAINTED_MS = 10
+
+
+class Turns:
+    """Does pieces of work at once, or, where it is `unhurried`, a step a turn of the event loop.
+
+    A script gets what it asked for before it goes on; in the window, each step is painted before
+    the next is done. Pieces are done in the order in which they came.
+    """
+
+    def __init__(self) -> None:
+        self._waiting: deque[Steps] = deque()
+        self._unhurried = self._stepping = False
+        #: Whether Python looks for no garbage until all is done.
+        self._put_off = False
+        self._timer: QTimer | None = None
+
+    @property
+    def pending(self) -> bool:
+        """Whether there are steps still to do."""
+        return bool(self._waiting)
+
+    @contextmanager
+    def unhurried(self) -> Iterator[None]:
+        """Let what is asked for meanwhile be done a step a turn."""
+        before, self._unhurried = self._unhurried, True
+        try:
+            yield
+        finally:
+            self._unhurried = before
+
+    def run(self, steps: Steps) -> None:
+        """Do a piece of work: at once, after all that waits, or a step a turn."""
+        if self._stepping:  # as part of a step
+            exhaust(steps)
+        elif self._unhurried and QCoreApplication.instance() is not None:
+            self._waiting.append(steps)
+            self._wait()
+        else:
+            self.finish()
+            exhaust(steps)
+
+    def finish(self) -> None:
+        """Do at once all that waits."""
+        while self._waiting and not self._stepping:
+            self._step()
+        if not self._waiting:
+            self._collect_again()
+
+    def stop(self) -> None:
+        """Do nothing of what waits."""
+        self._waiting.clear()
+        if self._timer is not None:
+            self._timer.stop()
+        self._collect_again()
+
+    def _wait(self) -> None:
+        # A search for garbage in the midst of a step, or of what is painted, doubles its time.
+        if not self._put_off and gc.isenabled():
+            self._put_off = True
+            gc.disable()
+        if self._timer is None:
+            self._timer = QTimer()
+            self._timer.setSingleShot(True)
+            self._timer.setInterval(PAUSE_MS)
+            self._timer.timeout.connect(self._turn)
+        self._timer.start()
+
+    def _turn(self) -> None:
+        try:
+            if self._waiting:
+                self._step()
+        finally:
+            if self._waiting:
+                self._wait()
+            else:
+                self._collect_again()
+
+    def _collect_again(self) -> None:
+        if self._put_off:
+            self._put_off = False
+            gc.enable()
+
+    def _step(self) -> None:
+        """Do the next step; of work that fails the rest is left out."""
+        steps, self._stepping = self._waiting[0], True
+        try:
+            next(steps)
+        except BaseException as error:
+            self._waiting.popleft()
+            if not isinstance(error, StopIteration):
+                raise
+        finally:
+            self._stepping = False
+
+
+def exhaust(steps: Steps) -> None:
+    """Do all steps."""
+    for _ in steps:
+        pass
+
+
+class Afterwards:
+    """Does something once the window has painted, however often it is asked for until then.
+
+    Parameters
+    ----------
+    action : callable
+        What to do.
+    parent : QObject
+        What it ends with.
+    """
+
+    def __init__(self, action: Callable[[], object], parent: QObject) -> None:
+        self._action = action
+        self._timer = QTimer(parent)
+        self._timer.setSingleShot(True)
+        self._timer.setInterval(PAINTED_MS)
+        self._timer.timeout.connect(self._due)
+        self._ready = False
+
+    @property
+    def pending(self) -> bool:
+        """Whether it was asked for and has not been done."""
+        return bool(self._timer.isActive())
+
+    def __call__(self) -> None:
+        """Ask for it."""
+        if not self._timer.isActive():
+            self._ready = False
+            self._timer.start()
+
+    def stop(self) -> None:
+        """Do nothing that was asked for."""
+        self._timer.stop()
+
+    def _due(self) -> None:
+        if self._ready:
+            self._action()
+        else:  # it may have come due before what was painted meanwhile
+            self._ready = True
+            self._timer.start()
+
+
+class Collecting:
+    """Lets Python look for garbage among new objects only, so that it takes no third of a second.
+
+    Python looks through all objects whenever there are a quarter more of them, and napari does
+    after every layer that is removed. Most are code and tables of libraries, which stay. What
+    was there before is looked through again after `end`.
+    """
+
+    #: How many windows ask for it.
+    asked = 0
+
+    def __init__(self) -> None:
+        self._ended = False
+        # Where somebody else, as a program that embeds napari, has seen to it, it is theirs.
+        self._theirs = Collecting.asked == 0 and gc.get_freeze_count() > 0
+        if not self._theirs:
+            Collecting.asked += 1
+            gc.freeze()
+
+    def end(self) -> None:
+        """Let everything be looked through again, if no other window asks for this."""
+        if self._ended or self._theirs:
+            return
+        self._ended = True
+        Collecting.asked -= 1
+        if Collecting.asked == 0:
+            gc.unfreeze()

@@ -1,0 +1,176 @@
+"""Results come up in steps, so that the window goes on; a script gets them at once."""
+
+from __future__ import annotations
+
+import gc
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+from driving import let_settle
+from qtpy.QtCore import QTimer
+
+import napari_phase4d as p4d
+from napari_phase4d._napari.turns import Afterwards, Collecting, Turns
+
+NINE = (
+    "spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal",
+    "laplacian", "region-growing", "spatial-3d", "dilate-erode",
+)  # fmt: skip
+
+
+def noting(done: list[str], *words: str) -> Iterator[None]:
+    """Note a word a step."""
+    for word in words:
+        done.append(word)
+        yield
+
+
+@pytest.mark.gui
+def test_steps_are_done_a_turn_each_in_order(qtbot: Any) -> None:
+    turns, done, turn = Turns(), [], []
+    beat = QTimer()
+    beat.timeout.connect(lambda: turn.append(len(done)))
+    beat.start(0)
+    with turns.unhurried():
+        turns.run(noting(done, "a", "b"))
+        turns.run(noting(done, "c"))
+    assert done == []
+    assert turns.pending
+    assert not gc.isenabled()
+    qtbot.waitUntil(lambda: not turns.pending)
+    assert gc.isenabled()
+    assert done == ["a", "b", "c"]
+    assert {0, 1, 2} <= set(turn)  # others had their turn after each
+    turns.run(noting(done, "d", "e"))  # as a script does
+    assert done[3:] == ["d", "e"]
+
+
+@pytest.mark.gui
+def test_what_a_script_asks_for_comes_after_what_waits(qtbot: Any) -> None:
+    turns, done = Turns(), []
+    with turns.unhurried():
+        turns.run(noting(done, "a", "b"))
+    turns.run(noting(done, "c"))
+    assert done == ["a", "b", "c"]
+    assert not turns.pending
+    with turns.unhurried():
+        turns.run(noting(done, "d"))
+    turns.stop()
+    assert gc.isenabled()
+    qtbot.wait(30)
+    assert done == ["a", "b", "c"]
+
+
+@pytest.mark.gui
+def test_a_step_that_fails_holds_nothing_up(qtbot: Any) -> None:
+    turns, done = Turns(), []
+
+    def failing() -> Iterator[None]:
+        done.append("a")
+        yield
+        msg = "the layer is gone"
+        raise ValueError(msg)
+
+    with turns.unhurried():
+        turns.run(failing())
+        turns.run(noting(done, "b"))
+    with qtbot.captureExceptions() as errors:
+        qtbot.waitUntil(lambda: not turns.pending)
+    assert [str(error[1]) for error in errors] == ["the layer is gone"]
+    assert done == ["a", "b"]
+
+
+@pytest.mark.gui
+def test_followers_are_told_once_after_many_moves(qtbot: Any, qapp: Any) -> None:
+    told: list[int] = []
+    follow = Afterwards(lambda: told.append(1), qapp)
+    for _ in range(20):
+        follow()
+    assert follow.pending
+    assert told == []
+    qtbot.waitUntil(lambda: not follow.pending)
+    assert told == [1]
+
+
+def test_old_objects_are_looked_through_again_in_the_end() -> None:
+    frozen = gc.get_freeze_count()
+    gc.unfreeze()
+    try:
+        first = Collecting()
+        second = Collecting()
+        assert gc.get_freeze_count() > 1000
+        first.end()
+        first.end()
+        assert gc.get_freeze_count() > 1000
+        second.end()
+        assert gc.get_freeze_count() == 0
+        gc.freeze()
+        Collecting().end()  # that of somebody else stays
+        assert gc.get_freeze_count() > 1000
+    finally:
+        gc.unfreeze()
+        if frozen:
+            gc.freeze()
+
+
+@pytest.mark.gui
+@pytest.mark.thorough
+def test_nine_results_come_up_one_a_turn(viewer: Any, dock: Any, qtbot: Any, click: Any) -> None:
+    dock.session.set_phase(p4d.simulation.swimming_euglena((40, 56), 6)["wrapped"])
+    dock.session.update(methods=NINE)
+    shown: list[int] = []
+    beat = QTimer()
+    beat.timeout.connect(
+        lambda: shown.append(sum(la.visible for la in viewer.layers)) if grid.enabled else None
+    )
+    grid = viewer.canvas.grid
+    beat.start(0)
+    click("run")
+    beat.stop()
+    assert {1, 2, 3, 4, 5, 6, 7, 8, 9} <= set(shown)
+    layers = [la for la in viewer.layers if la.visible]
+    assert len(layers) == 9
+    assert all(la.name_overlay.visible for la in layers)
+    assert [la.colorbar.visible for la in layers] == [True, *[False] * 8]
+    assert grid.enabled
+    assert tuple(grid.shape) == (-1, -1)  # as the user left it
+    limits = {tuple(la.contrast_limits) for la in layers}
+    assert len(limits) == 1
+    layers[0].contrast_limits = (0.0, 1.0)
+    assert all(tuple(la.contrast_limits) == (0.0, 1.0) for la in layers)
+
+
+@pytest.mark.gui
+@pytest.mark.thorough
+def test_layers_that_go_while_results_come_up(viewer: Any, ready: Any, qtbot: Any) -> None:
+    ready.session.unwrap(["spatial-2d", "temporal", "temporal-angular"])
+    ready.compare.views["wrapped"].click()
+    let_settle(qtbot, ready)
+    ready.compare.views["results"].click()
+    assert ready.presenter.turns.pending
+    viewer.layers.remove(viewer.layers["Temporal"])
+    let_settle(qtbot, ready)
+    assert [la.name for la in viewer.layers if la.visible] == ["2-D", "T/A"]
+
+
+@pytest.mark.gui
+@pytest.mark.thorough
+def test_a_dock_that_is_closed_while_results_come_up(viewer: Any, ready: Any, qtbot: Any) -> None:
+    ready.session.update(methods=("spatial-2d", "temporal", "temporal-angular"))
+    ready.unwrap.run()
+    qtbot.waitUntil(lambda: ready.session.outcome is not None, timeout=60_000)
+    assert ready.presenter.turns.pending
+    ready.close_down()
+    ready.deleteLater()
+    viewer.window.remove_dock_widget(ready)
+    _, again = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    let_settle(qtbot, again)
+    names = [la.name for la in viewer.layers if la.visible]
+    assert names == ["2-D", "Temporal", "T/A"]
+    assert len({la.name for la in viewer.layers}) == len(viewer.layers)  # none came up twice
+    results = again.session.results
+    for name, method in (("2-D", "spatial-2d"), ("T/A", "temporal-angular")):
+        np.testing.assert_array_equal(viewer.layers[name].data, results[method].values)
+    again.jobs.cancel()
