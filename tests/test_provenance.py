@@ -68,7 +68,7 @@ def test_the_same_run_elsewhere_gives_the_same_bytes(
         write_outcome(outcome, tmp_path / "one", form=form)
         write_outcome(again, tmp_path / "two", form=form)
     # Times and memory differ, and the recipe to be run again names the file.
-    for file in ("table.csv", "recipe.json"):
+    for file in ("table.csv", "recipe.json", "run.json"):
         for folder in ("one", "two"):
             (tmp_path / folder / file).unlink()
     found = contents(tmp_path / "one")
@@ -115,13 +115,9 @@ def test_input_that_is_gone_loses_no_results(tmp_path: Path, outcome: Outcome) -
 
 
 def test_what_fails_in_confidence_loses_no_results(tmp_path: Path, outcome: Outcome) -> None:
-    trusting = replace(
-        outcome,
-        recipe=outcome.recipe.changed(confidence=True),
-        comparison=replace(outcome.comparison, problem=None),  # as of stacks on disk
-    )
-    with pytest.raises(ValueError, match="judged on all frames at once"):
-        write_outcome(trusting, tmp_path)
+    trusting = replace(outcome, recipe=outcome.recipe.changed(confidence=True))
+    with pytest.raises(p4d.Cancelled):
+        write_outcome(trusting, tmp_path, cancelled=(tmp_path / "recipe.json").exists)
     assert {"temporal.ome.tif", "table.csv", "recipe.json"} <= {p.name for p in tmp_path.iterdir()}
 
 

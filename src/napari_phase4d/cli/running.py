@@ -71,7 +71,7 @@ from napari_phase4d.pipeline import (
     run_batch,
     sentence_of,
     stacks_beside,
-    write_outcome,
+    write_files,
 )
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
@@ -189,7 +189,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         print_cells(outcome)
         with bar() as progress:
             source = hashing.result()
-            written = write_outcome(outcome, folder, progress, form=form, source=source)
+            written = write_files(outcome, folder, progress, form=form, source=source)
             kept.settle(written, recipe.recording, source)
         if recipe.confidence:
             print_verdict(outcome)
@@ -288,7 +288,7 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
         bar() as progress,
     ):
         outcome = run(recipe, truth=exact, progress=progress, folder=place)
-        written = write_outcome(outcome, out, progress, source=hashing.result())
+        written = write_files(outcome, out, progress, source=hashing.result())
         kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)
     finish(exact, outcome, out)

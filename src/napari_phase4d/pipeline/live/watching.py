@@ -31,7 +31,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, cells_by
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.streaming import GrowingStack, Shelf, Threads
-from napari_phase4d.pipeline.writing import checked_form, write_outcome
+from napari_phase4d.pipeline.writing import checked_form, write_files
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
@@ -170,7 +170,7 @@ def watch(
             listener.line()
             outcome = live.outcome(place, progress)
             print_of = fingerprint_of(path, cancelled)
-            written = write_outcome(outcome, out, progress, form=form, source=print_of)
+            written = write_files(outcome, out, progress, form=form, source=print_of)
             kept.settle(written, outcome.recipe.recording, print_of)
         finally:
             place.close()
