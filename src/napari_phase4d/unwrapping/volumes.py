@@ -50,11 +50,11 @@ def region_growing(
         3.14.
     """
     watch = Watch(2, "region growing", progress, cancelled)
-    if variant == "textbook":
-        return grown(problem, slice(None), watch)
     if not 0 < rga_threshold < TURN:
         msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
         raise ValueError(msg)
+    if variant == "textbook":
+        return grown(problem, slice(None), watch)
     unwrapped, parts = watched(
         lambda: grown_as_phasetools(problem.wrapped, problem.mask, rga_threshold), watch
     )
