@@ -9,7 +9,7 @@ import numpy as np
 from napari_phase4d.optics import Optics
 from napari_phase4d.words import as_numbers, check_positive, check_type, shown
 
-__all__ = ["check_asked", "check_optics"]
+__all__ = ["check_asked", "check_optics", "is_count"]
 
 #: No phantom is larger than this: pixels of all frames together.
 MOST_PIXELS = 2**36
