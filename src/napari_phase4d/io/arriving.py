@@ -69,9 +69,15 @@ class Calm:
     """Says of files whether they have stayed as they are for a while.
 
     The clock of this machine alone counts: that of a server may differ.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        For how long.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, seconds: float = SETTLED_S) -> None:
+        self._seconds = seconds
         self._seen: dict[Path, tuple[Stamp, float]] = {}
 
     def look(self, path: Path) -> float:
@@ -83,7 +89,7 @@ class Calm:
 
     def check(self, path: Path) -> None:
         """Raise `NotYetError` if a file has changed a moment ago, or is new."""
-        if self.look(path) < SETTLED_S:
+        if self.look(path) < self._seconds:
             raise NotYetError(UNFINISHED)
 
     def changed(self, path: Path) -> float:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +14,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cells import check_follower
-from napari_phase4d.io import Arrival, Arriving, arriving_at
+from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
 from napari_phase4d.machine import cores
 from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.live.feed import Feed, Listener, LiveStatus
@@ -44,6 +45,8 @@ __all__ = ["watch"]
 PATIENCE_S = 30.0
 #: Seconds for which a frame is waited for that was announced.
 FRAME_PATIENCE_S = 5.0
+#: The same of a camera, whose files are whole, and in order.
+DROPPED_S = 0.5
 #: Methods whose phase is told, the first that is run.
 SHOWN = ("temporal-angular", "angular-temporal", "temporal", "angular", "spatial-2d")
 
@@ -52,7 +55,7 @@ Results = Mapping[str, NDArray[np.float32]]
 
 
 def watch(
-    source: str | Path,
+    source: str | Path | FromCamera,
     recipe: Recipe,
     out: str | Path,
     *,
@@ -78,9 +81,10 @@ def watch(
 
     Parameters
     ----------
-    source : str or Path
+    source : str, Path or FromCamera
         A folder into which images are written, one a frame; a TIFF to which pages are appended;
-        or a Zarr array that grows along its time. It need not be there yet.
+        or a Zarr array that grows along its time. It need not be there yet. Or a camera, which is
+        started, and whose frames are written into its folder; it ends when the camera does.
     recipe : Recipe
         All settings; its recording does not count. Boundary "auto" is the safest view of the
         first frame.
@@ -150,15 +154,25 @@ def watch(
     checked_form(form)
     if recipe.cells is not None:
         check_follower()
-    path, out = as_path(source).expanduser(), as_path(out)
+    camera = source if isinstance(source, FromCamera) else None
+    path = as_path(source if camera is None else camera.folder).expanduser()
+    out = as_path(out)
     if out.resolve() == path.resolve():
         msg = f"{out} is what is watched; choose another folder for the results"
         raise ValueError(msg)
-    arriving = arriving_at(path, frame_patience_s, recipe.dataset)
+    if camera is None:
+        arriving = arriving_at(path, frame_patience_s, recipe.dataset)
+    else:
+        stopped = until_ended(camera, stopped)
+        arriving = arriving_at(path, DROPPED_S, whole=True)
     listener = Listener(told, status, stopped, cancelled)
     feed = Feed(arriving, frames, patience_s, listener)
     recipe = recipe.changed(recording=found_anywhere(path))
-    with result_folder(out, recipe) as kept, stacks_beside(out, form) as where:
+    with (
+        result_folder(out, recipe) as kept,
+        stacks_beside(out, form) as where,
+        nullcontext() if camera is None else camera,
+    ):
         place = Place(Shelf(where), Threads())
         try:
             n_first = recipe.first_frames or FIRST_FRAMES
@@ -168,6 +182,8 @@ def watch(
             live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
             live.follow(gathered, feed)
             listener.line()
+            if camera is not None:
+                finish(camera, listener)
             outcome = live.outcome(place, progress)
             print_of = fingerprint_of(path, cancelled)
             written = write_files(outcome, out, progress, form=form, source=print_of)
@@ -175,6 +191,26 @@ def watch(
         finally:
             place.close()
     return outcome
+
+
+def until_ended(camera: FromCamera, stopped: CancelledCall | None) -> CancelledCall:
+    """Return what says that no more frames come; a camera is stopped where that is wished."""
+
+    def ended() -> bool:
+        if stopped is not None and stopped():
+            camera.stop()
+        return camera.ended
+
+    return ended
+
+
+def finish(camera: FromCamera, listener: Listener) -> None:
+    """Stop a camera, and say what it lost."""
+    camera.finish()
+    if camera.dropped:
+        listener.tell(
+            f"the camera took {counted(camera.dropped, 'frame')} that its buffer had no room for"
+        )
 
 
 def check_limits(frames: int | None, patience_s: float, frame_patience_s: float) -> None:
