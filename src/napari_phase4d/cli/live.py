@@ -21,6 +21,7 @@ from napari_phase4d.cli.options import (
     Dataset,
     Increment,
     ObjectIndex,
+    Oblique,
     Refocus,
     SmallestCell,
     TiltPerFrame,
@@ -105,6 +106,7 @@ def watch_command(
     smallest_cell: SmallestCell = None,
     object_index: ObjectIndex = None,
     increment: Increment = None,
+    oblique: Oblique = None,
 ) -> None:
     """Work on a recording while it is written, and write its results when it is complete.
 
@@ -129,6 +131,7 @@ def watch_command(
         smallest_cell=smallest_cell,
         object_index=object_index,
         increment=increment,
+        oblique=oblique,
     )
     if first_frames is not None:
         recipe = recipe.changed(first_frames=first_frames)

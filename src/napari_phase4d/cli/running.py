@@ -33,6 +33,7 @@ from napari_phase4d.cli.options import (
     Dataset,
     Increment,
     ObjectIndex,
+    Oblique,
     Raw,
     Refocus,
     SmallestCell,
@@ -74,6 +75,7 @@ from napari_phase4d.pipeline import (
     write_files,
 )
 from napari_phase4d.recording import Recording
+from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.words import counted, printable
@@ -116,6 +118,7 @@ def run_command(
     smallest_cell: SmallestCell = None,
     object_index: ObjectIndex = None,
     increment: Increment = None,
+    oblique: Oblique = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
     ] = None,
@@ -145,6 +148,8 @@ def run_command(
         smallest_cell=smallest_cell,
         object_index=object_index,
         increment=increment,
+        oblique=oblique,
+        turned=any(is_sample(str(source)) for source in (*files, recipe.recording)),
     )
     adapt = partial(
         typed_in,
