@@ -6,7 +6,7 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
 from napari_phase4d.pipeline.batch import result_folders, run_batch
 from napari_phase4d.pipeline.guarding import result_folder, write_outcome
-from napari_phase4d.pipeline.live import LiveStatus, watch
+from napari_phase4d.pipeline.live import LiveStatus, shown_method, watch
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
 from napari_phase4d.pipeline.provenance import (
@@ -76,6 +76,7 @@ __all__ = [
     "run",
     "run_batch",
     "sentence_of",
+    "shown_method",
     "size_in_words",
     "source_of",
     "stacks_beside",

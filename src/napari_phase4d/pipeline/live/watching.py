@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -39,7 +40,7 @@ from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
 from napari_phase4d.unwrapping.masks import left_out_note
 from napari_phase4d.words import as_path, check_call, check_type, counted
 
-__all__ = ["watch"]
+__all__ = ["shown_method", "watch"]
 
 #: Seconds without a new frame after which a recording is taken as complete.
 PATIENCE_S = 30.0
@@ -63,6 +64,7 @@ def watch(
     patience_s: float = PATIENCE_S,
     frame_patience_s: float = FRAME_PATIENCE_S,
     form: str | None = None,
+    begun: Callable[[xr.DataArray], None] | None = None,
     arrived: Callable[[int, Results], None] | None = None,
     told: Callable[[str], None] | None = None,
     status: Callable[[LiveStatus], None] | None = None,
@@ -99,6 +101,9 @@ def watch(
         one, and is not whole. It is NaN in all results. Default 5.
     form : str, optional
         "tiff" or "zarr" (default).
+    begun : callable, optional
+        ``begun(like)`` once, before the first frame is told: a stack (time, angle, y, x) of one
+        frame, whose axes and notes are those of all that are told; its values do not count.
     arrived : callable, optional
         ``arrived(index, results)`` after each frame, in the thread that called: "wrapped",
         "amplitude" and the id of each method that needs the past only, with its phase
@@ -147,7 +152,7 @@ def watch(
     4
     """
     check_type("recipe", recipe, Recipe, "give Recipe(...), or Recipe.from_file(path)")
-    for name, call in (("arrived", arrived), ("told", told), ("status", status)):
+    for name, call in (("begun", begun), ("arrived", arrived), ("told", told), ("status", status)):
         check_call(name, call)
     check_limits(frames, patience_s, frame_patience_s)
     check_live(recipe)
@@ -180,6 +185,8 @@ def watch(
             settled = settle(recipe, arriving, gathered[:n_first], cancelled)
             listener.tell(found_sentence(settled))
             live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
+            if begun is not None:
+                begun(live.like())
             live.follow(gathered, feed)
             listener.line()
             if camera is not None:
@@ -191,6 +198,32 @@ def watch(
         finally:
             place.close()
     return outcome
+
+
+def shown_method(methods: Iterable[str]) -> str:
+    """Return which of several is told and shown of a recording that grows.
+
+    Parameters
+    ----------
+    methods : iterable of str
+        Ids of methods; others, as "amplitude", do not count.
+
+    Returns
+    -------
+    str
+        The id of the one that needs the past only and goes furthest; "wrapped" if there is none.
+
+    See Also
+    --------
+    watch : Tells the results of all of them.
+
+    Examples
+    --------
+    >>> shown_method(["wrapped", "amplitude", "spatial-2d", "temporal-angular"])
+    'temporal-angular'
+    """
+    there = set(methods)
+    return next((method for method in SHOWN if method in there), "wrapped")
 
 
 def until_ended(camera: FromCamera, stopped: CancelledCall | None) -> CancelledCall:
@@ -275,11 +308,16 @@ class Live:
         n_views = len(settled.work.angles)
         boundaries = [(time, angle % n_views) for time, angle in recipe.start_frames]
         self._causal = Causal(chosen, boundaries, finds_mask=recipe.mask == "auto")
-        self._shown = next((m for m in SHOWN if m in chosen), "wrapped")
+        self._shown = shown_method(chosen)
         shape = settled.work.stack_shape(1)[1:]
         names = ("wrapped", "amplitude", *chosen)
         self._stacks: dict[str, GrowingStack] = {n: shelf.growing(n, shape) for n in names}
         self._shares: list[float] = []
+
+    def like(self) -> xr.DataArray:
+        """Return a frame of phase whose axes and notes are those of all; no values."""
+        first = self._settled.first
+        return self._axes(first, [0.0] * first.n_frames)["phase"].isel(time=[0])
 
     def follow(self, gathered: Sequence[Arrival], feed: Feed) -> None:
         """Work on the frames that are there, and on all that come."""
@@ -302,7 +340,8 @@ class Live:
         self._shares += shares
         shown = found[self._shown]
         known = shown[np.isfinite(shown)]
-        now = replace(self._listener.now, done=len(self._shares))
+        late = time.monotonic() - arrivals[-1].since
+        now = replace(self._listener.now, done=len(self._shares), delay_s=late)
         if known.size:
             now = replace(now, low=float(known.min()), high=float(known.max()))
         self._listener.now = now
@@ -356,14 +395,17 @@ class Live:
 
     def _dataset(self, recording: Recording) -> xr.Dataset:
         """Return phase and amplitude as they lie, with their axes and notes."""
-        work = self._settled.work
-        # The values do not count here: these are the axes and notes.
-        shape = work.stack_shape(len(self._shares))
-        empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
-        plan = work.as_dataset(recording, empty, empty, self._shares)
+        plan = self._axes(recording, self._shares)
         plan["phase"] = self._put("wrapped", plan["phase"], (-math.pi, math.pi))
         plan["amplitude"] = self._put("amplitude", plan["amplitude"])
         return plan
+
+    def _axes(self, recording: Recording, shares: Sequence[float]) -> xr.Dataset:
+        """Return phase and amplitude whose axes and notes alone count."""
+        work = self._settled.work
+        shape = work.stack_shape(len(shares))
+        empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
+        return work.as_dataset(recording, empty, empty, shares)
 
     def _result(self, method: str, phase: xr.DataArray) -> xr.DataArray:
         """Return what a method gave as it lies, noted as `run_method` does."""
