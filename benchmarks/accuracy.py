@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import xarray as xr
+from cells import cells, cells_long
 from layouts import layouts
 from levelling import levelling
 from regimes import regimes
@@ -230,7 +231,18 @@ def boundaries() -> None:
     print(f"\nFewest wrong pixels: {sum(right)} of {len(right)} ({share:.1f} %); {each}")
 
 
-QUESTIONS = (ideal, optics, crops, confidence, boundaries, regimes, layouts, levelling)
+QUESTIONS = (
+    ideal,
+    optics,
+    crops,
+    confidence,
+    boundaries,
+    regimes,
+    layouts,
+    levelling,
+    cells,
+    cells_long,
+)
 
 
 def main() -> None:

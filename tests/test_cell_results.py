@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,7 @@ from typer.testing import CliRunner
 import napari_phase4d as p4d
 from napari_phase4d.analysis import cells_in, region_with_cell, summary_of_cells
 from napari_phase4d.cli.app import app
+from napari_phase4d.cli.options import with_settings
 from napari_phase4d.pipeline import run_batch, running, write_outcome
 from napari_phase4d.scripting import as_python
 from napari_phase4d.simulation import swimming_cells
@@ -312,3 +314,31 @@ def test_labels_of_another_program_are_measured_as_they_are(sample: xr.Dataset) 
     cells = cells_in(sample["phase"], p4d.Optics(), labels=labels)
     np.testing.assert_array_equal(cells.labels.values > 0, labels.values > 0)
     assert cells.summary["cell"].max() <= 5
+
+
+@pytest.mark.parametrize(
+    ("typed", "oblique"),
+    [
+        ({"angle": [-7, 21]}, True),
+        ({"angle": [-7, 21], "oblique": False}, False),
+        ({"angle": [-7, 21], "turned": True}, False),
+        ({"angle": [-7, 21], "turned": True, "oblique": True}, True),
+        ({}, False),
+    ],
+)
+def test_oblique_views_are_corrected_where_angles_are_typed_in(
+    typed: dict[str, Any], oblique: bool
+) -> None:
+    recipe = with_settings(p4d.Recipe(), cells=True, **typed)
+    assert recipe.cells is not None
+    assert recipe.cells.oblique is oblique
+
+
+@pytest.mark.thorough
+def test_a_sample_is_turned_and_its_beam_is_not(tmp_path: Path) -> None:
+    """The angles belong to the object, so that the masses of both views agree."""
+    words = ["run", "sample:cells", "--cells", "--angle", "-7", "--angle", "21", "--method", "2-D"]
+    said = CliRunner().invoke(app, [*words, "--out", str(tmp_path)]).output
+    assert "cells in the result" in said
+    assert "cosine" not in said
+    assert not json.loads((tmp_path / "recipe.json").read_text())["cells"]["oblique"]

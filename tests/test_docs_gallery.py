@@ -161,6 +161,13 @@ def test_each_cell_keeps_its_mass_until_it_divides_or_leaves(
         assert abs(rows["dry mass (pg)"].iloc[3] - first) < 6 * error
 
 
+def test_phase_while_one_records(script: Callable[[str], Names]) -> None:
+    names = script("11_live.py")
+    assert sorted(names["late"]) == list(range(names["N"]))
+    again = names["again"].comparison.results["temporal-angular"].values
+    np.testing.assert_array_equal(names["outcome"].comparison.results["temporal-angular"], again)
+
+
 def test_two_wavelengths_tell_the_steps(script: Callable[[str], Names]) -> None:
     names = script("10_wavelengths.py")
     wrong = {

@@ -96,7 +96,7 @@ def test_disk_that_fills_up_in_a_run(small_disk: Path, small_video: p4d.Recordin
     fill(small_disk, 2 * needed + needed // 2)
     with pytest.raises(OSError, match="could not be written .*No space left on device"):
         write_outcome(outcome, small_disk / "out")
-    written = sorted((small_disk / "out").iterdir())
+    written = [p for p in sorted((small_disk / "out").iterdir()) if p.name != "run.json"]
     assert len(written) in (1, 2)
     for path in written:
         assert np.isfinite(read_results(path)).all()

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+import tifffile
 import zarr
 from PIL import Image
 
@@ -20,7 +21,7 @@ import napari_phase4d as p4d
 from helpers import hear_signals
 from napari_phase4d.cli import main
 from napari_phase4d.io.atomic import machine
-from napari_phase4d.pipeline import run_batch
+from napari_phase4d.pipeline import run_batch, write_outcome
 from napari_phase4d.pipeline.batch.folders import NOTE
 from napari_phase4d.pipeline.batch.lock import began
 from napari_phase4d.pipeline.guarding import result_folder
@@ -76,8 +77,6 @@ def test_what_no_run_has_made_is_not_written_over(
 def test_the_input_is_not_written_over(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     frames = p4d.simulation.multiplexed_video(p4d.simulation.swimming_euglena(n_times=1)["phase"])
     path = tmp_path / "amplitude.ome.tif"
-    import tifffile
-
     tifffile.imwrite(path, np.asarray(frames.holograms))
     before = path.read_bytes()
     assert run_one(path, tmp_path) == 1
@@ -326,3 +325,50 @@ def test_results_are_not_written_among_the_frames(tmp_path: Path, phase: Path) -
     before = names(store)
     assert run_one(store, store / "results") == 1
     assert names(store) == before
+
+
+@pytest.mark.parametrize("name", ["table.csv", "wrapped.ome.tif", "spatial-2d.ome.tif", NOTE])
+def test_a_script_writes_over_nothing_of_the_users(phase: Path, tmp_path: Path, name: str) -> None:
+    out = tmp_path / "out"
+    out.mkdir()
+    (out / name).write_text('{"mine": 1}')
+    outcome = p4d.run(RECIPE.changed(recording=str(phase)))
+    with pytest.raises(OSError, match=f"{name} is there already and was not made by a run"):
+        write_outcome(outcome, out)
+    assert names(out) == {name}
+    assert (out / name).read_text() == '{"mine": 1}'
+
+
+def test_a_script_leaves_no_results_of_before(phase: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    write_outcome(p4d.run(RECIPE.changed(recording=str(phase))), out)
+    assert names(out) == MADE
+    other = p4d.run(RECIPE.changed(recording=str(phase), methods=("temporal",)))
+    write_outcome(other, out)
+    assert names(out) == MADE - {"spatial-2d.ome.tif"} | {"temporal.ome.tif"}
+    (out / "table.csv").write_text("mine")
+    with pytest.raises(OSError, match="was changed since"):
+        write_outcome(other, out)
+
+
+def test_a_script_does_not_write_over_a_recording_of_its_own(tmp_path: Path) -> None:
+    path = tmp_path / "wrapped.ome.tif"
+    exact = p4d.simulation.swimming_euglena((32, 40), n_times=2, peak_rad=6)
+    frames = p4d.simulation.multiplexed_video(exact["phase"]).holograms.values
+    tifffile.imwrite(path, frames)
+    before = path.read_bytes()
+    outcome = p4d.run(RECIPE, p4d.open_recording(path))
+    with pytest.raises(OSError, match="over the input"):
+        write_outcome(outcome, tmp_path)
+    assert path.read_bytes() == before
+
+
+def test_stacks_of_a_run_stay_where_they_are_read(phase: Path, tmp_path: Path) -> None:
+    """They lie on disk, and are what the outcome is made of, in whatever form they are written."""
+    out = tmp_path / "out"
+    recipe = RECIPE.changed(recording=str(phase), storage="disk")
+    outcome = p4d.run(recipe, folder=out)
+    before = outcome.comparison.results["spatial-2d"].values
+    for form in ("zarr", "tiff", "zarr"):
+        write_outcome(outcome, out, form=form)
+        assert (outcome.comparison.results["spatial-2d"].values == before).all()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -23,7 +24,9 @@ LAYOUTS = 30
 @pytest.fixture(scope="module")
 def found() -> list[tuple[Layout, p4d.holography.FoundLobes]]:
     cases = [layout(seed) for seed in range(LAYOUTS)]
-    return [(case, p4d.find_lobes(case.rec, len(case.carriers))) for case in cases]
+    with warnings.catch_warnings():  # some are so hard that their number is doubted as well
+        warnings.simplefilter("ignore", UserWarning)
+        return [(case, p4d.find_lobes(case.rec, len(case.carriers))) for case in cases]
 
 
 @pytest.mark.thorough
@@ -59,8 +62,10 @@ def test_another_number_of_views_than_asked_for_is_said() -> None:
     exact = swimming_euglena((256, 256), 4, pixel_um=5.2 / 30, peak_rad=6)
     rec = multiplexed_video(exact["phase"])
     assert p4d.find_lobes(rec, 2).doubts == ()
-    assert "the spectrum looks like 2 views" in p4d.find_lobes(rec, 3).doubts[0]
-    assert "the spectrum looks like 2 views" in p4d.find_lobes(rec, 1).doubts[0]
+    for wanted in (3, 1):
+        with pytest.warns(UserWarning, match="the spectrum looks like 2 views"):
+            found = p4d.find_lobes(rec, wanted)
+        assert "the spectrum looks like 2 views" in found.doubts[0]
 
 
 @pytest.mark.parametrize("cover", [0.1, 0.5, 0.75, 0.85])

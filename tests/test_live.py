@@ -563,3 +563,36 @@ def test_a_command_that_is_ended_writes_what_came(
         said = "".join(lines) + program.communicate(timeout=120)[0]
     assert program.returncode == 128 + number, said
     assert read_results(out / "temporal-angular.ome.zarr").sizes["time"] == 6
+
+
+@pytest.mark.thorough
+def test_one_that_is_killed_and_started_again_loses_nothing(video: Video, tmp_path: Path) -> None:
+    """The camera goes on meanwhile; the second one finds all frames, and what is left is gone."""
+    folder, out = tmp_path / "camera", tmp_path / "out"
+    recipe = RECIPE.to_file(tmp_path / "recipe.json")
+    words = (folder, recipe, "--out", out, "--frames", str(N), "--patience", "60")
+
+    def camera() -> None:
+        for number in range(7, N):
+            put(folder, number, video[number])
+            time.sleep(0.4)
+
+    for number in range(7):
+        put(folder, number, video[number])
+    with started(*words) as first:
+        assert first.stdout is not None
+        next(line for line in first.stdout if " done" in line)
+        with written(camera):
+            first.kill()
+            first.wait()
+            assert not (out / "table.csv").exists()
+            with started(*words) as second:
+                said, _ = second.communicate(timeout=200)
+    assert second.returncode == 0, said
+    assert f"{N} frames: results are in" in said
+    assert not [path for path in out.rglob(".*") if path.name != ".zattrs"]
+    again = p4d.run(p4d.Recipe.from_file(out / "recipe.json"))
+    for method in METHODS:
+        found = read_results(out / f"{method}.ome.zarr")
+        assert found.sizes["time"] == N
+        np.testing.assert_array_equal(found.values, again.comparison.results[method].values)

@@ -69,7 +69,7 @@ def test_the_same_run_elsewhere_gives_the_same_bytes(
         write_outcome(outcome, tmp_path / "one", form=form)
         write_outcome(again, tmp_path / "two", form=form)
     # Times and memory differ, and the recipe to be run again names the file.
-    for file in ("table.csv", "recipe.json"):
+    for file in ("table.csv", "recipe.json", "run.json"):
         for folder in ("one", "two"):
             (tmp_path / folder / file).unlink()
     found = contents(tmp_path / "one")

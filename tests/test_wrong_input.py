@@ -6,6 +6,7 @@ import re
 import time
 import warnings
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -37,6 +38,7 @@ FRAMES = 100 + 50 * np.cos(
 )
 LOBE = p4d.Lobe((0.2, 0.25), 0.08)
 RECORDING = p4d.open_recording(FRAMES)
+TWO_VIEWS = multiplexed_video(p4d.simulation.swimming_euglena((96, 96), 2, peak_rad=9)["phase"])
 
 
 def with_places(stack: xr.DataArray, axis: str, places: Any, units: str = "") -> xr.DataArray:
@@ -261,6 +263,13 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     "run of frames": (lambda: p4d.run(p4d.Recipe(), FRAMES), "recording must be a Recording"),
     "video of an array": (lambda: multiplexed_video(PLAIN), "phase must be a DataArray"),
     "video of a frame": (lambda: multiplexed_video(EXACT[0]), "it must have time, angle, y and x"),
+    "video with optics of text": (
+        lambda: multiplexed_video(EXACT, "x"), "optics must be an Optics"
+    ),
+    "threshold is NaN": (
+        lambda: p4d.unwrap(WRAPPED, "region-growing", rga_threshold=np.nan), "between 0 and 2 pi"
+    ),
+    "height of NaN": (lambda: OPTICS.height_um([1.0], np.nan), "must be a finite number"),
     "lobes are nothing": (lambda: p4d.reconstruct(RECORDING, None), "a list of Lobe"),
     "angles are a number": (lambda: p4d.find_lobes(RECORDING, 1, angles_deg=3), "list of degrees"),
     "path of text": (lambda: OPTICS.optical_path_um("x"), "phase must be real numbers"),
@@ -277,6 +286,39 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "recipe changed to a word": (lambda: p4d.Recipe().changed(n_views="x"), "n_views"),
 }  # fmt: skip
+#: What can't be simulated -> the sentence that refuses it.
+NO_PHANTOM: dict[str, tuple[dict[str, Any], str]] = {
+    "one side": ({"shape": (5,)}, "shape must be a height and a width"),
+    "no pixels": ({"shape": (0, 0)}, "shape must be a height and a width"),
+    "a shape of text": ({"shape": "ab"}, "shape must be a height and a width"),
+    "half a pixel": ({"shape": (32.5, 32)}, "shape must be a height and a width"),
+    "no frames": ({"n_times": 0}, "n_times must be a number of frames"),
+    "frames in words": ({"n_times": "x"}, "n_times must be a number of frames"),
+    "more than any memory": ({"n_times": 10**9}, "more than fit into memory"),
+    "no angles": ({"angles_deg": []}, "angles_deg must be a list of degrees"),
+    "an angle of NaN": ({"angles_deg": [np.nan]}, "angles_deg must be a list of degrees"),
+    "an angle twice": ({"angles_deg": [0, 0]}, "angles_deg must rise"),
+    "one angle, no list": ({"angles_deg": 5}, "angles_deg must be a list of degrees"),
+    "optics of text": ({"optics": "x"}, "optics must be an Optics"),
+}
+PHANTOMS: dict[str, Callable[..., Any]] = {
+    "euglena": p4d.simulation.swimming_euglena,
+    "yeast": p4d.simulation.budding_yeast,
+    "cells": p4d.simulation.swimming_cells,
+    "steps": p4d.simulation.step_phantom,
+    "hard shape": partial(p4d.simulation.hard_shape, "wide"),
+    "shape": partial(p4d.simulation.moving_shape, next(iter(p4d.simulation.SHAPES))),
+}
+#: Settings of single phantoms -> the sentence.
+NO_SETTING: dict[str, tuple[Callable[[], Any], str]] = {
+    "no rate": (lambda: PHANTOMS["euglena"](frame_rate_hz=0), "frame_rate_hz must be a number ab"),
+    "no pixel": (lambda: PHANTOMS["euglena"](pixel_um=-1), "pixel_um must be a number above 0"),
+    "half a pixel": (lambda: PHANTOMS["euglena"](pixel_um=(1, np.nan)), "pixel_um must be a num"),
+    "no peak": (lambda: PHANTOMS["euglena"](peak_rad=np.nan), "peak_rad must be a finite number"),
+    "no field": (lambda: PHANTOMS["yeast"](field_um=0), "field_um must be a number above 0"),
+    "half a cell": (lambda: PHANTOMS["cells"](n_cells=1.5), "n_cells must be a number of cells"),
+    "less than none": (lambda: PHANTOMS["cells"](entering=-1), "entering must be a number of ce"),
+}
 #: Single calls -> the warning.
 DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
     "wrapped, of another program": (
@@ -298,6 +340,7 @@ DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
     "camera pixel in nanometres": (
         lambda: p4d.Optics(camera_pixel_um=5200), "nanometres, give camera_pixel_um=5.2"
     ),
+    "three of two views": (lambda: p4d.find_lobes(TWO_VIEWS, 3), "looks like 2 views"),
     "medium of 1333": (lambda: p4d.Optics(medium_index=1333), "water has 1.33"),
     "wrapped phase as a video": (lambda: p4d.open_recording(PLAIN[:, 0]), "as wrapped phase does"),
     "lobe over the zero order": (
@@ -397,6 +440,18 @@ def test_views_in_another_order_are_found_by_their_angles(work: str) -> None:
 @pytest.mark.parametrize("case", REFUSED)
 def test_what_is_surely_wrong_is_refused(case: str) -> None:
     refused(*REFUSED[case])
+
+
+@pytest.mark.parametrize("name", PHANTOMS)
+@pytest.mark.parametrize("way", NO_PHANTOM)
+def test_what_can_not_be_simulated_is_refused(way: str, name: str) -> None:
+    given, sentence = NO_PHANTOM[way]
+    refused(lambda: PHANTOMS[name](**given), sentence)
+
+
+@pytest.mark.parametrize("case", NO_SETTING)
+def test_settings_of_phantoms_are_refused(case: str) -> None:
+    refused(*NO_SETTING[case])
 
 
 @pytest.mark.parametrize("case", DOUBTED)

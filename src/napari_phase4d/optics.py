@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.words import as_numbers, check_number, warn
+from napari_phase4d.words import as_numbers, check_finite, check_number, warn
 
 __all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
 
@@ -149,7 +149,7 @@ class Optics:
         >>> round(float(height_um[0]), 2)
         13.46
         """
-        contrast = check_number("object_index", object_index) - self.medium_index
+        contrast = check_finite("object_index", object_index) - self.medium_index
         if contrast == 0:
             msg = (
                 f"object_index must differ from the medium's {self.medium_index}, "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import re
 import sys
@@ -22,6 +23,7 @@ __all__ = [
     "as_path",
     "check_bool",
     "check_call",
+    "check_finite",
     "check_number",
     "check_positive",
     "check_type",
@@ -91,6 +93,15 @@ def check_number(name: str, value: Any) -> float:
     except OverflowError as error:
         msg = f"{name} is too large a number"
         raise ValueError(msg) from error
+
+
+def check_finite(name: str, value: Any) -> float:
+    """Return a number as float; ValueError if it is NaN or infinite."""
+    number = check_number(name, value)
+    if not math.isfinite(number):
+        msg = f"{name} must be a finite number, but is {shown(value)}"
+        raise ValueError(msg)
+    return number
 
 
 def check_positive(name: str, value: Any, most: float = 1e12) -> float:

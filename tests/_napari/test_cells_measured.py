@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -293,3 +294,20 @@ def test_a_measured_multiplex_from_file_to_a_table_of_cells(
     click("save_cells")
     assert answered()
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "cells.csv"), cells.table)
+
+
+def test_views_are_taken_to_be_oblique_where_their_angles_were_typed_in(dock) -> None:
+    exact = p4d.simulation.swimming_cells(
+        (128, 128), 4, 2, divisions=0, leaving=0, entering=0, pixel_um=0.35, peak_rad=3
+    )
+    dock.session.set_recording(p4d.simulation.multiplexed_video(exact["phase"]))
+    dock.session.find_lobes(2)
+    dock.session.reconstruct()
+    dock.session.unwrap(["spatial-2d"], boundary=(0, 0))
+    part = dock.compare.cells
+    assert not part.oblique.value
+    first, second = dock.session.lobes
+    dock.session.set_lobes([first, replace(second, angle_deg=21.0)])
+    dock.session.reconstruct()
+    dock.session.unwrap(["spatial-2d"], boundary=(0, 0))
+    assert part.oblique.value

@@ -21,6 +21,7 @@ from napari_phase4d.cli.options import (
     Dataset,
     Increment,
     ObjectIndex,
+    Oblique,
     Refocus,
     SmallestCell,
     TiltPerFrame,
@@ -39,6 +40,7 @@ from napari_phase4d.cli.printing import (
     print_table,
 )
 from napari_phase4d.cli.running import ToldToEndError, listening
+from napari_phase4d.io import FromCamera
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import LiveStatus, Recipe, watch
 from napari_phase4d.words import counted
@@ -59,6 +61,13 @@ def watch_command(
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_output"),
     frames: Annotated[int | None, typer.Option(help="End after so many frames.")] = None,
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            help="Configuration of Micro-Manager (.cfg), or demo: its camera is started, and "
+            "writes its frames into the folder."
+        ),
+    ] = None,
     patience: Annotated[
         float, typer.Option(help="End after so many seconds without a new frame.")
     ] = 30.0,
@@ -97,6 +106,7 @@ def watch_command(
     smallest_cell: SmallestCell = None,
     object_index: ObjectIndex = None,
     increment: Increment = None,
+    oblique: Oblique = None,
 ) -> None:
     """Work on a recording while it is written, and write its results when it is complete.
 
@@ -121,6 +131,7 @@ def watch_command(
         smallest_cell=smallest_cell,
         object_index=object_index,
         increment=increment,
+        oblique=oblique,
     )
     if first_frames is not None:
         recipe = recipe.changed(first_frames=first_frames)
@@ -134,7 +145,7 @@ def watch_command(
         recipe = recipe.changed(optics=replace(recipe.optics or Optics(), **typed))
     with ending() as came:
         outcome = watch(
-            source,
+            source if camera is None else FromCamera.configured(camera, source, frames),
             recipe,
             out,
             frames=frames,

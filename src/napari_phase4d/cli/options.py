@@ -23,6 +23,7 @@ __all__ = [
     "Dataset",
     "Increment",
     "ObjectIndex",
+    "Oblique",
     "Raw",
     "Refocus",
     "SmallestCell",
@@ -95,6 +96,15 @@ Increment = Annotated[
         help="Refraction increment in mL/g (default 0.18), for dry mass; implies --cells."
     ),
 ]
+Oblique = Annotated[
+    bool | None,
+    typer.Option(
+        "--oblique/--no-oblique",
+        help="Multiply phase of cells by the cosine of the viewing angle, as rays that come at an "
+        "angle go through more of them; on where angles are given, but for samples. Implies "
+        "--cells.",
+    ),
+]
 
 
 def recipe_and_files(inputs: Sequence[Path]) -> tuple[Recipe, list[Path]]:
@@ -132,6 +142,9 @@ class Typed(TypedDict, total=False):
     smallest_cell: float | None
     object_index: float | None
     increment: float | None
+    oblique: bool | None
+    #: Whether views differ by how the object is turned, and not the beam.
+    turned: bool
 
 
 def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
@@ -159,9 +172,12 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         "smallest_um2": typed.get("smallest_cell"),
         "object_index": typed.get("object_index"),
         "refraction_increment_ml_per_g": typed.get("increment"),
+        "oblique": typed.get("oblique"),
     }
     of_cells: dict[str, Any] = {k: v for k, v in numbers.items() if v is not None}
     if typed.get("cells") or of_cells:
+        # Who types in angles has beams that come at them.
+        of_cells = ({"oblique": True} if angles and not typed.get("turned") else {}) | of_cells
         chosen["cells"] = replace(recipe.cells or CellSettings(), **of_cells)
     return recipe.changed(**chosen)
 

@@ -201,6 +201,8 @@ def print_cells(outcome: Outcome) -> None:
             )
         )
     console.print(table)
+    if outcome.recipe.cells is not None and outcome.recipe.cells.oblique:
+        console.print("Phase of oblique views is multiplied by the cosine of their angle.")
 
 
 def print_verdict(outcome: Outcome) -> None:

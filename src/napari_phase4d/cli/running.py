@@ -33,6 +33,7 @@ from napari_phase4d.cli.options import (
     Dataset,
     Increment,
     ObjectIndex,
+    Oblique,
     Raw,
     Refocus,
     SmallestCell,
@@ -71,9 +72,10 @@ from napari_phase4d.pipeline import (
     run_batch,
     sentence_of,
     stacks_beside,
-    write_outcome,
+    write_files,
 )
 from napari_phase4d.recording import Recording
+from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.words import counted, printable
@@ -116,6 +118,7 @@ def run_command(
     smallest_cell: SmallestCell = None,
     object_index: ObjectIndex = None,
     increment: Increment = None,
+    oblique: Oblique = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
     ] = None,
@@ -145,6 +148,8 @@ def run_command(
         smallest_cell=smallest_cell,
         object_index=object_index,
         increment=increment,
+        oblique=oblique,
+        turned=any(is_sample(str(source)) for source in (*files, recipe.recording)),
     )
     adapt = partial(
         typed_in,
@@ -189,7 +194,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         print_cells(outcome)
         with bar() as progress:
             source = hashing.result()
-            written = write_outcome(outcome, folder, progress, form=form, source=source)
+            written = write_files(outcome, folder, progress, form=form, source=source)
             kept.settle(written, recipe.recording, source)
         if recipe.confidence:
             print_verdict(outcome)
@@ -288,7 +293,7 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
         bar() as progress,
     ):
         outcome = run(recipe, truth=exact, progress=progress, folder=place)
-        written = write_outcome(outcome, out, progress, source=hashing.result())
+        written = write_files(outcome, out, progress, source=hashing.result())
         kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)
     finish(exact, outcome, out)

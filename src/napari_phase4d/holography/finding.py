@@ -51,6 +51,7 @@ from napari_phase4d.words import (
     check_type,
     counted,
     shown,
+    warn,
 )
 
 __all__ = ["FoundLobes", "find_lobes"]
@@ -217,6 +218,8 @@ def find_lobes(
         raise ValueError(too_few(rec.name, plain, len(best.views)))
     lobes, signs = lobes_of(best, plane, angles_deg, radius, orient=orient)
     doubts = list(number_doubts(n_views, likely, chances))
+    if n_views is not None and doubts:  # one of them may be the beat of two others
+        warn(f"{rec.name}: {doubts[0]}")
     other: list[Lobe] = []
     if best.chance < SURE and others:
         other, _ = lobes_of(others[0], plane, angles_deg, radius, orient=orient)

@@ -58,20 +58,29 @@ class Arrival:
         Its grey values; None if it never came.
     why : str
         Why there is none, as "never came".
+    since : float
+        When it was announced, by ``time.monotonic``.
     """
 
     index: int
     frame: NDArray[Any] | None
     why: str = ""
+    since: float = math.nan
 
 
 class Calm:
     """Says of files whether they have stayed as they are for a while.
 
     The clock of this machine alone counts: that of a server may differ.
+
+    Parameters
+    ----------
+    seconds : float, optional
+        For how long.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, seconds: float = SETTLED_S) -> None:
+        self._seconds = seconds
         self._seen: dict[Path, tuple[Stamp, float]] = {}
 
     def look(self, path: Path) -> float:
@@ -83,7 +92,7 @@ class Calm:
 
     def check(self, path: Path) -> None:
         """Raise `NotYetError` if a file has changed a moment ago, or is new."""
-        if self.look(path) < SETTLED_S:
+        if self.look(path) < self._seconds:
             raise NotYetError(UNFINISHED)
 
     def changed(self, path: Path) -> float:
@@ -193,27 +202,28 @@ class Arriving(ABC):
         now, index = time.monotonic(), self.taken
         frame: NDArray[Any] | None = None
         why = ""
+        while self._announced[0][0] <= index:
+            self._announced.popleft()
+        since = self._announced[0][1]
         try:
             frame = self._fitting(self.read(index))
             if not self.doubtful(frame):
-                return Arrival(index, frame)
+                return Arrival(index, frame, since=since)
         except NotYetError as error:
             why = str(error)
         except FileNotFoundError:
             why = "never came"
         except (OSError, ValueError) as error:
             why = f"can't be read ({in_one_line(error)})"
-        while self._announced[0][0] <= index:
-            self._announced.popleft()
-        if now - max(self._announced[0][1], self.changed(index)) < self.patience_s:
+        if now - max(since, self.changed(index)) < self.patience_s:
             return None
         if frame is not None:
             self.learn(frame)
-            return Arrival(index, frame)
+            return Arrival(index, frame, since=since)
         self.lost.add(index)
         why = "never became whole" if why == UNFINISHED else why
         self.notes.append(f"frame {self.label(index)} {why}")
-        return Arrival(index, None, why)
+        return Arrival(index, None, why, since)
 
     def label(self, index: int) -> str:
         """Return how a frame is called: its number."""

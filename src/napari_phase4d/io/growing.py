@@ -15,7 +15,15 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from napari_phase4d.io.arriving import AHEAD, UNFINISHED, Arrival, Arriving, Calm, NotYetError
+from napari_phase4d.io.arriving import (
+    AHEAD,
+    SETTLED_S,
+    UNFINISHED,
+    Arrival,
+    Arriving,
+    Calm,
+    NotYetError,
+)
 from napari_phase4d.io.sequences import IMAGE_SUFFIXES, by_number, load_image, read_image
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_complete, read_tiff
 from napari_phase4d.io.video import Video, grey, quiet
@@ -25,7 +33,9 @@ from napari_phase4d.recording import reader_of
 __all__ = ["arriving_at"]
 
 
-def arriving_at(path: Path, patience_s: float, dataset: str | None = None) -> Arriving:
+def arriving_at(
+    path: Path, patience_s: float, dataset: str | None = None, *, whole: bool = False
+) -> Arriving:
     """Return what gives out the frames that arrive in a folder, a TIFF or a Zarr store.
 
     Parameters
@@ -36,12 +46,16 @@ def arriving_at(path: Path, patience_s: float, dataset: str | None = None) -> Ar
         See `Arriving`.
     dataset : str, optional
         Which array of a Zarr store that holds several.
+    whole : bool, optional
+        Whether it is a folder in which files get their names only when they are whole.
 
     Raises
     ------
     ValueError
         If frames of such a file can't be read before it is complete.
     """
+    if whole:
+        return FolderArriving(path, patience_s, settled_s=0.0)
     suffix = path.suffix.lower()
     if suffix == ".zarr" or (path.is_dir() and is_zarr(path)):
         return ZarrArriving(path, patience_s, dataset)
@@ -114,9 +128,9 @@ class FolderArriving(Arriving):
     Their numbers say the order, and which never came. What has another name is no frame.
     """
 
-    def __init__(self, path: Path, patience_s: float) -> None:
+    def __init__(self, path: Path, patience_s: float, settled_s: float = SETTLED_S) -> None:
         super().__init__(path, patience_s)
-        self._calm = Calm()
+        self._calm = Calm(settled_s)
         self._names: set[str] = set()
         self._numbering: Numbering | None = None
         #: The file of each frame.

@@ -5,8 +5,8 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 
 from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
 from napari_phase4d.pipeline.batch import result_folders, run_batch
-from napari_phase4d.pipeline.guarding import result_folder
-from napari_phase4d.pipeline.live import LiveStatus, watch
+from napari_phase4d.pipeline.guarding import result_folder, write_outcome
+from napari_phase4d.pipeline.live import LiveStatus, shown_method, watch
 from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
 from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
 from napari_phase4d.pipeline.provenance import (
@@ -39,7 +39,7 @@ from napari_phase4d.pipeline.starting import (
     start_words,
     with_start,
 )
-from napari_phase4d.pipeline.writing import checked_form, write_outcome
+from napari_phase4d.pipeline.writing import checked_form, write_files
 from napari_phase4d.words import EXPECTED, sentence_of, size_in_words, time_in_words
 
 __all__ = [
@@ -76,6 +76,7 @@ __all__ = [
     "run",
     "run_batch",
     "sentence_of",
+    "shown_method",
     "size_in_words",
     "source_of",
     "stacks_beside",
@@ -87,5 +88,6 @@ __all__ = [
     "watch",
     "with_start",
     "working_bytes",
+    "write_files",
     "write_outcome",
 ]

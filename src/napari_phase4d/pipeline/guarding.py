@@ -10,21 +10,25 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
-from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM
+from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM, holds_phase
 from napari_phase4d.io.atomic import remove_dead, written_whole
 from napari_phase4d.io.results import is_result
 from napari_phase4d.io.zarr_files import is_zarr
 from napari_phase4d.pipeline.batch.folders import NOTE, noted
 from napari_phase4d.pipeline.batch.lock import alone
 from napari_phase4d.pipeline.places import make_folder
-from napari_phase4d.pipeline.provenance import Fingerprint
+from napari_phase4d.pipeline.provenance import Fingerprint, source_of
 from napari_phase4d.pipeline.recipe import Recipe
+from napari_phase4d.pipeline.running import Outcome
+from napari_phase4d.pipeline.writing import checked_form, lying_in, write_files
+from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.words import local_path
 
-__all__ = ["ResultFolder", "result_folder"]
+__all__ = ["ResultFolder", "result_folder", "write_outcome"]
 
 #: What a run writes beside its methods' results.
 STACKS, FILES = ("wrapped", "amplitude", "exact"), ("table.csv", "recipe.json")
+ENDINGS = (OME_TIFF, OME_ZARR)
 CELL_TABLES = ("cells.csv", "cell_summary.csv")
 #: How the tables of a run begin.
 TABLES_BEGIN = (b"id,method", b"cell,parent")
@@ -39,10 +43,12 @@ class ResultFolder:
         The folder.
     planned : sequence of str
         Names that the run may write.
+    lying : set of str, optional
+        Names of what the run itself has made there already.
     """
 
-    def __init__(self, folder: Path, planned: Sequence[str]) -> None:
-        self.folder, self.planned = folder, planned
+    def __init__(self, folder: Path, planned: Sequence[str], lying: Iterable[str] = ()) -> None:
+        self.folder, self.planned, self.lying = folder, planned, set(lying)
         note = noted(folder)
         #: Names of what earlier runs have made.
         noted_files = note["files"] if note else []
@@ -64,13 +70,13 @@ class ResultFolder:
             check_outside(self.folder, Path(given))
         for name in (*self.planned, NOTE):
             path = self.folder / name
-            if not (path.exists() or path.is_symlink()):
+            if name in self.lying or not (path.exists() or path.is_symlink()):
                 continue
             is_input = given is not None and real(path) == given
             if is_input:
                 self.given = name
                 self.foreign = {name} - self.own
-            if is_input and name.startswith("wrapped."):
+            if is_input and name.startswith("wrapped.") and holds_phase(path):
                 continue
             if is_input:
                 msg = f"results would be written over the input {path}; choose another folder"
@@ -100,7 +106,7 @@ class ResultFolder:
             That of the input.
         """
         names = {path.name for path in written} - self.foreign
-        for name in self.own - names:
+        for name in self.own - names - self.lying:
             path = self.folder / name
             if not given or real(path) != real(given):
                 remove(path)
@@ -126,7 +132,12 @@ class ResultFolder:
 
 @contextmanager
 def result_folder(
-    folder: str | Path, recipe: Recipe, more: Iterable[str] = (), *, with_cells: bool = False
+    folder: str | Path,
+    recipe: Recipe,
+    more: Iterable[str] = (),
+    *,
+    with_cells: bool = False,
+    lying: Iterable[str] = (),
 ) -> Iterator[ResultFolder]:
     """Keep a folder for one run, made if it is not there; one made in vain goes again.
 
@@ -143,6 +154,8 @@ def result_folder(
         Names of further files that will be written.
     with_cells : bool, optional
         Whether cells are written that the recipe does not ask for.
+    lying : iterable of str, optional
+        Names of stacks that the run itself has left there, which stay.
 
     Raises
     ------
@@ -156,7 +169,8 @@ def result_folder(
     try:
         with alone(folder):
             remove_dead(folder)
-            found = ResultFolder(folder, [*planned_names(recipe, with_cells=with_cells), *more])
+            planned = [*planned_names(recipe, with_cells=with_cells), *more]
+            found = ResultFolder(folder, planned, lying)
             found.check(recipe.recording)
             try:
                 found.announce()
@@ -169,6 +183,78 @@ def result_folder(
             with suppress(OSError):  # something lies in it
                 folder.rmdir()
         raise
+
+
+def write_outcome(
+    outcome: Outcome,
+    folder: str | Path,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+    *,
+    form: str | None = None,
+    source: Fingerprint | None = None,
+    reference: Fingerprint | None = None,
+) -> list[Path]:
+    """Write phase, amplitude, every result, the table and the recipe into a folder.
+
+    Where they are there, the exact phase is written too, and the cells: ``cells``, their labels,
+    ``cells.csv`` with a row a cell, time and view, ``cell_summary.csv`` with a row a cell; last,
+    where the recipe asks for it, how far to trust each result. All stacks have their pixel, times
+    and angles, and note in ``attrs["provenance"]`` what made them, see `write_phase`. Wrapped
+    phase that the run began with, and that lies there already, is left as it is.
+
+    The folder is guarded as ``napari-phase4d run`` does it: what no run has made there, or was
+    changed since, is never written over, nor is the input; what an earlier run made there, and
+    this one did not, is removed. ``run.json`` notes the files for that.
+
+    Parameters
+    ----------
+    outcome : Outcome
+        What a run gave.
+    folder : str or Path
+        Where to write; made if it is not there.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
+    form : str, optional
+        "tiff" for OME-TIFF or "zarr" for OME-Zarr. Default: OME-TIFF, or OME-Zarr if the stacks
+        are lazy, as those of a run larger than memory are.
+    source : Fingerprint, optional
+        That of the input, if it is known already. Default: it is computed now.
+    reference : Fingerprint, optional
+        That of the file that the recipe divides by, likewise.
+
+    Returns
+    -------
+    list of Path
+        The files and stacks that were written.
+
+    Raises
+    ------
+    OSError
+        If a file can't be written, is the input, or was not made by a run; files of that name are
+        then left as they were.
+    ValueError
+        If there is no such form.
+    Cancelled
+        If ``cancelled()`` returned True; the files written by then are whole.
+    """
+    checked_form(form)
+    folder, recording = local_path(folder), outcome.recording
+    given = outcome.recipe.recording or ("" if recording is None else recording.source)
+    results = [f"{name}{end}" for name in outcome.comparison.results for end in ENDINGS]
+    with result_folder(
+        folder,
+        outcome.recipe.changed(recording=given),
+        results,
+        with_cells=outcome.cells is not None,
+        lying=lying_in(folder, outcome),
+    ) as kept:
+        made_of = source or source_of(outcome, cancelled)
+        written = write_files(
+            outcome, folder, progress, cancelled, form=form, source=made_of, reference=reference
+        )
+        kept.settle(written, given, made_of)
+    return written
 
 
 def made_before(folder: Path, planned: Sequence[str]) -> set[str]:
@@ -192,7 +278,7 @@ def planned_names(recipe: Recipe, *, with_cells: bool = False) -> list[str]:
     of_cells = ("cells",) if with_cells else ()
     tables = CELL_TABLES if with_cells else ()
     stacks = (*STACKS, *recipe.methods, *trust, *of_cells)
-    names = [f"{stack}{end}" for stack in stacks for end in (OME_TIFF, OME_ZARR)]
+    names = [f"{stack}{end}" for stack in stacks for end in ENDINGS]
     return [*names, *FILES, *tables]
 
 
@@ -243,7 +329,7 @@ def is_as_noted(folder: Path, noted_file: dict[str, Any]) -> bool:
 def looks_own(path: Path) -> bool:
     """Say whether a file holds what a run writes under its name."""
     try:
-        if path.name.endswith((OME_TIFF, OME_ZARR)):
+        if path.name.endswith(ENDINGS):
             return is_result(path)
         if path.suffix == ".csv":
             with path.open("rb") as lines:

@@ -15,14 +15,14 @@ from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
 from napari_phase4d.words import local_path
 
-__all__ = ["Form", "checked_form", "write_outcome"]
+__all__ = ["Form", "checked_form", "lying_in", "write_files"]
 
 #: What stacks are written as.
 Form = Literal["tiff", "zarr"]
 ENDINGS: dict[Form, str] = {"tiff": OME_TIFF, "zarr": OME_ZARR}
 
 
-def write_outcome(
+def write_files(
     outcome: Outcome,
     folder: str | Path,
     progress: ProgressCall | None = None,
@@ -32,45 +32,10 @@ def write_outcome(
     source: Fingerprint | None = None,
     reference: Fingerprint | None = None,
 ) -> list[Path]:
-    """Write phase, amplitude, every result, the table and the recipe into a folder.
-
-    Where they are there, the exact phase is written too, and the cells: ``cells``, their labels,
-    ``cells.csv`` with a row a cell, time and view, ``cell_summary.csv`` with a row a cell; last,
-    where the recipe asks for it, how far to trust each result. All stacks have their pixel, times
-    and angles, and note in ``attrs["provenance"]`` what made them, see `write_phase`. Wrapped
-    phase that the run began with, and that lies there already, is left as it is.
-
-    Parameters
-    ----------
-    outcome : Outcome
-        What a run gave.
-    folder : str or Path
-        Where to write; made if it is not there.
-    progress, cancelled : callable, optional
-        ``progress(done, total, message)``; ``cancelled()`` stops the work.
-    form : str, optional
-        "tiff" for OME-TIFF or "zarr" for OME-Zarr. Default: OME-TIFF, or OME-Zarr if the stacks
-        are lazy, as those of a run larger than memory are.
-    source : Fingerprint, optional
-        That of the input, if it is known already. Default: it is computed now.
-    reference : Fingerprint, optional
-        That of the file that the recipe divides by, likewise.
-
-    Raises
-    ------
-    OSError
-        If a file can't be written; files of that name are then left as they were.
-    ValueError
-        If there is no such form.
-    Cancelled
-        If ``cancelled()`` returned True; the files written by then are whole.
-    """
+    """Write the files of `write_outcome` into a folder that its caller guards."""
     chosen = checked_form(form)
     folder, comparison = local_path(folder), outcome.comparison
-    stacks = {
-        "wrapped" if name == "phase" else str(name): stack
-        for name, stack in outcome.reconstruction.data_vars.items()
-    } | dict(comparison.results)
+    stacks = stacks_of(outcome)
     if outcome.truth is not None:
         stacks["exact"] = exact_phase(outcome.truth, outcome.reconstruction["phase"])
     ending = ENDINGS[chosen or usual_form(stacks)]
@@ -101,6 +66,26 @@ def write_outcome(
         written += write({f"confidence_{method}": stack for method, stack in trust.items()})
         write_table(table, comparison.with_doubt(trust).table)
     return written
+
+
+def stacks_of(outcome: Outcome) -> dict[str, xr.DataArray]:
+    """Return phase, amplitude and results by the names of their files."""
+    return {
+        "wrapped" if name == "phase" else str(name): stack
+        for name, stack in outcome.reconstruction.data_vars.items()
+    } | dict(outcome.comparison.results)
+
+
+def lying_in(folder: Path, outcome: Outcome) -> set[str]:
+    """Return the names of the stacks on disk that a run has left in a folder."""
+    stacks = stacks_of(outcome)
+    if outcome.cells is not None:
+        stacks["cells"] = outcome.cells.labels
+    paths = (path_of(stack) for stack in stacks.values())
+    where = folder.resolve()
+    here = any(path is not None and path.resolve().parent == where for path in paths)
+    # It may have left some that the outcome holds in memory all the same.
+    return {f"{name}{OME_ZARR}" for name in stacks} if here else set()
 
 
 def is_input(path: Path, outcome: Outcome) -> bool:

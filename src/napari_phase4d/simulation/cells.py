@@ -10,7 +10,9 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.optics import Optics
+from napari_phase4d.simulation.asked import check_asked
 from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, projected_phase, rotation
+from napari_phase4d.words import check_finite
 
 __all__ = [
     "EUGLENA_ANGLES_DEG",
@@ -141,6 +143,7 @@ def budding_yeast(
     >>> round(float(exact["phase"].max()))
     21
     """
+    check_asked(shape, n_times, angles_deg, optics, field_um=field_um)
     cell = budding or Budding()
     last = INTERVAL_S * max(n_times - 1, 1)
     return phase_stack(
@@ -214,8 +217,9 @@ def swimming_euglena(
     >>> dict(exact.sizes), exact.attrs["boundary"]
     ({'time': 2, 'angle': 2, 'y': 512, 'x': 512}, (0, 0))
     """
+    check_asked(shape, n_times, angles_deg, optics, frame_rate_hz=frame_rate_hz, pixel_um=pixel_um)
     optics = optics or Optics()
-    scale = peak_rad / unit_peak_rad(optics.wavelength_um)
+    scale = check_finite("peak_rad", peak_rad) / unit_peak_rad(optics.wavelength_um)
     return phase_stack(
         lambda time: euglena_bodies(time, UNIT_DELTA_N * scale),
         times_s=[t / frame_rate_hz for t in range(n_times)],

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
+from napari_phase4d.simulation.asked import check_asked
 from napari_phase4d.simulation.ellipsoids import wrap
 
 __all__ = ["HARD_SHAPES", "hard_shape"]
@@ -283,6 +284,7 @@ def hard_shape(
     if name not in HARD_SHAPES:
         msg = f"shape must be one of {', '.join(HARD_SHAPES)}, but is {name!r}"
         raise ValueError(msg)
+    check_asked(shape, n_times, angles_deg, optics)
     optics = optics or Optics()
     asked = np.linspace(0, 1, n_times) if moments is None else np.asarray(moments, dtype=float)
     half_pixel = 2 / shape[0]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
+from napari_phase4d.simulation.asked import check_optics
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.words import check_type
 
@@ -109,6 +110,7 @@ def multiplexed_video(
     >>> rec.holograms.shape, str(rec.holograms.dtype)
     ((2, 512, 512), 'uint16')
     """
+    check_optics(optics)
     optics = optics or Optics()
     check_type("phase", phase, xr.DataArray, "give exact phase, as budding_yeast() makes it")
     if phase.ndim != 4:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
 from napari_phase4d.optics import Optics
+from napari_phase4d.simulation.asked import check_asked, is_count
 from napari_phase4d.simulation.cells import EUGLENA_ANGLES_DEG, FRAME_RATE_HZ
 from napari_phase4d.simulation.ellipsoids import (
     Ellipsoid,
@@ -19,6 +20,7 @@ from napari_phase4d.simulation.ellipsoids import (
     phase_stack,
     rotation,
 )
+from napari_phase4d.words import shown
 
 __all__ = ["swimming_cells"]
 
@@ -133,6 +135,17 @@ def swimming_cells(
     >>> sorted(set(data["cells"].values.ravel().tolist()))
     [0, 1, 2]
     """
+    check_asked(
+        shape, n_times, angles_deg, optics,
+        frame_rate_hz=frame_rate_hz, pixel_um=pixel_um, peak_rad=peak_rad,
+    )  # fmt: skip
+    if not is_count(n_cells):
+        msg = f"n_cells must be a number of cells, 1 or more, but is {shown(n_cells)}"
+        raise ValueError(msg)
+    for name, count in (("divisions", divisions), ("leaving", leaving), ("entering", entering)):
+        if count != 0 and not is_count(count):
+            msg = f"{name} must be a number of cells, 0 or more, but is {shown(count)}"
+            raise ValueError(msg)
     if divisions + leaving > n_cells:
         msg = (
             f"{divisions} cells divide and {leaving} leave, but there are {n_cells} at first; "

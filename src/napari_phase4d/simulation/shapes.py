@@ -9,6 +9,7 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.optics import Optics
+from napari_phase4d.simulation.asked import check_asked
 from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, rotation, wrap
 from napari_phase4d.words import check_type
 
@@ -158,6 +159,7 @@ def moving_shape(
     if name not in SHAPES:
         msg = f"shape must be one of {', '.join(SHAPES)}, but is {name!r}"
         raise ValueError(msg)
+    check_asked(shape, n_times, angles_deg, optics)
     optics = optics or Optics()
     half_um = 5.0
     delta_n = optics.wavelength_um / (2 * np.pi * half_um)

@@ -10,6 +10,7 @@ import xarray as xr
 
 from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
 from napari_phase4d.optics import Optics
+from napari_phase4d.simulation.asked import check_asked
 from napari_phase4d.simulation.ellipsoids import wrap
 from napari_phase4d.stacks import wavelength_coordinate, wavelengths_of
 from napari_phase4d.words import as_numbers, check_number, check_type
@@ -139,6 +140,7 @@ def step_phantom(
     >>> round(float(exact.max()) * 0.6328 / 6.283185, 3)
     1.0
     """
+    check_asked(shape, n_times, angles_deg, optics)
     optics = optics or Optics()
     columns = math.ceil(math.sqrt(len(paths_um) * shape[1] / shape[0]))
     rows = math.ceil(len(paths_um) / columns)

@@ -15,8 +15,10 @@ from napari_phase4d._napari.session.plans import (
     plan_scores,
     plan_truth,
     plan_unwrapping,
+    plan_watching,
     with_their_cells,
 )
+from napari_phase4d._napari.session.plans.live import LiveView
 from napari_phase4d._napari.session.plans.phase import Plan
 from napari_phase4d._napari.session.plans.results import Masks, MasksCall
 from napari_phase4d._napari.session.session import Session
@@ -25,6 +27,7 @@ from napari_phase4d._napari.session.states import StepState, step_states
 
 __all__ = [
     "Changed",
+    "LiveView",
     "Masks",
     "MasksCall",
     "Opened",
@@ -44,6 +47,7 @@ __all__ = [
     "plan_scores",
     "plan_truth",
     "plan_unwrapping",
+    "plan_watching",
     "step_states",
     "with_their_cells",
 ]

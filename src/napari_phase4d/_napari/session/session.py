@@ -25,12 +25,15 @@ from napari_phase4d._napari.session.plans import (
     plan_scores,
     plan_spectrum,
     plan_unwrapping,
+    plan_watching,
 )
+from napari_phase4d._napari.session.plans.live import PATIENCE_S
 from napari_phase4d._napari.session.plans.phase import Plan
 from napari_phase4d._napari.session.plans.results import Masks
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.analysis import REFERENCE, Cells, CellSettings
 from napari_phase4d.holography import Focus, Lobe
+from napari_phase4d.io import FromCamera
 from napari_phase4d.scripting import as_python
 
 __all__ = ["Session"]
@@ -49,6 +52,30 @@ class Session(State):
     >>> dock.session.reconstruct()
     >>> table = dock.session.unwrap(["temporal-angular"], boundary=(0, 0))
     """
+
+    def watch(
+        self,
+        source: str | Path | FromCamera,
+        out: str | Path,
+        *,
+        frames: int | None = None,
+        patience_s: float = PATIENCE_S,
+    ) -> pd.DataFrame:
+        """Work on a recording while it is written, take its results, return the table (step 1).
+
+        Parameters
+        ----------
+        source : str, Path or FromCamera
+            See `napari_phase4d.pipeline.watch`.
+        out : str or Path
+            Folder for the results.
+        frames : int, optional
+            End after so many frames. Default: as many as come.
+        patience_s : float, optional
+            End after so many seconds without anything new.
+        """
+        plan_watching(self, source, out, frames=frames, patience_s=patience_s).run()
+        return self.needed_outcome().comparison.table
 
     def find_lobes(self, n_views: int | None = None) -> list[Lobe]:
         """Find the views in the spectrum (step 2)."""

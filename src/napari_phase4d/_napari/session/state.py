@@ -45,6 +45,8 @@ class State:
     reconstruction_changed = Signal()
     #: A method of a run that goes on, what it is called, and its result.
     result_finished = Signal(str, str, object)
+    #: What is newest of a recording that is watched: a `LiveView`.
+    live_changed = Signal(object)
     outcome_changed = Signal()
     margin_changed = Signal()
     confidence_changed = Signal()

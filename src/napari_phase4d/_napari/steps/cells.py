@@ -14,7 +14,7 @@ from napari.layers import Labels
 from qtpy.QtWidgets import QAbstractItemView, QFileDialog
 
 from napari_phase4d._napari.preferences import own_optics
-from napari_phase4d._napari.session import Plan, plan_cell_by_methods, plan_cells
+from napari_phase4d._napari.session import Plan, Session, plan_cell_by_methods, plan_cells
 from napari_phase4d._napari.steps.material import in_grid, increment_field, index_field
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
@@ -327,6 +327,8 @@ class CellsPart(Step):
                 self.border.value, self.oblique.value = how.at_border, how.oblique
                 self.index.value = how.object_index or 1
                 self.increment.value = how.refraction_increment_ml_per_g
+            else:
+                self.oblique.value = angles_are_typed(self.session)
         if self.session.cells is None:
             self._show_cells()
 
@@ -417,3 +419,13 @@ def over_time(
     places = np.searchsorted(times, here["time (s)"].to_numpy(np.float64))
     found[places] = here[name].to_numpy(np.float64)
     return found
+
+
+def angles_are_typed(session: Session) -> bool:
+    """Say whether views have other angles than they were found with: beams that come at them.
+
+    A sample's are known without: there the object is turned.
+    """
+    found = session.found
+    known = set() if found is None else {lobe.angle_deg for lobe in found}
+    return bool(known) and any(lobe.angle_deg not in known for lobe in session.lobes)

@@ -24,6 +24,7 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d._napari.preferences import in_micrometres, remember_optics, with_own_optics
 from napari_phase4d._napari.session import Opened, plan_opening
+from napari_phase4d._napari.steps.live import LivePart
 from napari_phase4d._napari.steps.step import (
     Seen,
     Step,
@@ -156,7 +157,11 @@ class RecordingStep(Step):
             "Simulated wrapped phase, exact phase known: a budding yeast, 6 views, 19 times.",
             lambda: self.open_path(YEAST_SOURCE),
         )
-        self.column.addLayout(self.row(self.open_file, self.open_folder, self.open_address))
+        self.live = LivePart(self.session, self.jobs, self.presenter)
+        self.live.failed.connect(self.failed)
+        opening = (self.open_file, self.open_folder, self.open_address, self.live.begin)
+        self.column.addLayout(self.row(*opening))
+        self.column.addWidget(self.live)
         self.try_cells = self.button(
             "Sample cells",
             "try_cells",

@@ -28,7 +28,7 @@ from napari_phase4d.plotting import (
 )
 from napari_phase4d.progress import CancelledCall, ProgressCall
 
-__all__ = ["SharePart"]
+__all__ = ["SharePart", "folder_without_results"]
 
 MOVIES = "MP4 (*.mp4);;GIF (*.gif)"
 FIGURES = "PNG (*.png);;SVG (*.svg)"

@@ -37,7 +37,7 @@ from napari_phase4d.pipeline.provenance import Fingerprint, Hashing, Remembered,
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.starting import found_anywhere
-from napari_phase4d.pipeline.writing import checked_form, write_outcome
+from napari_phase4d.pipeline.writing import checked_form, write_files
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.words import (
     as_path,
@@ -264,7 +264,7 @@ def written(
             scheduler=wish.scheduler,
         )
         source = hashing.result(wish.cancelled)
-        write_outcome(
+        write_files(
             outcome,
             folder,
             progress,

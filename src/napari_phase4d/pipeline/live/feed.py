@@ -33,6 +33,8 @@ class LiveStatus:
     low, high : float
         Smallest and largest phase of the last frames, by the method that is shown, in radians;
         NaN as long as there is none.
+    delay_s : float
+        Seconds from when the last of them was seen until it was done; NaN before the first.
 
     See Also
     --------
@@ -40,8 +42,8 @@ class LiveStatus:
 
     Examples
     --------
-    >>> print(LiveStatus(seen=12, done=10, lost=1, low=-0.5, high=7.25).sentence)
-    12 frames seen, 10 done, 2 behind, 1 dropped, phase -0.5 to 7.2 rad
+    >>> print(LiveStatus(seen=12, done=10, lost=1, low=-0.5, high=7.25, delay_s=0.2).sentence)
+    12 frames seen, 10 done, 2 behind, 1 dropped, phase -0.5 to 7.2 rad, 0.20 s late
     """
 
     seen: int = 0
@@ -49,6 +51,7 @@ class LiveStatus:
     lost: int = 0
     low: float = float("nan")
     high: float = float("nan")
+    delay_s: float = float("nan")
 
     @property
     def behind(self) -> int:
@@ -60,9 +63,10 @@ class LiveStatus:
         """All of it in one line."""
         known = self.low == self.low
         phase = f", phase {self.low:.1f} to {self.high:.1f} rad" if known else ""
+        late = f", {self.delay_s:.2f} s late" if self.delay_s == self.delay_s else ""
         return (
             f"{counted(self.seen, 'frame')} seen, {self.done} done, {self.behind} behind, "
-            f"{self.lost} dropped{phase}"
+            f"{self.lost} dropped{phase}{late}"
         )
 
 

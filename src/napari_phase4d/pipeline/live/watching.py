@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,7 +15,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cells import check_follower
-from napari_phase4d.io import Arrival, Arriving, arriving_at
+from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
 from napari_phase4d.machine import cores
 from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.live.feed import Feed, Listener, LiveStatus
@@ -31,19 +33,21 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, cells_by
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.streaming import GrowingStack, Shelf, Threads
-from napari_phase4d.pipeline.writing import checked_form, write_outcome
+from napari_phase4d.pipeline.writing import checked_form, write_files
 from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
 from napari_phase4d.unwrapping.masks import left_out_note
 from napari_phase4d.words import as_path, check_call, check_type, counted
 
-__all__ = ["watch"]
+__all__ = ["shown_method", "watch"]
 
 #: Seconds without a new frame after which a recording is taken as complete.
 PATIENCE_S = 30.0
 #: Seconds for which a frame is waited for that was announced.
 FRAME_PATIENCE_S = 5.0
+#: The same of a camera, whose files are whole, and in order.
+DROPPED_S = 0.5
 #: Methods whose phase is told, the first that is run.
 SHOWN = ("temporal-angular", "angular-temporal", "temporal", "angular", "spatial-2d")
 
@@ -52,7 +56,7 @@ Results = Mapping[str, NDArray[np.float32]]
 
 
 def watch(
-    source: str | Path,
+    source: str | Path | FromCamera,
     recipe: Recipe,
     out: str | Path,
     *,
@@ -60,6 +64,7 @@ def watch(
     patience_s: float = PATIENCE_S,
     frame_patience_s: float = FRAME_PATIENCE_S,
     form: str | None = None,
+    begun: Callable[[xr.DataArray], None] | None = None,
     arrived: Callable[[int, Results], None] | None = None,
     told: Callable[[str], None] | None = None,
     status: Callable[[LiveStatus], None] | None = None,
@@ -78,9 +83,10 @@ def watch(
 
     Parameters
     ----------
-    source : str or Path
+    source : str, Path or FromCamera
         A folder into which images are written, one a frame; a TIFF to which pages are appended;
-        or a Zarr array that grows along its time. It need not be there yet.
+        or a Zarr array that grows along its time. It need not be there yet. Or a camera, which is
+        started, and whose frames are written into its folder; it ends when the camera does.
     recipe : Recipe
         All settings; its recording does not count. Boundary "auto" is the safest view of the
         first frame.
@@ -95,6 +101,9 @@ def watch(
         one, and is not whole. It is NaN in all results. Default 5.
     form : str, optional
         "tiff" or "zarr" (default).
+    begun : callable, optional
+        ``begun(like)`` once, before the first frame is told: a stack (time, angle, y, x) of one
+        frame, whose axes and notes are those of all that are told; its values do not count.
     arrived : callable, optional
         ``arrived(index, results)`` after each frame, in the thread that called: "wrapped",
         "amplitude" and the id of each method that needs the past only, with its phase
@@ -143,22 +152,32 @@ def watch(
     4
     """
     check_type("recipe", recipe, Recipe, "give Recipe(...), or Recipe.from_file(path)")
-    for name, call in (("arrived", arrived), ("told", told), ("status", status)):
+    for name, call in (("begun", begun), ("arrived", arrived), ("told", told), ("status", status)):
         check_call(name, call)
     check_limits(frames, patience_s, frame_patience_s)
     check_live(recipe)
     checked_form(form)
     if recipe.cells is not None:
         check_follower()
-    path, out = as_path(source).expanduser(), as_path(out)
+    camera = source if isinstance(source, FromCamera) else None
+    path = as_path(source if camera is None else camera.folder).expanduser()
+    out = as_path(out)
     if out.resolve() == path.resolve():
         msg = f"{out} is what is watched; choose another folder for the results"
         raise ValueError(msg)
-    arriving = arriving_at(path, frame_patience_s, recipe.dataset)
+    if camera is None:
+        arriving = arriving_at(path, frame_patience_s, recipe.dataset)
+    else:
+        stopped = until_ended(camera, stopped)
+        arriving = arriving_at(path, DROPPED_S, whole=True)
     listener = Listener(told, status, stopped, cancelled)
     feed = Feed(arriving, frames, patience_s, listener)
     recipe = recipe.changed(recording=found_anywhere(path))
-    with result_folder(out, recipe) as kept, stacks_beside(out, form) as where:
+    with (
+        result_folder(out, recipe) as kept,
+        stacks_beside(out, form) as where,
+        nullcontext() if camera is None else camera,
+    ):
         place = Place(Shelf(where), Threads())
         try:
             n_first = recipe.first_frames or FIRST_FRAMES
@@ -166,15 +185,65 @@ def watch(
             settled = settle(recipe, arriving, gathered[:n_first], cancelled)
             listener.tell(found_sentence(settled))
             live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
+            if begun is not None:
+                begun(live.like())
             live.follow(gathered, feed)
             listener.line()
+            if camera is not None:
+                finish(camera, listener)
             outcome = live.outcome(place, progress)
             print_of = fingerprint_of(path, cancelled)
-            written = write_outcome(outcome, out, progress, form=form, source=print_of)
+            written = write_files(outcome, out, progress, form=form, source=print_of)
             kept.settle(written, outcome.recipe.recording, print_of)
         finally:
             place.close()
     return outcome
+
+
+def shown_method(methods: Iterable[str]) -> str:
+    """Return which of several is told and shown of a recording that grows.
+
+    Parameters
+    ----------
+    methods : iterable of str
+        Ids of methods; others, as "amplitude", do not count.
+
+    Returns
+    -------
+    str
+        The id of the one that needs the past only and goes furthest; "wrapped" if there is none.
+
+    See Also
+    --------
+    watch : Tells the results of all of them.
+
+    Examples
+    --------
+    >>> shown_method(["wrapped", "amplitude", "spatial-2d", "temporal-angular"])
+    'temporal-angular'
+    """
+    there = set(methods)
+    return next((method for method in SHOWN if method in there), "wrapped")
+
+
+def until_ended(camera: FromCamera, stopped: CancelledCall | None) -> CancelledCall:
+    """Return what says that no more frames come; a camera is stopped where that is wished."""
+
+    def ended() -> bool:
+        if stopped is not None and stopped():
+            camera.stop()
+        return camera.ended
+
+    return ended
+
+
+def finish(camera: FromCamera, listener: Listener) -> None:
+    """Stop a camera, and say what it lost."""
+    camera.finish()
+    if camera.dropped:
+        listener.tell(
+            f"the camera took {counted(camera.dropped, 'frame')} that its buffer had no room for"
+        )
 
 
 def check_limits(frames: int | None, patience_s: float, frame_patience_s: float) -> None:
@@ -239,11 +308,16 @@ class Live:
         n_views = len(settled.work.angles)
         boundaries = [(time, angle % n_views) for time, angle in recipe.start_frames]
         self._causal = Causal(chosen, boundaries, finds_mask=recipe.mask == "auto")
-        self._shown = next((m for m in SHOWN if m in chosen), "wrapped")
+        self._shown = shown_method(chosen)
         shape = settled.work.stack_shape(1)[1:]
         names = ("wrapped", "amplitude", *chosen)
         self._stacks: dict[str, GrowingStack] = {n: shelf.growing(n, shape) for n in names}
         self._shares: list[float] = []
+
+    def like(self) -> xr.DataArray:
+        """Return a frame of phase whose axes and notes are those of all; no values."""
+        first = self._settled.first
+        return self._axes(first, [0.0] * first.n_frames)["phase"].isel(time=[0])
 
     def follow(self, gathered: Sequence[Arrival], feed: Feed) -> None:
         """Work on the frames that are there, and on all that come."""
@@ -266,7 +340,8 @@ class Live:
         self._shares += shares
         shown = found[self._shown]
         known = shown[np.isfinite(shown)]
-        now = replace(self._listener.now, done=len(self._shares))
+        late = time.monotonic() - arrivals[-1].since
+        now = replace(self._listener.now, done=len(self._shares), delay_s=late)
         if known.size:
             now = replace(now, low=float(known.min()), high=float(known.max()))
         self._listener.now = now
@@ -320,14 +395,17 @@ class Live:
 
     def _dataset(self, recording: Recording) -> xr.Dataset:
         """Return phase and amplitude as they lie, with their axes and notes."""
-        work = self._settled.work
-        # The values do not count here: these are the axes and notes.
-        shape = work.stack_shape(len(self._shares))
-        empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
-        plan = work.as_dataset(recording, empty, empty, self._shares)
+        plan = self._axes(recording, self._shares)
         plan["phase"] = self._put("wrapped", plan["phase"], (-math.pi, math.pi))
         plan["amplitude"] = self._put("amplitude", plan["amplitude"])
         return plan
+
+    def _axes(self, recording: Recording, shares: Sequence[float]) -> xr.Dataset:
+        """Return phase and amplitude whose axes and notes alone count."""
+        work = self._settled.work
+        shape = work.stack_shape(len(shares))
+        empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
+        return work.as_dataset(recording, empty, empty, shares)
 
     def _result(self, method: str, phase: xr.DataArray) -> xr.DataArray:
         """Return what a method gave as it lies, noted as `run_method` does."""

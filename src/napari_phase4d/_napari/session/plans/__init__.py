@@ -5,6 +5,7 @@ from napari_phase4d._napari.session.plans.cells import (
     plan_cells,
     with_their_cells,
 )
+from napari_phase4d._napari.session.plans.live import plan_watching
 from napari_phase4d._napari.session.plans.phase import (
     plan_focus,
     plan_lobes,
@@ -41,5 +42,6 @@ __all__ = [
     "plan_spectrum",
     "plan_truth",
     "plan_unwrapping",
+    "plan_watching",
     "with_their_cells",
 ]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from queue import Empty, SimpleQueue
-from typing import Any
+from queue import Empty
+from typing import Any, Protocol
 
 import pandas as pd
 import xarray as xr
@@ -40,6 +40,13 @@ __all__ = [
 ]
 
 
+class Parts(Protocol):
+    """Where work puts what it has finished on the way."""
+
+    def get_nowait(self) -> Any:
+        """Return the next part; raise `queue.Empty` if there is none."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """Work on a snapshot of the session, so that the user can go on while it runs.
@@ -60,7 +67,7 @@ class Plan:
         Whether it runs unseen and ends as soon as other work is started.
     keeps_parts : bool
         Whether the work, when cancelled, returns what is finished instead of raising Cancelled.
-    parts : SimpleQueue, optional
+    parts : SimpleQueue, or another that has get_nowait, optional
         Where the work puts what it has finished on the way; who runs it in a thread hands each to
         ``receive_part`` in the window's thread, at the latest before the whole is received.
     receive_part : callable, optional
@@ -73,7 +80,7 @@ class Plan:
     cancellable: bool = True
     gives_way: bool = False
     keeps_parts: bool = False
-    parts: SimpleQueue[Any] | None = None
+    parts: Parts | None = None
     receive_part: Callable[[Any], None] | None = None
 
     def next_part(self) -> bool:

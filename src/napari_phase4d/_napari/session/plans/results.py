@@ -40,7 +40,7 @@ from napari_phase4d.pipeline import (
     source_of,
     unwrap_by,
     with_start,
-    write_outcome,
+    write_files,
 )
 from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch, reworded
 from napari_phase4d.unwrapping import score_boundaries, scores_of_some
@@ -439,7 +439,7 @@ def plan_saving(state: State, folder: str | Path, regions: pd.DataFrame | None =
             folder, outcome.recipe, tables, with_cells=outcome.cells is not None
         ) as kept:
             made_of = source_of(outcome, cancelled)
-            written = write_outcome(outcome, folder, progress, cancelled, source=made_of)
+            written = write_files(outcome, folder, progress, cancelled, source=made_of)
             for name, table in tables.items():
                 rows = table.set_index(table.columns[0])
                 written.append(write_table(Path(folder) / name, rows))

@@ -1,0 +1,212 @@
+"""The plan that works on a recording while it is written, and what is newest of it."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from queue import Empty
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d._napari.session.plans.phase import Plan
+from napari_phase4d._napari.session.state import State
+from napari_phase4d.io import FromCamera
+from napari_phase4d.optics import Optics
+from napari_phase4d.pipeline import (
+    LiveStatus,
+    Outcome,
+    find_place,
+    phase_needs,
+    read_outcome,
+    shown_method,
+    watch,
+)
+from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.words import as_path
+
+__all__ = ["PATIENCE_S", "LiveView", "plan_watching"]
+
+#: Seconds without a new frame after which a recording is taken as complete.
+PATIENCE_S = 30.0
+WRAPPED = "wrapped"
+
+
+@dataclass(frozen=True)
+class LiveView:
+    """What is newest of a recording that grows.
+
+    Parameters
+    ----------
+    index : int
+        The number of the newest frame; -1 before the first.
+    shown : dict of str to ndarray
+        Its phase (angle, y, x), wrapped and by the method that is shown, by their ids.
+    like : xarray.DataArray, optional
+        A stack of one frame, whose axes and notes are those of what is shown.
+    status : LiveStatus
+        How far the work is.
+    not_shown : int
+        Frames that gave way to later ones before they were looked at.
+    line : str
+        What was told last of single frames.
+    """
+
+    index: int = -1
+    shown: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
+    like: xr.DataArray | None = None
+    status: LiveStatus = field(default_factory=LiveStatus)
+    not_shown: int = 0
+    line: str = ""
+
+    @property
+    def sentence(self) -> str:
+        """How far it is, in one line."""
+        hidden = f"; {self.not_shown} not shown" if self.not_shown else ""
+        return f"{self.status.sentence}{hidden}"
+
+
+class Newest:
+    """Holds what is newest of a recording that grows for who looks at it now and then.
+
+    A frame that nobody has looked at in time gives way to the next one, and is counted; so that
+    however slow the window is, the work is not held up and no frames pile up.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._now = LiveView()
+        self._waits = self._changed = False
+
+    def begin(self, like: xr.DataArray) -> None:
+        """Take the axes of all frames."""
+        self._change(like=like)
+
+    def status(self, status: LiveStatus) -> None:
+        """Take how far the work is."""
+        self._change(status=status)
+
+    def tell(self, line: str) -> None:
+        """Take a word on single frames."""
+        self._change(line=line)
+
+    def put(self, index: int, results: Mapping[str, NDArray[np.float32]]) -> None:
+        """Take the newest frame."""
+        names = dict.fromkeys((WRAPPED, shown_method(results)))
+        shown = {name: results[name].copy() for name in names}
+        with self._lock:
+            missed = self._now.not_shown + self._waits
+            self._now = replace(self._now, index=index, shown=shown, not_shown=missed)
+            self._waits = self._changed = True
+
+    def get_nowait(self) -> LiveView:
+        """Return what is newest; raise `queue.Empty` if it was returned before."""
+        with self._lock:
+            if not self._changed:
+                raise Empty
+            self._waits = self._changed = False
+            return self._now
+
+    def _change(self, **changes: Any) -> None:
+        with self._lock:
+            self._now = replace(self._now, **changes)
+            self._changed = True
+
+
+def plan_watching(
+    state: State,
+    source: str | Path | FromCamera,
+    out: str | Path,
+    *,
+    frames: int | None = None,
+    patience_s: float = PATIENCE_S,
+    optics: Optics | None = None,
+    stopped: CancelledCall | None = None,
+) -> Plan:
+    """Plan to work on a recording while it is written, by the present settings.
+
+    Its newest frame is told by ``live_changed``. In the end recording, phase and results are
+    taken as those of a run; they lie in the folder.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    source : str, Path or FromCamera
+        What grows, see `watch`.
+    out : str or Path
+        Folder for the results.
+    frames : int, optional
+        End after so many frames. Default: as many as come.
+    patience_s : float, optional
+        End after so many seconds without anything new.
+    optics : Optics, optional
+        The microscope, where the settings name none.
+    stopped : callable, optional
+        If it returns True, no more frames are waited for.
+
+    Raises
+    ------
+    ValueError
+        If no method is ticked.
+    """
+    if not state.recipe.methods:
+        msg = "no method is ticked; tick at least one in step 4"
+        raise ValueError(msg)
+    # What a file holds, and cells, are asked for when there is one.
+    recipe = state.recipe.changed(
+        content="holograms", raw=None, cells=None, optics=state.recipe.optics or optics
+    )
+    before = (state.recording, state.reconstruction)
+    newest = Newest()
+
+    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Outcome:
+        found = watch(
+            source,
+            recipe,
+            out,
+            frames=frames,
+            patience_s=patience_s,
+            begun=newest.begin,
+            arrived=newest.put,
+            told=newest.tell,
+            status=newest.status,
+            progress=progress,
+            stopped=stopped,
+            cancelled=cancelled,
+        )
+        # As it lies there, so that what is made of it later does not go into that folder.
+        return replace(read_outcome(out), recording=found.recording, recipe=found.recipe)
+
+    def receive(outcome: Outcome) -> None:
+        if state.recording is not before[0] or state.reconstruction is not before[1]:
+            msg = f"another recording was opened meanwhile; the results are in {out}: open that"
+            raise ValueError(msg)
+        take_watched(state, outcome)
+
+    name = as_path(source.folder if isinstance(source, FromCamera) else source).name
+    return Plan(
+        f"Watching {name}",
+        work,
+        receive,
+        parts=newest,
+        receive_part=partial(state.live_changed.emit),
+    )
+
+
+def take_watched(state: State, outcome: Outcome) -> None:
+    """Take a recording that is complete, with its phase and results."""
+    assert outcome.recording is not None  # it was watched
+    state.set_recording(outcome.recording, recipe=outcome.recipe, kind="holograms")
+    data = outcome.reconstruction
+    modest = [m for m in outcome.recipe.methods if METHODS[m].streams]
+    state.leave_place(find_place(state.recipe, phase_needs(modest, data["phase"].shape)))
+    state.set_reconstruction(data, state.recipe)
+    state.take_outcome(outcome)
+    state.outcome_changed.emit()

@@ -1,0 +1,134 @@
+"""The newest frame of a recording that grows, in two layers that are filled anew."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from napari_phase4d._napari.session import LiveView
+from napari_phase4d._napari.viewing.grid import UNITS_OF_COLOURS, ViewState, arrange, say_unit
+from napari_phase4d._napari.viewing.layers import (
+    METADATA_KEY,
+    LayerTuple,
+    keep_zero_black,
+    stack_layer,
+)
+from napari_phase4d._napari.viewing.presenter import Presenter
+from napari_phase4d.axes import AXES
+from napari_phase4d.unwrapping import METHODS
+
+__all__ = ["LiveLayers"]
+
+#: Shares of pixels between which the contrast of unwrapped phase lies.
+SHARES = (0.001, 0.9995)
+
+
+class LiveLayers:
+    """Shows one frame after another: wrapped, and unwrapped by one method.
+
+    Their one time is as long as all that is there, so that the newest frame is seen wherever the
+    slider is.
+
+    Parameters
+    ----------
+    presenter : Presenter
+        What shows all else, and its viewer.
+    """
+
+    def __init__(self, presenter: Presenter) -> None:
+        self._presenter, self._viewer = presenter, presenter.viewer
+        #: By what they show.
+        self._layers: dict[str, Any] = {}
+        #: Contrast as it was set here; another one is the user's.
+        self._limits: dict[str, tuple[float, float]] = {}
+        self._before: ViewState | None = None
+        self._index = -1
+
+    def show(self, view: LiveView) -> None:
+        """Show what is newest, if it is newer than what is shown."""
+        if view.like is None or view.index <= self._index:
+            return
+        self._index = view.index
+        if not self._layers:
+            self._add(view, view.like)
+            return
+        for name, values in view.shown.items():
+            layer = self._layers[name]
+            if layer in self._viewer.layers:  # and was not taken away by the user
+                layer.data = values[None]
+                self._widen(name, values)
+
+    def remove(self) -> None:
+        """Take the layers away."""
+        for layer in self._layers.values():
+            if layer in self._viewer.layers:
+                self._viewer.layers.remove(layer)
+        self._layers, self._limits, self._index = {}, {}, -1
+
+    def restore(self) -> None:
+        """Show again what was shown before."""
+        before, self._before = self._before, None
+        if before is not None:
+            before.restore(self._viewer)
+            say_unit(self._viewer, UNITS_OF_COLOURS[self._presenter.showing])
+
+    def forget(self) -> None:
+        """Forget what was shown before: something else takes its place."""
+        self._before = None
+
+    def _add(self, view: LiveView, like: xr.DataArray) -> None:
+        """Add the layers, side by side, and hide what else this plugin shows."""
+        self._before = ViewState.of(self._viewer)
+        self._presenter.hide_all()
+        times = span_of_times(self._viewer)
+        for name, values in view.shown.items():
+            data, keywords, _ = live_layer(like.copy(data=values[None]), name, times)
+            layer = self._viewer.add_image(data, **keywords)
+            layer.events.contrast_limits.connect(keep_zero_black)
+            self._layers[name] = layer
+            self._limits[name] = tuple(layer.contrast_limits)
+        layers = list(self._layers.values())
+        # One colour bar is enough: that of phase whose contrast is not known beforehand.
+        arrange(self._viewer, layers[::-1])
+        say_unit(self._viewer, UNITS_OF_COLOURS["results"])
+        self._viewer.canvas.overlays.scale_bar.visible = True
+        self._viewer.reset_view(layers=layers)
+
+    def _widen(self, name: str, values: NDArray[np.float32]) -> None:
+        """Let the contrast of unwrapped phase go as far as the phase does, if nobody chose it."""
+        layer, limits = self._layers[name], self._limits[name]
+        if name == "wrapped" or tuple(layer.contrast_limits) != limits:
+            return
+        some = values[:, ::4, ::4]
+        known = some[np.isfinite(some)]
+        if not known.size:
+            return
+        low, high = (float(v) for v in np.quantile(known, SHARES))
+        wider = (min(low, limits[0]), max(high, limits[1]))
+        if wider != limits:
+            layer.contrast_limits_range = wider
+            layer.contrast_limits = wider
+            self._limits[name] = tuple(layer.contrast_limits)
+
+
+def span_of_times(viewer: Any) -> tuple[float, float]:
+    """Return the middle and the length of what the slider of time reaches over."""
+    if viewer.dims.ndim < len(AXES):
+        return 0.0, 1.0
+    low, high, step = viewer.dims.range[-len(AXES)]
+    return (low + high) / 2, high - low + step
+
+
+def live_layer(stack: xr.DataArray, name: str, times: tuple[float, float]) -> LayerTuple:
+    """Return the layer of one frame (time, angle, y, x) that lasts as long as is told."""
+    wrapped = name == "wrapped"
+    title = "wrapped phase" if wrapped else METHODS[name].label
+    data, keywords, kind = stack_layer(
+        stack, f"{title}, live", "wrapped" if wrapped else "unwrapped"
+    )
+    keywords["translate"][0], keywords["scale"][0] = times
+    note = {**keywords["metadata"][METADATA_KEY], "kind": "live"}
+    return data, {**keywords, "metadata": {METADATA_KEY: note}}, kind
