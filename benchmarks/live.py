@@ -19,6 +19,7 @@ import numpy as np
 import tifffile
 
 import napari_phase4d as p4d
+from napari_phase4d.io import FromCamera
 from napari_phase4d.pipeline import watch
 
 FRAME = (512, 640)
@@ -27,6 +28,11 @@ SHORT, FRAMES = 24, 240
 CAMERA_FRAME, CAMERA_RATE, CAMERA_FRAMES = (512, 512), 30.0, 1000
 #: Share of what can be done a second at which frames are written then.
 OF_THE_RATE = 0.8
+RECIPE = p4d.Recipe(n_views=2)
+#: The waves of Micro-Manager's simulated camera as fringes: one view.
+WAVES = p4d.Recipe(
+    lobes=(p4d.Lobe((0.005, 0.047), 0.025),), background="none", drift=False, mask=None,
+)  # fmt: skip
 METHODS = {
     "T/A": ("temporal-angular",),
     "all that need the past only": (
@@ -51,11 +57,16 @@ def write(short: Path, folder: Path, rate: float, n_frames: int = FRAMES) -> Non
         frame = frames[min(place, 2 * SHORT - 2 - place)]
         if rate:
             time.sleep(max(0.0, began + number / rate - time.monotonic()))
-        tifffile.imwrite(folder / f"frame_{number:05}.tif", frame)
+        tifffile.imwrite(folder / f"frame_{number:06}.tif", frame)
 
 
 def watched(
-    folder: Path, out: Path, methods: tuple[str, ...], n_frames: int = FRAMES
+    folder: Path,
+    out: Path,
+    methods: tuple[str, ...],
+    n_frames: int = FRAMES,
+    source: FromCamera | None = None,
+    recipe: p4d.Recipe | None = None,
 ) -> tuple[float, list[float], int]:
     """Return frames a second behind the first ones, how late each frame was, and those lost."""
     late: list[float] = []
@@ -63,10 +74,10 @@ def watched(
 
     def arrived(index: int, _: object) -> None:
         when.append(time.time())
-        late.append(when[-1] - (folder / f"frame_{index:05}.tif").stat().st_mtime)
+        late.append(when[-1] - (folder / f"frame_{index:06}.tif").stat().st_mtime)
 
-    recipe = p4d.Recipe(n_views=2, methods=methods)
-    found = watch(folder, recipe, out, frames=n_frames, arrived=arrived)
+    found = watch(source or folder, recipe or RECIPE.changed(methods=methods), out,
+                  frames=n_frames, arrived=arrived)  # fmt: skip
     lost = len(found.reconstruction.attrs["lost_times"])
     first = n_frames // 8
     return (n_frames - first) / (when[-1] - when[first - 1]), late[first:], lost
@@ -81,6 +92,38 @@ def written_meanwhile(
     _, late, lost = watched(camera, camera.with_name(f"{camera.name}_out"), methods, n_frames)
     writer.wait()
     return late, lost
+
+
+def camera_lines(place: Path) -> Iterator[str]:
+    """Rows of Micro-Manager's simulated camera, if it is installed."""
+    try:
+        from pymmcore_plus import CMMCorePlus
+    except ImportError:
+        yield "pymmcore-plus is not installed: no camera was tried."
+        return
+    yield (
+        f"Micro-Manager's simulated camera, {CAMERA_FRAMES} frames of 512 x 512, one view, 2-D; "
+        f"lateness from the {CAMERA_FRAMES // 8}th on"
+    )
+    yield ""
+    yield "| frames/s | written | dropped | late, median | late, 95 of 100 | late, at most |"
+    yield "|---|---|---|---|---|---|"
+    core = CMMCorePlus()
+    core.loadSystemConfiguration("MMConfig_demo.cfg")
+    core.setProperty("Camera", "PixelType", "8bit")
+    core.setProperty("Camera", "StripeWidth", 3)
+    recipe = WAVES.changed(methods=("spatial-2d",))
+    for rate in (CAMERA_RATE, 2 * CAMERA_RATE):
+        core.setExposure(1000 / rate)
+        folder = place / f"camera_{rate:g}"
+        camera = FromCamera(core, folder, CAMERA_FRAMES)
+        _, late, _ = watched(
+            folder, place / f"{folder.name}_out", (), CAMERA_FRAMES, camera, recipe
+        )
+        yield (
+            f"| {rate:g} | {camera.written} | {camera.dropped} | {np.median(late):.2f} s "
+            f"| {np.quantile(late, 0.95):.2f} s | {max(late):.2f} s |"
+        )
 
 
 def lines() -> Iterator[str]:
@@ -123,6 +166,8 @@ def lines() -> Iterator[str]:
                 f"| {name} | {lost} | {np.median(late):.2f} s | {np.quantile(late, 0.95):.2f} s "
                 f"| {max(late):.2f} s |"
             )
+        yield ""
+        yield from camera_lines(place)
     finally:
         shutil.rmtree(place, ignore_errors=True)
 
