@@ -65,6 +65,7 @@ INNER = {
     "jobs": {"session"},
     "files": {"session", "viewing"},
     "one_shot": {"jobs", "preferences", "viewing"},
+    "live": {"jobs", "preferences", "viewing"},
     "steps": {"jobs", "preferences", "session", "viewing", "widgets"},
     "dock": {"jobs", "session", "steps", "viewing", "widgets"},
     "demo": {"dock", "session"},

@@ -23,6 +23,7 @@ ALLOWED = {
     "dock": {"jobs", "session", "steps", "viewing", "widgets"},
     "demo": {"dock", "session"},
     "one_shot": {"jobs", "preferences", "viewing"},
+    "live": {"jobs", "preferences", "viewing"},
     "files": {"session", "viewing"},
 }
 #: What these inner rooms may not know of the outer ones either.

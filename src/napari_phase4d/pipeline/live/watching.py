@@ -63,6 +63,7 @@ def watch(
     patience_s: float = PATIENCE_S,
     frame_patience_s: float = FRAME_PATIENCE_S,
     form: str | None = None,
+    began: Callable[[xr.Dataset], None] | None = None,
     arrived: Callable[[int, Results], None] | None = None,
     told: Callable[[str], None] | None = None,
     status: Callable[[LiveStatus], None] | None = None,
@@ -99,6 +100,9 @@ def watch(
         one, and is not whole. It is NaN in all results. Default 5.
     form : str, optional
         "tiff" or "zarr" (default).
+    began : callable, optional
+        ``began(data)`` once, when lobes and background are settled: "phase" and "amplitude" of one
+        frame with all their axes and notes, NaN as yet.
     arrived : callable, optional
         ``arrived(index, results)`` after each frame, in the thread that called: "wrapped",
         "amplitude" and the id of each method that needs the past only, with its phase
@@ -147,7 +151,8 @@ def watch(
     4
     """
     check_type("recipe", recipe, Recipe, "give Recipe(...), or Recipe.from_file(path)")
-    for name, call in (("arrived", arrived), ("told", told), ("status", status)):
+    calls = {"began": began, "arrived": arrived, "told": told, "status": status}
+    for name, call in calls.items():
         check_call(name, call)
     check_limits(frames, patience_s, frame_patience_s)
     check_live(recipe)
@@ -179,6 +184,8 @@ def watch(
             gathered = feed.gather(n_first)
             settled = settle(recipe, arriving, gathered[:n_first], cancelled)
             listener.tell(found_sentence(settled))
+            if began is not None:
+                began(one_frame(settled))
             live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
             live.follow(gathered, feed)
             listener.line()
@@ -229,6 +236,13 @@ def found_sentence(settled: Settled) -> str:
     n_views, (_, view) = len(settled.recipe.lobes), settled.recipe.start_frames[0]
     first = counted(settled.first.n_frames, "frame")
     return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view}"
+
+
+def one_frame(settled: Settled) -> xr.Dataset:
+    """Return phase and amplitude of one frame with their axes, and nothing known of either."""
+    n_first = settled.first.n_frames
+    unknown = np.full(settled.work.stack_shape(n_first), np.nan, np.float32)
+    return settled.work.as_dataset(settled.first, unknown, unknown, [0.0] * n_first).isel(time=[0])
 
 
 def fingerprint_of(path: Path, cancelled: CancelledCall | None) -> Fingerprint:
