@@ -62,10 +62,10 @@ def test_another_number_of_views_than_asked_for_is_said() -> None:
     exact = swimming_euglena((256, 256), 4, pixel_um=5.2 / 30, peak_rad=6)
     rec = multiplexed_video(exact["phase"])
     assert p4d.find_lobes(rec, 2).doubts == ()
-    for wanted in (3, 1):
-        with pytest.warns(UserWarning, match="the spectrum looks like 2 views"):
-            found = p4d.find_lobes(rec, wanted)
-        assert "the spectrum looks like 2 views" in found.doubts[0]
+    assert "the spectrum looks like 2 views" in p4d.find_lobes(rec, 1).doubts[0]
+    with pytest.warns(UserWarning, match="the spectrum looks like 2 views"):
+        found = p4d.find_lobes(rec, 3)
+    assert "the spectrum looks like 2 views" in found.doubts[0]
 
 
 @pytest.mark.parametrize("cover", [0.1, 0.5, 0.75, 0.85])

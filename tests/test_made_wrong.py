@@ -16,7 +16,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.analysis import itoh_margin, traces
+from napari_phase4d.analysis import itoh_margin, residues, traces
 from test_wrong_input import EXACT, OF_UNWRAPPED, OF_WRAPPED, WRAPPED, scaled, with_places
 
 N_Y, N_X = WRAPPED.sizes["y"], WRAPPED.sizes["x"]
@@ -96,12 +96,19 @@ WORKS: dict[str, Callable[[Any], Any]] = {
     **OF_WRAPPED,
     **OF_UNWRAPPED,
     "itoh_margin": itoh_margin,
+    "find_cells": p4d.find_cells,
+    "residues": residues,
     "traces": lambda phase: traces({"a": phase}, (1, 0), (9, 9)),
 }
+#: What takes wrapped phase.
+FROM_WRAPPED = {*OF_WRAPPED, "residues"}
 #: Ways that are wrong only where there is another stack to fit.
 OF_TWO = ("another pixel", "other angles", "fewer times", "fewer rows", "one view")
 #: What takes a single stack.
-ALONE = ("unwrap", "compare", "score_boundaries", "measure", "itoh_margin", "traces")
+ALONE = (
+    "unwrap", "compare", "score_boundaries", "measure", "itoh_margin", "traces", "find_cells",
+    "residues",
+)  # fmt: skip
 
 
 def numbers(result: Any) -> list[np.ndarray]:
@@ -139,7 +146,7 @@ def outcome_of(work: Callable[[Any], Any], given: Any) -> tuple[str, Any]:
 @lru_cache
 def expected(name: str) -> list[np.ndarray]:
     """Return what the right stack gives."""
-    return numbers(WORKS[name](WRAPPED if name in OF_WRAPPED else EXACT))
+    return numbers(WORKS[name](WRAPPED if name in FROM_WRAPPED else EXACT))
 
 
 CASES = [(way, name) for way in WAYS for name in WORKS if not (way in OF_TWO and name in ALONE)]
@@ -148,7 +155,7 @@ CASES = [(way, name) for way in WAYS for name in WORKS if not (way in OF_TWO and
 @pytest.mark.thorough
 @pytest.mark.parametrize(("way", "name"), CASES)
 def test_nothing_wrong_in_silence(way: str, name: str) -> None:
-    work, right = WORKS[name], WRAPPED if name in OF_WRAPPED else EXACT
+    work, right = WORKS[name], WRAPPED if name in FROM_WRAPPED else EXACT
     what, found = outcome_of(work, WAYS[way](right))
     if what in ("refused", "warned"):
         assert found

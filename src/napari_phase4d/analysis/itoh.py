@@ -5,10 +5,10 @@ from __future__ import annotations
 import dask.array
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.loading import in_memory, parts_over_time
-from napari_phase4d.stacks import check_rising, unwrapped_stack, wavelengths_of
+from napari_phase4d.stacks import check_rising, unwrapped_stack, wavelengths_of, wrapped_stack
 from napari_phase4d.unwrapping import both_ends, frames_among, loop_sums, views_by_light
 from napari_phase4d.words import check_type
 
@@ -200,18 +200,23 @@ def order_shares(
     return shares
 
 
-def residues(wrapped: xr.DataArray) -> xr.DataArray:
+def residues(wrapped: xr.DataArray | ArrayLike) -> xr.DataArray:
     """Return the residues of every frame: where the wrapped steps round four pixels don't cancel.
 
     Parameters
     ----------
-    wrapped : xarray.DataArray
-        Wrapped phase in radians, the last two dims y and x.
+    wrapped : DataArray or array_like
+        Wrapped phase in radians, dims among (time, angle, y, x).
 
     Returns
     -------
     xarray.DataArray
         int8: +1, -1 or 0, with one row and one column less than ``wrapped``.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is surely no wrapped phase.
 
     Examples
     --------
@@ -222,11 +227,13 @@ def residues(wrapped: xr.DataArray) -> xr.DataArray:
     >>> int(abs(found).sum())
     1
     """
-    values = in_memory(wrapped).values.astype(np.float64)
+    stack = in_memory(wrapped_stack(wrapped, "the wrapped phase"))
+    values = stack.transpose(..., "y", "x").values.astype(np.float64)
 
     def turns(axis: int) -> np.ndarray:
         return np.round(np.diff(values, axis=axis) / TURN)
 
     loop = loop_sums(turns(-2), turns(-1))
-    found = wrapped.isel({wrapped.dims[-2]: slice(None, -1), wrapped.dims[-1]: slice(None, -1)})
-    return found.copy(data=-loop.astype(np.int8))
+    found = stack.transpose(..., "y", "x").isel(y=slice(None, -1), x=slice(None, -1))
+    signs = found.copy(data=-loop.astype(np.int8)).transpose(*stack.dims)
+    return signs.drop_attrs(deep=False)  # a count, and no phase any more

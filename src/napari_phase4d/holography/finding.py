@@ -218,7 +218,7 @@ def find_lobes(
         raise ValueError(too_few(rec.name, plain, len(best.views)))
     lobes, signs = lobes_of(best, plane, angles_deg, radius, orient=orient)
     doubts = list(number_doubts(n_views, likely, chances))
-    if n_views is not None and doubts:  # one of them may be the beat of two others
+    if doubts and likely < (n_views or 0):  # one of them may be the beat of two others
         warn(f"{rec.name}: {doubts[0]}")
     other: list[Lobe] = []
     if best.chance < SURE and others:

@@ -73,19 +73,15 @@ def region_growing(
         Only with "phasetools": step in radians beyond which a turn is added; published default
         3.14.
     """
-    watch = Watch(2, "region growing", progress, cancelled)
     if not 0 < rga_threshold < TURN:
         msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
         raise ValueError(msg)
+    growing = Growing(problem, "region growing", progress, cancelled)
     if variant == "textbook":
-        return grown(problem, slice(None), watch)
-    unwrapped, parts = watched(
-        lambda: grown_as_phasetools(problem.wrapped, problem.mask, rga_threshold), watch
-    )
-    watch.step()
-    result = levelled(unwrapped, parts, problem, slice(None), watch)
-    watch.step()
-    return result
+        return growing.finish([growing.grown(ALL)], result)
+    whole = times_touch(problem.given.shape)
+    contract = AsPhasetools(rga_threshold)
+    return growing.finish([growing.grown(ALL, contract, in_blocks=not whole)], result)
 
 
 def spatial_3d(
