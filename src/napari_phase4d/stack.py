@@ -186,6 +186,14 @@ class InMemory:
         if not is_same(place, values):
             place[...] = values
 
+    def read_pixels(self, pixels: Block) -> NDArray[Any]:
+        """Return some pixels at all times, shape (time, pixel)."""
+        return self.values.reshape(len(self.values), -1)[:, pixels.start : pixels.stop]
+
+    def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
+        """Write some pixels at all times; the numbers must lie in order."""
+        self.values.reshape(len(self.values), -1)[:, pixels.start : pixels.stop] = values
+
 
 def room_in(stack: Stack, block: Block, dtype: Any) -> NDArray[Any]:
     """Return an array of any content for the frames of a block, to be written to the stack then.
@@ -206,14 +214,6 @@ def is_same(one: NDArray[Any], other: NDArray[Any]) -> bool:
         and one.strides == other.strides
         and one.__array_interface__["data"] == other.__array_interface__["data"]
     )
-
-    def read_pixels(self, pixels: Block) -> NDArray[Any]:
-        """Return some pixels at all times, shape (time, pixel)."""
-        return self.values.reshape(len(self.values), -1)[:, pixels.start : pixels.stop]
-
-    def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
-        """Write some pixels at all times; the numbers must lie in order."""
-        self.values.reshape(len(self.values), -1)[:, pixels.start : pixels.stop] = values
 
 
 class Memory:

@@ -204,7 +204,7 @@ class Growing:
         """
         problem, (progress, cancelled) = self._problem, self._calls
         by_frames = not problem.finds_mask and not problem.all_usable
-        flat = problem.alone(progress, cancelled).turns if by_frames else None
+        flat = problem.alone(progress, cancelled) if by_frames else None
         levels = [np.zeros(of.n_parts, dtype=np.int64) for of in grown]
         known = [np.zeros(of.n_parts, dtype=bool) for of in grown]
         time, angle = problem.first
