@@ -84,8 +84,9 @@ def lying_in(folder: Path, outcome: Outcome) -> set[str]:
     paths = (path_of(stack) for stack in stacks.values())
     where = folder.resolve()
     here = any(path is not None and path.resolve().parent == where for path in paths)
-    # It may have left some that the outcome holds in memory all the same.
-    return {f"{name}{OME_ZARR}" for name in stacks} if here else set()
+    # It may have left some that the outcome holds in memory, and how far to trust them.
+    names = [*stacks, *(f"confidence_{method}" for method in outcome.comparison.results)]
+    return {f"{name}{OME_ZARR}" for name in names} if here else set()
 
 
 def is_input(path: Path, outcome: Outcome) -> bool:
