@@ -160,6 +160,7 @@ class Presenter:
         self.turns.stop()
         self.session.part()
         self.showing_changed.disconnect()
+        self.cells.came_up.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
 
     def _keep_sliders(self, event: Any = None) -> None:
