@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
-from driving import LEFT, PLAIN, answer_dialog, canvas_of, place_of
+from driving import LEFT, PLAIN, answer_dialog, canvas_of, let_settle, place_of
 from napari.layers import Labels, Points, Tracks
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
@@ -109,16 +109,18 @@ def test_pixels_in_doubt_count_without_being_asked_for(dock):
 
 
 @pytest.mark.thorough
-def test_ways_follow_the_angle_on_screen(viewer, unwrapped):
+def test_ways_follow_the_angle_on_screen(viewer, unwrapped, qtbot):
     cells = unwrapped.session.find_cells()
     for angle in (1, 0):
         unwrapped.presenter.go_to(3, angle)
+        let_settle(qtbot, unwrapped)
         ways = shown(viewer, Tracks)
         assert set(np.asarray(ways.data)[:, 2]) == {angle}
         here = cells.table["angle (deg)"] == float(cells.labels["angle"][angle])
         assert len(ways.data) == here.sum()
     viewer.layers.remove(shown(viewer, Tracks))
     unwrapped.presenter.go_to(3, 1)
+    let_settle(qtbot, unwrapped)
     assert not [la for la in viewer.layers if isinstance(la, Tracks)]
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from driving import let_settle
 from qtpy.QtCore import QEvent
 
 import napari_phase4d as p4d
@@ -167,6 +168,7 @@ def test_measure_plot_follows_the_angle(viewer, ready, click, qtbot) -> None:
     plot = ready.compare.measuring.plot
     for angle in (0, 1):
         ready.presenter.go_to(0, angle)
+        let_settle(qtbot, ready)
         table = ready.compare.measuring.measured
         rows = table[table["angle (deg)"] == float(angle)]
         shown = plot.figure.axes[0].get_lines()[0].get_ydata()

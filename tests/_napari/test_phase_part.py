@@ -180,3 +180,15 @@ def test_preview_in_step_2_is_refocused(dock, defocused, click) -> None:
         count = len(shown)
         wait_until(lambda count=count: len(shown) > count)
     assert np.abs(np.angle(np.exp(1j * (shown[-1][0] - shown[0][0])))).max() > 0.3
+
+
+@pytest.mark.thorough
+def test_views_of_a_few_pixels_are_said(ready, click) -> None:
+    assert "are resolved" not in ready.phase.facts.text()
+    lobes = [replace(lobe, radius=0.02) for lobe in ready.session.lobes]
+    ready.session.set_lobes(lobes)
+    click("reconstruct")
+    n_y, n_x = ready.session.reconstruction["phase"].shape[2:]
+    assert n_x < 12
+    assert f"Only {n_x} × {n_y} pixels are resolved" in ready.phase.facts.text()
+    assert ready.sections[2].badge.text() == "⚠ look"

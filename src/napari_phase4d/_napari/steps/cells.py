@@ -117,6 +117,7 @@ class CellsPart(Step):
         self.when_changed(self.quantity, self._draw)
         self.when_changed(self.source, self._name_button)
         self.session.cells_changed.connect(self._show_cells)
+        self.presenter.cells.came_up.connect(self._watch_outlines)
         for signal in (
             self.session.outcome_changed,
             self.session.recording_changed,
@@ -124,6 +125,8 @@ class CellsPart(Step):
         ):
             signal.connect(self._show_results)
         self._show_results()
+        if self.presenter.cells.outlines is not None:  # since an earlier dock
+            self._watch_outlines()
 
     def _build_choices(self) -> None:
         self.result = self.watched(
@@ -357,9 +360,12 @@ class CellsPart(Step):
             if kept in self.quantity.choices:
                 self.quantity.value = kept
         self._name_button()
-        if self.presenter.cells.outlines is not None:
-            self.presenter.cells.outlines.events.paint.connect(lambda _: self.painted())
         self._draw()
+
+    def _watch_outlines(self) -> None:
+        """Hear of what is painted in the outlines, which have just come up."""
+        self.presenter.cells.outlines.events.paint.connect(lambda _: self.painted())
+        self._name_button()
 
     def _draw(self) -> None:
         """Plot the chosen quantity over time, at the angle on screen."""

@@ -187,6 +187,8 @@ class Step(QWidget):  # type: ignore[misc]
 
 #: Share of saturated pixels that is worth a warning, and fringe contrast that is.
 MANY_SATURATED, WEAK_FRINGES = 0.001, 0.05
+#: Views of fewer pixels along a side show hardly anything.
+FEW_PIXELS = 12
 #: Share of empty field below which its level is not to be relied on.
 LITTLE_EMPTY = 0.3
 
@@ -265,6 +267,10 @@ def doubts_of_reconstruction(data: xr.Dataset) -> list[str]:
     """Return what is to be looked after in reconstructed phase; each a sentence."""
     attrs, n_times = data.attrs, data.sizes["time"]
     doubts = []
+    height, width = data.sizes["y"], data.sizes["x"]
+    if min(height, width) < FEW_PIXELS:
+        few = f"Only {width} × {height} pixels are resolved"
+        doubts.append(f"{few}: the circles in step 2 may be too small.")
     if attrs.get("focus_at_the_end"):
         doubts.append("The focus was found at the end of the search; it may lie beyond.")
     if attrs.get("drift_removed") and attrs["background_share"] < LITTLE_EMPTY:

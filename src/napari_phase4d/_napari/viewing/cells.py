@@ -12,6 +12,7 @@ import xarray as xr
 from napari.layers import Labels, Points, Tracks
 from napari.utils import Colormap, DirectLabelColormap
 from numpy.typing import NDArray
+from psygnal import Signal
 
 from napari_phase4d._napari.viewing.layers import layer_tuple, places_of_views, shown
 from napari_phase4d.analysis import Cells, copied_labels
@@ -54,6 +55,9 @@ class CellLayers:
     viewer : napari.viewer.Viewer
         Where they are shown.
     """
+
+    #: Layers of other cells are on screen, some turns after the cells were found.
+    came_up = Signal()
 
     def __init__(self, viewer: Any) -> None:
         self.viewer = viewer
@@ -111,6 +115,7 @@ class CellLayers:
         # Outlines lie on top: they are what is painted in.
         self._numbers = self.viewer.add_layer(ready.numbers)
         self.outlines = self.viewer.add_layer(ready.outlines)
+        self.came_up.emit()
 
     def _angle_on_screen(self) -> int:
         """Return the number of the view that is on screen."""

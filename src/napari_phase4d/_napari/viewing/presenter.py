@@ -160,6 +160,7 @@ class Presenter:
         self.turns.stop()
         self.session.part()
         self.showing_changed.disconnect()
+        self.cells.came_up.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
 
     def _keep_sliders(self, event: Any = None) -> None:
@@ -355,6 +356,7 @@ class Presenter:
 
     def show_object(self, *, wanted: bool) -> None:
         """Show or hide the outline of what is taken for the object, over the wrapped phase."""
+        self.turns.finish()
         of, layer = self._object
         there = layer is not None and layer in self.viewer.layers
         if not wanted:
@@ -370,7 +372,7 @@ class Presenter:
             # Its tools to paint with would only be in the way.
             self.viewer.layers.selection.active = None
         if self._wrapped not in self.viewer.layers or not self._wrapped.visible:
-            self.show_wrapped()
+            exhaust(self._showing_wrapped(self.session.needed_reconstruction()))
         layer.visible = True
 
     def _add_truth(self) -> None:
@@ -389,6 +391,8 @@ class Presenter:
     def _show_as(self, showing: str) -> None:
         """Note what is shown side by side now, and say what its colours mean."""
         self.showing = showing
+        if self.shows_object:  # which lies over the wrapped phase alone
+            self._object[1].visible = False
         say_unit(self.viewer, UNITS_OF_COLOURS[showing])
         self.showing_changed.emit()
 
