@@ -130,7 +130,8 @@ def test_watched_to_the_end_it_is_what_a_run_gives(
         assert list(map(str, first.units)) == ["second", "degree", "micrometer", "micrometer"]
         assert first.scale[-1] == pytest.approx(seen[-1].like["x"].diff("x").values[0])
         qtbot.waitUntil(lambda: seen[-1].index == N - 1, timeout=60_000)
-        np.testing.assert_array_equal(other.data[0], seen[-1].shown["temporal-angular"])
+        newest = seen[-1].shown["temporal-angular"]
+        qtbot.waitUntil(lambda: np.array_equal(other.data[0], newest), timeout=10_000)
         assert "frames seen" in live.line.text()
         qtbot.mouseClick(live.stop, LEFT)
         wait_for_end(dock, qtbot)

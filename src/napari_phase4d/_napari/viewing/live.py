@@ -45,16 +45,16 @@ class LiveLayers:
         #: Contrast as it was set here; another one is the user's.
         self._limits: dict[str, tuple[float, float]] = {}
         self._before: ViewState | None = None
-        self._index = -1
+        self._index, self._arranged = -1, False
 
     def show(self, view: LiveView) -> None:
         """Show what is newest, if it is newer than what is shown."""
         if view.like is None or view.index <= self._index:
             return
-        self._index = view.index
-        if not self._layers:
-            self._add(view, view.like)
+        if not self._arranged:
+            self._begin(view, view.like)
             return
+        self._index = view.index
         for name, values in view.shown.items():
             layer = self._layers[name]
             if layer in self._viewer.layers:  # and was not taken away by the user
@@ -66,7 +66,8 @@ class LiveLayers:
         for layer in self._layers.values():
             if layer in self._viewer.layers:
                 self._viewer.layers.remove(layer)
-        self._layers, self._limits, self._index = {}, {}, -1
+        self._layers, self._limits = {}, {}
+        self._index, self._arranged = -1, False
 
     def restore(self) -> None:
         """Show again what was shown before."""
@@ -79,18 +80,33 @@ class LiveLayers:
         """Forget what was shown before: something else takes its place."""
         self._before = None
 
-    def _add(self, view: LiveView, like: xr.DataArray) -> None:
-        """Add the layers, side by side, and hide what else this plugin shows."""
-        self._before = ViewState.of(self._viewer)
-        self._presenter.hide_all()
-        times = span_of_times(self._viewer)
-        for name, values in view.shown.items():
-            data, keywords, _ = live_layer(like.copy(data=values[None]), name, times)
-            layer = self._viewer.add_image(data, **keywords)
-            layer.events.contrast_limits.connect(keep_zero_black)
-            self._layers[name] = layer
-            self._limits[name] = tuple(layer.contrast_limits)
-        layers = list(self._layers.values())
+    def _begin(self, view: LiveView, like: xr.DataArray) -> None:
+        """Take the next step to the layers side by side; all at once would stall the window."""
+        missing = [name for name in view.shown if name not in self._layers]
+        if missing:
+            self._add(missing[0], like.copy(data=view.shown[missing[0]][None]))
+        else:
+            self._arrange()
+
+    def _add(self, name: str, stack: xr.DataArray) -> None:
+        """Add a layer; before the first one, hide what else this plugin shows."""
+        if not self._layers:
+            self._before = ViewState.of(self._viewer)
+            self._presenter.hide_all()
+        data, keywords, _ = live_layer(stack, name, span_of_times(self._viewer))
+        layer = self._viewer.add_image(data, **keywords)
+        layer.events.contrast_limits.connect(keep_zero_black)
+        if not self._layers:
+            self._viewer.reset_view(layers=[layer])
+        self._layers[name] = layer
+        self._limits[name] = tuple(layer.contrast_limits)
+
+    def _arrange(self) -> None:
+        """Show the layers side by side."""
+        self._arranged = True
+        layers = [layer for layer in self._layers.values() if layer in self._viewer.layers]
+        if not layers:
+            return
         # One colour bar is enough: that of phase whose contrast is not known beforehand.
         arrange(self._viewer, layers[::-1])
         say_unit(self._viewer, UNITS_OF_COLOURS["results"])
