@@ -16,9 +16,9 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography import Lobe
-from napari_phase4d.progress import THREADS
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import Sample, euglena_sample
+from napari_phase4d.task import THREADS
 
 
 def pytest_configure(config: pytest.Config) -> None:

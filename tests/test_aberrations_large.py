@@ -14,7 +14,7 @@ from napari_phase4d.holography.aberrations import surface_of, surface_terms
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.lost import usual_fringes
-from napari_phase4d.progress import Cancelled
+from napari_phase4d.task import UNWATCHED, Cancelled
 
 
 @pytest.mark.parametrize(
@@ -83,7 +83,7 @@ def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None
 
     # One after the other: how many the threads have in hand depends on how quick they are.
     monkeypatch.setattr(corrections, "in_threads", lambda work, items, watch: map(work, items))
-    corrections.corrections(rec, counted, None, "tilt", 4, lost, {}, None)
+    corrections.corrections(rec, counted, None, "tilt", 4, lost, {}, UNWATCHED)
     assert most <= 3  # the first, to which the others are turned, the last, and the next
-    corrections.corrections(rec, counted, "median", "tilt", 4, lost, {}, None)
+    corrections.corrections(rec, counted, "median", "tilt", 4, lost, {}, UNWATCHED)
     assert most == 32

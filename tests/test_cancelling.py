@@ -7,8 +7,8 @@ import threading
 import numpy as np
 import pytest
 
-from napari_phase4d.progress import THREADS, Cancelled, Watch
 from napari_phase4d.stack import InMemory
+from napari_phase4d.task import THREADS, Cancelled, Task, Watch
 from napari_phase4d.unwrapping.chain import Chain, along_time
 from napari_phase4d.unwrapping.given import as_given
 
@@ -20,7 +20,7 @@ def test_a_line_ends_at_the_next_frame() -> None:
     result = np.full(wrapped.shape, -99, np.int16)
     mask, shifts = InMemory(np.ones(wrapped.shape, bool)), np.zeros((12, 1, 2), np.intp)
     chain = Chain(as_given(wrapped), mask, shifts, [(0, 0)], split=False)
-    watch = Watch(1, "", None, lambda: bool((result[3] > -99).all()))
+    watch = Watch(1, "", Task(None, lambda: bool((result[3] > -99).all())))
     with pytest.raises(Cancelled):
         along_time(chain, InMemory(nothing), InMemory(result), watch)
     for thread in threading.enumerate():

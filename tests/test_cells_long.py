@@ -21,7 +21,7 @@ from napari_phase4d.analysis import (
     measures,
     region_with_cell,
 )
-from napari_phase4d.progress import Cancelled
+from napari_phase4d.task import Cancelled
 
 SHAPE = (320, 2, 128, 128)
 #: Bytes of labels as bool, of which no part of the work may make a stack.

@@ -12,9 +12,9 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 import napari_phase4d as p4d
-from napari_phase4d.progress import Watch
 from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_noise
 from napari_phase4d.stack import Block
+from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping.background import find_background
 from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
 from napari_phase4d.unwrapping.directional.edges import PARTS, merged_edges
@@ -237,7 +237,7 @@ def test_noise_is_taken_off_without_background_in_view() -> None:
     """Else no step is certain, and the graph is as large as the recording."""
     exact = moving_shape("swelling", (96, 96)).isel(y=slice(33, 63), x=slice(33, 63))
     problem = Problem(with_noise(exact, 0.2, seed=1)["wrapped"])
-    field = prepared(problem, None, None)
+    field = prepared(problem, UNWATCHED)
     assert not problem.background().mask.any()
     assert field.regions.n < 0.01 * problem.wrapped.size
 

@@ -420,7 +420,7 @@ def test_frames_come_out_the_same_however_many_threads(monkeypatch: pytest.Monke
     wrapped = np.stack([[scene("hard", (50, 60), s)] for s in range(8)])
     expected = p4d.unwrap(wrapped, "spatial-2d").values
     for threads in (1, 2, 5, 8):
-        monkeypatch.setattr("napari_phase4d.progress.cores", lambda n=threads: n)
+        monkeypatch.setattr("napari_phase4d.task.cores", lambda n=threads: n)
         np.testing.assert_array_equal(p4d.unwrap(wrapped, "spatial-2d").values, expected)
 
 

@@ -27,7 +27,7 @@ from helpers import hear_signals
 from napari_phase4d.io import read_results
 from napari_phase4d.io.growing import Numbering, pattern_of
 from napari_phase4d.pipeline import LiveStatus, Outcome, watch
-from napari_phase4d.progress import Cancelled
+from napari_phase4d.task import Cancelled
 
 N = 14
 FIRST = 5

@@ -12,7 +12,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import measure, polygon_mask, region_masks, traces, traces_of
-from napari_phase4d.progress import Cancelled
+from napari_phase4d.task import Cancelled, Task
 
 OPTICS = p4d.Optics(wavelength_um=0.532, medium_index=1.337)
 INDEX = 1.397
@@ -288,7 +288,7 @@ def test_traces_of_results_on_disk_read_the_blocks_of_the_place() -> None:
     assert again.over_time is found.over_time
     asked = iter(range(100))
     with pytest.raises(p4d.Cancelled):
-        traces_of({"a": stack}, (4, 1), mask, cancelled=lambda: next(asked) > 1)
+        traces_of({"a": stack}, (4, 1), mask, task=Task(None, lambda: next(asked) > 1))
 
 
 def test_traces_of_phase_without_an_angle() -> None:

@@ -12,6 +12,7 @@ import pytest
 import napari_phase4d as p4d
 from helpers import wrap
 from napari_phase4d.stack import Block
+from napari_phase4d.task import UNWATCHED
 from napari_phase4d.unwrapping import Problem, flow
 from napari_phase4d.unwrapping import network_flow as network_flow_module
 from napari_phase4d.unwrapping.network_flow import whole_turns
@@ -144,9 +145,9 @@ def test_turns_are_dear_where_the_first_stage_closed() -> None:
     rng = np.random.default_rng(0)
 
     def cost(problem: Problem) -> np.ndarray:
-        phase, used = network_flow_module.copied(problem, None, None)
+        phase, used = network_flow_module.copied(problem, UNWATCHED)
         steps = network_flow_module.steps_over_frames
-        _, found = steps(problem, phase, used, None, None, down=False)
+        _, found = steps(problem, phase, used, UNWATCHED, down=False)
         return found.read(Block(0, 6))[..., :-1]
 
     w = np.zeros((6, 3, 10, 12))

@@ -14,6 +14,7 @@ import pytest
 
 import napari_phase4d as p4d
 from napari_phase4d.pipeline import find_place, phase_needs, unwrap_by
+from napari_phase4d.task import UNWATCHED
 from napari_phase4d.unwrapping import (
     BUILT_IN,
     Method,
@@ -196,11 +197,11 @@ def test_a_method_writes_into_nothing_that_others_look_at(
     given, amplitude = wrapped.copy(), np.ones_like(wrapped)
     monkeypatch.setitem(p4d.METHODS._own, "writes", put_into(wrapped, where))
     problem = Problem(given, mask="auto", amplitude=amplitude)
-    before = run_method(problem, "temporal", None, None, {})
+    before = run_method(problem, "temporal", UNWATCHED, {})
     with pytest.raises(ValueError, match="Writes of the package bad 2.1 failed: .*read-only"):
-        run_method(problem, "writes", None, None, {})
+        run_method(problem, "writes", UNWATCHED, {})
     np.testing.assert_array_equal(given, wrapped)
-    after = run_method(problem, "temporal", None, None, {})
+    after = run_method(problem, "temporal", UNWATCHED, {})
     np.testing.assert_array_equal(after, before)
 
 

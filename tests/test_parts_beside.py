@@ -234,7 +234,7 @@ def test_a_cluster_without_workers_is_soon_said(tmp_path: Path) -> None:
     distributed = pytest.importorskip("distributed")
     from time import monotonic, sleep
 
-    from napari_phase4d.progress import Watch
+    from napari_phase4d.task import Watch
 
     with distributed.LocalCluster(
         n_workers=1, threads_per_worker=1, dashboard_address=None, silence_logs=50

@@ -150,7 +150,7 @@ def test_one_thread_gives_what_two_give(method: str, case: Case, faded: bool) ->
     found = [p4d.unwrap(case.phase, method, case.boundary, amplitude=amplitude) for _ in range(2)]
     xr.testing.assert_identical(*found)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("napari_phase4d.progress.cores", lambda: 1)
+        patch.setattr("napari_phase4d.task.cores", lambda: 1)
         alone = p4d.unwrap(case.phase, method, case.boundary, amplitude=amplitude)
     xr.testing.assert_identical(alone, found[0])
 

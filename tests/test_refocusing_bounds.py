@@ -9,7 +9,7 @@ import xarray as xr
 import napari_phase4d as p4d
 from napari_phase4d.holography import autofocus, refocused
 from napari_phase4d.holography.refocusing import transfer_function
-from napari_phase4d.progress import Cancelled
+from napari_phase4d.task import Cancelled
 
 
 @pytest.fixture

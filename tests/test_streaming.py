@@ -24,9 +24,9 @@ from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, ru
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
 from napari_phase4d.pipeline.streaming.workers import Cluster, Threads
-from napari_phase4d.progress import Cancelled, Watch, in_threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import Block, block_at, block_frames, blocks_of
+from napari_phase4d.task import Cancelled, Watch, in_threads
 from napari_phase4d.unwrapping import (
     METHODS,
     Method,

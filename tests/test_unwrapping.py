@@ -10,8 +10,8 @@ import xarray as xr
 from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
-from napari_phase4d.progress import Watch
 from napari_phase4d.simulation import Ellipsoid, phase_stack
+from napari_phase4d.task import Watch
 from napari_phase4d.unwrapping import Problem
 from napari_phase4d.unwrapping.chain import Line, Maps, unwrap_line
 from napari_phase4d.unwrapping.masks import object_mask

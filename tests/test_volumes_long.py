@@ -11,6 +11,7 @@ import pytest
 from napari_phase4d.pipeline.streaming import ProblemOnDisk, Shelf, stored_at
 from napari_phase4d.pipeline.streaming import problem as streaming_problem
 from napari_phase4d.stack import Block, Memory, blocks_of
+from napari_phase4d.task import UNWATCHED
 from napari_phase4d.unwrapping import laplacian, network_flow, volumes
 from napari_phase4d.unwrapping.growing import Joining, contracted
 from napari_phase4d.unwrapping.problem import Problem
@@ -61,7 +62,7 @@ def on_disk(
     stored = stored_at(phase)
     assert stored is not None
     problem = ProblemOnDisk(phase, stored, shelf, boundary, finds_mask=mask == "auto")
-    return run_method(problem, method, None, None, options).values
+    return run_method(problem, method, UNWATCHED, options).values
 
 
 def in_memory(
@@ -69,7 +70,7 @@ def in_memory(
 ) -> np.ndarray:
     known = np.isfinite(wrapped)
     chosen = "auto" if mask == "auto" else None if known.all() else known
-    return run_method(Problem(wrapped, boundary, chosen), method, None, None, options).values
+    return run_method(Problem(wrapped, boundary, chosen), method, UNWATCHED, options).values
 
 
 @pytest.mark.parametrize(

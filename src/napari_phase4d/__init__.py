@@ -31,8 +31,8 @@ if TYPE_CHECKING:
     from napari_phase4d.io import RawLayout, open_phase, open_recording, read_results, write_phase
     from napari_phase4d.optics import Optics
     from napari_phase4d.pipeline import Recipe, run
-    from napari_phase4d.progress import Cancelled
     from napari_phase4d.recording import Recording
+    from napari_phase4d.task import Cancelled
     from napari_phase4d.unwrapping import METHODS, score_boundaries, unwrap
 
 __all__ = [
@@ -65,7 +65,7 @@ __all__ = [
 
 _HOME = {
     "METHODS": "unwrapping",
-    "Cancelled": "progress",
+    "Cancelled": "task",
     "CellSettings": "analysis",
     "Comparison": "analysis",
     "Lobe": "holography",

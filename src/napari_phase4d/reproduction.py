@@ -20,9 +20,9 @@ from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.io import write_figure, write_movie, write_table
 from napari_phase4d.pipeline import PAPER_METHODS, Recipe, run
 from napari_phase4d.plotting import comparison_figure, movie_frames, phase_limits
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.sample import euglena_sample
 from napari_phase4d.simulation import budding_yeast
+from napari_phase4d.task import UNWATCHED, Task, Watch
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import local_path
 
@@ -69,9 +69,7 @@ class Reproduction:
     euglena: Stacks
 
 
-def reproduce(
-    progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-) -> Reproduction:
+def reproduce(task: Task = UNWATCHED) -> Reproduction:
     """Run the paper's eight methods on the yeast, and its five on the euglena's hologram video.
 
     Raises
@@ -80,8 +78,8 @@ def reproduce(
         If ``cancelled()`` returned True.
     """
     data = budding_yeast()
-    ours = on_the_yeast(data, tuple(PAPER_MSE), "textbook", progress, cancelled)
-    theirs = on_the_yeast(data, IN_PHASETOOLS, "phasetools", progress, cancelled)
+    ours = on_the_yeast(data, tuple(PAPER_MSE), "textbook", task)
+    theirs = on_the_yeast(data, IN_PHASETOOLS, "phasetools", task)
     table = pd.DataFrame(
         {
             "method": ours.table["method"],
@@ -93,15 +91,14 @@ def reproduce(
         index=ours.table.index,
     )
     yeast = {"actual": data["phase"]} | labelled(ours)
-    return Reproduction(table, yeast, euglena_columns(progress, cancelled))
+    return Reproduction(table, yeast, euglena_columns(task))
 
 
 def on_the_yeast(
     data: xr.Dataset,
     methods: tuple[str, ...],
     variant: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Comparison:
     """Run methods on the yeast, those of PhaseTools in the given variant."""
     return compare(
@@ -111,20 +108,17 @@ def on_the_yeast(
         data["phase"],
         mask="auto",
         options={m: {"variant": variant} for m in methods if m in IN_PHASETOOLS},
-        progress=progress,
-        cancelled=cancelled,
+        **task.calls,
     )
 
 
-def euglena_columns(
-    progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-) -> Stacks:
+def euglena_columns(task: Task = UNWATCHED) -> Stacks:
     """Take the euglena's hologram video through the whole chain."""
     sample = euglena_sample()
     recipe = Recipe(
         angles_deg=sample.angles_deg, boundary=(sample.boundary,), methods=PAPER_METHODS
     )
-    outcome = run(recipe, sample.recording, progress=progress, cancelled=cancelled)
+    outcome = run(recipe, sample.recording, **task.calls)
     return labelled(outcome.comparison)
 
 
@@ -138,8 +132,7 @@ def write_reproduction(
     folder: str | Path,
     *,
     movies: bool = True,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> list[Path]:
     """Write the table, both figures, and the movies that stand for Visualizations 1 to 14.
 
@@ -156,7 +149,7 @@ def write_reproduction(
         ("figure_4", found.euglena, FIG_4_FRAMES),
     )
     chosen = list(movies_of(found)) if movies else []
-    watch = Watch(1 + len(figures) + len(chosen), "writing", progress, cancelled)
+    watch = Watch(1 + len(figures) + len(chosen), "writing", task)
     written = [write_table(folder / "table.csv", found.table)]
     watch.step()
     for name, columns, frames in figures:
@@ -165,7 +158,7 @@ def write_reproduction(
         watch.step()
     for name, title, stack, limits in chosen:
         pictures = movie_frames(angles_of(stack), limits, title=title)
-        written.append(write_movie(folder / f"{name}.gif", pictures, cancelled=cancelled))
+        written.append(write_movie(folder / f"{name}.gif", pictures, cancelled=task.cancelled))
         watch.step()
     return written
 

@@ -15,6 +15,7 @@ from napari_phase4d._napari.session import (
     plan_scores,
     plan_unwrapping,
 )
+from napari_phase4d.task import UNWATCHED, Task
 
 pytestmark = pytest.mark.gui
 
@@ -73,7 +74,7 @@ def test_regions_and_frame_stay_in_place_when_the_scale_changes(viewer, ready) -
 
 def test_unasked_work_that_came_too_late_is_done_again(viewer, ready, qtbot) -> None:
     plan = plan_scores(ready.session, unasked=True)
-    found = plan.work(None, None)
+    found = plan.work(UNWATCHED)
     ready.recording.numbers["magnification"].value = 30
     with pytest.raises(Changed):
         plan.receive(found)
@@ -87,7 +88,7 @@ def test_truth_chosen_while_results_are_made_or_weighed_counts(ready) -> None:
     session: Session = ready.session
     session.update(methods=("spatial-2d", "directional-l1"))
     plan = plan_unwrapping(session)
-    outcome = plan.work(None, None)
+    outcome = plan.work(UNWATCHED)
     exact = outcome.comparison.results["directional-l1"] + 0.5
     session.set_truth(exact)
     plan.receive(outcome)
@@ -95,7 +96,7 @@ def test_truth_chosen_while_results_are_made_or_weighed_counts(ready) -> None:
     table = session.outcome.comparison.table
     assert table["mse_rad2"]["directional-l1"] == pytest.approx(0.25, rel=1e-4)
     plan = plan_confidence(session)
-    found = plan.work(None, None)
+    found = plan.work(UNWATCHED)
     session.set_truth(None)
     plan.receive(found)
     table = session.outcome.comparison.table
@@ -109,7 +110,7 @@ def test_weighing_is_cancelled_between_results(ready) -> None:
     done: list[int] = []
     plan = plan_confidence(ready.session)
     with pytest.raises(p4d.Cancelled):
-        plan.work(lambda n, *_: done.append(n), lambda: bool(done))
+        plan.work(Task(lambda n, *_: done.append(n), lambda: bool(done)))
     assert done == [1]
     assert not ready.session.confidence
 

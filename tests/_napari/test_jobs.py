@@ -13,7 +13,7 @@ from qtpy.QtCore import Qt
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.session import Plan, plan_reconstruction, plan_unwrapping
-from napari_phase4d.progress import Watch
+from napari_phase4d.task import UNWATCHED, Task, Watch
 
 pytestmark = pytest.mark.gui
 
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.gui
 @pytest.mark.thorough
 def test_result_for_an_older_recording_is_dropped(viewer, ready, small_video) -> None:
     plan = plan_reconstruction(ready.session)
-    result = plan.work(None, None)
+    result = plan.work(UNWATCHED)
     other = small_video.calibrated(p4d.Optics(magnification=20))
     ready.session.set_recording(other)
     count = len(viewer.layers)
@@ -43,7 +43,7 @@ def test_change_while_a_job_runs_is_said_and_nothing_mixed(viewer, ready, qtbot)
 
 def slow_plan(started: threading.Event, ended: list[str]) -> Plan:
     def work(progress: Any = None, cancelled: Any = None) -> str:
-        watch = Watch(10_000, "slow work", progress, cancelled)
+        watch = Watch(10_000, "slow work", Task(progress, cancelled))
         started.set()
         try:
             for _ in range(10_000):

@@ -19,6 +19,7 @@ from napari_phase4d.analysis import measure, most_trusted, noise_figures
 from napari_phase4d.holography import Lobe
 from napari_phase4d.io import write_phase
 from napari_phase4d.sample import yeast_sample
+from napari_phase4d.task import Task
 
 DONE, READY, TO_DO, STALE = StepState.DONE, StepState.READY, StepState.TO_DO, StepState.STALE
 METHODS = ["spatial-2d", "temporal-angular"]
@@ -223,7 +224,7 @@ def test_cancelled_unwrapping_returns_what_is_finished(session: Session) -> None
         said.append(message)
 
     plan = plan_unwrapping(session)
-    outcome = plan.work(report, lambda: bool(said) and said[-1].startswith("A/T"))
+    outcome = plan.work(Task(report, lambda: bool(said) and said[-1].startswith("A/T")))
     assert list(outcome.comparison.results) == METHODS
     assert outcome.recipe.methods == tuple(METHODS)
     assert said[0].startswith("2-D (1 of 3): ")

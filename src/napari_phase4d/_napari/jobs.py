@@ -17,7 +17,7 @@ from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
 
 from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d._napari.turns import Turns
-from napari_phase4d.progress import Cancelled
+from napari_phase4d.task import Cancelled, Task
 
 __all__ = ["GATES", "Ended", "Gate", "Jobs", "TimeLeft", "in_words", "sentence_of"]
 
@@ -140,7 +140,7 @@ class Jobs(QObject):  # type: ignore[misc]
         def guarded() -> None:
             # What comes of it is kept here: the worker's own signal for errors fails on PySide6.
             try:
-                ended.result = plan.work(report, stop.is_set)
+                ended.result = plan.work(Task(report, stop.is_set))
             except Exception as error:
                 ended.error = error
 

@@ -11,7 +11,7 @@ from napari.qt.threading import create_worker
 from qtpy.QtCore import QObject
 
 from napari_phase4d._napari.jobs import GATES, Ended, Gate
-from napari_phase4d.progress import CancelledCall
+from napari_phase4d.task import Task
 
 __all__ = ["Latest"]
 
@@ -20,7 +20,7 @@ __all__ = ["Latest"]
 class Question:
     """What is to be found out, and who is told."""
 
-    work: Callable[[CancelledCall], Any]
+    work: Callable[[Task], Any]
     then: Callable[[Any], None]
     failed: Callable[[Exception], None]
     about: Hashable
@@ -43,7 +43,7 @@ class Latest(QObject):  # type: ignore[misc]
 
     def ask(
         self,
-        work: Callable[[CancelledCall], Any],
+        work: Callable[[Task], Any],
         then: Callable[[Any], None],
         failed: Callable[[Exception], None],
         about: Hashable,
@@ -53,7 +53,7 @@ class Latest(QObject):  # type: ignore[misc]
         Parameters
         ----------
         work : callable
-            ``work(cancelled)`` returns the answer; done in a thread.
+            ``work(task)`` returns the answer; done in a thread.
         then, failed : callable
             Told the answer, or the error, in the window's thread.
         about : hashable
@@ -81,7 +81,7 @@ class Latest(QObject):  # type: ignore[misc]
 
         def guarded() -> None:
             try:
-                ended.result = question.work(stop.is_set)
+                ended.result = question.work(Task(None, stop.is_set))
             except Exception as error:
                 ended.error = error
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.analysis.loading import PART_BYTES, frame_of, parts_over_time
 from napari_phase4d.axes import AXES
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 
 __all__ = ["region_with_cell"]
 
@@ -57,6 +57,7 @@ def region_with_cell(
     Cancelled
         If ``cancelled()`` returned True.
     """
+    task = Task(progress, cancelled)
     labels = cells.transpose(*AXES)
     if not (0 <= frame[0] < labels.shape[0] and 0 <= frame[1] < labels.shape[1]):
         msg = (
@@ -80,7 +81,7 @@ def region_with_cell(
         )
         raise ValueError(msg)
     cell = int(np.bincount(inside).argmax())
-    watch = Watch(labels.shape[0], "following the region", progress, cancelled)
+    watch = Watch(labels.shape[0], "following the region", task)
     ways = ways_of(cell, middle_of(here == cell), labels, watch)
     # Blocks that are small beside what is free, and large beside what a block costs.
     times = max(1, PART_BYTES // 4 // max(labels[0].size, 1))

@@ -14,7 +14,7 @@ from napari_phase4d.analysis.cells import find_cells, follow_cells
 from napari_phase4d.analysis.loading import each_frame
 from napari_phase4d.analysis.measures import measure
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import CancelledCall, ProgressCall
 from napari_phase4d.words import check_bool, check_number
 
 __all__ = [

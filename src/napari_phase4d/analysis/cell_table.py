@@ -16,8 +16,8 @@ from skimage.segmentation import expand_labels
 from napari_phase4d.analysis.loading import parts_over_time
 from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.optics import Optics
-from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping import noise_of
 from napari_phase4d.words import warn
 

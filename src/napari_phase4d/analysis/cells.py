@@ -23,8 +23,8 @@ from skimage.segmentation import watershed
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.analysis.loading import parts_over_time
 from napari_phase4d.axes import AXES
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.stacks import check_rising, checked_labels, unwrapped_stack
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 
 __all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
@@ -107,6 +107,7 @@ def find_cells(
     >>> sorted(set(cells.values.ravel().tolist()))
     [0, 1, 2]
     """
+    task = Task(progress, cancelled)
     phase = unwrapped_stack(unwrapped)
     check_rising(phase, "phase")
     check_bool("at_border", at_border)
@@ -129,7 +130,7 @@ def find_cells(
         )
         raise ValueError(msg)
     labels = no_labels(stack)
-    watch = Watch(math.prod(stack.shape[:2]), "finding cells", progress, cancelled)
+    watch = Watch(math.prod(stack.shape[:2]), "finding cells", task)
     for part, values in parts_over_time(stack):
         frames = [values[place] for place in np.ndindex(*values.shape[:2])]
         found = labels[part].reshape(-1, *stack.shape[2:])
@@ -290,6 +291,7 @@ def follow_cells(
     ImportError
         If the package laptrack is not installed.
     """
+    task = Task(progress, cancelled)
     given = checked_labels(labels)
     if set(given.dims) - set(AXES) or not {"y", "x"} <= set(given.dims):
         msg = f"labels have dims {tuple(given.dims)}; they must be among {', '.join(AXES)}"
@@ -301,7 +303,7 @@ def follow_cells(
         raise ValueError(msg)
     stack = given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES)
     sides = pixel_sides(stack)
-    watch = Watch(stack.sizes["angle"], "following cells", progress, cancelled)
+    watch = Watch(stack.sizes["angle"], "following cells", task)
     views = []
     for angle in range(stack.sizes["angle"]):
         watch.check()

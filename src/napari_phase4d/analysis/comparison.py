@@ -32,8 +32,8 @@ from napari_phase4d.analysis.errors import (
 from napari_phase4d.analysis.loading import stack_of
 from napari_phase4d.analysis.tally import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
-from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
+from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import (
     METHODS,
     Problem,
@@ -85,10 +85,11 @@ class Comparison:
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> xr.DataArray:
         """Return the result of directional L1, computed now if it was not among the methods."""
+        task = Task(progress, cancelled)
         if REFERENCE in self.results:
             return self.results[REFERENCE]
         try:
-            return reference_of(self.problem, progress, cancelled)
+            return reference_of(self.problem, task)
         finally:
             self.problem.forget_field()
 
@@ -126,17 +127,17 @@ class Comparison:
 
         All at once take less time than one by one.
         """
+        task = Task(progress, cancelled)
         wanted = list(self.results) if methods is None else list(methods)
         missing = [m for m in wanted if not self.problem.knows(map_name(m))]
         if missing:
-            self._judge(missing, progress, cancelled)
+            self._judge(missing, task)
         return {m: self.problem.once(map_name(m), nothing) for m in wanted}
 
     def _judge(
         self,
         methods: Sequence[str],
-        progress: ProgressCall | None = None,
-        cancelled: CancelledCall | None = None,
+        task: Task = UNWATCHED,
     ) -> None:
         """Make maps of confidence of methods.
 
@@ -147,12 +148,12 @@ class Comparison:
         try:
             reference = self.results.get(REFERENCE)
             if reference is None and held:
-                reference = self.reference(progress, cancelled)
+                reference = self.reference(**task.calls)
             results = {m: self.results.get(m) for m in methods}
             own = REFERENCE not in self.results and not problem.knows(OF_REFERENCE)
             if own and not (held and methods):
                 results[REFERENCE] = reference
-            found = chances_of_right(problem, results, reference, progress, cancelled)
+            found = chances_of_right(problem, results, reference, task)
             for method in methods:
                 trust = trust_map(problem, found[method], method, method)
                 problem.once(map_name(method), partial(identity, trust))
@@ -449,6 +450,7 @@ def compare_on(
     finished: Callable[[str, Comparison], None] | None = None,
 ) -> Comparison:
     """Run several methods one after the other, wherever their phase lies; see `compare`."""
+    task = Task(progress, cancelled)
     exact = as_truth(truth, problem.template)
     so_far = Comparison({}, table_of({}), problem, problem.template)
     rows: dict[str, dict[str, Any]] = {}
@@ -456,8 +458,8 @@ def compare_on(
         own_options = options.get(method, {})
         label = label_of(method, own_options)
         head = f"{label} ({place} of {len(methods)})"
-        report = reworded(progress, partial("{}: {}".format, head))
-        cost = cost_of(problem, method, report, cancelled, own_options)
+        report = task.reworded(partial("{}: {}".format, head))
+        cost = cost_of(problem, method, report, own_options)
         rows[method] = row_of(label, cost, exact)
         so_far = replace(
             so_far, results={**so_far.results, method: cost.result}, table=table_of(rows)
@@ -470,14 +472,13 @@ def compare_on(
 def cost_of(
     problem: Problem,
     method: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     options: Mapping[str, Any],
 ) -> Measured[xr.DataArray]:
     """Run one method, and count the time of the shared steps that others have done for it."""
     shared = dict(problem.seconds)
     problem.used.clear()
-    cost = measured(partial(run_method, problem, method, progress, cancelled, options))
+    cost = measured(partial(run_method, problem, method, task, options))
     shared_seconds = sum(shared.get(step, 0.0) for step in problem.used)
     return replace(cost, seconds=cost.seconds + shared_seconds)
 

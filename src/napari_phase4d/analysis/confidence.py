@@ -11,9 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.loading import stack_of
 from napari_phase4d.axes import in_full
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.stack import Block, Stack
 from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
+from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping import (
     METHODS,
     Astray,
@@ -112,14 +112,15 @@ def confidence(
     >>> bool((trust >= 0).all() and (trust <= 1).all())
     True
     """
+    task = Task(progress, cancelled)
     mask = without_masked(phase, None)
     problem = Problem(wrapped_stack(phase), mask=mask, amplitude=amplitude)
     name = "the unwrapped phase"
     values = unwrapped_stack(on_grid_of(unwrapped, problem.template, name), name)
     doubt_other_phase(values, problem)
-    reference = reference_of(problem, progress, cancelled)
+    reference = reference_of(problem, task)
     name = str(values.attrs.get("method", "")) or "result"
-    found = chances_of_right(problem, {name: values}, reference, progress, cancelled)[name]
+    found = chances_of_right(problem, {name: values}, reference, task)[name]
     return trust_map(problem, found, name, str(values.attrs.get("method", "")))
 
 
@@ -141,19 +142,17 @@ def doubt_other_phase(unwrapped: xr.DataArray, problem: Problem) -> None:
 
 def reference_of(
     problem: Problem,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> xr.DataArray:
     """Return the result of directional L1 on a problem, computed once."""
-    return problem.once(REFERENCE, lambda: run_method(problem, REFERENCE, progress, cancelled, {}))
+    return problem.once(REFERENCE, lambda: run_method(problem, REFERENCE, task, {}))
 
 
 def chances_of_right(
     problem: Problem,
     results: Mapping[str, xr.DataArray | None],
     reference: xr.DataArray | None = None,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> dict[str, Stack]:
     """Return what `confidence` gives for some results, of stacks of any length.
 
@@ -167,8 +166,8 @@ def chances_of_right(
         Unwrapped phase in the form of the problem's, by method; None for the reference itself.
     reference : DataArray, optional
         The result of directional L1; default: it is computed on the way.
-    progress, cancelled : callable, optional
-        See `unwrap`.
+    task : Task, optional
+        Who is told of it, and may stop it.
     """
     maps = {name: problem.result_stack(f"confidence_{name}") for name in results}
     judged = {
@@ -177,18 +176,18 @@ def chances_of_right(
     }
     own = None if reference is None else judged_of(reference)
     if problem.parts() and all_wavelengths_known(problem):
-        both = {n: j or own or reference_on_the_way(problem, progress, cancelled)
+        both = {n: j or own or reference_on_the_way(problem, task)
                 for n, j in judged.items()}  # fmt: skip
-        by_colour(problem, both, maps, progress, cancelled)
+        by_colour(problem, both, maps, task)
     else:
         every = tuple(range(problem.given.shape[1]))
         for views, part in problem.parts() or [(every, problem)]:
             chosen = {n: None if j is None else j.of_views(views) for n, j in judged.items()}
             of_part = None if own is None else own.of_views(views)
             if of_part is None:
-                of_part = reference_on_the_way(part, progress, cancelled)
+                of_part = reference_on_the_way(part, task)
             into = {name: ViewsOf(stack, views) for name, stack in maps.items()}
-            by_steps(part, chosen, of_part, into, progress, cancelled)
+            by_steps(part, chosen, of_part, into, task)
     return maps
 
 
@@ -215,14 +214,12 @@ def judged_of(result: xr.DataArray) -> Judged:
     return Judged(stack_of(result), result.attrs.get("mask", "none") != "none")
 
 
-def reference_on_the_way(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Judged:
+def reference_on_the_way(problem: Problem, task: Task) -> Judged:
     """Return the result of directional L1, which is needed on the way only."""
 
     def unwrapped() -> Judged:
         found = problem.store.temporary("reference", problem.given.shape, "float32")
-        METHODS[REFERENCE].function(problem, found, progress, cancelled)
+        METHODS[REFERENCE].function(problem, found, task)
         return Judged(found, problem.finds_mask or not problem.all_usable)
 
     return problem.once("reference", unwrapped)
@@ -233,18 +230,17 @@ def by_steps(
     results: Mapping[str, Judged | None],
     reference: Judged,
     maps: Mapping[str, Stack],
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> None:
     """Write the chance that each wrap count is right, by the ways that lead to it."""
     wanted = {name: result for name, result in results.items() if result is not None}
     if not problem.knows("support"):
         wanted["reference"] = reference
-    supports = supports_by_steps(problem, wanted, progress, cancelled)
+    supports = supports_by_steps(problem, wanted, task)
     rival = problem.once("support", lambda: supports["reference"])
-    noise = astray(problem, progress, cancelled)
+    noise = astray(problem, task)
     blocks = working_blocks(problem.given.shape)
-    watch = Watch(len(blocks) * len(results), "weighing the results", progress, cancelled)
+    watch = Watch(len(blocks) * len(results), "weighing the results", task)
     for name, result in results.items():
         chance = ChanceBlock(
             problem,
@@ -300,15 +296,14 @@ def by_colour(
     problem: Problem,
     results: Mapping[str, Judged],
     maps: Mapping[str, Stack],
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> None:
     """Write the chance that each wrap count is right, by how far the wavelengths agree.
 
     That tells sheer walls too.
     """
     blocks = working_blocks(problem.given.shape)
-    watch = Watch(len(blocks) * len(results), "weighing the results", progress, cancelled)
+    watch = Watch(len(blocks) * len(results), "weighing the results", task)
     for name, result in results.items():
         for block in blocks:
             values = result.read(block)

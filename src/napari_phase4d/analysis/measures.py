@@ -16,7 +16,6 @@ from napari_phase4d.analysis.cell_table import path_scale, table_of_cells
 from napari_phase4d.analysis.loading import PART_BYTES, each_frame, parts_over_time
 from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stacks import (
     checked_labels,
     mask_on,
@@ -25,6 +24,7 @@ from napari_phase4d.stacks import (
     unwrapped_stack,
     wavelengths_of,
 )
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.words import as_numbers, check_bool, check_number, shown, warn
 
 __all__ = ["measure", "polygon_mask", "region_masks"]
@@ -225,6 +225,7 @@ def measure(
     >>> bool((table["dry mass (pg)"] > 0).all())
     True
     """
+    task = Task(progress, cancelled)
     stack = on_four_axes(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
     check_bool("oblique", oblique)
@@ -236,14 +237,14 @@ def measure(
             refraction_increment_ml_per_g=refraction_increment_ml_per_g,
             oblique=oblique,
             confidence=None if confidence is None else chances(confidence, unwrapped),
-            watch=Watch(math.prod(stack.shape[:2]), "measuring", progress, cancelled),
+            watch=Watch(math.prod(stack.shape[:2]), "measuring", task),
         )  # fmt: skip
     if oblique or confidence is not None:
         warn("oblique and confidence count for cells only; for regions they do nothing")
     masks = {name: fitted(name, mask, stack) for name, mask in checked_regions(regions).items()}
     pixel_um2 = pixel_area_um2(stack)
     scale = np.tile(path_scale(stack, optics), stack.shape[0])
-    watch = Watch(len(masks), "measuring", progress, cancelled)
+    watch = Watch(len(masks), "measuring", task)
     watch.check()
     tables = []
     for name, mask in masks.items():

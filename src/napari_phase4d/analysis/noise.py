@@ -12,8 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 
 __all__ = ["noise_figures", "noise_sentence", "with_wavelength"]
 
@@ -81,6 +81,7 @@ def noise_figures(
     Cancelled
         If ``cancelled()`` returned True.
     """
+    task = Task(progress, cancelled)
     if "phase" not in ds:
         msg = "noise is measured on phase; give what reconstruct() returns"
         raise ValueError(msg)
@@ -89,7 +90,7 @@ def noise_figures(
     light = wavelengths_of(ds) if known is None else known
     visibility = visibility_of_angles(ds)
     times = chosen_times(phase.sizes["time"])
-    watch = Watch(len(times) * phase.sizes["angle"], "noise", progress, cancelled)
+    watch = Watch(len(times) * phase.sizes["angle"], "noise", task)
     rows = []
     for view, angle in enumerate(phase["angle"].values):
         rows.append(

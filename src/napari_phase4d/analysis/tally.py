@@ -13,8 +13,8 @@ from scipy import ndimage
 from napari_phase4d.analysis.confidence import judged_of, whole_turns
 from napari_phase4d.analysis.errors import DOUBTFUL
 from napari_phase4d.analysis.loading import stack_of
-from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, Stack
+from napari_phase4d.task import UNWATCHED, Watch, in_threads
 from napari_phase4d.unwrapping import Judged, Problem, working_blocks
 
 __all__ = ["Tally", "slip_warning", "slip_words", "slipped_frames", "tally_of"]
@@ -80,7 +80,7 @@ def tally_of(
         list(trust.values()),
     )
     blocks = working_blocks(problem.given.shape)
-    watch = Watch(len(blocks), "counting", None, None)
+    watch = Watch(len(blocks), "counting", UNWATCHED)
     found = list(in_threads(count, blocks, watch))
     in_object, in_field, slipped = (np.concatenate(part) for part in zip(*found, strict=True))
     counts = in_object if in_object[..., 0].any() else in_field

@@ -12,8 +12,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, in_full
-from napari_phase4d.progress import CancelledCall, Watch
 from napari_phase4d.stacks import KIND, UNWRAPPED, check_rising, on_grid_of, unwrapped_stack
+from napari_phase4d.task import CancelledCall, Task, Watch
 from napari_phase4d.unwrapping import METHODS, label_of
 from napari_phase4d.words import check_type, shown
 
@@ -128,7 +128,7 @@ def traces_of(
         raise ValueError(msg)
     time, angle = frame
     place = checked_place(where, shape[2:])
-    watch = Watch(1, "reading curves", None, cancelled)
+    watch = Watch(1, "reading curves", Task(None, cancelled))
     over_time, every = {} if known is None else known.over_time, slice(None)
     over_angle = {m: mean_over(r, time, every, place, watch) for m, r in results.items()}
     if known is None:

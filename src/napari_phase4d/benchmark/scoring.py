@@ -13,7 +13,7 @@ from scipy.stats import rankdata
 
 from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.benchmark.cases import GROUPS, SUITE_VERSION, Case, cases, checked_groups
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch
+from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.words import sentence_of
 
@@ -71,6 +71,7 @@ def run_benchmark(
     >>> [len(rows) for _, rows in table.groupby("id")]
     [4, 4]
     """
+    task = Task(progress, cancelled)
     if methods is None:
         chosen = methods_for(None)
     else:
@@ -83,38 +84,36 @@ def run_benchmark(
         msg = f"method must be one of {', '.join(METHODS)}, but is {unknown[0]!r}"
         raise ValueError(msg)
     names = checked_groups(groups)
-    watch = Watch(sum(len(GROUPS[name]) for name in names), "scoring", progress, cancelled)
+    watch = Watch(sum(len(GROUPS[name]) for name in names), "scoring", task)
     watch.check()
     rows: list[dict[str, Any]] = []
     for case in cases(names):
         watch.message = f"{case.group}: {case.name}"
-        rows += rows_of(case, chosen, cancelled)
+        rows += rows_of(case, chosen, Task(None, cancelled))
         watch.step()
     return pd.DataFrame(rows)
 
 
-def rows_of(
-    case: Case, methods: Sequence[str], cancelled: CancelledCall | None
-) -> list[dict[str, Any]]:
+def rows_of(case: Case, methods: Sequence[str], task: Task) -> list[dict[str, Any]]:
     """Return a row for each method on a recording.
 
     All together, so that what they share is computed once; one by one where one of them fails.
     """
     try:
-        found = unwrapped(case, methods, cancelled)
+        found = unwrapped(case, methods, task)
         return [row_of(case, method) | scores_of(found, method, case) for method in methods]
     except Cancelled:
         raise
     except Exception as error:
         if len(methods) > 1:
-            return [row for method in methods for row in rows_of(case, [method], cancelled)]
+            return [row for method in methods for row in rows_of(case, [method], task)]
         return [row_of(case, methods[0]) | NOTHING | {"fault": sentence_of(error)}]
 
 
-def unwrapped(case: Case, methods: Sequence[str], cancelled: CancelledCall | None) -> Comparison:
+def unwrapped(case: Case, methods: Sequence[str], task: Task) -> Comparison:
     """Return the results of methods on a recording."""
     return compare(
-        case.wrapped, methods, case.boundary, amplitude=case.amplitude, cancelled=cancelled
+        case.wrapped, methods, case.boundary, amplitude=case.amplitude, cancelled=task.cancelled
     )
 
 

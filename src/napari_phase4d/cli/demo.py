@@ -18,6 +18,7 @@ from napari_phase4d.cli.printing import (
 )
 from napari_phase4d.pipeline import Recipe, run, write_outcome
 from napari_phase4d.sample import euglena_sample
+from napari_phase4d.task import Task
 
 __all__ = ["demo", "reproduce"]
 
@@ -87,9 +88,9 @@ def reproduce(
     from napari_phase4d.reproduction import write_reproduction
 
     with bar() as progress:
-        found = reproduce_all(progress)
+        found = reproduce_all(Task(progress))
         print_table(found.table, "Budding yeast, 6 angles, 19 times")
-        written = write_reproduction(found, out, movies=movies, progress=progress)
+        written = write_reproduction(found, out, movies=movies, task=Task(progress))
     console.print(f"{len(written)} files written to [bold]{out.resolve()}[/bold]:")
     for path in written:
         console.print(f"  {path.name}")

@@ -26,7 +26,7 @@ from napari_phase4d.holography import (
 from napari_phase4d.io import write_figure
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.plotting import comparison_figure, named_results, telling_frames
-from napari_phase4d.progress import ProgressCall
+from napari_phase4d.task import ProgressCall
 from napari_phase4d.unwrapping import METHODS, left_out_advice
 from napari_phase4d.words import counted, printable
 

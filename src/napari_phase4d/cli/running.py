@@ -77,6 +77,7 @@ from napari_phase4d.pipeline import (
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.words import counted, printable
 
@@ -194,7 +195,7 @@ def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | Non
         print_cells(outcome)
         with bar() as progress:
             source = hashing.result()
-            written = write_files(outcome, folder, progress, form=form, source=source)
+            written = write_files(outcome, folder, Task(progress), form=form, source=source)
             kept.settle(written, recipe.recording, source)
         if recipe.confidence:
             print_verdict(outcome)
@@ -293,7 +294,7 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
         bar() as progress,
     ):
         outcome = run(recipe, truth=exact, progress=progress, folder=place)
-        written = write_files(outcome, out, progress, source=hashing.result())
+        written = write_files(outcome, out, Task(progress), source=hashing.result())
         kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)
     finish(exact, outcome, out)

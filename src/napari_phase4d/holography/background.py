@@ -24,7 +24,7 @@ from napari_phase4d.holography.emptyfield import (
     solved,
     wrapped,
 )
-from napari_phase4d.progress import nothing
+from napari_phase4d.task import nothing
 
 __all__ = [
     "MUCH_LEFT_RAD",

@@ -24,8 +24,8 @@ from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
 from napari_phase4d.holography.quality import is_noise
-from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.recording import BrokenFrameError, Recording
+from napari_phase4d.task import Task, Watch, in_threads
 
 __all__ = [
     "BACKGROUND_ORDERS",
@@ -62,7 +62,7 @@ def corrections(
     background_order: int,
     lost: LostFrames,
     seen: dict[int, Fields],
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Corrections:
     """Return what to multiply the fields of all frames by, and what the background was.
 
@@ -82,7 +82,7 @@ def corrections(
         if any(is_noise(field) for field in divisor):
             raise ValueError(NO_FRINGES)
         factor = inverse(divisor)
-    each = static_fields(rec, demodulate, lost, seen, cancelled)
+    each = static_fields(rec, demodulate, lost, seen, task)
     if by_median:
         static = np.stack(list(each))
         factor = inverse(median_fields(static))
@@ -90,9 +90,7 @@ def corrections(
     if not order:
         return Corrections(factor, [], [], [])
     means = mean_fields(fields if reference is None else fields * factor for fields in each)
-    fits = fitted_views(
-        rec.name, means, background, Surface(kind, order, means.shape[1:]), cancelled
-    )
+    fits = fitted_views(rec.name, means, background, Surface(kind, order, means.shape[1:]), task)
     surfaces = np.stack([fit.surface for fit, _ in fits])
     factor = factor * np.exp(-1j * surfaces).astype(np.complex64)
     return Corrections(
@@ -108,11 +106,11 @@ def fitted_views(
     means: Fields,
     background: str,
     surface: Surface,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> list[tuple[Fit, float]]:
     """Return the surface that fits each view, and what is left of its background, in rad rms."""
     better = BetterSurface(background, means.shape[1:])
-    watch = Watch(len(means), "fit the background", None, cancelled)
+    watch = Watch(len(means), "fit the background", task.quiet)
 
     def fitted(view: int) -> tuple[Fit, float]:
         fit = surface.fit(means[view])
@@ -195,11 +193,11 @@ def static_fields(
     demodulate: Demodulator,
     lost: LostFrames,
     seen: dict[int, Fields],
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Iterator[Fields]:
     """Yield the fields (view, y, x) of some frames that are not lost, over the recording."""
     indices = rec.sample_indices(STATIC_FRAMES)
-    watch = Watch(len(indices), "look at the background", None, cancelled)
+    watch = Watch(len(indices), "look at the background", task.quiet)
 
     def fields(index: int) -> Fields | None:
         if index in seen:

@@ -42,8 +42,8 @@ from napari_phase4d.holography.spectrum import (
     refined,
     windowed_spectra,
 )
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import (
     as_numbers,
     check_bool,
@@ -200,13 +200,14 @@ def find_lobes(
     >>> lobes.doubts
     ()
     """
+    task = Task(progress, cancelled)
     check_type("rec", rec, Recording, "open_recording() makes one of a file or an array")
     n_views = checked_number(n_views, angles_deg, wavelengths_um)
     check_bool("orient", orient)
     if radius is not None and not 1e-3 <= check_positive("radius", radius) <= 0.5:
         msg = f"radius must lie between 0.001 and 0.5 cycles per pixel, but is {radius!r}"
         raise ValueError(msg)
-    plane = plane_of(rec, progress, cancelled)
+    plane = plane_of(rec, task)
     plain = sum(peak.is_plain for peak in plane.peaks)
     if not plain or len(plane.peaks) < (n_views or 1):
         raise ValueError(too_few(rec.name, plain, n_views or 1))
@@ -276,14 +277,12 @@ def checked_number(
     return n_views
 
 
-def plane_of(
-    rec: Recording, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Plane:
+def plane_of(rec: Recording, task: Task) -> Plane:
     """Transform some frames of a recording and look for peaks."""
     height, width = rec.frame_shape
     at_most = int(np.clip(MAX_BYTES // (8 * height * (width // 2 + 1)), 1, MAX_FRAMES))
     indices = rec.sample_indices(at_most)
-    watch = Watch(len(indices) + 1, "finding the lobes", progress, cancelled)
+    watch = Watch(len(indices) + 1, "finding the lobes", task)
     spectra, lost = windowed_spectra(rec, indices, watch)
     if not spectra:
         raise ValueError(all_lost(rec.name, lost))

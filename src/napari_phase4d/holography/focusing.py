@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.refocusing import PixelSize, Propagator, check_light, pixel_sides
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 
 __all__ = ["FOCUS_METRICS", "FOCUS_OBJECTS", "Focus", "autofocus", "depth_of_focus_um"]
 
@@ -173,6 +173,7 @@ def autofocus(
     Cancelled
         If ``cancelled()`` returned True.
     """
+    task = Task(progress, cancelled)
     fields = checked_fields(field)
     check_choices(metric, objects)
     check_light(0.0, wavelength_um, medium_index)
@@ -185,7 +186,7 @@ def autofocus(
     if not fields[0][part].size:
         msg = f"region holds no pixel of a field of {fields.shape[-2:]} pixels"
         raise ValueError(msg)
-    watch = Watch(len(distances), "looking for the focus", progress, cancelled)
+    watch = Watch(len(distances), "looking for the focus", task)
     here = Propagator(fields.shape[-2:], 0.0, *light, keep=False)
     spectra = [here.spectrum(with_faded_edges(one)) for one in fields]
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import BrokenFrameError, Recording
+from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import counted
 
 __all__ = [
@@ -164,8 +164,9 @@ def lost_frames(
     >>> lost_frames(p4d.open_recording(frames))
     {2: 'blank'}
     """
+    task = Task(progress, cancelled)
     indices = rec.sample_indices(at_most or rec.n_frames)
-    watch = Watch(len(indices), "looking for lost frames", progress, cancelled)
+    watch = Watch(len(indices), "looking for lost frames", task)
     looks = in_threads(lambda index: safe_look(rec, index), indices, watch)
     return lost_among(dict(zip(indices, looks, strict=True)))
 
@@ -321,7 +322,7 @@ class LostFrames:
 
 
 def usual_fringes(
-    rec: Recording, demodulate: Demodulator, cancelled: CancelledCall | None = None
+    rec: Recording, demodulate: Demodulator, task: Task = UNWATCHED
 ) -> tuple[LostFrames, dict[int, NDArray[np.complex64]]]:
     """Return what tells lost frames, and the fields of those looked at that are not lost.
 
@@ -332,7 +333,7 @@ def usual_fringes(
     """
     among = rec.sample_indices(STATIC_FRAMES)
     indices = among[:: max(1, len(among) // SAMPLE)]
-    watch = Watch(len(indices), "looking for lost frames", None, cancelled)
+    watch = Watch(len(indices), "looking for lost frames", task.quiet)
 
     def look(index: int) -> tuple[str, NDArray[np.complex64] | None]:
         reason = safe_look(rec, index).reason

@@ -41,8 +41,8 @@ from napari_phase4d.holography.lobes import (
 from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
 from napari_phase4d.optics import Optics
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_bool, shown, warn
 
 __all__ = [
@@ -185,6 +185,7 @@ def reconstruct(
     >>> data.phase.dims, data.phase.shape
     (('time', 'angle', 'y', 'x'), (2, 2, 120, 120))
     """
+    task = Task(progress, cancelled)
     settings = PhaseSettings(
         reference,
         window,
@@ -196,12 +197,12 @@ def reconstruct(
         first_frames,
     )
     lobes = list(lobes) if isinstance(lobes, Iterable) else lobes
-    work = frame_reconstructor(rec, lobes, settings, cancelled)
+    work = frame_reconstructor(rec, lobes, settings, Task(None, cancelled))
     for doubt in lobe_doubts(lobes):
         warn(doubt)
     for advice in reconstruction_advice(work.attrs):
         warn(f"{rec.name}: {advice}")
-    return reconstruct_frames(work, rec, progress, cancelled)
+    return reconstruct_frames(work, rec, task)
 
 
 def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
@@ -219,8 +220,7 @@ def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
 def reconstruct_frames(
     work: FrameReconstructor,
     rec: Recording,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> xr.Dataset:
     """Reconstruct all frames in memory by what `frame_reconstructor` measured."""
     phase = np.empty(work.stack_shape(rec.n_frames), dtype=np.float32)
@@ -229,7 +229,7 @@ def reconstruct_frames(
     def into_place(index: int) -> float:
         return work.read(rec, index, phase[index], amplitude[index])
 
-    watch = Watch(rec.n_frames, "reconstruct", progress, cancelled)
+    watch = Watch(rec.n_frames, "reconstruct", task)
     shares = list(in_threads(into_place, range(rec.n_frames), watch))
     return work.as_dataset(rec, phase, amplitude, shares)
 
@@ -238,7 +238,7 @@ def frame_reconstructor(
     rec: Recording,
     lobes: Sequence[Lobe],
     settings: PhaseSettings,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> FrameReconstructor:
     """Measure what all frames have in common; see `reconstruct` for the arguments."""
     background, order = settings.background, settings.background_order
@@ -255,14 +255,14 @@ def frame_reconstructor(
     common_um = one_wavelength(lobes, rec.optics.wavelength_um)
     lobes, angles = in_order_of_angle(with_wavelengths(lobes, rec.optics.wavelength_um))
     demodulate = Demodulator(rec.frame_shape, lobes, settings.window)
-    lost, seen = usual_fringes(looked_at, demodulate, cancelled)
+    lost, seen = usual_fringes(looked_at, demodulate, task)
     middle = list(seen)[len(seen) // 2]
     visibility = fringe_visibility(looked_at.raw_frame(middle), demodulate, seen[middle])
     without = without_fringes_percent(list(seen.values()))
     reference = settings.reference
     if looked_at is not rec and isinstance(reference, (int, np.integer)):
         reference = reference_frame(rec, reference)  # a number among all frames
-    found = corrections(looked_at, demodulate, reference, background, order, lost, seen, cancelled)
+    found = corrections(looked_at, demodulate, reference, background, order, lost, seen, task)
     attrs: dict[str, Any] = {} if common_um is None else {"wavelength_um": common_um}
     attrs |= {
         "medium_index": rec.optics.medium_index,
@@ -294,7 +294,7 @@ def frame_reconstructor(
     )
     if settings.refocus_um is None:
         return work
-    return with_refocus(work, looked_at, settings.refocus_um, cancelled)
+    return with_refocus(work, looked_at, settings.refocus_um, task)
 
 
 def beginning_of(rec: Recording, first_frames: int | None) -> Recording:
@@ -346,12 +346,12 @@ def with_refocus(
     work: FrameReconstructor,
     rec: Recording,
     refocus_um: float | str,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> FrameReconstructor:
     """Return the same work with refocusing, by a known distance or to the focus."""
     note: dict[str, Any] = {}
     if isinstance(refocus_um, str) and refocus_um == "auto":
-        focus = find_focus(work, rec, cancelled=cancelled)
+        focus = find_focus(work, rec, cancelled=task.cancelled)
         refocus_um, note = focus.distance_um, focus_note(focus)
     distance_um = checked_distance(refocus_um)
     carry = propagator_for(

@@ -19,8 +19,8 @@ import scipy.fft
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 
 __all__ = [
     "EDGES",
@@ -212,6 +212,7 @@ def refocused(
     Cancelled
         If ``cancelled()`` returned True.
     """
+    task = Task(progress, cancelled)
     if "amplitude" not in ds or "phase" not in ds:
         msg = "refocusing needs phase and amplitude; give what reconstruct() returns"
         raise ValueError(msg)
@@ -251,7 +252,7 @@ def refocused(
         np.abs(fields, out=amplitude[index])
         np.arctan2(fields.imag, fields.real, out=phase[index])
 
-    watch = Watch(len(phase), "refocus", progress, cancelled)
+    watch = Watch(len(phase), "refocus", task)
     for _ in in_threads(work, range(len(phase)), watch):
         pass
     moved = ds.assign(

@@ -15,8 +15,8 @@ from scipy import ndimage
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.lobes import canonical, pair_distance
 from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_type
 
 __all__ = [
@@ -80,9 +80,10 @@ def power_spectrum(
     >>> dict(p4d.power_spectrum(rec).sizes)
     {'ky': 512, 'kx': 512}
     """
+    task = Task(progress, cancelled)
     check_type("rec", rec, Recording, "open_recording() makes one of a file or an array")
     indices = rec.sample_indices(max_frames or rec.n_frames)
-    watch = Watch(len(indices), "spectrum", progress, cancelled)
+    watch = Watch(len(indices), "spectrum", task)
     lost: dict[int, str] = {}
     half = mean_half_spectrum(watched(rec, indices, lost, watch), rec.frame_shape)
     if len(lost) == len(indices):

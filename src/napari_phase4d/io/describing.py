@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io.atomic import UnreadableError
-from napari_phase4d.progress import THREADS, CancelledCall, ProgressCall, Watch
 from napari_phase4d.stacks import wavelength_coordinate, wavelengths_of
+from napari_phase4d.task import THREADS, UNWATCHED, Task, Watch
 
 __all__ = [
     "OME_TIFF",
@@ -168,8 +168,7 @@ SLAB_BYTES = 16 * 2**20
 
 def slabs(
     stack: xr.DataArray,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> Generator[tuple[slice, NDArray[Any]], None, None]:
     """Yield the times of each part of a stack and its values, in the order of the times.
 
@@ -183,7 +182,7 @@ def slabs(
         If ``cancelled()`` returned True.
     """
     parts = parts_of(stack)
-    watch = Watch(len(parts), "saving", progress, cancelled)
+    watch = Watch(len(parts), "saving", task)
     watch.check()
     pool = ThreadPoolExecutor(1, THREADS)
     try:

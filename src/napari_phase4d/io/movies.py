@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from PIL import Image
 
 from napari_phase4d.io.atomic import written_whole
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.words import local_path
 
 if TYPE_CHECKING:
@@ -78,6 +78,7 @@ def write_movie(
     Cancelled
         If ``cancelled()`` returned True; an older file of that name is then left as it was.
     """
+    task = Task(progress, cancelled)
     path = local_path(path)
     write = writer_for(path)
     fastest = FASTEST[path.suffix.lower()]
@@ -88,7 +89,7 @@ def write_movie(
         )
         raise ValueError(msg)
     total = operator.length_hint(frames) if n_frames is None else n_frames
-    watch = Watch(total, "writing the movie", progress, cancelled)
+    watch = Watch(total, "writing the movie", task)
     watch.check()
     pictures = iter(frames)
     first = next(pictures, None)

@@ -21,8 +21,8 @@ from napari_phase4d.io.zarr_results import (
     write_zarr_result,
     zarr_description,
 )
-from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.stacks import in_units
+from napari_phase4d.task import CancelledCall, ProgressCall, Task
 from napari_phase4d.words import local_path
 
 if TYPE_CHECKING:
@@ -97,7 +97,7 @@ def write_phase(
         raise ValueError(msg)
     stack = in_units(stack.transpose(*AXES), "the stack")
     write = write_zarr_result if path.suffix.lower() == ZARR_SUFFIX else write_tiff_result
-    write(path, stack, progress, cancelled)
+    write(path, stack, Task(progress, cancelled))
     return path
 
 

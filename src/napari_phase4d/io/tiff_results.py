@@ -27,7 +27,7 @@ from napari_phase4d.io.describing import (
 from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.io.tiff import check_described
 from napari_phase4d.io.video import check_fits, quiet
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import UNWATCHED, Task
 
 __all__ = ["read_tiff_result", "tiff_description", "write_tiff_result"]
 
@@ -40,14 +40,13 @@ NAMESPACE = uuid.uuid5(uuid.NAMESPACE_OID, PROGRAM)
 def write_tiff_result(
     path: Path,
     stack: xr.DataArray,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> None:
     """Write a stack (time, angle, y, x) as OME-TIFF, some frames at a time."""
     metadata = ome_metadata(stack)
     with (
         written_whole(path) as temporary,
-        closing(slabs(stack, progress, cancelled)) as parts,
+        closing(slabs(stack, task)) as parts,
     ):
         tifffile.imwrite(
             temporary,

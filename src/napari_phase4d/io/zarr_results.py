@@ -30,8 +30,8 @@ from napari_phase4d.io.describing import (
     view_names,
 )
 from napari_phase4d.io.lazy import in_one_line
-from napari_phase4d.progress import CancelledCall, ProgressCall, on_all_cores
 from napari_phase4d.recording import reader_of, remember_reader
+from napari_phase4d.task import UNWATCHED, Task, on_all_cores
 
 __all__ = [
     "ALL_CHUNKS",
@@ -60,8 +60,7 @@ Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
 def write_zarr_result(
     path: Path,
     stack: xr.DataArray,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> None:
     """Write a stack (time, angle, y, x) as OME-Zarr, some frames at a time."""
     import zarr
@@ -71,7 +70,7 @@ def write_zarr_result(
         array = new_array(group, stack.shape, stack.dtype)
         low = np.full(stack.sizes["angle"], np.inf)
         high = -low
-        with closing(slabs(stack, progress, cancelled)) as parts:
+        with closing(slabs(stack, task)) as parts:
             for times, values in parts:
                 write_frames(array, times.start, values)
                 low, high = widened((low, high), values)

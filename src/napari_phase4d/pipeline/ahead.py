@@ -17,8 +17,8 @@ from napari_phase4d.holography import Lobe, power_spectrum, reconstruct
 from napari_phase4d.holography.emptyfield import count_near
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import reconstruct_by, unwrap_by
-from napari_phase4d.progress import CancelledCall
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import CancelledCall, Task
 from napari_phase4d.unwrapping import BUILT_IN, methods_for, scores_of_some, unwrap
 from napari_phase4d.unwrapping.directional.cut import sink_side
 from napari_phase4d.unwrapping.growing.rows import integrated
@@ -70,7 +70,7 @@ def estimated_seconds(
         else:
             phase, amplitude = opened[:few].load(), None
         if finds_start:
-            scores_of_some(phase, cancelled=cancelled)
+            scores_of_some(phase, task=Task(None, cancelled))
         unwrap_by(recipe, phase, cancelled=cancelled, amplitude=amplitude)
         seconds = time.perf_counter() - began
     return seconds * n_frames / few

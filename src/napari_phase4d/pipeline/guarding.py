@@ -21,7 +21,7 @@ from napari_phase4d.pipeline.provenance import Fingerprint, source_of
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.writing import checked_form, lying_in, write_files
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.words import local_path
 
 __all__ = ["ResultFolder", "result_folder", "write_outcome"]
@@ -188,8 +188,7 @@ def result_folder(
 def write_outcome(
     outcome: Outcome,
     folder: str | Path,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
     *,
     form: str | None = None,
     source: Fingerprint | None = None,
@@ -213,8 +212,8 @@ def write_outcome(
         What a run gave.
     folder : str or Path
         Where to write; made if it is not there.
-    progress, cancelled : callable, optional
-        ``progress(done, total, message)``; ``cancelled()`` stops the work.
+    task : Task, optional
+        Who is told of it, and may stop it.
     form : str, optional
         "tiff" for OME-TIFF or "zarr" for OME-Zarr. Default: OME-TIFF, or OME-Zarr if the stacks
         are lazy, as those of a run larger than memory are.
@@ -249,9 +248,9 @@ def write_outcome(
         with_cells=outcome.cells is not None,
         lying=lying_in(folder, outcome),
     ) as kept:
-        made_of = source or source_of(outcome, cancelled)
+        made_of = source or source_of(outcome, cancelled=task.cancelled)
         written = write_files(
-            outcome, folder, progress, cancelled, form=form, source=made_of, reference=reference
+            outcome, folder, task, form=form, source=made_of, reference=reference
         )
         kept.settle(written, given, made_of)
     return written

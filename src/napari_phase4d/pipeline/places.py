@@ -27,7 +27,7 @@ from napari_phase4d.pipeline.streaming import (
     stored_at,
 )
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import UNWATCHED, Task
 
 __all__ = ["Place", "find_place", "make_folder", "place_for", "stacks_beside", "temporary_folder"]
 
@@ -68,14 +68,13 @@ class Place:
         phase: xr.DataArray,
         amplitude: xr.DataArray | None = None,
         truth: xr.DataArray | None = None,
-        progress: ProgressCall | None = None,
-        cancelled: CancelledCall | None = None,
+        task: Task = UNWATCHED,
         finished: Callable[[str, Comparison], None] | None = None,
     ) -> Comparison:
         """Unwrap with a recipe's methods, see `compare`; phase in memory is written first."""
         stored = stored_at(phase)
         if stored is None:
-            phase = self.shelf.take("wrapped", phase, progress, cancelled)
+            phase = self.shelf.take("wrapped", phase, task)
             stored = stored_at(phase)
             assert stored is not None  # it has just been written
         problem = ProblemOnDisk(
@@ -88,7 +87,7 @@ class Place:
             workers=self.workers,
         )
         return compare_on(
-            problem, recipe.methods, truth, recipe.options, progress, cancelled, finished
+            problem, recipe.methods, truth, recipe.options, **task.calls, finished=finished
         )
 
 

@@ -21,8 +21,8 @@ from napari_phase4d.io import PROGRAM, address_of, parts_beside
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.starting import FOUND_BY
-from napari_phase4d.progress import THREADS, CancelledCall, Watch, finished
 from napari_phase4d.sample import is_sample
+from napari_phase4d.task import THREADS, UNWATCHED, CancelledCall, Task, Watch, finished
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
@@ -99,7 +99,7 @@ class Hashing:
         """Size of all files together, known at once."""
         return sum(size for _, _, size, _ in self._before)
 
-    def result(self, cancelled: CancelledCall | None = None) -> Fingerprint:
+    def result(self, task: Task = UNWATCHED) -> Fingerprint:
         """Wait for the fingerprint; asked again, see whether the input is still the same.
 
         Raises
@@ -114,7 +114,7 @@ class Hashing:
         name = Path(self.source).name
         if address_of(self.source) is not None:
             return Fingerprint(name)
-        digest = finished(self._future, Watch(1, "checking the file", None, cancelled))
+        digest = finished(self._future, Watch(1, "checking the file", task.quiet))
         if parts_of(self.source) != self._before:
             msg = f"{name} was changed while it was read; run it again when it is complete"
             raise OSError(msg)
@@ -153,7 +153,7 @@ def fingerprint(source: str | Path, cancelled: CancelledCall | None = None) -> F
         If ``cancelled()`` returned True.
     """
     with fingerprinting(source) as hashing:
-        return hashing.result(cancelled)
+        return hashing.result(Task(None, cancelled))
 
 
 class Remembered:
@@ -162,7 +162,7 @@ class Remembered:
     def __init__(self) -> None:
         self._found: dict[str, tuple[Parts, Fingerprint]] = {}
 
-    def __call__(self, source: str, cancelled: CancelledCall | None = None) -> Fingerprint:
+    def __call__(self, source: str, task: Task = UNWATCHED) -> Fingerprint:
         """Return the fingerprint of a file, see `fingerprint`.
 
         Raises
@@ -174,7 +174,7 @@ class Remembered:
         """
         parts = [] if is_no_file(source) else parts_of(source)
         if address_of(source) or source not in self._found or self._found[source][0] != parts:
-            self._found[source] = (parts, fingerprint(source, cancelled))
+            self._found[source] = (parts, fingerprint(source, cancelled=task.cancelled))
         return self._found[source][1]
 
 
@@ -235,7 +235,7 @@ PACKAGES = ("numpy", "scipy", "scikit-image", "numba")
 def provenance_of(
     outcome: Outcome,
     source: Fingerprint | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
     reference: Fingerprint | None = None,
 ) -> dict[str, Any]:
     """Return what made the results of a run, as JSON can hold it.
@@ -249,8 +249,8 @@ def provenance_of(
         What the run gave.
     source : Fingerprint, optional
         That of the input. Default: it is computed now, if the input is still there.
-    cancelled : callable, optional
-        ``cancelled()`` stops the work.
+    task : Task, optional
+        Who is told of it, and may stop it.
     reference : Fingerprint, optional
         That of the file it was divided by. Default: it is computed now, if there is such a file.
 
@@ -270,14 +270,14 @@ def provenance_of(
         "versions": versions(),
         "recipe": settings_of(recipe),
         "boundary": [list(frame) for frame in recipe.start_frames],
-        "input": (source or source_of(outcome, cancelled)).as_dict(),
+        "input": (source or source_of(outcome, cancelled=task.cancelled)).as_dict(),
     }
     if outcome.scores is not None:
         found[FOUND_BY] = outcome.scores.attrs["basis"]
     if brought := packages_of(recipe):
         found["packages"] = brought
     if recipe.reference_file is not None:
-        found["reference"] = (reference or known(recipe.reference_file, cancelled)).as_dict()
+        found["reference"] = (reference or known(recipe.reference_file, task)).as_dict()
     return found
 
 
@@ -332,13 +332,13 @@ def source_of(outcome: Outcome, cancelled: CancelledCall | None = None) -> Finge
     else:
         attrs = outcome.reconstruction["phase"].attrs
         source, name = str(attrs.get("source", "")), str(attrs.get("object", "phase"))
-    return known(source, cancelled) if source else Fingerprint(name)
+    return known(source, Task(None, cancelled)) if source else Fingerprint(name)
 
 
-def known(source: str, cancelled: CancelledCall | None) -> Fingerprint:
+def known(source: str, task: Task) -> Fingerprint:
     """Return the fingerprint of a file, or its name if it is not there any more."""
     try:
-        return fingerprint(source, cancelled)
+        return fingerprint(source, cancelled=task.cancelled)
     except OSError:
         return Fingerprint(nameless(source))
 

@@ -32,9 +32,9 @@ from napari_phase4d.pipeline.places import Place, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.starting import noting_start, open_by, with_start
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.task import UNWATCHED, Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import check_light, is_known
 from napari_phase4d.unwrapping.problem import checked_boundaries
 from napari_phase4d.words import check_type, sentence_of, warn
@@ -143,6 +143,7 @@ def run(
     >>> outcome.comparison.results["spatial-2d"].sizes["time"]
     19
     """
+    task = Task(progress, cancelled)
     check_type("recipe", recipe, Recipe, "give Recipe(...), or Recipe.from_file(path)")
     if recording is not None:
         check_type("recording", recording, Recording, "open_recording() makes one of a file")
@@ -162,13 +163,13 @@ def run(
             recipe.methods, opened.shape, finds_start=finds_start, confidence=recipe.confidence
         )
         with place_for(recipe, needs, folder, scheduler) as place:
-            used, scores = with_start(recipe, opened, progress, cancelled)
+            used, scores = with_start(recipe, opened, task)
             comparison = unwrap_by(used, opened, truth, progress, cancelled, place=place)
-            trust_on_disk(used, comparison, progress, cancelled)
+            trust_on_disk(used, comparison, task)
         comparison = noting_start(comparison, scores)
         data = xr.Dataset({"phase": opened})
         outcome = Outcome(None, used, data, comparison, truth, scores)
-        return with_cells(outcome, Optics(), progress, cancelled)
+        return with_cells(outcome, Optics(), task)
     recording = opened
     lobes = list(recipe.lobes) or find_lobes(
         beginning_of(recording, recipe.first_frames),
@@ -183,7 +184,7 @@ def run(
     needs = needs_of(recipe, recording, lobes)
     with place_for(recipe, needs, folder, scheduler) as place:
         data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
-        used, scores = with_start(recipe, data["phase"], progress, cancelled)
+        used, scores = with_start(recipe, data["phase"], task)
         comparison = unwrap_by(
             used,
             data["phase"],
@@ -193,24 +194,23 @@ def run(
             amplitude=data["amplitude"],
             place=place,
         )
-        trust_on_disk(used, comparison, progress, cancelled)
+        trust_on_disk(used, comparison, task)
     used = used.changed(
         lobes=tuple(lobes), optics=recording.optics, refocus_um=data.attrs.get("refocus_um")
     )
     comparison = noting_start(comparison, scores)
     outcome = Outcome(recording, used, data, comparison, truth, scores)
-    return with_cells(outcome, recording.optics, progress, cancelled)
+    return with_cells(outcome, recording.optics, task)
 
 
 def trust_on_disk(
     recipe: Recipe,
     comparison: Comparison,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> None:
     """Make maps of confidence that a recipe asks for, if they lie on disk, as results do there."""
     if recipe.confidence and not comparison.held:
-        comparison.confidences(None, progress, cancelled)
+        comparison.confidences(None, **task.calls)
 
 
 def say_what_counts(recipe: Recipe, recording: Recording) -> None:
@@ -233,8 +233,7 @@ def say_what_counts(recipe: Recipe, recording: Recording) -> None:
 def with_cells(
     outcome: Outcome,
     optics: Optics,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> Outcome:
     """Return what a run gave with the cells that its recipe asks for.
 
@@ -243,7 +242,7 @@ def with_cells(
     try:
         cells = cells_by(
             outcome.recipe, outcome.comparison, outcome.reconstruction["phase"], optics,
-            progress, cancelled,
+            task,
         )  # fmt: skip
     except Cancelled:
         raise
@@ -258,8 +257,7 @@ def cells_by(
     comparison: Comparison,
     wrapped: xr.DataArray,
     optics: Optics,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> Cells | None:
     """Find, follow and measure cells as a recipe asks for, None if it does not.
 
@@ -280,9 +278,8 @@ def cells_by(
         recipe.cells,
         method=method,
         wrapped=wrapped,
-        confidence=comparison.known_confidence(method, progress, cancelled),
-        progress=progress,
-        cancelled=cancelled,
+        confidence=comparison.known_confidence(method, **task.calls),
+        **task.calls,
     )
     if found.table.empty:
         warn(
@@ -316,9 +313,10 @@ def unwrap_by(
     ``finished`` is told each method and the comparison so far, see `compare`. With a ``place``,
     results are written there a block at a time.
     """
-    recipe, scores = with_start(recipe, phase, progress, cancelled)
+    task = Task(progress, cancelled)
+    recipe, scores = with_start(recipe, phase, task)
     if place is not None:
-        found = place.unwrap(recipe, phase, amplitude, truth, progress, cancelled, finished)
+        found = place.unwrap(recipe, phase, amplitude, truth, task, finished)
         return noting_start(found, scores)
     found = compare(
         phase,
@@ -356,13 +354,14 @@ def reconstruct_by(
 
     With a ``place``, phase and amplitude are written there a block at a time.
     """
+    task = Task(progress, cancelled)
     reference = opened_reference(recipe, recording)
     chosen = PhaseSettings(reference, **phase_settings(recipe))
-    work = frame_reconstructor(recording, lobes, chosen, cancelled)
+    work = frame_reconstructor(recording, lobes, chosen, Task(None, cancelled))
     if place is None:
-        return reconstruct_frames(work, recording, progress, cancelled)
+        return reconstruct_frames(work, recording, task)
     source = FrameSource(recipe, recording)
-    return reconstruct_to_disk(source, work, place.shelf, place.workers, progress, cancelled)
+    return reconstruct_to_disk(source, work, place.shelf, place.workers, task)
 
 
 def focus_by(
@@ -376,7 +375,7 @@ def focus_by(
     settings = phase_settings(recipe) | {"refocus_um": None}
     reference = opened_reference(recipe, recording)
     chosen = PhaseSettings(reference, **settings)
-    work = frame_reconstructor(recording, lobes, chosen, cancelled)
+    work = frame_reconstructor(recording, lobes, chosen, Task(None, cancelled))
     return find_focus(work, recording, progress=progress, cancelled=cancelled)
 
 

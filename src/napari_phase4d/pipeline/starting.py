@@ -12,9 +12,9 @@ import xarray as xr
 from napari_phase4d.analysis import Comparison
 from napari_phase4d.io import address_of, open_input
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
+from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
 
 __all__ = [
@@ -70,8 +70,7 @@ FOUND_BY = "boundary_found_by"
 def with_start(
     recipe: Recipe,
     phase: xr.DataArray,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> tuple[Recipe, xr.DataArray | None]:
     """Return a recipe with the frame to start from, and the scores if it had to be found.
 
@@ -83,12 +82,12 @@ def with_start(
         Its boundary may be "auto".
     phase : xarray.DataArray
         Wrapped phase (time, angle, y, x), in memory or lazy.
-    progress, cancelled : callable, optional
-        See `run`.
+    task : Task, optional
+        Who is told of it, and may stop it.
     """
     if recipe.boundary != "auto":
         return recipe, None
-    scores = scores_of_some(phase, progress, cancelled)
+    scores = scores_of_some(phase, task)
     return recipe.changed(boundary=(best_frame(scores),)), scores
 
 

@@ -12,7 +12,7 @@ from napari_phase4d.io import OME_TIFF, OME_ZARR, write_phase, write_table
 from napari_phase4d.io.zarr_results import note_zarr_result, path_of
 from napari_phase4d.pipeline.provenance import Fingerprint, provenance_of, with_provenance
 from napari_phase4d.pipeline.running import Outcome
-from napari_phase4d.progress import CancelledCall, ProgressCall, reworded
+from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.words import local_path
 
 __all__ = ["Form", "checked_form", "lying_in", "write_files"]
@@ -25,8 +25,7 @@ ENDINGS: dict[Form, str] = {"tiff": OME_TIFF, "zarr": OME_ZARR}
 def write_files(
     outcome: Outcome,
     folder: str | Path,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
     *,
     form: str | None = None,
     source: Fingerprint | None = None,
@@ -39,7 +38,7 @@ def write_files(
     if outcome.truth is not None:
         stacks["exact"] = exact_phase(outcome.truth, outcome.reconstruction["phase"])
     ending = ENDINGS[chosen or usual_form(stacks)]
-    provenance = provenance_of(outcome, source, cancelled, reference)
+    provenance = provenance_of(outcome, source, task, reference)
 
     def write(stacks: dict[str, xr.DataArray]) -> list[Path]:
         paths = [folder / f"{name}{ending}" for name in stacks]
@@ -47,8 +46,8 @@ def write_files(
             if name == "wrapped" and is_input(path, outcome):
                 continue
             which = f"{name} ({place} of {len(stacks)})"
-            report = reworded(progress, partial("{1} {0}".format, which))
-            put(path, with_provenance(stack, provenance), report, cancelled)
+            report = task.reworded(partial("{1} {0}".format, which))
+            put(path, with_provenance(stack, provenance), report)
         return paths
 
     written = write(stacks)
@@ -62,7 +61,7 @@ def write_files(
         ]
     if outcome.recipe.confidence:
         # Only now: what has been found by then is not lost if this fails.
-        trust = comparison.confidences(None, progress, cancelled)
+        trust = comparison.confidences(None, **task.calls)
         written += write({f"confidence_{method}": stack for method, stack in trust.items()})
         write_table(table, comparison.with_doubt(trust).table)
     return written
@@ -100,13 +99,12 @@ def is_input(path: Path, outcome: Outcome) -> bool:
 def put(
     path: Path,
     stack: xr.DataArray,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Path:
     """Write a stack; of one that lies there already, only note what made it."""
     source = path_of(stack)
     if source is None or source.resolve() != path.resolve():
-        return write_phase(path, stack, progress, cancelled)
+        return write_phase(path, stack, **task.calls)
     note_zarr_result(path, stack)
     return path
 

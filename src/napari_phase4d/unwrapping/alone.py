@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.stack import Block, Limits, Stack, Store, room_in
+from napari_phase4d.task import Task
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
 from napari_phase4d.unwrapping.masks import object_mask, smooth_share_left_out
@@ -73,8 +73,7 @@ class Framewise(Protocol):
         self,
         work: Callable[[Block], R],
         message: str,
-        progress: ProgressCall | None,
-        cancelled: CancelledCall | None,
+        task: Task,
     ) -> list[R]:
         """Do some work on every block."""
 
@@ -175,26 +174,23 @@ def add_in_row(wrapped: Phase, turns: Turns, mask: Mask, out: Phase) -> None:
         out[x] = phase if mask[x] else np.float32(0)
 
 
-def each_alone(
-    problem: Framewise, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Stack:
+def each_alone(problem: Framewise, task: Task) -> Stack:
     """Unwrap all frames one by one, and return their turns, lifted to each other."""
     turns = problem.store.temporary("alone", problem.given.shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns)
-    borders = problem.each(unwrap, "2-D unwrapping", progress, cancelled)
+    borders = problem.each(unwrap, "2-D unwrapping", task)
     return Lifted(turns, lift_of(borders, problem.first))
 
 
 def found_in(
     problem: Framewise,
     turns: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Found:
     """Find the object in all frames, by the turns that `each_alone` gave."""
     found = problem.store.temporary("object", problem.given.shape, "bool")
     work = FindBlock(problem.given, turns, found, problem.finds_mask)
-    each = problem.each(work, "finding the object", progress, cancelled)
+    each = problem.each(work, "finding the object", task)
     centres, shares = (np.concatenate([block[i] for block in each]) for i in (0, 1))
     return Found(found, centres, float(shares.mean()))
 
@@ -216,14 +212,13 @@ def lifted_turns(
     problem: Framewise,
     mask: Stack,
     costs_of: CostsOf,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Stack:
     """Return the turns of each frame by itself, joined in another order inside a mask."""
     shape = problem.given.shape
     turns = problem.store.temporary("ordered", shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns, mask, costs_of)
-    borders = problem.each(unwrap, "2-D unwrapping", progress, cancelled)
+    borders = problem.each(unwrap, "2-D unwrapping", task)
     return Lifted(turns, lift_of(borders, problem.first))
 
 

@@ -11,8 +11,8 @@ from scipy import ndimage
 
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.phasors import parts_of, phasors, turned
-from napari_phase4d.progress import on_all_cores
 from napari_phase4d.stack import Block, Memory, Stack, Store
+from napari_phase4d.task import on_all_cores
 from napari_phase4d.unwrapping.boxes import LEAST_WEIGHT, box_mean
 from napari_phase4d.unwrapping.given import Given, as_given, working_blocks
 from napari_phase4d.unwrapping.noise import WithoutLost, lost_of, sampled_noise

@@ -8,15 +8,16 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.progress import (
+from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
+from napari_phase4d.task import (
+    UNWATCHED,
     CancelledCall,
     ProgressCall,
+    Task,
     Watch,
     in_threads,
-    reworded,
     watched,
 )
-from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
 from napari_phase4d.unwrapping.problem import Boundary, Problem, checked_boundaries
 from napari_phase4d.unwrapping.registry import METHODS
 from napari_phase4d.unwrapping.running import run_method
@@ -126,6 +127,7 @@ def score_boundaries(
     ('time', 'angle')
     >>> unwrapped = p4d.unwrap(sample["wrapped"], boundary=tuple(scores.attrs["best"]))
     """
+    task = Task(progress, cancelled)
     left = without_masked(phase, mask)
     given = Problem(wrapped_stack(phase), mask="auto" if left is None else left)
     known = None
@@ -133,13 +135,12 @@ def score_boundaries(
         fitting = on_grid_of(reference, given.template, "reference")
         known = Problem(unwrapped_stack(fitting, "reference"), mask="auto")
     together = known is None and given.n_frames > 1 and given.wrapped.size <= SCORED_PIXELS
-    return scored(given, known, progress, cancelled, together=together)
+    return scored(given, known, task, together=together)
 
 
 def scores_of_some(
     phase: xr.DataArray,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> xr.DataArray:
     """Score the frames, or some of them evenly over time if there are too many.
 
@@ -150,8 +151,8 @@ def scores_of_some(
     ----------
     phase : DataArray
         Wrapped phase, dims (time, angle, y, x), in memory or lazy.
-    progress, cancelled : callable, optional
-        See `unwrap`.
+    task : Task, optional
+        Who is told of it, and may stop it.
 
     Returns
     -------
@@ -159,11 +160,11 @@ def scores_of_some(
         As `score_boundaries` returns it, NaN for frames that were not looked at.
     """
     if phase.size <= SCORED_PIXELS:
-        return score_boundaries(phase.compute(), progress=progress, cancelled=cancelled)
+        return score_boundaries(phase.compute(), **task.calls)
     times = max(2, min(SCORED_TIMES, SCORED_PIXELS // max(phase[0].size, 1)))
     every = max(1, -(-phase.sizes["time"] // times))
     some = Problem(phase.isel(time=slice(None, None, every)).compute(), mask="auto")
-    found = scored(some, None, progress, cancelled, together=False)
+    found = scored(some, None, task, together=False)
     whole = np.full(phase.shape[:2], np.nan)
     whole[::every] = found.values
     time, angle = best_frame(found)
@@ -190,13 +191,12 @@ def scores_sentence(scores: xr.DataArray) -> str:
 def scored(
     given: Problem,
     known: Problem | None,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     together: bool,
 ) -> xr.DataArray:
     """Score all frames of a problem, see `score_boundaries`."""
-    Watch(1, "scoring the frames", progress, cancelled).check()
+    Watch(1, "scoring the frames", task).check()
     lost = given.lost()
     basis = basis_of(known, together=together)
     attrs = {"best": [0, 0], "basis": basis, "agreement": 0.0, "lost": int(lost.sum())}
@@ -206,8 +206,8 @@ def scored(
     same = given.result(given.wrapped, "phase", {})  # which notes the wavelengths of the views
     problem = Problem(same, kept[0], given.usable & ~lost[..., None, None])
     if together:
-        known = unwrapped_together(problem, progress, cancelled)
-    looks = look_at(problem, kept, known, progress, cancelled)
+        known = unwrapped_together(problem, task)
+    looks = look_at(problem, kept, known, task)
     usual = float(np.median([look.size for look in looks if look.size] or [1]))
     scores = np.zeros(lost.shape)
     for frame, look in zip(kept, looks, strict=True):
@@ -238,12 +238,10 @@ def basis_of(known: Problem | None, *, together: bool) -> str:
     return "the frame alone and the reference"
 
 
-def unwrapped_together(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Problem:
+def unwrapped_together(problem: Problem, task: Task) -> Problem:
     """Unwrap all frames together, to hold each of them against that."""
-    report = reworded(progress, "looking for the safest frame: {}".format)
-    found = run_method(problem, SCORING_METHOD, report, cancelled, {})
+    report = task.reworded("looking for the safest frame: {}".format)
+    found = run_method(problem, SCORING_METHOD, report, {})
     problem.forget_field()
     return Problem(found, mask="auto")
 
@@ -252,11 +250,10 @@ def look_at(
     problem: Problem,
     frames: list[Boundary],
     known: Problem | None,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> list[Look]:
     """Hold frames against a known unwrapping, or against another one of the frame alone."""
-    watch = Watch(len(frames) + 1, "scoring the frames", progress, cancelled)
+    watch = Watch(len(frames) + 1, "scoring the frames", task)
     background = watched(problem.background, watch)
     watch.step()
     ground = background.ground(border_medians(background.level, first_boundary(known)))
@@ -272,7 +269,7 @@ def look_at(
             background.mask[frame],
             ground[frame],
             other,
-            cancelled,
+            task,
         )
 
     return list(in_threads(look, frames, watch))
@@ -295,7 +292,7 @@ def look_of(
     empty: Mask,
     ground: Frame,
     reference: NDArray[np.floating] | None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> Look:
     """Return on how much of one frame two unwrappings differ.
 
@@ -311,7 +308,7 @@ def look_of(
     other = reference
     if other is None:
         alone_again = Problem(wrapped, mask=usable)
-        grown = run_method(alone_again, "directional-growing", None, cancelled, {})
+        grown = run_method(alone_again, "directional-growing", task.quiet, {})
         other = relative(grown.values - ground, empty)
     turns = np.round((other - spatial) / TURN)[inside]
     turns = turns[np.isfinite(turns)]

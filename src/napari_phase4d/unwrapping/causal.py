@@ -15,8 +15,8 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, Watch, in_threads
 from napari_phase4d.stack import Block, InMemory, Stack
+from napari_phase4d.task import CancelledCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
     FindBlock,
     Lifted,
@@ -325,7 +325,7 @@ class Each:
         """Return what some work gives for every frame."""
         if len(self._blocks) == 1:
             return [work(self._blocks[0])]
-        watch = Watch(len(self._blocks), "unwrapping", None, self._cancelled)
+        watch = Watch(len(self._blocks), "unwrapping", Task(None, self._cancelled))
         return list(in_threads(work, self._blocks, watch, wait=True))
 
 

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, nothing
 from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of, room_in
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads, nothing
 from napari_phase4d.unwrapping.alone import (
     Framewise,
     Mask,
@@ -80,10 +80,10 @@ class Chained(Framewise, Protocol):
     def boundaries(self) -> list[Boundary]:
         """The thin frames (time, angle)."""
 
-    def alone(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Stack:
+    def alone(self, task: Task) -> Stack:
         """Return the turns of all frames unwrapped one by one (step 1)."""
 
-    def counted(self, progress: ProgressCall | None, cancelled: CancelledCall | None) -> Stack:
+    def counted(self, task: Task) -> Stack:
         """Return the pixels to unwrap."""
 
     def shifts(
@@ -98,8 +98,7 @@ class Chained(Framewise, Protocol):
 def spatial_2d(
     problem: Chained,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     reliability: str = "herraez",
 ) -> list[Limits]:
@@ -111,8 +110,8 @@ def spatial_2d(
         What to unwrap.
     result : Stack
         Where the unwrapped phase goes.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     reliability : str, optional
         What is joined first: "herraez", pixels of small second differences (default, and what
         the paper's methods start from), or "coherence", steps that are like those round them.
@@ -122,40 +121,39 @@ def spatial_2d(
     list of (float, float)
         Smallest and largest phase of every block, radians.
     """
-    turns, mask = problem.alone(progress, cancelled), problem.counted(progress, cancelled)
+    turns, mask = problem.alone(task), problem.counted(task)
     if reliability != "herraez":
-        turns = lifted_turns(problem, mask, coherence, progress, cancelled)
+        turns = lifted_turns(problem, mask, coherence, task)
     finish = FinishBlock(problem.given, turns, mask, result)
-    return problem.each(finish, "writing", progress, cancelled)
+    return problem.each(finish, "writing", task)
 
 
 def chained(
     problem: Chained,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     order: tuple[str, ...],
     registration: bool = True,
     split: bool = True,
 ) -> list[Limits]:
     """Apply the building block along one dimension after the other (steps 3 and 4)."""
-    before, mask = problem.alone(progress, cancelled), problem.counted(progress, cancelled)
+    before, mask = problem.alone(task), problem.counted(task)
     shape = problem.given.shape
     shifts = np.zeros((*shape[:2], 2), dtype=np.intp)
     if registration:
-        shifts = problem.shifts(progress, cancelled)
+        shifts = problem.shifts(**task.calls)
     chain = Chain(problem.given, mask, shifts, problem.boundaries, split)
     for dim in order:
         message = f"unwrapping along {dim}"
         after = problem.store.temporary(f"along_{dim}", shape, "int16")
         if dim == "angle":
-            problem.each(AlongAngle(chain, before, after), message, progress, cancelled)
+            problem.each(AlongAngle(chain, before, after), message, task)
         else:
-            along_time(chain, before, after, Watch(shape[1], message, progress, cancelled))
+            along_time(chain, before, after, Watch(shape[1], message, task))
         before = after
     finish = FinishBlock(problem.given, before, mask, result)
-    return problem.each(finish, "writing", progress, cancelled)
+    return problem.each(finish, "writing", task)
 
 
 #: Along the angle at each time ([11] in the paper).

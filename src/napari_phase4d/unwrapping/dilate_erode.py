@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, counting, in_threads
 from napari_phase4d.stack import Block, Limits, Stack, block_at, blocks_of, limits_of
+from napari_phase4d.task import Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import Mask, Phase, with_turns
 from napari_phase4d.unwrapping.problem import Problem
 
@@ -31,8 +31,7 @@ Order = NDArray[np.intp]
 def dilate_erode(
     problem: Problem,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     variant: str = "textbook",
     max_window: int = 0,
@@ -52,8 +51,8 @@ def dilate_erode(
     result : Stack
         Where the unwrapped phase goes: in radians, congruent with the wrapped phase inside the
         mask, 0 outside.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     variant : str, optional
         "textbook" (default): as it is described. "phasetools": as it is programmed there. There
         the last valid value is that of the frame before the newest one; and in the erosion the
@@ -80,10 +79,10 @@ def dilate_erode(
     if max_window > side:
         msg = f"max_window is {max_window}, but must be at most {side}, the frames' longer side"
         raise ValueError(msg)
-    mask = problem.counted(progress, cancelled)
+    mask = problem.counted(task)
     blocks = blocks_of(shape)
-    frames = counting(progress, len(blocks[0]) * shape[1], shape[0] * shape[1])
-    watch = Watch(len(blocks), "dilating and eroding", frames, cancelled)
+    frames = task.counting(len(blocks[0]) * shape[1], shape[0] * shape[1])
+    watch = Watch(len(blocks), "dilating and eroding", frames)
     rule = Rule(variant, max_window, erode_threshold, watch)
     t0, a0 = problem.first
     limits: dict[int, Limits] = {}

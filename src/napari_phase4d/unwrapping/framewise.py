@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.spatial import border_medians, border_values
 
@@ -59,6 +59,7 @@ def frame_by_frame(unwrap_frame: OnFrame) -> OnStack:
         cancelled: CancelledCall | None,
         **options: Any,
     ) -> NDArray[np.float32]:
+        task = Task(progress, cancelled)
         wrapped, mask = problem.wrapped, problem.mask
         unwrapped = np.zeros_like(wrapped)
         border = np.zeros(wrapped.shape[:2])
@@ -68,7 +69,7 @@ def frame_by_frame(unwrap_frame: OnFrame) -> OnStack:
             unwrapped[index] = as_frame(found, mask[index])
             border[index] = np.median(border_values(unwrapped[index]))
 
-        watch = Watch(problem.n_frames, "unwrapping frame by frame", progress, cancelled)
+        watch = Watch(problem.n_frames, "unwrapping frame by frame", task)
         for _ in in_threads(work, list(np.ndindex(*wrapped.shape[:2])), watch):
             pass
         turns = np.round((border_medians(border, problem.first) - border) / TURN)

@@ -16,8 +16,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stack import Block, Limits, Stack, Temporary, limits_of
+from napari_phase4d.task import Task, Watch
 from napari_phase4d.unwrapping.ends import ends_along
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.problem import Problem
@@ -35,8 +35,7 @@ Phase = NDArray[np.float32]
 def laplacian(
     problem: Problem,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     variant: str = "textbook",
     rounded: bool = False,
@@ -58,8 +57,8 @@ def laplacian(
     result : Stack
         Where the estimate goes, in radians. Its constant is open; the border of the boundary frame
         is set to the wrapped phase there (0 outside the mask).
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     variant : str, optional
         "textbook" (default) or "phasetools".
     rounded : bool, optional
@@ -71,14 +70,14 @@ def laplacian(
     list of (float, float)
         Smallest and largest phase of every block, radians.
     """
-    mask = problem.counted(progress, cancelled)
-    stages = Stages(problem, mask, progress, cancelled)
+    mask = problem.counted(task)
+    stages = Stages(problem, mask, task)
     terms = stages.textbook() if variant == "textbook" else stages.phasetools()
     time, angle = problem.first
     estimate = EstimateBlock(problem.given, mask, terms, result, 0.0, rounded)
     level = missing_level(estimate, Block(time, time + 1), angle)
     work = EstimateBlock(problem.given, mask, terms, result, level, rounded)
-    return problem.each(work, "writing", progress, cancelled)
+    return problem.each(work, "writing", task)
 
 
 class Stages:
@@ -98,12 +97,11 @@ class Stages:
         self,
         problem: Problem,
         mask: Stack,
-        progress: ProgressCall | None,
-        cancelled: CancelledCall | None,
+        task: Task,
     ) -> None:
         self._problem = problem
         self._mask = mask
-        self._calls = progress, cancelled
+        self._task = task
 
     def textbook(self) -> tuple[Stack, ...]:
         """Solve the discrete Poisson equation with free borders."""
@@ -131,7 +129,7 @@ class Stages:
         problem, shape = self._problem, self._problem.given.shape
         out = problem.store.temporary(name, shape, "float32")
         work = FramesBlock(problem.given, self._mask, of_phase, times, out)
-        problem.each(work, "Laplacian estimate, frame by frame", *self._calls)
+        problem.each(work, "Laplacian estimate, frame by frame", self._task)
         return out
 
     def _along_time(self, source: Temporary, name: str, change: Change) -> Temporary:
@@ -141,7 +139,7 @@ class Stages:
         count = int(np.prod(shape[1:]))
         each = max(1, AT_ONCE // shape[0])
         parts = [Block(p, min(p + each, count)) for p in range(0, count, each)]
-        watch = Watch(len(parts), "Laplacian estimate, along time", *self._calls)
+        watch = Watch(len(parts), "Laplacian estimate, along time", self._task)
         for _ in problem.on_workers(TimeBlock(source, out, change), parts, watch):
             pass
         return out

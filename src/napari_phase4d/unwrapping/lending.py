@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.stack import InMemory
+from napari_phase4d.task import CancelledCall, ProgressCall
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.problem import Problem
 

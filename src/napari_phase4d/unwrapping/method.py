@@ -47,9 +47,10 @@ class Method:
     summary : str
         What it does, in one sentence.
     function : callable
-        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)``. Of one that
-        streams: ``function(problem, result, progress, cancelled, **options)`` writes the result
-        into a stack and returns the smallest and largest phase of each block.
+        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)`` of a method
+        that a package brings. Those of this program take a `Task` in place of the two calls; of
+        one that streams, ``function(problem, result, task, **options)`` writes the result to a
+        stack and returns the smallest and largest phase of each block.
     options : tuple of Option
         Its settings.
     working_stacks : float

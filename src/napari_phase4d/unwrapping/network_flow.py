@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stack import Block, Limits, Stack, Temporary, limits_of
+from napari_phase4d.task import Task, Watch
 from napari_phase4d.unwrapping.alone import with_turns
 from napari_phase4d.unwrapping.flow import closing_turns, loop_sums
 from napari_phase4d.unwrapping.given import Given
@@ -34,8 +34,7 @@ Mask = NDArray[np.bool_]
 def network_flow(
     problem: Problem,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> list[Limits]:
     """Unwrap steps over time and angle first, then each frame, both by minimum-cost flow.
 
@@ -60,34 +59,32 @@ def network_flow(
         each other keep a common level; they are 0 in the result.
     result : Stack
         Where the unwrapped phase goes, radians.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     """
     given, shape = problem.given, problem.given.shape
-    mask = problem.counted(progress, cancelled)
-    phase, used = copied(problem, progress, cancelled)
+    mask = problem.counted(task)
+    phase, used = copied(problem, task)
     steps: list[Stack] = []
     for down in (True, False):
-        steps += steps_over_frames(problem, phase, used, progress, cancelled, down=down)
+        steps += steps_over_frames(problem, phase, used, task, down=down)
     turns = problem.store.temporary("flow turns", shape, "int32")
     close = CloseBlock(given, tuple(steps), turns)
-    borders = problem.each(close, "network flow in each frame", progress, cancelled)
+    borders = problem.each(close, "network flow in each frame", task)
     border = np.concatenate(borders)
     level = np.round((border_medians(border, problem.first) - border) / TURN).astype(np.int32)
     write = WriteBlock(given, mask, turns, level, result)
-    return problem.each(write, "writing", progress, cancelled)
+    return problem.each(write, "writing", task)
 
 
-def copied(
-    problem: Problem, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> tuple[Temporary, Temporary | None]:
+def copied(problem: Problem, task: Task) -> tuple[Temporary, Temporary | None]:
     """Copy the phase, and which pixels count (None for all), to where pixels can be read."""
     store, shape = problem.store, problem.given.shape
     phase = store.temporary("flow phase", shape, "float32")
     # What lies outside a mask that was found is empty field, as good as any.
     whole = problem.finds_mask or problem.all_usable
     used = None if whole else store.temporary("flow mask", shape, "bool")
-    problem.each(CopyBlock(problem.given, phase, used), "network flow", progress, cancelled)
+    problem.each(CopyBlock(problem.given, phase, used), "network flow", task)
     return phase, used
 
 
@@ -95,8 +92,7 @@ def steps_over_frames(
     problem: Problem,
     phase: Temporary,
     used: Temporary | None,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     down: bool,
 ) -> tuple[Temporary, Temporary]:
@@ -114,7 +110,7 @@ def steps_over_frames(
     work = CourseBlock(phase, used, down, problem.first, turns, cost)
     parts = pixel_blocks(shape)
     message = f"network flow over time and angle, along {name}"
-    for _ in problem.on_workers(work, parts, Watch(len(parts), message, progress, cancelled)):
+    for _ in problem.on_workers(work, parts, Watch(len(parts), message, task)):
         pass
     return turns, cost
 

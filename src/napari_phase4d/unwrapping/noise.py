@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.phasors import turned
-from napari_phase4d.progress import on_all_cores
 from napari_phase4d.stack import Block
+from napari_phase4d.task import on_all_cores
 from napari_phase4d.unwrapping.given import Given, as_given, working_blocks
 
 __all__ = ["WithoutLost", "lost_frames", "lost_of", "median_of", "noise_of", "sampled_noise"]

@@ -14,14 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.compiling import compiled
 from napari_phase4d.machine import cores
-from napari_phase4d.progress import (
-    CancelledCall,
-    ProgressCall,
-    Watch,
-    counting,
-    in_threads,
-    on_all_cores,
-)
 from napari_phase4d.stack import (
     Block,
     InMemory,
@@ -33,6 +25,15 @@ from napari_phase4d.stack import (
     blocks_of,
 )
 from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of, wavelengths_of
+from napari_phase4d.task import (
+    UNWATCHED,
+    CancelledCall,
+    ProgressCall,
+    Task,
+    Watch,
+    in_threads,
+    on_all_cores,
+)
 from napari_phase4d.unwrapping.alone import Found, each_alone, found_in, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of
 from napari_phase4d.unwrapping.given import LARGEST, Counted, Given, KeptFrames, is_known
@@ -149,13 +150,12 @@ class Problem(SharedSteps):
         self,
         work: Callable[[Block], R],
         message: str,
-        progress: ProgressCall | None,
-        cancelled: CancelledCall | None,
+        task: Task,
     ) -> list[R]:
         """Do some work on every block of frames, on all cores; progress counts frames."""
         blocks = self.blocks()
-        frames = counting(progress, len(blocks[0]) * self.given.shape[1], self.n_frames)
-        return list(self.on_workers(work, blocks, Watch(len(blocks), message, frames, cancelled)))
+        frames = task.counting(len(blocks[0]) * self.given.shape[1], self.n_frames)
+        return list(self.on_workers(work, blocks, Watch(len(blocks), message, frames)))
 
     def blocks(self) -> list[Block]:
         """Cut the frames into blocks: each core is to have some."""
@@ -311,18 +311,14 @@ class Problem(SharedSteps):
         """Number of frames over all times and angles."""
         return math.prod(self.given.shape[:2])
 
-    def alone(
-        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Stack:
+    def alone(self, task: Task = UNWATCHED) -> Stack:
         """Return the turns of all frames unwrapped one by one (step 1 of the algorithms)."""
-        return self.once(ALONE, lambda: each_alone(self, progress, cancelled))
+        return self.once(ALONE, lambda: each_alone(self, task))
 
-    def found(
-        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Found:
+    def found(self, task: Task = UNWATCHED) -> Found:
         """Return the object in all frames (step 2)."""
-        turns = self.alone(progress, cancelled)
-        return self.once(OBJECT, lambda: found_in(self, turns, progress, cancelled))
+        turns = self.alone(task)
+        return self.once(OBJECT, lambda: found_in(self, turns, task))
 
     def smooth_left_out(self) -> float:
         """Return the share left out of an object that was found though it is smooth, not flat.
@@ -338,16 +334,15 @@ class Problem(SharedSteps):
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.intp]:
         """Return the shifts that register all frames (step 2), shape (time, angle, 2)."""
+        task = Task(progress, cancelled)
         if self.n_frames == 1:
             return np.zeros((1, 1, 2), dtype=np.intp)
-        found = self.found(progress, cancelled)
-        return self.once("shifts", lambda: self._register(found, progress, cancelled))
+        found = self.found(task)
+        return self.once("shifts", lambda: self._register(found, task))
 
-    def _register(
-        self, found: Found, progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> NDArray[np.intp]:
+    def _register(self, found: Found, task: Task) -> NDArray[np.intp]:
         """Return the shifts that bring the object of every frame to one place."""
-        watch = Watch(self.n_frames, "registration", progress, cancelled)
+        watch = Watch(self.n_frames, "registration", task)
         given = self.given
         return centre_of_mass_shifts(
             KeptFrames(given.shape, lambda block, angles: given.read(block, angles)[0]),
@@ -357,25 +352,19 @@ class Problem(SharedSteps):
             found.centres,
         )
 
-    def settle_mask(
-        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> None:
+    def settle_mask(self, task: Task = UNWATCHED) -> None:
         """Find the object, where that was asked for, before a method looks at ``mask``."""
         if self.finds_mask:
-            self.found(progress, cancelled)
+            self.found(task)
 
-    def counted(
-        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> Stack:
+    def counted(self, task: Task = UNWATCHED) -> Stack:
         """Return the pixels to unwrap, in blocks; the object is looked for where it is unknown."""
-        return self.found(progress, cancelled).object if self.finds_mask else Counted(self.given)
+        return self.found(task).object if self.finds_mask else Counted(self.given)
 
-    def settle_frames(
-        self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
-    ) -> None:
+    def settle_frames(self, task: Task = UNWATCHED) -> None:
         """Do what `frame_by_frame` needs, if that has not been done."""
-        self.alone(progress, cancelled)
-        self.settle_mask(progress, cancelled)
+        self.alone(task)
+        self.settle_mask(task)
 
     def frame_by_frame(self, block: Block) -> NDArray[np.float32]:
         """Return the phase of a block as each frame is unwrapped by itself."""
@@ -420,7 +409,8 @@ class Problem(SharedSteps):
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None
     ) -> NDArray[np.float32]:
         """Return all frames unwrapped one by one (step 1 of the paper's algorithms)."""
-        self.settle_frames(progress, cancelled)
+        task = Task(progress, cancelled)
+        self.settle_frames(task)
         return self.frame_by_frame(Block(0, len(self.wrapped)))
 
     @property

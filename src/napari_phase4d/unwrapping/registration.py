@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import Watch
+from napari_phase4d.task import Watch
 
 __all__ = ["centre", "centre_of_mass_shifts", "likeness", "moved", "next_shift", "rolled"]
 

@@ -9,9 +9,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
 from napari_phase4d.stack import Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
+from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping.lending import LentProblem
 from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.light.synthetic import check_wavelengths
@@ -106,6 +106,7 @@ def unwrap(
     >>> unwrapped.attrs["method"], unwrapped.attrs["boundary"]
     ('temporal-angular', [[0, 0]])
     """
+    task = Task(progress, cancelled)
     check_method(method, method_options)
     problem = Problem(
         wrapped_stack(phase),
@@ -113,7 +114,7 @@ def unwrap(
         without_masked(phase, mask),
         amplitude,
     )
-    found = run_method(problem, method, progress, cancelled, method_options)
+    found = run_method(problem, method, task, method_options)
     if advice := left_out_advice(found.attrs):
         warn(f"{advice}, with mask=None")
     return found
@@ -122,8 +123,7 @@ def unwrap(
 def run_method(
     problem: Problem,
     method: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     options: Mapping[str, Any],
 ) -> xr.DataArray:
     """Run one method on a problem and note how, in the result's attributes."""
@@ -131,12 +131,12 @@ def run_method(
     limits: Sequence[Limits] = ()
     values: Stack | NDArray[np.float32]
     if facts.wavelengths == 1 and problem.parts():
-        values, limits = each_wavelength(problem, method, progress, cancelled, chosen)
+        values, limits = each_wavelength(problem, method, task, chosen)
     elif facts.streams:
         values = problem.result_stack(method)
-        limits = facts.function(problem, values, progress, cancelled, **chosen)
+        limits = facts.function(problem, values, task, **chosen)
     else:
-        values = at_once(problem.in_memory(), method, progress, cancelled, chosen)
+        values = at_once(problem.in_memory(), method, task, chosen)
     attrs = noted(
         method,
         options,
@@ -153,8 +153,7 @@ def run_method(
 def each_wavelength(
     problem: Problem,
     method: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     options: Mapping[str, Any],
 ) -> tuple[Stack | NDArray[np.float32], list[Limits]]:
     """Run a method on the views of each wavelength by themselves; return them together."""
@@ -162,38 +161,36 @@ def each_wavelength(
     if not facts.streams:
         together = np.empty(problem.given.shape, dtype=np.float32)
         for views, part in problem.parts():
-            found = at_once(part.in_memory(), method, progress, cancelled, options)
+            found = at_once(part.in_memory(), method, task, options)
             together[:, list(views)] = found
         return together, []
     values, limits = problem.result_stack(method), []
     for views, part in problem.parts():
         own = ViewsOf(values, views)
-        limits += facts.function(part, own, progress, cancelled, **options)
+        limits += facts.function(part, own, task, **options)
     return values, limits
 
 
 def at_once(
     problem: Problem,
     method: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     options: Mapping[str, Any],
 ) -> NDArray[np.float32]:
     """Run a method that looks at all frames at once."""
     facts = METHODS[method]
     if not facts.finds_object:
-        problem.settle_mask(progress, cancelled)
+        problem.settle_mask(task)
     if facts.package:
-        return of_a_package(problem, method, progress, cancelled, options)
-    found: NDArray[np.float32] = facts.function(problem, progress, cancelled, **options)
+        return of_a_package(problem, method, task, options)
+    found: NDArray[np.float32] = facts.function(problem, task, **options)
     return found
 
 
 def of_a_package(
     problem: Problem,
     method: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     options: Mapping[str, Any],
 ) -> NDArray[np.float32]:
     """Run a method that a package brought: it may fail in any way, and writes into nothing.
@@ -206,7 +203,7 @@ def of_a_package(
     facts = METHODS[method]
     try:
         lent = LentProblem(problem)
-        values = np.asarray(facts.function(lent, progress, cancelled, **options))
+        values = np.asarray(facts.function(lent, task.progress, task.cancelled, **options))
     except Cancelled:
         raise
     except Exception as error:

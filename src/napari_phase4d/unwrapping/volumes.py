@@ -9,15 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.progress import (
-    CancelledCall,
-    ProgressCall,
+from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.task import (
+    Task,
     Watch,
-    counting,
     nothing,
     watched,
 )
-from napari_phase4d.stack import Block, Limits, Stack, limits_of
 from napari_phase4d.unwrapping.alone import with_turns
 from napari_phase4d.unwrapping.given import Given, working_blocks
 from napari_phase4d.unwrapping.growing import Contracted, Joining, contracted
@@ -46,8 +44,7 @@ AROUND = 2
 def region_growing(
     problem: Problem,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     variant: str = "textbook",
     rga_threshold: float = 3.14,
@@ -64,8 +61,8 @@ def region_growing(
         Any; the boundary frame's border gives the level.
     result : Stack
         Where the unwrapped phase goes.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     variant : str, optional
         "textbook" (default), or "phasetools": as PhaseTools computes it, see
         `napari_phase4d.unwrapping.phasetools`.
@@ -76,7 +73,7 @@ def region_growing(
     if not 0 < rga_threshold < TURN:
         msg = f"rga_threshold must lie between 0 and 2 pi, but is {rga_threshold:g}"
         raise ValueError(msg)
-    growing = Growing(problem, "region growing", progress, cancelled)
+    growing = Growing(problem, "region growing", task)
     if variant == "textbook":
         return growing.finish([growing.grown(ALL)], result)
     whole = times_touch(problem.given.shape)
@@ -87,11 +84,10 @@ def region_growing(
 def spatial_3d(
     problem: Problem,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> list[Limits]:
     """Join pixels over time, y and x for each angle by itself, most reliable edges first."""
-    growing = Growing(problem, "3-D reliability sorting", progress, cancelled)
+    growing = Growing(problem, "3-D reliability sorting", task)
     angles = range(problem.given.shape[1])
     return growing.finish([growing.grown(slice(a, a + 1)) for a in angles], result)
 
@@ -138,13 +134,12 @@ class Growing:
         self,
         problem: Problem,
         message: str,
-        progress: ProgressCall | None,
-        cancelled: CancelledCall | None,
+        task: Task,
     ) -> None:
         self._problem = problem
         self._message = message
-        self._calls = progress, cancelled
-        self._mask = problem.counted(progress, cancelled)
+        self._task = task
+        self._mask = problem.counted(task)
         store, shape = problem.store, problem.given.shape
         self._groups = store.temporary("grown", shape, "int32")
         self._turns = store.temporary("grown turns", shape, "int32")
@@ -169,9 +164,8 @@ class Growing:
         work = ContractBlock(
             problem.given, self._mask, self._groups, self._turns, angles, contract
         )
-        progress, cancelled = self._calls
-        times = counting(progress, len(blocks[0]), shape[0])
-        watch = Watch(len(blocks), self._message, times, cancelled)
+        times = self._task.counting(len(blocks[0]), shape[0])
+        watch = Watch(len(blocks), self._message, times)
         first, last, _ = angles.indices(shape[1])
         joining = Joining((last - first) * shape[2] * shape[3], problem.store, f"grown {first}")
         for found in self._each(work, blocks, watch):
@@ -202,22 +196,22 @@ class Growing:
         unwrapping, which looks at whole frames. The boundary frame decides for the parts in it,
         then its time, then all frames.
         """
-        problem, (progress, cancelled) = self._problem, self._calls
+        problem, task = self._problem, self._task
         by_frames = not problem.finds_mask and not problem.all_usable
-        flat = problem.alone(progress, cancelled) if by_frames else None
+        flat = problem.alone(task) if by_frames else None
         levels = [np.zeros(of.n_parts, dtype=np.int64) for of in grown]
         known = [np.zeros(of.n_parts, dtype=bool) for of in grown]
         time, angle = problem.first
-        watch = Watch(1, self._message, progress, cancelled)
+        watch = Watch(1, self._message, task)
         look = VoteBlock(problem.given, self._mask, grown, flat, known, angle)
         settle(levels, known, [look(Block(time, time + 1))])
         watch.check()
         if not all(each.all() for each in known):
             look = VoteBlock(problem.given, self._mask, grown, flat, known)
-            votes = problem.each(look, "placing loose parts", progress, cancelled)
+            votes = problem.each(look, "placing loose parts", task)
             settle(levels, known, votes)
         write = WriteBlock(problem.given, self._mask, grown, levels, result)
-        return problem.each(write, "writing", progress, cancelled)
+        return problem.each(write, "writing", task)
 
 
 @dataclass(frozen=True)

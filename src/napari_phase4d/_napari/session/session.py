@@ -35,6 +35,7 @@ from napari_phase4d.analysis import REFERENCE, Cells, CellSettings
 from napari_phase4d.holography import Focus, Lobe
 from napari_phase4d.io import FromCamera
 from napari_phase4d.scripting import as_python
+from napari_phase4d.task import UNWATCHED
 
 __all__ = ["Session"]
 
@@ -168,7 +169,7 @@ class Session(State):
 
     def save(self, folder: str | Path) -> list[Path]:
         """Write all stacks, the table, the recipe and measurements into a folder (step 5)."""
-        written: list[Path] = plan_saving(self, folder).work(None, None)
+        written: list[Path] = plan_saving(self, folder).work(UNWATCHED)
         return written
 
     def script(self) -> str:

@@ -22,7 +22,7 @@ from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.analysis import Cells, CellSettings, most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import colour_of
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import counted
 
@@ -227,11 +227,9 @@ class CellsPart(Step):
         )
         self.jobs.start(replace(plan, work=partial(self._found_and_ready, plan)), then=self._tell)
 
-    def _found_and_ready(
-        self, plan: Plan, progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> Cells:
+    def _found_and_ready(self, plan: Plan, task: Task) -> Cells:
         """Find cells, and make their layers, which would hold up the window."""
-        cells: Cells = plan.work(progress, cancelled)
+        cells: Cells = plan.work(task)
         self.presenter.cells.prepare(cells)
         return cells
 

@@ -37,7 +37,7 @@ from napari_phase4d._napari.widgets.section import split
 from napari_phase4d.analysis import Traces, most_trusted, traces_of
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import named_results
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["FiguresPart", "MeasurePart", "TracePart"]
@@ -228,9 +228,9 @@ class TracePart(Step):
         if self._known(about) is None:
             self.plot.message("Reading the results from disk…")
 
-        def work(cancelled: CancelledCall) -> Traces:
+        def work(task: Task) -> Traces:
             known = self._known(about)
-            return traces_of(stacks, frame, where, known=known, cancelled=cancelled)
+            return traces_of(stacks, frame, where, known=known, cancelled=task.cancelled)
 
         def then(found: Traces) -> None:
             self._read = (about, found)
@@ -456,12 +456,8 @@ class MeasurePart(Step):
             labels = None if cells is None else cells.labels
             how = self.session.recipe.cells
 
-            def going_along(
-                progress: ProgressCall | None, cancelled: CancelledCall | None
-            ) -> Masks:
-                moved, self._still = with_their_cells(
-                    result, drawn, frames, labels, how, progress, cancelled
-                )
+            def going_along(task: Task) -> Masks:
+                moved, self._still = with_their_cells(result, drawn, frames, labels, how, task)
                 return moved
 
             return going_along

@@ -26,7 +26,7 @@ from napari_phase4d.plotting import (
     phase_limits,
     telling_frames,
 )
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import Task
 
 __all__ = ["SharePart", "folder_without_results"]
 
@@ -104,14 +104,12 @@ class SharePart(Step):
         stacks, rate = self.stacks(), float(self.rate.value)
         n_frames = len(next(iter(stacks.values())))
 
-        def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Path:
+        def work(task: Task) -> Path:
             shown = [stacks[EXACT]] if EXACT in stacks else list(stacks.values())
             some = [in_memory(s[:: max(1, len(s) // 16), :, ::2, ::2]).values for s in shown]
             limits = phase_limits(some)
             frames = movie_frames(stacks, limits, title=self.session.name)
-            return write_movie(
-                path, frames, rate, n_frames=n_frames, progress=progress, cancelled=cancelled
-            )
+            return write_movie(path, frames, rate, n_frames=n_frames, **task.calls)
 
         self._start(Path(path), work, "The movie is")
 
@@ -145,7 +143,7 @@ class SharePart(Step):
     def _start(
         self,
         path: Path,
-        write: Callable[[ProgressCall | None, CancelledCall | None], Any],
+        write: Callable[[Task], Any],
         words: str,
     ) -> None:
         def say() -> None:

@@ -27,7 +27,7 @@ from napari_phase4d.pipeline.provenance import (
     program_version,
 )
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.progress import CancelledCall
+from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.words import address_of
 
 __all__ = [
@@ -270,10 +270,12 @@ def write_note(
     asked: Mapping[str, Any],
     source: Mapping[str, Any],
     facts: Facts,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> None:
     """Note in a folder what was asked for, of which input, and each file that it holds."""
-    files = [fingerprint(path, cancelled).as_dict() for path in sorted(folder.iterdir())]
+    files = [
+        fingerprint(path, cancelled=task.cancelled).as_dict() for path in sorted(folder.iterdir())
+    ]
     note = {"program": PROGRAM, "input": source, "asked": asked, "facts": facts, "files": files}
     with written_whole(folder / NOTE) as temporary:
         temporary.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")
@@ -307,7 +309,7 @@ def complete(
     folder: Path,
     asked: Mapping[str, Any],
     source: Hashing,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> dict[str, Any] | None:
     """Return what is noted in a folder if it holds just what is asked for, undamaged, else None.
 
@@ -321,18 +323,18 @@ def complete(
         return None
     if note["input"].get("bytes", 0) != source.bytes:
         return None
-    if not all(undamaged(folder, file, cancelled, look_inside=False) for file in note["files"]):
+    if not all(undamaged(folder, file, task, look_inside=False) for file in note["files"]):
         return None
-    if note["input"] != source.result(cancelled).as_dict():
+    if note["input"] != source.result(task).as_dict():
         return None
-    whole = all(undamaged(folder, file, cancelled, look_inside=True) for file in note["files"])
+    whole = all(undamaged(folder, file, task, look_inside=True) for file in note["files"])
     return note if whole else None
 
 
 def undamaged(
     folder: Path,
     file: Mapping[str, Any],
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     look_inside: bool,
 ) -> bool:
@@ -340,7 +342,7 @@ def undamaged(
     path = folder / file["name"]
     try:
         if look_inside:
-            return fingerprint(path, cancelled).as_dict() == file
+            return fingerprint(path, cancelled=task.cancelled).as_dict() == file
         # Of a folder, only that it is there: to list it is most of the work of reading it.
         return path.is_dir() or bool(path.stat().st_size == file.get("bytes"))
     except OSError:

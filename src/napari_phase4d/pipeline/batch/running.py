@@ -38,7 +38,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.writing import checked_form, write_files
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall
+from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import (
     as_path,
     check_bool,
@@ -182,7 +182,7 @@ class Wish:
         """Return the fingerprint of the file that a recipe divides by, computed once."""
         if recipe.reference_file is None:
             return None
-        return self.remembered(recipe.reference_file, self.cancelled)
+        return self.remembered(recipe.reference_file, Task(None, self.cancelled))
 
 
 def one_file(
@@ -233,15 +233,17 @@ def results_of(
         reference = wish.reference_of(recipe)
         asked = asked_for(recipe, wish.form, wish.truth_digest, reference)
         if wish.resume:
-            note = complete(folder, asked, hashing, wish.cancelled)
+            note = complete(folder, asked, hashing, Task(None, wish.cancelled))
             if note is not None and "error" not in note["facts"]:
                 return COMPLETE, note["facts"] | facts_of_input(note["input"])
         with made_whole(folder) as partial:
             outcome = written(wish, recipe, hashing, reference, partial, progress)
             facts = facts_of(outcome, partial)
-            known = hashing.result(wish.cancelled).as_dict()  # asked again: is it still the same?
+            known = hashing.result(
+                Task(None, wish.cancelled)
+            ).as_dict()  # asked again: is it still the same?
             facts["seconds"] = seconds_since(began)
-            write_note(partial, asked, known, facts, wish.cancelled)
+            write_note(partial, asked, known, facts, Task(None, wish.cancelled))
     return (FAILED if "error" in facts else DONE), facts | facts_of_input(known)
 
 
@@ -263,12 +265,11 @@ def written(
             folder=place,
             scheduler=wish.scheduler,
         )
-        source = hashing.result(wish.cancelled)
+        source = hashing.result(Task(None, wish.cancelled))
         write_files(
             outcome,
             folder,
-            progress,
-            wish.cancelled,
+            Task(progress, wish.cancelled),
             form=wish.form,
             source=source,
             reference=reference,

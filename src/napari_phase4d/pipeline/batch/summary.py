@@ -13,7 +13,7 @@ import xarray as xr
 from napari_phase4d.analysis import most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.pipeline.running import Outcome
-from napari_phase4d.progress import ProgressCall, reworded
+from napari_phase4d.task import ProgressCall, Task
 from napari_phase4d.words import counted, sentence_of
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class Summary:
     def reporting(self, number: int, progress: ProgressCall | None) -> ProgressCall | None:
         """Let the progress on a file say which one it is."""
         head = self.head(number)
-        return reworded(progress, lambda message: f"{head}: {message}")
+        return Task(progress).reworded(lambda message: f"{head}: {message}").progress
 
     def in_words(self) -> str:
         """Say what came of all files, in one line."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 from napari_phase4d.io import Arrival, Arriving
-from napari_phase4d.progress import Cancelled, CancelledCall
+from napari_phase4d.task import Cancelled, CancelledCall, Task
 from napari_phase4d.words import counted
 
 __all__ = ["Feed", "Listener", "LiveStatus"]
@@ -88,10 +88,10 @@ class Listener:
         told: Callable[[str], None] | None,
         status: Callable[[LiveStatus], None] | None,
         stopped: CancelledCall | None,
-        cancelled: CancelledCall | None,
+        task: Task,
     ) -> None:
         self._told, self._status = told, status
-        self._stopped, self._cancelled = stopped, cancelled
+        self._stopped, self._cancelled = stopped, task.cancelled
         self._next_line = time.monotonic() + LINE_S
         #: How far it is.
         self.now = LiveStatus()

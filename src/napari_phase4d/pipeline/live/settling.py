@@ -28,8 +28,8 @@ from napari_phase4d.io.video import Video
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import opened_reference, phase_settings
 from napari_phase4d.pipeline.starting import found_anywhere, open_by
-from napari_phase4d.progress import CancelledCall
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import check_light, for_what_comes, scores_of_some
 
 __all__ = ["FIRST_FRAMES", "Settled", "check_live", "recording_at_the_end", "settle", "stacked"]
@@ -100,7 +100,7 @@ def settle(
     recipe: Recipe,
     arriving: Arriving,
     arrivals: Sequence[Arrival],
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Settled:
     """Settle on the first frames what holds for all.
 
@@ -131,7 +131,7 @@ def settle(
         recipe.wanted_views,
         angles_deg=recipe.angles_deg,
         wavelengths_um=recipe.wavelengths_um,
-        cancelled=cancelled,
+        cancelled=task.cancelled,
     )
     check_light(recipe.methods, *light_of(lobes, first.optics.wavelength_um))
     used = recipe.changed(
@@ -143,21 +143,19 @@ def settle(
         options=for_what_comes(recipe.options),
     )
     chosen = PhaseSettings(opened_reference(used, first), **phase_settings(used))
-    work = frame_reconstructor(first, lobes, chosen, cancelled)
+    work = frame_reconstructor(first, lobes, chosen, task)
     used = used.changed(refocus_um=work.attrs.get("refocus_um"))
     if used.boundary == "auto":
-        used = used.changed(boundary=((0, safest_view(work, first, cancelled)),))
+        used = used.changed(boundary=((0, safest_view(work, first, task)),))
     return Settled(used, first, facts, work)
 
 
-def safest_view(
-    work: FrameReconstructor, first: Recording, cancelled: CancelledCall | None
-) -> int:
+def safest_view(work: FrameReconstructor, first: Recording, task: Task) -> int:
     """Return the view of the first frame that is safest to start from."""
-    phase = reconstruct_frames(work, first, None, cancelled)["phase"]
+    phase = reconstruct_frames(work, first, task.quiet)["phase"]
     if phase.isel(time=0).isnull().all():
         return 0
-    scores = scores_of_some(phase, None, cancelled).values[0]
+    scores = scores_of_some(phase, task.quiet).values[0]
     return 0 if np.isnan(scores).all() else int(np.nanargmax(scores))
 
 

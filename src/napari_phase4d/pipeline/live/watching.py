@@ -34,8 +34,8 @@ from napari_phase4d.pipeline.running import Outcome, cells_by
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.streaming import GrowingStack, Shelf, Threads
 from napari_phase4d.pipeline.writing import checked_form, write_files
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
 from napari_phase4d.unwrapping.masks import left_out_note
 from napari_phase4d.words import as_path, check_call, check_type, counted
@@ -170,7 +170,7 @@ def watch(
     else:
         stopped = until_ended(camera, stopped)
         arriving = arriving_at(path, DROPPED_S, whole=True)
-    listener = Listener(told, status, stopped, cancelled)
+    listener = Listener(told, status, stopped, Task(None, cancelled))
     feed = Feed(arriving, frames, patience_s, listener)
     recipe = recipe.changed(recording=found_anywhere(path))
     with (
@@ -182,18 +182,18 @@ def watch(
         try:
             n_first = recipe.first_frames or FIRST_FRAMES
             gathered = feed.gather(n_first)
-            settled = settle(recipe, arriving, gathered[:n_first], cancelled)
+            settled = settle(recipe, arriving, gathered[:n_first], Task(None, cancelled))
             listener.tell(found_sentence(settled))
-            live = Live(settled, arriving, place.shelf, listener, arrived, cancelled)
+            live = Live(settled, arriving, place.shelf, listener, arrived, Task(None, cancelled))
             if begun is not None:
                 begun(live.like())
             live.follow(gathered, feed)
             listener.line()
             if camera is not None:
                 finish(camera, listener)
-            outcome = live.outcome(place, progress)
-            print_of = fingerprint_of(path, cancelled)
-            written = write_files(outcome, out, progress, form=form, source=print_of)
+            outcome = live.outcome(place, Task(progress))
+            print_of = fingerprint_of(path, Task(None, cancelled))
+            written = write_files(outcome, out, Task(progress), form=form, source=print_of)
             kept.settle(written, outcome.recipe.recording, print_of)
         finally:
             place.close()
@@ -264,10 +264,10 @@ def found_sentence(settled: Settled) -> str:
     return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view}"
 
 
-def fingerprint_of(path: Path, cancelled: CancelledCall | None) -> Fingerprint:
+def fingerprint_of(path: Path, task: Task) -> Fingerprint:
     """Return what tells the recording from others; its name alone if it goes on growing."""
     try:
-        return fingerprint(path, cancelled)
+        return fingerprint(path, cancelled=task.cancelled)
     except OSError:
         return Fingerprint(path.name)
 
@@ -296,11 +296,11 @@ class Live:
         shelf: Shelf,
         listener: Listener,
         arrived: Callable[[int, Results], None] | None,
-        cancelled: CancelledCall | None,
+        task: Task,
     ) -> None:
         self._settled, self._arriving = settled, arriving
         self._shelf, self._listener = shelf, listener
-        self._arrived, self._cancelled = arrived, cancelled
+        self._arrived, self._cancelled = arrived, task.cancelled
         recipe = settled.recipe
         # Phases of several wavelengths can't be held against each other as they are.
         one_light = settled.work.light is None
@@ -364,13 +364,13 @@ class Live:
 
         if len(arrivals) == 1:
             return phase, amplitude, [into_place(0)]
-        counting = Watch(len(arrivals), "reconstruct", None, self._cancelled)
+        counting = Watch(len(arrivals), "reconstruct", Task(None, self._cancelled))
         shares = list(in_threads(into_place, range(len(arrivals)), counting, wait=True))
         return phase, amplitude, shares
 
     # ---- at the end ----
 
-    def outcome(self, place: Place, progress: ProgressCall | None) -> Outcome:
+    def outcome(self, place: Place, task: Task) -> Outcome:
         """Give all stacks their names, and run the methods that look at all frames."""
         recipe = self._settled.recipe
         recording = recording_at_the_end(self._settled, self._arriving)
@@ -385,12 +385,13 @@ class Live:
             data["phase"],
             data["amplitude"],
             None,
-            progress,
-            self._cancelled,
+            Task(task.progress, self._cancelled),
         )
         comparison = comparison.with_results(results, self._causal.seconds, recipe.methods)
         optics = recording.optics
-        cells = cells_by(recipe, comparison, data["phase"], optics, progress, self._cancelled)
+        cells = cells_by(
+            recipe, comparison, data["phase"], optics, Task(task.progress, self._cancelled)
+        )
         return Outcome(recording, recipe, data, comparison, cells=cells)
 
     def _dataset(self, recording: Recording) -> xr.Dataset:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from napari_phase4d.axes import AXES
 from napari_phase4d.pipeline.streaming.stored import Shelf
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
-from napari_phase4d.progress import Watch
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest
 from napari_phase4d.stacks import KIND
+from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
@@ -106,7 +106,7 @@ class ProblemOnDisk(Problem):
         """Whether the phase is known everywhere."""
 
         def look() -> bool:
-            return all(self.each(KnownBlock(self.given), "looking for gaps", None, None))
+            return all(self.each(KnownBlock(self.given), "looking for gaps", UNWATCHED))
 
         return self.once("all usable", look)
 

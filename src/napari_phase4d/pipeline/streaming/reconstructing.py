@@ -13,8 +13,8 @@ from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.pipeline.streaming.source import FrameSource
 from napari_phase4d.pipeline.streaming.stored import Shelf, Stored
 from napari_phase4d.pipeline.streaming.workers import Workers
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stack import Block, Limits, blocks_of, limits_of, widest
+from napari_phase4d.task import UNWATCHED, Task, Watch
 
 __all__ = ["reconstruct_to_disk"]
 
@@ -24,8 +24,7 @@ def reconstruct_to_disk(
     work: FrameReconstructor,
     shelf: Shelf,
     workers: Workers,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> xr.Dataset:
     """Reconstruct a recording a block of frames at a time.
 
@@ -39,8 +38,8 @@ def reconstruct_to_disk(
         Where "wrapped" and "amplitude" go.
     workers : Workers
         Who works on the blocks.
-    progress, cancelled : callable, optional
-        See `reconstruct`.
+    task : Task, optional
+        Who is told of it, and may stop it.
 
     Returns
     -------
@@ -51,7 +50,7 @@ def reconstruct_to_disk(
     shape = work.stack_shape(recording.n_frames)
     phase, amplitude = shelf.new("wrapped", shape), shelf.new("amplitude", shape)
     blocks = blocks_of(shape)
-    watch = Watch(len(blocks), "reconstruct", progress, cancelled)
+    watch = Watch(len(blocks), "reconstruct", task)
     each = ReconstructBlock(source, work, phase, amplitude)
     shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
     # The values do not count here: these are the axes and notes.

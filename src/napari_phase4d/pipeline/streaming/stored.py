@@ -26,7 +26,6 @@ from napari_phase4d.io.zarr_results import (
     set_length,
 )
 from napari_phase4d.pipeline.streaming.leftovers import new_folder
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads
 from napari_phase4d.stack import (
     Block,
     FileStack,
@@ -36,6 +35,7 @@ from napari_phase4d.stack import (
     limits_of,
     widest,
 )
+from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 
 __all__ = ["GrowingStack", "Shelf", "Stored", "stored_at"]
 
@@ -171,13 +171,12 @@ class Shelf:
         self,
         name: str,
         stack: xr.DataArray,
-        progress: ProgressCall | None = None,
-        cancelled: CancelledCall | None = None,
+        task: Task = UNWATCHED,
     ) -> xr.DataArray:
         """Write a stack, in memory or lazy, under a name; return it as it lies."""
         stored = self.new(name, stack.shape)
         blocks = blocks_of(stack.shape)
-        watch = Watch(len(blocks), "writing", progress, cancelled)
+        watch = Watch(len(blocks), "writing", task)
 
         def write(block: Block) -> Limits:
             part = np.asarray(stack.data[block.start : block.stop], dtype=np.float32)

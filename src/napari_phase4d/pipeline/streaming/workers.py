@@ -14,7 +14,7 @@ from threading import Event, Thread
 from typing import Any, Protocol, TypeVar
 from urllib.parse import urlsplit
 
-from napari_phase4d.progress import LOOK_UP_S, Watch, in_threads
+from napari_phase4d.task import LOOK_UP_S, Watch, in_threads
 
 __all__ = ["Cluster", "Threads", "Workers"]
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled, unchecked, vectorized
 from napari_phase4d.phasors import parts_of, phase_of, phasors
-from napari_phase4d.progress import on_all_cores
+from napari_phase4d.task import on_all_cores
 from napari_phase4d.unwrapping.boxes import AT_A_TIME, LEAST_WEIGHT, box_mean, copy_line
 from napari_phase4d.unwrapping.ends import ends_along
 

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import Watch
 from napari_phase4d.stack import Block
+from napari_phase4d.task import Watch
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import (
     Courses,

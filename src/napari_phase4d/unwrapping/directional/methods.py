@@ -9,8 +9,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch, in_threads, watched
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.task import Task, Watch, in_threads, watched
 from napari_phase4d.unwrapping.directional.edges import PARTS, weight_of
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
@@ -55,9 +55,7 @@ class Unwraps(Recorded, Protocol):
     def once(self, name: str, work: Callable[[], T]) -> T:
         """Return what ``work()`` returned when it was first asked for by this name."""
 
-    def settle_frames(
-        self, progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> None:
+    def settle_frames(self, task: Task) -> None:
         """Unwrap each frame by itself, if that has not been done."""
 
     def frame_by_frame(self, block: Block) -> Image:
@@ -83,15 +81,13 @@ class Field:
     regions: Regions
 
 
-def prepared(
-    problem: Unwraps, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> Field:
+def prepared(problem: Unwraps, task: Task) -> Field:
     """Return what both methods start from, computed once for a problem."""
 
     def prepare() -> Field:
-        watch = Watch(3, "finding the object", progress, cancelled)
+        watch = Watch(3, "finding the object", task)
         scene = find_scene(problem, watch)
-        watch = Watch(1, "weighing the steps", progress, cancelled)
+        watch = Watch(1, "weighing the steps", task)
         floors = floors_of(scene, watch)
         steps = followed_steps(scene, floors, watch)
         return Field(scene, floors, find_regions(scene, steps, problem.store, watch))
@@ -102,8 +98,7 @@ def prepared(
 def directional_growing(
     problem: Unwraps,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> list[Limits]:
     """Join pixels over time, angle, y and x, first where steps change least along themselves.
 
@@ -116,11 +111,11 @@ def directional_growing(
     Region growing (Abdul-Rahman et al. 2007) trusts pixels by second differences in all
     directions instead.
     """
-    field = prepared(problem, progress, cancelled)
-    watch = Watch(1, "directional growing", progress, cancelled)
+    field = prepared(problem, task)
+    watch = Watch(1, "directional growing", task)
     parts, turns = watched(lambda: grown(field.regions), watch)
     watch.step()
-    return finish(problem, field, turns, parts, result, progress, cancelled)
+    return finish(problem, field, turns, parts, result, task)
 
 
 def grown(regions: Regions) -> tuple[Whole, Turns]:
@@ -140,8 +135,7 @@ def grown(regions: Regions) -> tuple[Whole, Turns]:
 def directional_l1(
     problem: Unwraps,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     one_sided: bool = True,
 ) -> list[Limits]:
@@ -156,14 +150,14 @@ def directional_l1(
         What to unwrap.
     result : Stack
         Where the unwrapped phase goes.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     one_sided : bool, optional
         Whether to prefer, where steps can't tell, that the object lies on one side of the empty
         field: nowhere thinner optically, or nowhere denser. Default True.
     """
-    field = prepared(problem, progress, cancelled)
-    watch = Watch(2, "directional L1", progress, cancelled)
+    field = prepared(problem, task)
+    watch = Watch(2, "directional L1", task)
     solver = watched(lambda: LeastTurns(field.regions, watch.check), watch)
     parts, start = watched(solver.start, watch)
     turns = watched(lambda: solver.descend(start), watch)
@@ -171,7 +165,7 @@ def directional_l1(
     if one_sided:
         turns = on_one_side(field, solver, turns, parts, watch)
     watch.step()
-    return finish(problem, field, turns, parts, result, progress, cancelled)
+    return finish(problem, field, turns, parts, result, task)
 
 
 # ---- on one side of the empty field ----------------------------------------------------------
@@ -275,8 +269,7 @@ def finish(
     turns: Turns,
     parts: Whole,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> list[Limits]:
     """Write the unwrapped phase, congruent with the wrapped phase; 0 where it is not wanted.
 
@@ -287,11 +280,11 @@ def finish(
     blocks = working_blocks(problem.given.shape)
     lift = np.zeros(field.regions.n, dtype=np.int64)
     if (parts != parts[field.regions.held]).any():
-        problem.settle_frames(progress, cancelled)
-        watch = Watch(len(blocks), "placing loose parts", progress, cancelled)
+        problem.settle_frames(task)
+        watch = Watch(len(blocks), "placing loose parts", task)
         look = LooseBlock(problem, field, turns, parts, level)
         lift = lifts(list(in_threads(look, blocks, watch)), parts)
-    watch = Watch(len(blocks), "writing", progress, cancelled)
+    watch = Watch(len(blocks), "writing", task)
     write = FinishBlock(problem, field, turns + lift, level, result)
     return list(in_threads(write, blocks, watch, wait=True))
 

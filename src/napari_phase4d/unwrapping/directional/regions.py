@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, Stack, Store
+from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.directional.edges import (
     PARTS,
     Edges,

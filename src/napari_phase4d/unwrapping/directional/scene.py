@@ -17,8 +17,8 @@ from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.phasors import turned
-from napari_phase4d.progress import Watch, in_threads
 from napari_phase4d.stack import Block, Stack, Store
+from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.directional.filtering import HALO, along_slope
 from napari_phase4d.unwrapping.given import Given, working_blocks

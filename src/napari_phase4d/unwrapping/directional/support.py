@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.phasors import turned
-from napari_phase4d.progress import CancelledCall, ProgressCall, Watch
 from napari_phase4d.stack import Block, Stack
+from napari_phase4d.task import UNWATCHED, Task, Watch
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import PixelGraph, graphs_of, spans_of
 from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothest_first
@@ -83,8 +83,7 @@ class Judged:
 def supports_by_steps(
     problem: Problem,
     results: Mapping[str, Judged],
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> dict[str, Support]:
     """Return how well the steps support each pixel of some results.
 
@@ -104,10 +103,10 @@ def supports_by_steps(
         What was unwrapped.
     results : mapping of str to Judged
         The results, by words.
-    progress, cancelled : callable, optional
-        See `unwrap`.
+    task : Task, optional
+        Who is told of it, and may stop it.
     """
-    field = prepared(problem, progress, cancelled)
+    field = prepared(problem, task)
     cores = spans_of(field.scene.part)
     supports = {
         name: Support(
@@ -120,8 +119,8 @@ def supports_by_steps(
     }
     ways: dict[str, WaysOutside] = {}
     if len(cores) > 1:
-        ways = followed_ways(problem, field, results, cores, progress, cancelled)
-    watch = Watch(1, "weighing the steps", progress, cancelled)
+        ways = followed_ways(problem, field, results, cores, task)
+    watch = Watch(1, "weighing the steps", task)
     for span, graph in numbered(graphs(problem, field, cores, watch), cores):
         for name, result in results.items():  # one by one: each takes as much as the graph
             watch.check()
@@ -154,13 +153,12 @@ def followed_ways(
     field: Field,
     results: Mapping[str, Judged],
     cores: list[Block],
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> dict[str, WaysOutside]:
     """Return the ways outside of every span, for each result."""
     pixels = math.prod(field.scene.shape[1:])
     found = {name: WaysOutside(problem.store, name, pixels) for name in results}
-    watch = Watch(1, "following ways", progress, cancelled)
+    watch = Watch(1, "following ways", task)
     for span, graph in numbered(graphs(problem, field, cores, watch), cores):
         for name, result in results.items():
             watch.check()
@@ -312,8 +310,7 @@ class Astray:
 
 def astray(
     problem: Problem,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> Astray:
     """Return the chance that noise alone takes a pixel astray, to be read in blocks of times.
 
@@ -321,7 +318,7 @@ def astray(
     ----------
     problem : Problem
         What was unwrapped.
-    progress, cancelled : callable, optional
-        See `unwrap`.
+    task : Task, optional
+        Who is told of it, and may stop it.
     """
-    return Astray(prepared(problem, progress, cancelled).scene)
+    return Astray(prepared(problem, task).scene)

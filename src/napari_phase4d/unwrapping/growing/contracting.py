@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import nothing
 from napari_phase4d.stack import Block, Stack, Store
+from napari_phase4d.task import nothing
 from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
 from napari_phase4d.unwrapping.growing.growth import (
     HALF,

@@ -23,7 +23,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import nothing
+from napari_phase4d.task import nothing
 from napari_phase4d.unwrapping.growing.costs import Costs, second_differences
 from napari_phase4d.unwrapping.growing.merging import (
     count_between,

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.progress import nothing
+from napari_phase4d.task import nothing
 from napari_phase4d.unwrapping.growing.rows import (
     Floats,
     Phase,

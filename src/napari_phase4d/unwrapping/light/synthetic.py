@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.task import Task
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.chain import temporal_angular
 from napari_phase4d.unwrapping.directional import directional_l1
@@ -53,8 +53,7 @@ BEATS = ("spatial", *OVER_FRAMES, "wrapped")
 def synthetic_wavelength(
     problem: Problem,
     result: Stack,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
     *,
     beat: str = "spatial",
     settle: bool = True,
@@ -74,8 +73,8 @@ def synthetic_wavelength(
         What to unwrap; every angle has two wavelengths or more.
     result : Stack
         Where the unwrapped phase goes.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     beat : str, optional
         How the phase of the longest synthetic wavelength is unwrapped: "spatial" (default), in
         each frame, where it is smooth: what walls cut off is taken to be thinner than half that
@@ -103,10 +102,10 @@ def synthetic_wavelength(
     scene = scene_of(problem, groups)
     unwrapped = None
     if beat in OVER_FRAMES:
-        unwrapped = unwrapped_beats(problem, scene, beat, progress, cancelled)
+        unwrapped = unwrapped_beats(problem, scene, beat, task)
     settings = Settings(beat, settle, problem.finds_mask)
     work = FinishBlock(problem.given, scene, unwrapped, settings, result)
-    return problem.each(work, "going down the wavelengths", progress, cancelled)
+    return problem.each(work, "going down the wavelengths", task)
 
 
 def check_wavelengths(
@@ -272,8 +271,7 @@ def unwrapped_beats(
     problem: Problem,
     scene: Scene,
     beat: str,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> Stack:
     """Return the unwrapped phase of the longest synthetic wavelength, (time, angle, y, x)."""
     stack = Beats(problem.given, scene)
@@ -286,7 +284,7 @@ def unwrapped_beats(
         coords["time"] = np.asarray(times.values)
     own = problem.derived(stack, coords, boundaries, "beat")
     found = own.store.temporary("unwrapped", stack.shape, "float32")
-    OVER_FRAMES[beat](own, found, progress, cancelled)
+    OVER_FRAMES[beat](own, found, task.progress, task.cancelled)
     return found
 
 

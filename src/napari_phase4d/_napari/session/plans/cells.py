@@ -26,7 +26,7 @@ from napari_phase4d.analysis import (
 )
 from napari_phase4d.axes import AXES
 from napari_phase4d.optics import Optics
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import UNWATCHED, Task
 
 __all__ = ["plan_cell_by_methods", "plan_cells", "with_their_cells"]
 
@@ -72,15 +72,15 @@ def plan_cells(
     given = None if labels is None else labels_like(result, labels)
     known, wrapped = state.confidence.get(method), state.needed_reconstruction()["phase"]
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Cells:
+    def work(task: Task) -> Cells:
         # A copy: somebody may paint while the cells are followed.
         kept = given if given is None else given.copy(data=copied_labels(given))
         trust = known
         if trust is None:
-            trust = comparison.known_confidence(method, progress, cancelled)
+            trust = comparison.known_confidence(method, **task.calls)
         return cells_in(
             result, used, how, method=method, wrapped=wrapped, labels=kept, confidence=trust,
-            progress=progress, cancelled=cancelled,
+            **task.calls,
         )  # fmt: skip
 
     def receive(cells: Cells) -> None:
@@ -131,13 +131,11 @@ def plan_cell_by_methods(
     wrapped = state.needed_reconstruction()["phase"]
     known = dict(state.confidence)
 
-    def work(
-        progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> dict[str, pd.DataFrame]:
+    def work(task: Task) -> dict[str, pd.DataFrame]:
         trust = {
             method: known[method]
             if method in known
-            else comparison.known_confidence(method, progress, cancelled)
+            else comparison.known_confidence(method, **task.calls)
             for method in comparison.results
         }
         # With all cells, since the others are no empty field.
@@ -148,7 +146,7 @@ def plan_cell_by_methods(
                 object_index=how.object_index,
                 refraction_increment_ml_per_g=how.refraction_increment_ml_per_g,
                 oblique=how.oblique, confidence=trust[method],
-                progress=progress, cancelled=cancelled,
+                **task.calls,
             )
             for method, result in comparison.results.items()
         }  # fmt: skip
@@ -168,8 +166,7 @@ def with_their_cells(
     frames: Mapping[str, tuple[int, int]],
     labels: xr.DataArray | None,
     settings: CellSettings | None = None,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
+    task: Task = UNWATCHED,
 ) -> tuple[dict[str, Region], str]:
     """Let regions go along with the cells that they were drawn on.
 
@@ -185,8 +182,8 @@ def with_their_cells(
         The cells, if they have been found already.
     settings : CellSettings, optional
         How they are found else.
-    progress, cancelled : callable, optional
-        See `unwrap`.
+    task : Task, optional
+        Who is told of it, and may stop it.
 
     Returns
     -------
@@ -199,16 +196,14 @@ def with_their_cells(
         found = labels
         if found is None:
             how = (settings or CellSettings()).finding
-            found = find_cells(result, **how, progress=progress, cancelled=cancelled)
+            found = find_cells(result, **how, **task.calls)
     except (ImportError, OSError) as error:
         return dict(regions), f"The regions stand still: {error}."
     moved: dict[str, Region] = {}
     still = []
     for name, region in regions.items():
         try:
-            moved[name] = region_with_cell(
-                region, frames[name], found, progress=progress, cancelled=cancelled
-            )
+            moved[name] = region_with_cell(region, frames[name], found, **task.calls)
         except (KeyError, ValueError):  # on no cell, or nobody knows where it was drawn
             moved[name] = region
             still.append(name)

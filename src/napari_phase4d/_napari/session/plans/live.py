@@ -27,7 +27,7 @@ from napari_phase4d.pipeline import (
     shown_method,
     watch,
 )
-from napari_phase4d.progress import CancelledCall, ProgressCall
+from napari_phase4d.task import CancelledCall, Task
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import as_path
 
@@ -166,7 +166,7 @@ def plan_watching(
     before = (state.recording, state.reconstruction)
     newest = Newest()
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Outcome:
+    def work(task: Task) -> Outcome:
         found = watch(
             source,
             recipe,
@@ -177,9 +177,7 @@ def plan_watching(
             arrived=newest.put,
             told=newest.tell,
             status=newest.status,
-            progress=progress,
-            stopped=stopped,
-            cancelled=cancelled,
+            **task.calls,
         )
         # As it lies there, so that what is made of it later does not go into that folder.
         return replace(read_outcome(out), recording=found.recording, recipe=found.recipe)

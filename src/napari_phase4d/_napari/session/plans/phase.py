@@ -25,8 +25,8 @@ from napari_phase4d.holography import (
 )
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import find_place, focus_by, needs_of, reconstruct_by
-from napari_phase4d.progress import CancelledCall, ProgressCall
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
@@ -75,7 +75,7 @@ class Plan:
     """
 
     title: str
-    work: Callable[[ProgressCall | None, CancelledCall | None], Any]
+    work: Callable[[Task], Any]
     receive: Callable[[Any], None]
     cancellable: bool = True
     gives_way: bool = False
@@ -96,7 +96,7 @@ class Plan:
 
     def run(self) -> None:
         """Do the work here and now."""
-        self.receive(self.work(None, None))
+        self.receive(self.work(UNWATCHED))
 
 
 #: Frames averaged for the spectrum on screen.
@@ -114,7 +114,7 @@ def plan_opening(
 ) -> Plan:
     """Plan to open a file, folder, recipe or sample, see `open_anything`."""
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Opened:
+    def work(task: Task) -> Opened:
         return open_anything(source, content, raw)
 
     return Plan(title or "Opening", work, state.take, cancellable=False)
@@ -129,12 +129,10 @@ def plan_lobes(state: State) -> Plan:
         for known in (recipe.angles_deg, recipe.wavelengths_um)
     )
 
-    def work(
-        progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> tuple[xr.DataArray, str, FoundLobes | ValueError]:
-        spectrum, lost = looked_at(recording, progress, cancelled)
+    def work(task: Task) -> tuple[xr.DataArray, str, FoundLobes | ValueError]:
+        spectrum, lost = looked_at(recording, task)
         try:
-            found = found_lobes(recording, n_views, angles, light, progress, cancelled)
+            found = found_lobes(recording, n_views, angles, light, task)
         except ValueError as error:
             # The spectrum is needed all the more, to place the lobes by hand.
             return spectrum, lost, error
@@ -154,15 +152,11 @@ def plan_lobes(state: State) -> Plan:
     return Plan("Finding the lobes", work, receive)
 
 
-def looked_at(
-    recording: Recording, progress: ProgressCall | None, cancelled: CancelledCall | None
-) -> tuple[xr.DataArray, str]:
+def looked_at(recording: Recording, task: Task) -> tuple[xr.DataArray, str]:
     """Return the spectrum of a recording, and which frames the camera lost in a sentence."""
-    spectrum = power_spectrum(
-        recording, max_frames=SPECTRUM_FRAMES, progress=progress, cancelled=cancelled
-    )
+    spectrum = power_spectrum(recording, max_frames=SPECTRUM_FRAMES, **task.calls)
     number = min(recording.n_frames, LOST_FRAMES)
-    lost = lost_frames(recording, number, progress=progress, cancelled=cancelled)
+    lost = lost_frames(recording, number, **task.calls)
     return spectrum, lost_sentence(lost, number)
 
 
@@ -171,8 +165,7 @@ def found_lobes(
     n_views: int | None,
     angles_deg: Sequence[float] | None,
     wavelengths_um: Sequence[float] | None,
-    progress: ProgressCall | None,
-    cancelled: CancelledCall | None,
+    task: Task,
 ) -> FoundLobes:
     """Return so many lobes, or as many as there are where there are fewer."""
     try:
@@ -181,12 +174,11 @@ def found_lobes(
             n_views,
             angles_deg=angles_deg,
             wavelengths_um=wavelengths_um,
-            progress=progress,
-            cancelled=cancelled,
+            **task.calls,
         )
     except ValueError as error:
         try:
-            fewer = find_lobes(recording, None, progress=progress, cancelled=cancelled)
+            fewer = find_lobes(recording, None, **task.calls)
         except ValueError:
             raise error from None
         if n_views is None or not len(fewer) < n_views:
@@ -198,10 +190,8 @@ def plan_spectrum(state: State) -> Plan:
     """Plan to compute the spectrum alone, until something else is asked for."""
     recording = state.needed_recording()
 
-    def work(
-        progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> tuple[xr.DataArray, str]:
-        return looked_at(recording, progress, cancelled)
+    def work(task: Task) -> tuple[xr.DataArray, str]:
+        return looked_at(recording, task)
 
     def receive(found: tuple[xr.DataArray, str]) -> None:
         # Another microscope leaves the frames, and so their spectrum, as they are.
@@ -247,10 +237,8 @@ def plan_reconstruction(state: State) -> Plan:
     modest = recipe.changed(methods=few, boundary=((0, 0),))
     place = find_place(recipe, needs_of(modest, recording, lobes))
 
-    def work(
-        progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> tuple[xr.Dataset, xr.DataArray | None]:
-        data = reconstruct_by(recipe, recording, lobes, progress, cancelled, place=place)
+    def work(task: Task) -> tuple[xr.Dataset, xr.DataArray | None]:
+        data = reconstruct_by(recipe, recording, lobes, **task.calls, place=place)
         return data, known_truth(truth_for, data["phase"])
 
     def receive(found: tuple[xr.Dataset, xr.DataArray | None]) -> None:
@@ -278,8 +266,8 @@ def plan_focus(state: State) -> Plan:
     recording, recipe = state.needed_recording(), state.recipe
     lobes = state.needed_lobes()
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Focus:
-        return focus_by(recipe, recording, lobes, progress, cancelled)
+    def work(task: Task) -> Focus:
+        return focus_by(recipe, recording, lobes, **task.calls)
 
     def receive(focus: Focus) -> None:
         state.check_is(recording)
@@ -299,8 +287,8 @@ def plan_noise(state: State) -> Plan:
     """
     data = state.needed_reconstruction()
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> pd.DataFrame:
-        return noise_figures(data, progress, cancelled)
+    def work(task: Task) -> pd.DataFrame:
+        return noise_figures(data, **task.calls)
 
     def receive(noise: pd.DataFrame) -> None:
         state.check_phase(data)

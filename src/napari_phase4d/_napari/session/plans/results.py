@@ -42,7 +42,7 @@ from napari_phase4d.pipeline import (
     with_start,
     write_files,
 )
-from napari_phase4d.progress import Cancelled, CancelledCall, ProgressCall, Watch, reworded
+from napari_phase4d.task import Cancelled, Task, Watch
 from napari_phase4d.unwrapping import score_boundaries, scores_of_some
 
 __all__ = [
@@ -97,8 +97,8 @@ def plan_unwrapping(state: State) -> Plan:
 
     parts: SimpleQueue[Part] = SimpleQueue()
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Outcome:
-        used, found = with_start(recipe, data["phase"], progress, cancelled)
+    def work(task: Task) -> Outcome:
+        used, found = with_start(recipe, data["phase"], task)
         scores = known if found is None else found
         so_far: list[Comparison] = []
 
@@ -114,8 +114,7 @@ def plan_unwrapping(state: State) -> Plan:
                     used,
                     data["phase"],
                     truth,
-                    progress,
-                    cancelled,
+                    **task.calls,
                     amplitude=data.get("amplitude"),
                     finished=finished,
                     place=own,
@@ -178,12 +177,12 @@ def plan_scores(state: State, *, unasked: bool = False) -> Plan:
     data = state.needed_reconstruction()
     reference = None if state.place is not None else state.results.get(REFERENCE)
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.DataArray:
+    def work(task: Task) -> xr.DataArray:
         if reference is None:
             needs = phase_needs((), data["phase"].shape, finds_start=True)
             needs.check(Path(tempfile.gettempdir()), on_disk=False)
-            return scores_of_some(data["phase"], progress=progress, cancelled=cancelled)
-        return score_boundaries(data["phase"], reference, progress=progress, cancelled=cancelled)
+            return scores_of_some(data["phase"], task=task)
+        return score_boundaries(data["phase"], reference, **task.calls)
 
     def receive(scores: xr.DataArray) -> None:
         state.check_phase(data)
@@ -205,8 +204,8 @@ def plan_estimate(state: State) -> Plan:
     if state.start_frames:  # found already, which takes no time any more
         recipe = recipe.changed(boundary=state.start_frames)
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> float:
-        return estimated_seconds(recipe, data["phase"], cancelled=cancelled)
+    def work(task: Task) -> float:
+        return estimated_seconds(recipe, data["phase"], cancelled=task.cancelled)
 
     def receive(seconds: float) -> None:
         state.check_phase(data)
@@ -224,9 +223,7 @@ def plan_truth(state: State, truth: xr.DataArray | None) -> Plan:
     outcome, data, on_disk = state.outcome, state.reconstruction, state.place is not None
     before = None if outcome is None else outcome.comparison
 
-    def work(
-        progress: ProgressCall | None, cancelled: CancelledCall | None
-    ) -> tuple[xr.DataArray | None, Comparison | None]:
+    def work(task: Task) -> tuple[xr.DataArray | None, Comparison | None]:
         # What fits into memory is read here, once, and not at every look at it in the window.
         exact = truth if truth is None or on_disk else in_memory(truth)
         return exact, None if before is None else before.against(exact)
@@ -254,7 +251,7 @@ def plan_margin(state: State) -> Plan:
         state.needed_outcome()
     known, _ = best_known(state.results, state.truth)
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> xr.Dataset:
+    def work(task: Task) -> xr.Dataset:
         return itoh_margin(known)
 
     def receive(margin: xr.Dataset) -> None:
@@ -287,11 +284,11 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
     """
     outcome = state.needed_outcome()
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> Judged:
+    def work(task: Task) -> Judged:
         comparison = outcome.comparison
-        watch = Watch(3, "weighing", progress, cancelled)
+        watch = Watch(3, "weighing", task)
         # In memory it is done in no time; on disk it takes longer than the methods.
-        maps = comparison.confidences(None, None if comparison.held else progress, cancelled)
+        maps = comparison.confidences(None, **(task.quiet if comparison.held else task).calls)
         watch.step()
         warnings = comparison.warnings()
         watch.step()
@@ -315,7 +312,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
 #: Regions by name, as masks (y, x), (time, y, x) or (time, angle, y, x).
 Masks = Mapping[str, NDArray[np.bool_] | xr.DataArray]
 #: ``masks(progress, cancelled)`` makes them, which may take a while.
-MasksCall = Callable[[ProgressCall | None, CancelledCall | None], Masks]
+MasksCall = Callable[[Task], Masks]
 
 
 def plan_measuring(
@@ -358,8 +355,8 @@ def plan_measuring(
     if object_index is not None:
         noted["object index"] = object_index
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> pd.DataFrame:
-        masks = regions(progress, cancelled) if callable(regions) else regions
+    def work(task: Task) -> pd.DataFrame:
+        masks = regions(task) if callable(regions) else regions
         found = []
         for place, method in enumerate(methods, 1):
             result, label = comparison.results[method], str(comparison.table["method"][method])
@@ -370,8 +367,7 @@ def plan_measuring(
                 used,
                 object_index=object_index,
                 refraction_increment_ml_per_g=refraction_increment_ml_per_g,
-                progress=reworded(progress, partial("{}: {}".format, head)),
-                cancelled=cancelled,
+                **task.reworded(partial("{}: {}".format, head)).calls,
             ).assign(**noted)
             if len(methods) > 1:
                 table.insert(0, "method", label)
@@ -433,13 +429,13 @@ def plan_saving(state: State, folder: str | Path, regions: pd.DataFrame | None =
     known = {"measured.csv": state.measured, "regions.csv": regions}
     tables = {name: table for name, table in known.items() if table is not None and len(table)}
 
-    def work(progress: ProgressCall | None, cancelled: CancelledCall | None) -> list[Path]:
+    def work(task: Task) -> list[Path]:
         source = outcome.recipe.recording
         with result_folder(
             folder, outcome.recipe, tables, with_cells=outcome.cells is not None
         ) as kept:
-            made_of = source_of(outcome, cancelled)
-            written = write_files(outcome, folder, progress, cancelled, source=made_of)
+            made_of = source_of(outcome, cancelled=task.cancelled)
+            written = write_files(outcome, folder, task, source=made_of)
             for name, table in tables.items():
                 rows = table.set_index(table.columns[0])
                 written.append(write_table(Path(folder) / name, rows))

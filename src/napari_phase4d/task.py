@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from itertools import islice
-from typing import Generic, TypeVar
+from typing import Generic, TypedDict, TypeVar
 
 from napari_phase4d.machine import cores
 from napari_phase4d.words import check_call
@@ -17,16 +17,16 @@ from napari_phase4d.words import check_call
 __all__ = [
     "LOOK_UP_S",
     "THREADS",
+    "UNWATCHED",
     "Cancelled",
     "CancelledCall",
     "ProgressCall",
+    "Task",
     "Watch",
-    "counting",
     "finished",
     "in_threads",
     "nothing",
     "on_all_cores",
-    "reworded",
     "watched",
 ]
 
@@ -53,44 +53,92 @@ def nothing() -> None:
     """Let work go on: what is called between its parts where nobody wants to stop it."""
 
 
-def reworded(progress: ProgressCall | None, words: Callable[[str], str]) -> ProgressCall | None:
-    """Return what tells progress with other words; None where nobody is told.
-
-    Parameters
-    ----------
-    progress : callable or None
-        ``progress(done, total, message)``.
-    words : callable
-        ``words(message)`` returns what is to be said instead.
-    """
-    if progress is None:
-        return None
-    check_call("progress", progress)
-    return lambda done, total, message: progress(done, total, words(message))
-
-
-def counting(progress: ProgressCall | None, each: int, total: int) -> ProgressCall | None:
-    """Return what tells progress in other units, of which every step but the last makes as many.
-
-    Parameters
-    ----------
-    progress : callable or None
-        ``progress(done, total, message)``.
-    each, total : int
-        Units of a step, and in all.
-    """
-    if progress is None:
-        return None
-    check_call("progress", progress)
-    return lambda done, _, message: progress(min(done * each, total), total, message)
-
-
 class Cancelled(Exception):  # noqa: N818 - it reports a wish, not an error
     """The work was stopped because ``cancelled()`` said so."""
 
 
+class Calls(TypedDict):
+    """How functions for scripts are told of a task."""
+
+    progress: ProgressCall | None
+    cancelled: CancelledCall | None
+
+
+@dataclass(frozen=True)
+class Task:
+    """Long work as seen from outside: who is told how far it is, and who may stop it.
+
+    Parameters
+    ----------
+    progress : callable, optional
+        ``progress(done, total, message)``, called after each step.
+    cancelled : callable, optional
+        ``cancelled()``; the work stops if it returns True.
+
+    Raises
+    ------
+    TypeError
+        If one of them can't be called.
+    """
+
+    progress: ProgressCall | None = None
+    cancelled: CancelledCall | None = None
+
+    def __post_init__(self) -> None:
+        check_call("progress", self.progress)
+        check_call("cancelled", self.cancelled)
+
+    @property
+    def calls(self) -> Calls:
+        """What functions for scripts take: ``unwrap(phase, **task.calls)``."""
+        return {"progress": self.progress, "cancelled": self.cancelled}
+
+    @property
+    def quiet(self) -> Task:
+        """The same wish to stop; nobody is told how far it is."""
+        return Task(None, self.cancelled)
+
+    @property
+    def stopped(self) -> bool:
+        """Whether the work is to stop."""
+        return self.cancelled is not None and self.cancelled()
+
+    def reworded(self, words: Callable[[str], str]) -> Task:
+        """Return a task of which is told in other words.
+
+        Parameters
+        ----------
+        words : callable
+            ``words(message)`` returns what is to be said instead.
+        """
+        told = self.progress
+        if told is None:
+            return self
+        return Task(lambda done, total, message: told(done, total, words(message)), self.cancelled)
+
+    def counting(self, each: int, total: int) -> Task:
+        """Return a task told of in other units, of which every step but the last makes as many.
+
+        Parameters
+        ----------
+        each, total : int
+            Units of a step, and in all.
+        """
+        told = self.progress
+        if told is None:
+            return self
+        return Task(
+            lambda done, _, message: told(min(done * each, total), total, message),
+            self.cancelled,
+        )
+
+
+#: Work that nobody waits for.
+UNWATCHED = Task()
+
+
 class Watch:
-    """Counts finished steps, reports them, and stops the work when asked to.
+    """Counts finished steps of a task, reports them, and stops the work when asked to.
 
     Parameters
     ----------
@@ -98,45 +146,36 @@ class Watch:
         Number of steps.
     message : str
         What is being done.
-    progress, cancelled : callable, optional
-        Called after each step with (done, total, message); asked before and after each step.
+    task : Task, optional
+        Who is told after each step, and asked before and after it.
     """
 
-    def __init__(
-        self,
-        total: int,
-        message: str,
-        progress: ProgressCall | None = None,
-        cancelled: CancelledCall | None = None,
-    ) -> None:
-        check_call("progress", progress)
-        check_call("cancelled", cancelled)
+    def __init__(self, total: int, message: str, task: Task = UNWATCHED) -> None:
         self.total = total
         self.message = message
-        self._progress = progress
-        self._cancelled = cancelled
+        self.task = task
         self._done = 0
 
     @property
     def can_stop(self) -> bool:
         """Whether anybody may want the work to stop."""
-        return self._cancelled is not None
+        return self.task.cancelled is not None
 
     def quiet(self, total: int) -> Watch:
         """Return a watch that heeds the same wish to stop, and tells nothing."""
-        return Watch(total, self.message, None, self._cancelled)
+        return Watch(total, self.message, self.task.quiet)
 
     def check(self) -> None:
         """Raise `Cancelled` if the work is to stop."""
-        if self._cancelled is not None and self._cancelled():
+        if self.task.stopped:
             msg = f"{self.message}: cancelled after {self._done} of {self.total}"
             raise Cancelled(msg)
 
     def step(self) -> None:
         """Note one finished step."""
         self._done += 1
-        if self._progress is not None:
-            self._progress(self._done, self.total, self.message)
+        if self.task.progress is not None:
+            self.task.progress(self._done, self.total, self.message)
         self.check()
 
 

@@ -7,12 +7,12 @@ import time
 
 import pytest
 
-from napari_phase4d.progress import THREADS, Cancelled, Watch, in_threads
+from napari_phase4d.task import THREADS, Cancelled, Task, Watch, in_threads
 
 
 def test_results_come_in_order_and_are_counted() -> None:
     seen: list[tuple[int, int]] = []
-    watch = Watch(300, "work", lambda done, total, _: seen.append((done, total)))
+    watch = Watch(300, "work", Task(lambda done, total, _: seen.append((done, total)), None))
     found = list(in_threads(lambda i: i * i, range(300), watch))
     assert found == [i * i for i in range(300)]
     assert seen == [(i + 1, 300) for i in range(300)]
@@ -45,7 +45,7 @@ def test_threads_end_soon_after_quick_items_became_slow() -> None:
 
     began = time.monotonic()
     with pytest.raises(Cancelled):
-        for _ in in_threads(work, range(400), Watch(400, "work", None, asked.is_set)):
+        for _ in in_threads(work, range(400), Watch(400, "work", Task(None, asked.is_set))):
             pass
     assert time.monotonic() - began < 1
     for thread in threading.enumerate():
