@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from driving import answer_dialog
+from driving import answer_dialog, let_settle
 from napari.settings import get_settings
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
@@ -114,7 +114,7 @@ def test_by_keyboard_alone(viewer, dock, qtbot) -> None:
         else:
             pytest.fail(f"no way to {name} by the Tab key")
         QTest.keyClick(focused, key)
-        qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
+        let_settle(qtbot, dock)
         QApplication.processEvents()
 
     press("try_yeast")

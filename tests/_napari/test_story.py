@@ -42,6 +42,7 @@ def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: P
     qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
     found = dock.session.lobes
     assert [lobe.angle_deg for lobe in found] == [-7, 21]
+    qtbot.mouseClick(dock.sections[1].heading, Qt.MouseButton.LeftButton)  # step 3 has opened
     qtbot.waitUntil(lambda: dock.lobes.strip.captions == ["1: -7°", "2: 21°"], timeout=5000)
 
     # A circle dragged away, and back with Undo.
