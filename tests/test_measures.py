@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from typing import Any
 
 import dask.array as da
@@ -12,7 +11,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import measure, polygon_mask, region_masks, traces, traces_of
-from napari_phase4d.task import Cancelled, Task
+from napari_phase4d.task import Cancelled
 
 OPTICS = p4d.Optics(wavelength_um=0.532, medium_index=1.337)
 INDEX = 1.397
@@ -288,7 +287,7 @@ def test_traces_of_results_on_disk_read_the_blocks_of_the_place() -> None:
     assert again.over_time is found.over_time
     asked = iter(range(100))
     with pytest.raises(p4d.Cancelled):
-        traces_of({"a": stack}, (4, 1), mask, task=Task(None, lambda: next(asked) > 1))
+        traces_of({"a": stack}, (4, 1), mask, cancelled=lambda: next(asked) > 1)
 
 
 def test_traces_of_phase_without_an_angle() -> None:
@@ -318,15 +317,3 @@ def test_traces_say_what_is_wrong() -> None:
             traces(results, (0, 0), mask)
     with pytest.raises(ValueError, match=r"a pixel \(y, x\) or a mask"):
         traces(results, (0, 0), (1.5, 2))
-
-
-def test_traces_follow_the_cursor() -> None:
-    """A pixel of many methods takes no longer than a small part of a picture on screen."""
-    one = stack_of(np.zeros((60, 2, 256, 256), np.float32))
-    results = {str(n): one for n in range(9)}
-    took = []
-    for x in range(20):
-        began = time.perf_counter()
-        traces_of(results, (30, 1), (100, x))
-        took.append(time.perf_counter() - began)
-    assert min(took) < 0.002

@@ -85,8 +85,8 @@ def test_regions_in_a_layer_with_features_of_its_own(viewer: Any, compared: Any)
 
 
 def test_the_error_of_a_job_stays_and_nothing_old_comes_back(dock: Any, qtbot: Any) -> None:
-    def work(progress: Any, cancelled: Any) -> None:
-        progress(1, 2, "half of it")
+    def work(task: Any) -> None:
+        task.progress(1, 2, "half of it")
         msg = "the disk is full"
         raise OSError(msg)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +17,7 @@ from napari_phase4d._napari.viewing.layers import OnDemand
 from napari_phase4d.analysis import itoh_margin
 from napari_phase4d.io.lazy import lazy_frames
 from napari_phase4d.recording import Recording
+from napari_phase4d.task import Task
 from test_streaming import Endless
 
 pytestmark = pytest.mark.gui
@@ -110,11 +110,11 @@ def test_late_answers_are_dropped(qtbot) -> None:
     go_on = threading.Event()
     told: list[object] = []
 
-    def waits(cancelled: Callable[[], bool]) -> str:
+    def waits(task: Task) -> str:
         go_on.wait(20)
-        return f"first, stopped: {cancelled()}"
+        return f"first, stopped: {task.stopped}"
 
-    def fails(cancelled: Callable[[], bool]) -> str:
+    def fails(task: Task) -> str:
         msg = "the disk is gone"
         raise OSError(msg)
 

@@ -171,10 +171,10 @@ def chances_of_right(
     """
     maps = {name: problem.result_stack(f"confidence_{name}") for name in results}
     judged = {
-        name: None if result is None or result is reference else judged_of(result)
+        name: None if result is None or result is reference else judged_of(result, problem)
         for name, result in results.items()
     }
-    own = None if reference is None else judged_of(reference)
+    own = None if reference is None else judged_of(reference, problem)
     if problem.parts() and all_wavelengths_known(problem):
         both = {n: j or own or reference_on_the_way(problem, task)
                 for n, j in judged.items()}  # fmt: skip
@@ -209,9 +209,10 @@ def trust_map(problem: Problem, values: Stack, name: str, method: str) -> xr.Dat
     return problem.map_of(values, f"confidence_{name}", attrs).rename("confidence")
 
 
-def judged_of(result: xr.DataArray) -> Judged:
-    """Return a result as it is judged."""
-    return Judged(stack_of(result), result.attrs.get("mask", "none") != "none")
+def judged_of(result: xr.DataArray, problem: Problem) -> Judged:
+    """Return a result of a problem as it is judged."""
+    masked = result.attrs.get("mask", "none") != "none"
+    return Judged(stack_of(result), problem.given if masked else None)
 
 
 def reference_on_the_way(problem: Problem, task: Task) -> Judged:
@@ -220,7 +221,8 @@ def reference_on_the_way(problem: Problem, task: Task) -> Judged:
     def unwrapped() -> Judged:
         found = problem.store.temporary("reference", problem.given.shape, "float32")
         METHODS[REFERENCE].function(problem, found, task)
-        return Judged(found, problem.finds_mask or not problem.all_usable)
+        masked = problem.finds_mask or not problem.all_usable
+        return Judged(found, problem.given if masked else None)
 
     return problem.once("reference", unwrapped)
 
@@ -329,9 +331,9 @@ def whole_turns(one: Image, other: Image) -> Image:
 
 
 def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
-    """Return by how many whole turns two results differ; 0 where one of them was masked."""
+    """Return by how many whole turns two results of the same pixels differ."""
     every = Block(0, result.sizes.get("time", 1))
     reference = reference.transpose(*result.dims)
-    one, other = (judged_of(stack).read(every) for stack in (result, reference))
+    one, other = (stack_of(stack).read(every) for stack in (result, reference))
     off = whole_turns(one, other).reshape(result.shape)
     return result.copy(data=off)

@@ -10,12 +10,12 @@ import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.analysis.confidence import judged_of, whole_turns
+from napari_phase4d.analysis.confidence import whole_turns
 from napari_phase4d.analysis.errors import DOUBTFUL
 from napari_phase4d.analysis.loading import stack_of
 from napari_phase4d.stack import Block, Stack
 from napari_phase4d.task import UNWATCHED, Watch, in_threads
-from napari_phase4d.unwrapping import Judged, Problem, working_blocks
+from napari_phase4d.unwrapping import Problem, working_blocks
 
 __all__ = ["Tally", "slip_warning", "slip_words", "slipped_frames", "tally_of"]
 
@@ -76,7 +76,7 @@ def tally_of(
     """
     count = Count(
         problem,
-        [judged_of(result) for result in results.values()],
+        [stack_of(result) for result in results.values()],
         list(trust.values()),
     )
     blocks = working_blocks(problem.given.shape)
@@ -100,14 +100,14 @@ class Count:
     ----------
     problem : Problem
         What was unwrapped.
-    results : list of Judged
+    results : list of Stack
         What is held against each other.
     trust : list of Stack
         Maps of confidence.
     """
 
     problem: Problem
-    results: list[Judged]
+    results: list[Stack]
     trust: list[Stack]
 
     def __call__(self, block: Block) -> tuple[Counts, Counts, Mask]:

@@ -76,11 +76,11 @@ class Calm:
     Parameters
     ----------
     seconds : float, optional
-        For how long.
+        For how long; default `SETTLED_S`.
     """
 
-    def __init__(self, seconds: float = SETTLED_S) -> None:
-        self._seconds = seconds
+    def __init__(self, seconds: float | None = None) -> None:
+        self._seconds = SETTLED_S if seconds is None else seconds
         self._seen: dict[Path, tuple[Stamp, float]] = {}
 
     def look(self, path: Path) -> float:

@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.arriving import (
     AHEAD,
-    SETTLED_S,
     UNFINISHED,
     Arrival,
     Arriving,
@@ -128,7 +127,7 @@ class FolderArriving(Arriving):
     Their numbers say the order, and which never came. What has another name is no frame.
     """
 
-    def __init__(self, path: Path, patience_s: float, settled_s: float = SETTLED_S) -> None:
+    def __init__(self, path: Path, patience_s: float, settled_s: float | None = None) -> None:
         super().__init__(path, patience_s)
         self._calm = Calm(settled_s)
         self._names: set[str] = set()

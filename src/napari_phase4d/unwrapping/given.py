@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, InMemory, Stack, block_at, block_frames
+from napari_phase4d.unwrapping.light.views import ViewsOf
 
 __all__ = [
     "LARGEST",
@@ -74,6 +75,11 @@ class Given:
             return wrapped, self.usable.read(block, angles)
         known = is_known(wrapped)
         return (wrapped if known.all() else np.where(known, wrapped, np.float32(0))), known
+
+    def of_views(self, views: tuple[int, ...]) -> Given:
+        """Return some views of it."""
+        usable = None if self.usable is None else ViewsOf(self.usable, views)
+        return Given(ViewsOf(self.phase, views), usable)
 
     def without_lost(
         self, unwrapped: NDArray[np.float32], usable: NDArray[np.bool_]

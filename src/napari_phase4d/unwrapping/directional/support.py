@@ -18,6 +18,7 @@ from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothe
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
 from napari_phase4d.unwrapping.directional.ways import NO_TREE, Tree, WaysOutside
+from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registration import moved
@@ -63,21 +64,26 @@ class Judged:
     ----------
     values : Stack
         Unwrapped phase of any method, radians; NaN counts as empty field.
-    masked : bool, optional
-        Whether 0 stands for what a mask has left out; it counts as empty field then.
+    wrapped : Given, optional
+        The wrapped phase, where a mask has left out pixels: they are 0 without being the wrapped
+        phase and whole turns, and count as empty field.
     """
 
     values: Stack
-    masked: bool = False
+    wrapped: Given | None = None
 
     def read(self, block: Block) -> Image:
         """Return some times; what counts as empty field is NaN."""
         values: Image = self.values.read(block)
-        return np.where(values == 0, np.float32(np.nan), values) if self.masked else values
+        if self.wrapped is None:
+            return values
+        left_out = (values == 0) & (self.wrapped.read(block)[0] != 0)
+        return np.where(left_out, np.float32(np.nan), values)
 
     def of_views(self, views: tuple[int, ...]) -> Judged:
         """Return some views of it."""
-        return Judged(ViewsOf(self.values, views), self.masked)
+        wrapped = None if self.wrapped is None else self.wrapped.of_views(views)
+        return Judged(ViewsOf(self.values, views), wrapped)
 
 
 def supports_by_steps(

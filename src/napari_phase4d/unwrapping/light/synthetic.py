@@ -284,7 +284,7 @@ def unwrapped_beats(
         coords["time"] = np.asarray(times.values)
     own = problem.derived(stack, coords, boundaries, "beat")
     found = own.store.temporary("unwrapped", stack.shape, "float32")
-    OVER_FRAMES[beat](own, found, task.progress, task.cancelled)
+    OVER_FRAMES[beat](own, found, task)
     return found
 
 
