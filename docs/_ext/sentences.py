@@ -37,7 +37,7 @@ ROOMS = {
     "_napari": "The window",
 }
 #: Sentences for developers, which no user meets.
-LEFT_OUT = {"__init__", "__main__", "progress"}
+LEFT_OUT = {"__init__", "__main__", "task"}
 
 
 @dataclass(frozen=True)

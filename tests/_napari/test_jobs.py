@@ -42,8 +42,8 @@ def test_change_while_a_job_runs_is_said_and_nothing_mixed(viewer, ready, qtbot)
 
 
 def slow_plan(started: threading.Event, ended: list[str]) -> Plan:
-    def work(progress: Any = None, cancelled: Any = None) -> str:
-        watch = Watch(10_000, "slow work", Task(progress, cancelled))
+    def work(task: Task) -> str:
+        watch = Watch(10_000, "slow work", task)
         started.set()
         try:
             for _ in range(10_000):
@@ -90,15 +90,15 @@ def test_finished_results_stay_when_the_rest_is_cancelled(viewer, ready, qtbot) 
     plan = plan_unwrapping(ready.session)
     real, waiting = plan.work, threading.Event()
 
-    def work(progress: Any = None, cancelled: Any = None) -> Any:
+    def work(task: Task) -> Any:
         def stop_after_two(done: int, total: int, message: str) -> None:
-            progress(done, total, message)
+            task.progress(done, total, message)
             if message.startswith("WL1"):
                 waiting.set()
-                while not cancelled():
+                while not task.stopped:
                     time.sleep(0.01)
 
-        return real(stop_after_two, cancelled)
+        return real(replace(task, progress=stop_after_two))
 
     ready.jobs.start(replace(plan, work=work))
     assert waiting.wait(20)

@@ -177,6 +177,7 @@ def plan_watching(
             arrived=newest.put,
             told=newest.tell,
             status=newest.status,
+            stopped=stopped,
             **task.calls,
         )
         # As it lies there, so that what is made of it later does not go into that folder.
