@@ -334,6 +334,13 @@ def test_oblique_views_are_corrected_where_angles_are_typed_in(
     assert recipe.cells.oblique is oblique
 
 
+def test_no_oblique_asks_for_no_cells_and_those_of_a_recipe_follow_typed_angles() -> None:
+    assert with_settings(p4d.Recipe(), oblique=False).cells is None
+    recipe = with_settings(p4d.Recipe(cells=p4d.CellSettings()), angle=[-7, 21])
+    assert recipe.cells is not None
+    assert recipe.cells.oblique
+
+
 @pytest.mark.thorough
 def test_a_sample_is_turned_and_its_beam_is_not(tmp_path: Path) -> None:
     """The angles belong to the object, so that the masses of both views agree."""

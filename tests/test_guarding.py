@@ -21,7 +21,7 @@ import napari_phase4d as p4d
 from helpers import hear_signals
 from napari_phase4d.cli import main
 from napari_phase4d.io.atomic import machine
-from napari_phase4d.pipeline import run_batch, write_outcome
+from napari_phase4d.pipeline import read_outcome, run_batch, write_outcome
 from napari_phase4d.pipeline.batch.folders import NOTE
 from napari_phase4d.pipeline.batch.lock import began
 from napari_phase4d.pipeline.guarding import result_folder
@@ -372,3 +372,16 @@ def test_stacks_of_a_run_stay_where_they_are_read(phase: Path, tmp_path: Path) -
     for form in ("zarr", "tiff", "zarr"):
         write_outcome(outcome, out, form=form)
         assert (outcome.comparison.results["spatial-2d"].values == before).all()
+    # Whatever was written in between, what lies there is known as the run's.
+    write_outcome(read_outcome(out), out, form="tiff")
+    write_outcome(outcome, out)
+
+
+def test_an_input_among_files_of_the_users_frees_none_of_them(tmp_path: Path) -> None:
+    sample = p4d.simulation.swimming_euglena((24, 32), 2, peak_rad=9)["wrapped"]
+    path = p4d.write_phase(tmp_path / "wrapped.ome.zarr", sample)
+    theirs = p4d.write_phase(tmp_path / "spatial-2d.ome.zarr", sample * 0 + 3)
+    outcome = p4d.run(RECIPE.changed(recording=str(path), content="phase"))
+    with pytest.raises(OSError, match=r"spatial-2d.ome.zarr is there already and was not made"):
+        write_outcome(outcome, tmp_path)
+    assert (p4d.read_results(theirs) == 3).all()

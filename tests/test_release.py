@@ -106,6 +106,7 @@ def test_one_version_everywhere() -> None:
     changes = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
     headings = re.findall(r"^## (\S+)", changes, re.MULTILINE)
     assert headings[headings[0] == "Unreleased"] == version
+    assert "Unreleased" not in headings[1:]
 
 
 def test_wheel_is_the_package_and_nothing_else(dist: Path) -> None:

@@ -258,6 +258,12 @@ def test_a_layer_that_was_removed_does_not_come_back(
     with camera(tmp_path / "cell", cycle(video), pause_s=0.2):
         live = watching(tmp_path / "cell")
         qtbot.waitUntil(lambda: len(live_layers(viewer)) == 2, timeout=60_000)
+        # Side by side, with one colour bar for both.
+        qtbot.waitUntil(
+            lambda: [layer.colorbar.visible for layer in live_layers(viewer)].count(True) == 1,
+            timeout=20_000,
+        )
+        assert viewer.canvas.grid.enabled
         wrapped, other = live_layers(viewer)
         viewer.layers.remove(wrapped)
         before = other.data

@@ -174,3 +174,27 @@ def test_a_dock_that_is_closed_while_results_come_up(viewer: Any, ready: Any, qt
     for name, method in (("2-D", "spatial-2d"), ("T/A", "temporal-angular")):
         np.testing.assert_array_equal(viewer.layers[name].data, results[method].values)
     again.jobs.cancel()
+
+
+@pytest.mark.gui
+def test_a_step_may_stop_all_and_what_fails_in_a_turn_is_told(qtbot: Any) -> None:
+    turns = Turns()
+
+    def stopping() -> Any:
+        yield
+        turns.stop()
+
+    def failing() -> Any:
+        yield
+        msg = "the disk is gone"
+        raise OSError(msg)
+
+    told: list[Exception] = []
+    turns.failed = told.append
+    with turns.unhurried():
+        turns.run(stopping())
+        qtbot.waitUntil(lambda: not turns.pending)
+        assert not told
+        turns.run(failing())
+        qtbot.waitUntil(lambda: not turns.pending)
+    assert [str(error) for error in told] == ["the disk is gone"]

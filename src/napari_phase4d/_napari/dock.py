@@ -25,7 +25,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-from napari_phase4d._napari.jobs import Jobs, TimeLeft, in_words
+from napari_phase4d._napari.jobs import Jobs, TimeLeft, in_words, sentence_of
 from napari_phase4d._napari.session import StepState, step_states
 from napari_phase4d._napari.steps import (
     CompareStep,
@@ -108,6 +108,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         #: Titles of what failed unasked, which is not tried again.
         self._failed_unasked: list[str] = []
         self.jobs = Jobs(self, self.presenter.turns)
+        self.presenter.turns.failed = lambda error: self.say(sentence_of(error), wrong=True)
         # Before the steps, which look at what it shows.
         self.presenter.listen()
         parts = (self.session, self.jobs, self.presenter)

@@ -27,6 +27,8 @@ class Turns:
     """
 
     def __init__(self) -> None:
+        #: Told what fails in a turn; where nobody is, it is raised there.
+        self.failed: Callable[[Exception], object] | None = None
         self._waiting: deque[Steps] = deque()
         self._unhurried = self._stepping = False
         #: Whether Python looks for no garbage until all is done.
@@ -88,6 +90,10 @@ class Turns:
         try:
             if self._waiting:
                 self._step()
+        except Exception as error:
+            if self.failed is None:
+                raise
+            self.failed(error)
         finally:
             if self._waiting:
                 self._wait()
@@ -105,7 +111,8 @@ class Turns:
         try:
             next(steps)
         except BaseException as error:
-            self._waiting.popleft()
+            if self._waiting and self._waiting[0] is steps:  # it may have been stopped
+                self._waiting.popleft()
             if not isinstance(error, StopIteration):
                 raise
         finally:

@@ -354,7 +354,8 @@ def compare(
     Parameters
     ----------
     phase : DataArray or array_like
-        Wrapped phase in radians, see `unwrap`.
+        Wrapped phase in radians, see `unwrap`. An array of float32 is held as it is, not
+        copied: leave its numbers alone as long as you ask for confidence.
     methods : sequence of str, optional
         Ids among `METHODS`. Default: all that suit the phase: those that need several wavelengths
         only where it has them.

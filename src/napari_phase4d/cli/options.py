@@ -175,7 +175,8 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         "oblique": typed.get("oblique"),
     }
     of_cells: dict[str, Any] = {k: v for k, v in numbers.items() if v is not None}
-    if typed.get("cells") or of_cells:
+    asked = any(value is not False for value in of_cells.values())
+    if typed.get("cells") or asked or recipe.cells is not None:
         # Who types in angles has beams that come at them.
         of_cells = ({"oblique": True} if angles and not typed.get("turned") else {}) | of_cells
         chosen["cells"] = replace(recipe.cells or CellSettings(), **of_cells)

@@ -116,7 +116,7 @@ class FromCamera:
     def __enter__(self) -> Self:
         """Start the camera."""
         self.folder.mkdir(parents=True, exist_ok=True)
-        there = next((p.name for p in self.folder.iterdir()), None)
+        there = next((p.name for p in self.folder.iterdir() if counts(p.name)), None)
         if there is not None:
             msg = f"{self.folder} holds {there} already; choose an empty folder for the frames"
             raise OSError(msg)
@@ -181,7 +181,10 @@ class FromCamera:
                         break
                     time.sleep(LOOK_S)
                     continue
-                image, notes = self.core.popNextImageAndMD()
+                try:
+                    image, notes = self.core.popNextImageAndMD()
+                except IndexError:  # a buffer that ran over was emptied meanwhile
+                    continue
                 number = int(notes["ImageNumber"])
                 self.dropped += number - expected
                 expected = number + 1
@@ -189,9 +192,10 @@ class FromCamera:
                 self.written += 1
             if self.frames is not None and not stopped:
                 self.dropped += self.frames - expected
-        except (OSError, RuntimeError, ValueError, KeyError) as error:
-            why = " ".join(str(error).split())
+        except Exception as error:  # of the camera's own library
+            why = " ".join(str(error).split()) or type(error).__name__
             self._error = OSError(f"the camera stopped after {self.written} frames ({why})")
+        finally:
             if self.core.isSequenceRunning():
                 self.core.stopSequenceAcquisition()
 
@@ -204,3 +208,8 @@ class FromCamera:
         hidden = path.with_name(f".{path.name}")
         tifffile.imwrite(hidden, frame)
         hidden.replace(path)
+
+
+def counts(name: str) -> bool:
+    """Say whether a file is more than what systems leave in folders, such as ``.DS_Store``."""
+    return not name.startswith(".") or name.startswith(".frame_")

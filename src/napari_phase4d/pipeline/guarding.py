@@ -21,7 +21,7 @@ from napari_phase4d.pipeline.provenance import Fingerprint, source_of
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.writing import checked_form, lying_in, write_files
-from napari_phase4d.task import UNWATCHED, Task
+from napari_phase4d.task import CancelledCall, ProgressCall, Task
 from napari_phase4d.words import local_path
 
 __all__ = ["ResultFolder", "result_folder", "write_outcome"]
@@ -110,7 +110,8 @@ class ResultFolder:
             path = self.folder / name
             if not given or real(path) != real(given):
                 remove(path)
-        self.write_note(names | (self.own & {self.given}), source.as_dict())
+        kept = {name for name in self.lying if (self.folder / name).exists()}
+        self.write_note(names | kept | (self.own & {self.given}), source.as_dict())
 
     def give_up(self) -> None:
         """Note what is there after all, where a run has failed."""
@@ -188,7 +189,8 @@ def result_folder(
 def write_outcome(
     outcome: Outcome,
     folder: str | Path,
-    task: Task = UNWATCHED,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
     *,
     form: str | None = None,
     source: Fingerprint | None = None,
@@ -212,8 +214,8 @@ def write_outcome(
         What a run gave.
     folder : str or Path
         Where to write; made if it is not there.
-    task : Task, optional
-        Who is told of it, and may stop it.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
     form : str, optional
         "tiff" for OME-TIFF or "zarr" for OME-Zarr. Default: OME-TIFF, or OME-Zarr if the stacks
         are lazy, as those of a run larger than memory are.
@@ -238,6 +240,7 @@ def write_outcome(
         If ``cancelled()`` returned True; the files written by then are whole.
     """
     checked_form(form)
+    task = Task(progress, cancelled)
     folder, recording = local_path(folder), outcome.recording
     given = outcome.recipe.recording or ("" if recording is None else recording.source)
     results = [f"{name}{end}" for name in outcome.comparison.results for end in ENDINGS]
@@ -248,7 +251,7 @@ def write_outcome(
         with_cells=outcome.cells is not None,
         lying=lying_in(folder, outcome),
     ) as kept:
-        made_of = source or source_of(outcome, cancelled=task.cancelled)
+        made_of = source or source_of(outcome, cancelled=cancelled)
         written = write_files(
             outcome, folder, task, form=form, source=made_of, reference=reference
         )

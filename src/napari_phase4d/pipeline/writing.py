@@ -82,7 +82,11 @@ def lying_in(folder: Path, outcome: Outcome) -> set[str]:
         stacks["cells"] = outcome.cells.labels
     paths = (path_of(stack) for stack in stacks.values())
     where = folder.resolve()
-    here = any(path is not None and path.resolve().parent == where for path in paths)
+    # The input may lie there too, in a folder of the user's.
+    here = any(
+        path is not None and path.resolve().parent == where and not is_input(path, outcome)
+        for path in paths
+    )
     # It may have left some that the outcome holds in memory, and how far to trust them.
     names = [*stacks, *(f"confidence_{method}" for method in outcome.comparison.results)]
     return {f"{name}{OME_ZARR}" for name in names} if here else set()

@@ -89,8 +89,8 @@ class Stages:
         What to estimate.
     mask : Stack
         Its mask.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     """
 
     def __init__(

@@ -126,8 +126,8 @@ class Growing:
         What to unwrap.
     message : str
         What is being done.
-    progress, cancelled : callable or None
-        See `unwrap`.
+    task : Task
+        Who is told of it, and may stop it.
     """
 
     def __init__(

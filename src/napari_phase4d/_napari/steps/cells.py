@@ -20,6 +20,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.analysis import Cells, CellSettings, most_trusted
+from napari_phase4d.holography import pair_distance
 from napari_phase4d.io import write_table
 from napari_phase4d.plotting import colour_of
 from napari_phase4d.task import Task
@@ -425,11 +426,19 @@ def over_time(
     return found
 
 
+#: Lobes whose carriers are nearer than this, in cycles per pixel, are the same, moved a little.
+SAME_CARRIER = 0.02
+
+
 def angles_are_typed(session: Session) -> bool:
     """Say whether views have other angles than they were found with: beams that come at them.
 
     A sample's are known without: there the object is turned.
     """
-    found = session.found
-    known = set() if found is None else {lobe.angle_deg for lobe in found}
-    return bool(known) and any(lobe.angle_deg not in known for lobe in session.lobes)
+    # A circle that was added by hand has a number for an angle.
+    return any(
+        lobe.angle_deg != found.angle_deg
+        for found in session.found or ()
+        for lobe in session.lobes
+        if pair_distance(lobe.carrier, found.carrier) < SAME_CARRIER
+    )

@@ -159,8 +159,8 @@ class RecordingStep(Step):
         )
         self.live = LivePart(self.session, self.jobs, self.presenter)
         self.live.failed.connect(self.failed)
-        opening = (self.open_file, self.open_folder, self.open_address, self.live.begin)
-        self.column.addLayout(self.row(*opening))
+        self.column.addLayout(self.row(self.open_file, self.open_folder))
+        self.column.addLayout(self.row(self.open_address, self.live.begin))
         self.column.addWidget(self.live)
         self.try_cells = self.button(
             "Sample cells",

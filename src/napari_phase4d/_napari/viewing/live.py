@@ -9,6 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session import LiveView
+from napari_phase4d._napari.turns import Steps
 from napari_phase4d._napari.viewing.grid import UNITS_OF_COLOURS, ViewState, arrange, say_unit
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
@@ -105,10 +106,12 @@ class LiveLayers:
         """Show the layers side by side."""
         self._arranged = True
         layers = [layer for layer in self._layers.values() if layer in self._viewer.layers]
-        if not layers:
-            return
+        if layers:
+            self._presenter.turns.run(self._arranging(layers))
+
+    def _arranging(self, layers: list[Any]) -> Steps:
         # One colour bar is enough: that of phase whose contrast is not known beforehand.
-        arrange(self._viewer, layers[::-1])
+        yield from arrange(self._viewer, layers[::-1])
         say_unit(self._viewer, UNITS_OF_COLOURS["results"])
         self._viewer.canvas.overlays.scale_bar.visible = True
         self._viewer.reset_view(layers=layers)

@@ -158,6 +158,7 @@ class Presenter:
             return
         self.listens, self._cut_short = False, self.turns.pending
         self.turns.stop()
+        self.turns.failed = None
         self.session.part()
         self.showing_changed.disconnect()
         self.cells.came_up.disconnect()

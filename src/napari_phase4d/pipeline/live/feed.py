@@ -79,8 +79,10 @@ class Listener:
         ``told(line)``: what happened to a frame, in words.
     status : callable, optional
         ``status(LiveStatus)``, once a second.
-    stopped, cancelled : callable, optional
+    stopped : callable, optional
         See `watch`.
+    task : Task
+        Who may stop it.
     """
 
     def __init__(

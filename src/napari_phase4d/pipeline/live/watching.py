@@ -285,8 +285,10 @@ class Live:
         Where the stacks grow.
     listener : Listener
         Who is told how far it is.
-    arrived, cancelled : callable or None
+    arrived : callable or None
         See `watch`.
+    task : Task
+        Who may stop it.
     """
 
     def __init__(
@@ -346,6 +348,8 @@ class Live:
             now = replace(now, low=float(known.min()), high=float(known.max()))
         self._listener.now = now
         if self._arrived is not None:
+            for values in found.values():
+                values.flags.writeable = False  # they wait to be written
             for place, arrival in enumerate(arrivals):
                 self._arrived(arrival.index, {n: values[place] for n, values in found.items()})
         self._listener.heed(self._arriving)

@@ -56,13 +56,12 @@ class Plan:
     title : str
         What the user sees.
     work : callable
-        ``work(progress, cancelled)``, where each may be None; touches nothing but its own
-        snapshot.
+        ``work(task)``; touches nothing but its own snapshot.
     receive : callable
         Takes the result into the session; to be called in the window's thread. It refuses a
         result for what has changed since.
     cancellable : bool
-        Whether the work looks at ``cancelled``; if not, its result is just not waited for.
+        Whether the work looks at whether it is to stop; if not, its result is just not waited for.
     gives_way : bool
         Whether it runs unseen and ends as soon as other work is started.
     keeps_parts : bool

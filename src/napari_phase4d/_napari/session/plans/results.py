@@ -311,7 +311,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
 
 #: Regions by name, as masks (y, x), (time, y, x) or (time, angle, y, x).
 Masks = Mapping[str, NDArray[np.bool_] | xr.DataArray]
-#: ``masks(progress, cancelled)`` makes them, which may take a while.
+#: ``masks(task)`` makes them, which may take a while.
 MasksCall = Callable[[Task], Masks]
 
 
@@ -334,7 +334,7 @@ def plan_measuring(
         Of which result or results; default: the most reliable one. Of several, the table has a
         column ``method``.
     regions : mapping of str to ndarray, or callable that returns one, optional
-        Masks by name; default: the whole object. It is called with (progress, cancelled).
+        Masks by name; default: the whole object. It is called with a task.
     optics : Optics, optional
         The microscope of phase that does not say it.
     object_index : float, optional
