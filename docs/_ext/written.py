@@ -31,6 +31,10 @@ WRITERS: dict[str, Callable[..., str]] = {
 TABLES = {
     "tables/speed": ("Speed", "python3 dev.py bench"),
     "tables/streaming": ("Recordings larger than memory", "python3 dev.py bench streaming"),
+    "tables/cells": (
+        "Cells, found, followed and weighed",
+        "python3 dev.py accuracy cells cells_long",
+    ),
     "tables/live": ("Phase while one records", "python3 dev.py bench live"),
     "tables/window": ("How quickly the window reacts", "python3 dev.py bench window"),
     "tables/formats": ("File formats, as tested", "python benchmarks/formats.py"),
