@@ -14,7 +14,7 @@ import pytest
 import napari_phase4d as p4d
 from napari_phase4d.io import read_results
 from napari_phase4d.pipeline import Outcome, fingerprint, fingerprinting, write_outcome
-from napari_phase4d.task import Cancelled, Task
+from napari_phase4d.task import Cancelled
 from stacks import assert_equal, contents
 
 
@@ -119,7 +119,7 @@ def test_what_stops_confidence_loses_no_results(tmp_path: Path, outcome: Outcome
     trusting = replace(outcome, recipe=outcome.recipe.changed(confidence=True))
     with pytest.raises(Cancelled):
         # The recipe is the last that is written before pixels are judged.
-        write_outcome(trusting, tmp_path, task=Task(None, (tmp_path / "recipe.json").exists))
+        write_outcome(trusting, tmp_path, cancelled=(tmp_path / "recipe.json").exists)
     assert {"temporal.ome.tif", "table.csv", "recipe.json"} <= {p.name for p in tmp_path.iterdir()}
     assert not list(tmp_path.glob("confidence*"))
 
