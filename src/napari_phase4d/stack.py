@@ -17,6 +17,7 @@ __all__ = [
     "InMemory",
     "Limits",
     "Memory",
+    "ReadOnly",
     "Stack",
     "Store",
     "Temporary",
@@ -157,6 +158,15 @@ class Store(Protocol):
 
     def temporary(self, name: str, shape: tuple[int, ...], dtype: str) -> Temporary:
         """Return a new stack of zeros."""
+
+
+class ReadOnly:
+    """A stack that follows from others, or is somebody else's: nothing is written into it."""
+
+    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
+        """Refuse."""
+        msg = f"{type(self).__name__} is only read"
+        raise TypeError(msg)
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.machine import free_memory
-from napari_phase4d.stack import Block, InMemory, Stack
+from napari_phase4d.stack import Block, InMemory, ReadOnly, Stack
 from napari_phase4d.words import size_in_words
 
 __all__ = ["PART_BYTES", "each_frame", "frame_of", "in_memory", "parts_over_time", "stack_of"]
@@ -70,7 +70,7 @@ def each_frame(stack: xr.DataArray) -> Iterator[NDArray[Any]]:
         yield from values.reshape(-1, *values.shape[2:])
 
 
-class LazyStack:
+class LazyStack(ReadOnly):
     """A stack that is read from where it lies, to be read only.
 
     Parameters
@@ -88,10 +88,6 @@ class LazyStack:
         chosen = {"time": slice(block.start, block.stop), "angle": angles}
         part = self._stack.isel({d: c for d, c in chosen.items() if d in self._stack.dims})
         return in_full(part)
-
-    def write(self, block: Block, values: NDArray[Any], angles: slice = slice(None)) -> None:
-        """Refuse: it is somebody else's."""
-        raise NotImplementedError
 
 
 def stack_of(stack: xr.DataArray) -> Stack:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.stack import Block, Limits, Stack, Store, room_in
+from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, Store, room_in
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
@@ -98,7 +98,7 @@ class Found:
 
 
 @dataclass(frozen=True)
-class Lifted:
+class Lifted(ReadOnly):
     """Turns with more whole turns for each frame, which are added as they are read.
 
     Parameters
@@ -122,10 +122,6 @@ class Lifted:
         turns: Turns = self.turns.read(block, angles)
         more = self.lift[block.start : block.stop, angles]
         return turns + more[..., None, None] if more.any() else turns
-
-    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
-        """Refuse: what is added is found from all frames."""
-        raise NotImplementedError
 
 
 def with_turns(wrapped: Phase, turns: Turns, mask: Mask) -> Phase:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, InMemory, Stack, block_at, block_frames
+from napari_phase4d.stack import Block, InMemory, ReadOnly, Stack, block_at, block_frames
 from napari_phase4d.unwrapping.light.views import ViewsOf
 
 __all__ = [
@@ -96,7 +96,7 @@ class Given:
 
 
 @dataclass(frozen=True)
-class Counted:
+class Counted(ReadOnly):
     """The pixels that count, in the form of a stack.
 
     Parameters
@@ -115,10 +115,6 @@ class Counted:
     def read(self, block: Block, angles: slice = ALL) -> NDArray[np.bool_]:
         """Return some of it."""
         return self.given.read(block, angles)[1]
-
-    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
-        """Refuse: which pixels count is given."""
-        raise NotImplementedError
 
 
 class KeptFrames:

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, limits_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.chain import temporal_angular
@@ -230,7 +230,7 @@ def scene_of(problem: Problem, groups: list[Group]) -> Scene:
 
 
 @dataclass(frozen=True)
-class Beats:
+class Beats(ReadOnly):
     """Phase of the longest synthetic wavelength of each angle, wrapped; NaN where not known.
 
     Parameters
@@ -261,10 +261,6 @@ class Beats:
             known = usable[:, views].all(axis=1)
             found.append(np.where(known, own, np.float32(np.nan)))
         return np.stack(found, axis=1)
-
-    def write(self, block: Block, values: NDArray[Any], angles: slice = slice(None)) -> None:
-        """Refuse: it follows from the views."""
-        raise NotImplementedError
 
 
 def unwrapped_beats(

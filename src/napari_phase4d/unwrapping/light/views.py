@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Stack, Store, Temporary
+from napari_phase4d.stack import Block, ReadOnly, Stack, Store, Temporary
 
 __all__ = ["Named", "Together", "ViewsOf", "frames_among", "views_by_light"]
 
@@ -96,7 +96,7 @@ class ViewsOf:
 
 
 @dataclass(frozen=True)
-class Together:
+class Together(ReadOnly):
     """Stacks of some views each, put together to one of all; to be read only.
 
     Parameters
@@ -118,10 +118,6 @@ class Together:
         place = {view: (stack, i) for views, stack in self.parts for i, view in enumerate(views)}
         wanted = [place[view] for view in range(self.shape[1])[angles]]
         return np.concatenate([stack.read(block, slice(i, i + 1)) for stack, i in wanted], axis=1)
-
-    def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
-        """Refuse: what is put together is there already."""
-        raise NotImplementedError
 
 
 @dataclass(frozen=True)
