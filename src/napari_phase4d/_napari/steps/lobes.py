@@ -21,6 +21,7 @@ from napari_phase4d.holography import (
     FoundLobes,
     Lobe,
     Preview,
+    angles_unknown,
     lobe_warnings,
     pair_distance,
 )
@@ -316,7 +317,8 @@ class LobesStep(Step):
         except (OSError, ValueError):  # such as a circle that is being dragged out of the plane
             self.strip.set_views([], [])
             return
-        captions = [f"{i + 1}: {caption_of(lobe)}" for i, lobe in enumerate(lobes)]
+        unknown = angles_unknown(lobes)
+        captions = [f"{i + 1}: {caption_of(lobe, unknown)}" for i, lobe in enumerate(lobes)]
         self.strip.set_views(phases, captions)
 
     def _preview_of(self, recording: Recording, frame: int) -> Preview:
@@ -335,8 +337,8 @@ class LobesStep(Step):
         self.frequency.setText(words)
 
 
-def caption_of(lobe: Lobe) -> str:
+def caption_of(lobe: Lobe, unknown: bool) -> str:
     """Return the angle of a view in a few letters, or its wavelength where it has its own."""
     if lobe.wavelength_um is None:
-        return f"{lobe.angle_deg:g}°"
+        return "?" if unknown else f"{lobe.angle_deg:g}°"
     return f"{1000 * lobe.wavelength_um:g} nm"
