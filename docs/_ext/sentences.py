@@ -19,6 +19,7 @@ PACKAGE = Path(napari_phase4d.__file__).parent
 ROOMS = {
     "words": "Arguments of the wrong type",
     "stacks": "Stacks that come in",
+    "stack": "Stacks of frames",
     "optics": "The microscope",
     "compiling": "Compiling",
     "recording": "Recordings",
