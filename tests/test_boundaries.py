@@ -9,7 +9,10 @@ import xarray as xr
 import napari_phase4d as p4d
 from napari_phase4d.pipeline import phase_needs
 from napari_phase4d.simulation import SHAPES, moving_shape, with_noise
-from napari_phase4d.unwrapping import scores_of_some, scores_sentence
+from napari_phase4d.stacks import wrapped_stack
+from napari_phase4d.task import UNWATCHED
+from napari_phase4d.unwrapping import Problem, boundaries, scores_of_some, scores_sentence
+from napari_phase4d.unwrapping.growing import Workspace
 
 TURN = 2 * np.pi
 RNG = np.random.default_rng
@@ -155,3 +158,20 @@ def test_too_little_memory_for_finding_the_start_is_said(
     monkeypatch.setattr("psutil.virtual_memory", lambda: Little)
     with pytest.raises(OSError, match=r"finding the safest frame .* name a frame"):
         needs.check(tmp_path, on_disk=True)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_frames_without_residues_score_as_growing_them_says(
+    noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Of a frame without residues nothing is grown, since it has only one unwrapping."""
+    sample = p4d.simulation.swimming_euglena((96, 120), 8, peak_rad=20)["wrapped"].values
+    noisy = sample + np.random.default_rng(2).normal(0, noise, sample.shape)
+    given = Problem(wrapped_stack(np.angle(np.exp(1j * noisy))), mask="auto")
+    quick = boundaries.scored(given, None, UNWATCHED, together=False)
+    residues = [boundaries.smooth_turns(f, Workspace()) is None for f in given.wrapped[:, 0]]
+    assert any(residues) == (noise > 0)
+    assert not all(residues)
+    monkeypatch.setattr(boundaries, "smooth_turns", lambda *_: None)
+    grown = boundaries.scored(given, None, UNWATCHED, together=False)
+    np.testing.assert_array_equal(quick, grown)

@@ -36,7 +36,7 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import check_light, is_known
-from napari_phase4d.unwrapping.problem import checked_boundaries
+from napari_phase4d.unwrapping.problem import all_known, checked_boundaries
 from napari_phase4d.words import check_type, sentence_of, warn
 
 __all__ = [
@@ -337,8 +337,7 @@ def mask_of(recipe: Recipe, phase: xr.DataArray) -> NDArray[np.bool_] | str | No
     """Return what a recipe unwraps of a phase in memory: what is known, where it says nothing."""
     if recipe.mask is not None:
         return recipe.mask
-    known = is_known(phase.values)
-    return None if known.all() else known
+    return None if all_known(phase.values) else is_known(phase.values)
 
 
 def reconstruct_by(

@@ -18,6 +18,7 @@ from napari_phase4d.task import (
     in_threads,
     watched,
 )
+from napari_phase4d.unwrapping.growing import Workspace, smooth_turns
 from napari_phase4d.unwrapping.problem import Boundary, Problem, checked_boundaries
 from napari_phase4d.unwrapping.registry import METHODS
 from napari_phase4d.unwrapping.running import run_method
@@ -306,7 +307,9 @@ def look_of(
     alone = unwrap_frame(wrapped, usable)[0]
     spatial = relative(alone - ground, empty)
     other = reference
-    if other is None:
+    if other is None and usable.all() and smooth_turns(wrapped, Workspace()) is not None:
+        other = spatial  # without residues every unwrapper of the frame says the same
+    elif other is None:
         alone_again = Problem(wrapped, mask=usable)
         grown = run_method(alone_again, "directional-growing", task.quiet, {})
         other = relative(grown.values - ground, empty)

@@ -33,10 +33,14 @@ class LentProblem(Problem):
         self.boundaries = list(owner.boundaries)
         self.wrapped = read_only(owner.wrapped)
         self.usable = read_only(owner.usable)
-        if owner.amplitude is not None:
-            self.amplitude = read_only(owner.amplitude)
         if isinstance(owner.template.data, np.ndarray):
             self.template = owner.template.copy(data=read_only(owner.template.data))
+
+    @property
+    def amplitude(self) -> NDArray[np.float32] | None:
+        """Amplitude of all frames as a share of its view's median, or None."""
+        share = super().amplitude
+        return None if share is None else read_only(share)
 
     @property
     def mask(self) -> NDArray[np.bool_]:

@@ -12,7 +12,6 @@ import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, in_full
-from napari_phase4d.compiling import compiled
 from napari_phase4d.machine import cores
 from napari_phase4d.stack import (
     Block,
@@ -36,7 +35,14 @@ from napari_phase4d.task import (
 )
 from napari_phase4d.unwrapping.alone import Found, each_alone, found_in, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of
-from napari_phase4d.unwrapping.given import LARGEST, Counted, Given, KeptFrames, is_known
+from napari_phase4d.unwrapping.given import (
+    LARGEST,
+    Counted,
+    Given,
+    KeptFrames,
+    all_within,
+    is_known,
+)
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
 from napari_phase4d.unwrapping.noise import lost_of
 from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
@@ -116,7 +122,8 @@ class Problem(SharedSteps):
         self.unknown = np.zeros(values.shape[:2], dtype=bool)
         if not all_known(self.wrapped):
             self._leave_out(~is_known(self.wrapped))
-        self.amplitude = self._given_amplitude(amplitude, values.shape)
+        #: Amplitude as given; methods read it as a share of its view's median, by blocks.
+        self._field_amplitude = self._given_amplitude(amplitude)
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
@@ -171,12 +178,21 @@ class Problem(SharedSteps):
 
     def amplitude_of(self, block: Block) -> NDArray[np.float32] | None:
         """Return the amplitude of a block as a share of its view's median, or None."""
-        return None if self.amplitude is None else self.amplitude[block.start : block.stop]
+        if self._field_amplitude is None:
+            return None
+        data = self._field_amplitude
+        bright = self.once("brightness", lambda: brightness_of(data))
+        return relative_amplitude(data[block.start : block.stop], bright)
+
+    @property
+    def amplitude(self) -> NDArray[np.float32] | None:
+        """Amplitude of all frames as a share of its view's median, or None."""
+        return self.amplitude_of(Block(0, self.given.shape[0]))
 
     @property
     def has_amplitude(self) -> bool:
         """Whether there is an amplitude."""
-        return self.amplitude is not None
+        return self._field_amplitude is not None
 
     @property
     def all_usable(self) -> bool:
@@ -268,7 +284,7 @@ class Problem(SharedSteps):
             self.template.isel(angle=chosen),
             frames_among(self.boundaries, views, self.angles_deg),
             "auto" if self.finds_mask else self.usable[:, chosen],
-            None if self.amplitude is None else self.amplitude[:, chosen],
+            None if (share := self.amplitude) is None else share[:, chosen],
         )
 
     def derived(
@@ -416,9 +432,8 @@ class Problem(SharedSteps):
     @property
     def relative_amplitude(self) -> xr.DataArray | None:
         """Amplitude as a share of its view's median, in the form of the phase, or None."""
-        if self.amplitude is None:
-            return None
-        return self.result(self.amplitude, "amplitude", {"units": "1"})
+        share = self.amplitude
+        return None if share is None else self.result(share, "amplitude", {"units": "1"})
 
     def result(self, values: NDArray[Any], name: str, attrs: dict[str, Any]) -> xr.DataArray:
         """Return a stack (time, angle, y, x) in the form in which the phase was given."""
@@ -433,24 +448,24 @@ class Problem(SharedSteps):
         result.name = name
         return result
 
-    def _given_amplitude(
-        self, amplitude: Any, shape: tuple[int, ...]
-    ) -> NDArray[np.float32] | None:
-        """Return the amplitude as a share of its view's median, or None."""
+    def _given_amplitude(self, amplitude: Any) -> NDArray[Any] | None:
+        """Return the amplitude (time, angle, y, x) after a look at it, or None."""
         if amplitude is None:
             return None
         values = in_full(on_grid_of(amplitude, self.template, "the amplitude"))
         if values.dtype.kind not in "fiu":
             msg = f"the amplitude is of {values.dtype}; give real numbers, as reconstruct() does"
             raise TypeError(msg)
-        known = values[np.isfinite(values)]
-        if known.size and (known < 0).mean() > FEW_NEGATIVE:
-            msg = (
-                "the amplitude is negative in many pixels, as phase is; give that of the field, "
-                "as reconstruct() does"
-            )
-            raise ValueError(msg)
-        return relative_amplitude(values, brightness_of(values))
+        if not values.min(initial=0) >= 0:  # NaN is not
+            known = values[np.isfinite(values)]
+            if known.size and (known < 0).mean() > FEW_NEGATIVE:
+                msg = (
+                    "the amplitude is negative in many pixels, as phase is; give that of the "
+                    "field, as reconstruct() does"
+                )
+                raise ValueError(msg)
+        found: NDArray[Any] = values
+        return found
 
     def _given_mask(self, mask: Any, shape: tuple[int, ...]) -> NDArray[np.bool_]:
         """Return the mask as given, or all pixels where it is still to be found."""
@@ -477,15 +492,6 @@ def all_known(stack: NDArray[np.float32]) -> bool:
 
     on_all_cores(look, stack)
     return not bad.is_set()
-
-
-@compiled
-def all_within(numbers: NDArray[np.float32], largest: np.float32) -> bool:
-    """Say whether no number is NaN or larger than this, whatever its sign."""
-    outside = np.int32(0)
-    for k in range(len(numbers)):
-        outside |= np.int32(not abs(numbers[k]) <= largest)
-    return bool(outside == 0)
 
 
 def brightness_of(values: Any) -> NDArray[np.float64]:
