@@ -144,6 +144,7 @@ class Demodulator:
         blocks = [frequencies(lobe, self.shape, self.output_shape)[1] for lobe in lobes]
         held = [half_columns(columns, self.shape[1])[0] for columns in blocks]
         self._columns: Indices = np.unique(held)
+        self._runs = runs(np.arange(len(self._columns)), self._columns)
         self._cuts = [
             cut_of(lobe, window, self.shape, self.output_shape, self._columns) for lobe in lobes
         ]
@@ -164,7 +165,7 @@ class Demodulator:
         if frame.shape != self.shape:
             msg = f"the frame is {frame.shape} pixels, but the lobes are set for {self.shape}"
             raise ValueError(msg)
-        spectrum = transformed_columns(frame, self._columns)
+        spectrum = transformed_columns(frame, self._runs)
         if self._columns[0] == 0:
             spectrum[0, 0] = 0  # the mean grey value is no part of any fringes
         fields = np.empty((len(self._cuts), *self.output_shape), dtype=np.complex64)
@@ -254,14 +255,19 @@ def half_spectrum(frame: NDArray[np.generic]) -> NDArray[np.complex64]:
         complex64, in the order of `scipy.fft.rfft2`. Only its value at zero frequency depends on
         which level was taken off.
     """
-    return transformed_columns(frame, np.arange(frame.shape[1] // 2 + 1))
+    every = slice(0, frame.shape[1] // 2 + 1)
+    return transformed_columns(frame, [(every, every)])
 
 
-def transformed_columns(frame: NDArray[np.generic], columns: Indices) -> NDArray[np.complex64]:
-    """Return some columns of the transform of a frame, less its grey level."""
+def transformed_columns(
+    frame: NDArray[np.generic], copies: list[tuple[slice, slice]]
+) -> NDArray[np.complex64]:
+    """Return some columns of the transform of a frame, less its grey level.
+
+    Each pair of slices says where columns go, and which of the half plane kx >= 0 they are.
+    """
     height, width = frame.shape
-    kept = np.empty((height, len(columns)), dtype=np.complex64)
-    copies = runs(np.arange(len(columns)), columns)
+    kept = np.empty((height, copies[-1][0].stop), dtype=np.complex64)
     buffer = np.empty((min(BLOCK_ROWS, height), width), dtype=np.float32)
     # Next to a large mean, single precision would lose weak fringes.
     level = np.float32(frame[::LEVEL_STEP, ::LEVEL_STEP].mean(dtype=np.float64))

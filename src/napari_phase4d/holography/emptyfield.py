@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.compiling import vectorized
+from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import parts_of
 
 __all__ = [
@@ -64,21 +64,42 @@ def peak_of(counts: NDArray[np.integer]) -> float:
     counts : ndarray of shape (N_FINE + 1,)
         How many phases lie in each bin; the last is for the phase pi itself.
     """
+    return float(place_of_peak(np.ascontiguousarray(counts, dtype=np.int64), KERNEL)) - np.pi
+
+
+@compiled
+def place_of_peak(counts: NDArray[np.int64], kernel: NDArray[np.float64]) -> float:
+    """Return how far above -pi the peak of a histogram lies, in radians."""
     fine = counts[:-1].copy()
     fine[-1] += counts[-1]
-    coarse = fine.reshape(BINS, FINE_BINS).sum(axis=1)
-    smooth = np.convolve(np.concatenate([coarse[-4:], coarse, coarse[:4]]), KERNEL, "valid")
-    start = int(smooth.argmax()) * FINE_BINS + FINE_BINS // 2 - PEAK_REACH
-    near = fine.take(np.arange(start, start + 2 * PEAK_REACH), mode="wrap")
-    return (start + middle(near)) * FINE_RAD - np.pi
+    coarse = np.zeros(BINS, dtype=np.int64)
+    for k in range(N_FINE):
+        coarse[k // FINE_BINS] += fine[k]
+    peak, most = 0, -1.0
+    for k in range(BINS):
+        smooth = 0.0
+        for i in range(len(kernel)):
+            smooth += kernel[i] * coarse[(k + i - len(kernel) // 2) % BINS]
+        if smooth > most:
+            peak, most = k, smooth
+    start = peak * FINE_BINS + FINE_BINS // 2 - PEAK_REACH
+    near = np.empty(2 * PEAK_REACH, dtype=np.int64)
+    for k in range(len(near)):
+        near[k] = fine[(start + k) % N_FINE]
+    return float((start + middle(near)) * FINE_RAD)
 
 
-def middle(counts: NDArray[np.integer]) -> float:
+@compiled
+def middle(counts: NDArray[np.int64]) -> float:
     """Return the bin, and how far into it, at which half of the counts are reached."""
-    below = np.concatenate([[0], np.cumsum(counts)])
-    if not below[-1]:
+    half, below = counts.sum() / 2, 0
+    if half == 0:
         return len(counts) / 2
-    return float(np.interp(below[-1] / 2, below, np.arange(len(below))))
+    for k in range(len(counts)):
+        if below + counts[k] > half:
+            return k + (half - below) / counts[k]
+        below += counts[k]
+    return float(len(counts))
 
 
 def wrapped(phase: NDArray[Real]) -> NDArray[Real]:

@@ -122,7 +122,7 @@ def lost_among(looks: Mapping[int, FrameLook]) -> dict[int, str]:
 def difference(power: Tiles, usual: Tiles) -> str:
     """Say how the power of a frame's fringes differs from what is usual; "" if it does not."""
     relative = power / np.maximum(usual, np.finfo(float).tiny)
-    if float(np.median(relative)) < COLLAPSED:
+    if relative.min() < COLLAPSED and float(np.median(relative)) < COLLAPSED:
         return "without fringes"
     bad = (relative < WEAK) | (relative > STRONG)
     return "damaged" if float(bad.mean()) > BAD_TILES else ""
@@ -253,7 +253,8 @@ class Fringes:
     def reason(self, usual: Fringes) -> str:
         """Say why a frame is lost where others are as usual; "" if it is not."""
         alike = self.coherence / np.maximum(usual.coherence, np.finfo(float).tiny)
-        if (np.median(alike, axis=(1, 2)) < NOISE).any():
+        # Where the least is not below a limit, no median is; and a median takes longest of all.
+        if alike.min() < NOISE and (np.median(alike, axis=(1, 2)) < NOISE).any():
             return "without fringes"
         if ((alike < INCOHERENT).mean(axis=(1, 2)) > BAD_TILES).any():
             return "damaged"
