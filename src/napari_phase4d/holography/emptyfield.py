@@ -92,12 +92,15 @@ def place_of_peak(counts: NDArray[np.int64], kernel: NDArray[np.float64]) -> flo
 @compiled
 def middle(counts: NDArray[np.int64]) -> float:
     """Return the bin, and how far into it, at which half of the counts are reached."""
-    half, below = counts.sum() / 2, 0
+    total, below = 0, 0
+    for count in counts:
+        total += count
+    half = total / 2
     if half == 0:
         return len(counts) / 2
     for k in range(len(counts)):
         if below + counts[k] > half:
-            return k + (half - below) / counts[k]
+            return float(k + (half - below) / counts[k])
         below += counts[k]
     return float(len(counts))
 
