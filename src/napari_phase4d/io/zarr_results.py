@@ -82,17 +82,19 @@ def new_array(
 ) -> Any:
     """Return a new array of a group, a chunk of which holds so many frames of one view.
 
-    Of the packers, zstd makes phase smallest, to about 80 %; lz4 is the quickest.
+    Of the packers, zstd makes phase smallest, to about 80 %; lz4 is the quickest, and a third
+    quicker still where whole bytes are sorted before and not bits.
     """
     from zarr.codecs import BloscCodec, Crc32cCodec
 
+    sorted_by = "shuffle" if packer == "lz4" else "bitshuffle"
     return group.create_array(
         ARRAY,
         shape=shape,
         chunks=(min(frames, shape[0]), 1, *shape[2:]),
         dtype=np.dtype(dtype).newbyteorder("="),
         # The sum is checked first: Blosc crashes on what is cut short.
-        compressors=[BloscCodec(cname=packer, clevel=1, shuffle="bitshuffle"), Crc32cCodec()],
+        compressors=[BloscCodec(cname=packer, clevel=1, shuffle=sorted_by), Crc32cCodec()],
         dimension_names=NAMES,
         config=ALL_CHUNKS,
     )
