@@ -190,13 +190,20 @@ def sample_of(stack: xr.DataArray) -> NDArray[Any]:
     frames = [axis for axis in ("time", "angle") if axis in stack.dims]
     shape = [stack.sizes[axis] for axis in frames]
     count = math.prod(shape)
+    if count <= 1:
+        return finite_of(np.asarray(stack.data).ravel())
     chosen = sorted({round(place) for place in np.linspace(0, count - 1, min(FRAMES, count))})
     parts = []
     for number in chosen:
-        place = dict(zip(frames, np.unravel_index(number, shape), strict=True)) if frames else {}
-        part = np.asarray((stack.isel(place) if place else stack).data).ravel()
-        parts.append(part.astype(np.float32) if part.dtype == np.float16 else part)
-    shown = np.concatenate(parts) if len(parts) > 1 else parts[0]
+        place = dict(zip(frames, np.unravel_index(number, shape), strict=True))
+        parts.append(np.asarray(stack.isel(place).data).ravel())
+    return finite_of(np.concatenate(parts))
+
+
+def finite_of(shown: NDArray[Any]) -> NDArray[Any]:
+    """Return the finite numbers of an array in a type that holds sums of them."""
+    if shown.dtype == np.float16:
+        shown = shown.astype(np.float32)
     if np.isfinite(ends_of(shown)).all():  # which is quicker than to look at each
         return shown
     known: NDArray[Any] = shown[np.isfinite(shown)]

@@ -33,6 +33,7 @@ class LentProblem(Problem):
         self.boundaries = list(owner.boundaries)
         self.wrapped = read_only(owner.wrapped)
         self.usable = read_only(owner.usable)
+        self._given = None  # the owner's may be written to
         if isinstance(owner.template.data, np.ndarray):
             self.template = owner.template.copy(data=read_only(owner.template.data))
 

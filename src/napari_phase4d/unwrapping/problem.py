@@ -109,6 +109,7 @@ class Problem(SharedSteps):
         amplitude: xr.DataArray | ArrayLike | None = None,
     ) -> None:
         super().__init__()
+        self._given: Given | None = None
         self.template = as_stack(phase)
         values = in_full(self.template)
         self.boundaries = checked_boundaries(boundary, values.shape[:2])

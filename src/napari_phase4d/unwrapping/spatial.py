@@ -66,7 +66,7 @@ def turns_of_frame(
     turns = smooth
     if turns is None:
         turns, _ = grow_through_residues(wrapped, None, costs_of, work)
-    level = float(np.median(border_phase(wrapped, turns)))
+    level = median_of(border_phase(wrapped, turns))
     if smooth is None and not mask.all():  # where residues are, the mask may lead another way
         whole = turns.copy()
         turns, parts = grow_through_residues(wrapped, mask, costs_of, work)
@@ -113,6 +113,14 @@ def border_phase(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> NDAr
     phase = border_values(turns).astype(np.float32)
     add_turns(border_values(wrapped), phase, phase)
     return phase
+
+
+def median_of(values: NDArray[np.float32]) -> float:
+    """Return the median of some known numbers, as `numpy.median` does in several times the time."""
+    upper = len(values) // 2
+    lower = upper if len(values) % 2 else upper - 1
+    ordered = np.partition(values, (lower, upper))
+    return float((ordered[lower] + ordered[upper]) / np.float32(2))
 
 
 def border_of(shape: tuple[int, ...]) -> NDArray[np.bool_]:
