@@ -39,7 +39,7 @@ TURN = np.float32(2 * np.pi)
 TIE_BREAK = 1e-3
 #: What all frames are unwrapped by, to hold each of them against ...
 SCORING_METHOD = "directional-l1"
-#: ... in stacks of so many pixels at most: it takes 45 times their memory, some 2 gigabytes then.
+#: ... in stacks of so many pixels at most: it takes 26 times their memory, about a gigabyte then.
 SCORED_PIXELS = 10_000_000
 #: Times that are scored of a larger recording.
 SCORED_TIMES = 100
