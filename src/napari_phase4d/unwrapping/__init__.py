@@ -25,7 +25,7 @@ from napari_phase4d.unwrapping.flow import loop_sums
 from napari_phase4d.unwrapping.framewise import frame_by_frame
 from napari_phase4d.unwrapping.given import Given, is_known, working_blocks, working_frames
 from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
-from napari_phase4d.unwrapping.light.agreement import (
+from napari_phase4d.unwrapping.light.synthetic import (
     all_wavelengths_known,
     chance_by_wavelengths,
 )
