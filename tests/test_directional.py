@@ -24,7 +24,7 @@ from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen, follow_object, seams
 from napari_phase4d.unwrapping.directional.steps import Floors, roughness
-from napari_phase4d.unwrapping.noise import noise_of
+from napari_phase4d.unwrapping.given import noise_of
 from napari_phase4d.unwrapping.problem import Problem
 
 pytestmark = pytest.mark.slow

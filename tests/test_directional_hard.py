@@ -25,7 +25,7 @@ from napari_phase4d.unwrapping.directional.following import follow
 from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.directional.scene import Seen
 from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of
-from napari_phase4d.unwrapping.noise import lost_frames
+from napari_phase4d.unwrapping.given import lost_frames
 
 TURN = 2 * np.pi
 WL1 = "directional-l1"

@@ -16,11 +16,16 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, Store, room_in
 from napari_phase4d.task import Task
+from napari_phase4d.unwrapping.frames import (
+    border_medians,
+    centre,
+    object_mask,
+    smooth_share_left_out,
+    turns_of_frame,
+    unwrap_frame,
+)
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
-from napari_phase4d.unwrapping.masks import object_mask, smooth_share_left_out
-from napari_phase4d.unwrapping.registration import centre
-from napari_phase4d.unwrapping.spatial import border_medians, turns_of_frame, unwrap_frame
 
 __all__ = [
     "FindBlock",

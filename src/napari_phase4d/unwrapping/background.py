@@ -14,10 +14,16 @@ from napari_phase4d.phasors import parts_of, phasors, turned
 from napari_phase4d.stack import Block, Memory, Stack, Store
 from napari_phase4d.task import on_all_cores
 from napari_phase4d.unwrapping.boxes import LEAST_WEIGHT, box_mean
-from napari_phase4d.unwrapping.given import Given, as_given, working_blocks
-from napari_phase4d.unwrapping.noise import WithoutLost, lost_of, sampled_noise
-from napari_phase4d.unwrapping.patches import keep_touching, shrink
-from napari_phase4d.unwrapping.spatial import BORDER, border_of
+from napari_phase4d.unwrapping.filters import keep_touching, shrink
+from napari_phase4d.unwrapping.frames import BORDER, border_of
+from napari_phase4d.unwrapping.given import (
+    Given,
+    WithoutLost,
+    as_given,
+    lost_of,
+    sampled_noise,
+    working_blocks,
+)
 
 __all__ = ["Background", "background_of", "find_background", "plane", "tilt_of"]
 

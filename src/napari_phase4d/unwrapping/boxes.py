@@ -1,4 +1,4 @@
-"""Means over a box of three along every axis, and changes along one: the kernels of the steps."""
+"""Neighbours along the axes of a stack: ends of steps, means over a box of three, and changes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,52 @@ from napari_phase4d.compiling import compiled
 __all__ = [
     "AT_A_TIME",
     "LEAST_WEIGHT",
+    "both_ends",
     "box_mean",
     "change_on_both_sides",
     "copy_line",
+    "ends_along",
     "known_mean",
 ]
+
+Part = tuple[slice, ...]
+
+
+def ends_along(axis: int, ndim: int) -> tuple[Part, Part]:
+    """Return the parts of a stack that hold the first and the second ends of all steps.
+
+    Parameters
+    ----------
+    axis : int
+        Along which the steps go.
+    ndim : int
+        Number of dimensions of the stack.
+
+    Examples
+    --------
+    >>> stack = np.array([[1, 2, 4], [7, 11, 16]])
+    >>> head, tail = ends_along(1, stack.ndim)
+    >>> stack[tail] - stack[head]
+    array([[1, 2],
+           [4, 5]])
+    """
+    head = tuple(slice(None, -1) if i == axis % ndim else slice(None) for i in range(ndim))
+    tail = tuple(slice(1, None) if i == axis % ndim else slice(None) for i in range(ndim))
+    return head, tail
+
+
+def both_ends(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
+    """Mark the steps along an axis whose two ends both lie in a mask.
+
+    Examples
+    --------
+    >>> both_ends(np.array([True, True, False, True]), 0)
+    array([ True, False, False])
+    """
+    head, tail = ends_along(axis, mask.ndim)
+    both: NDArray[np.bool_] = mask[head] & mask[tail]
+    return both
+
 
 #: Share of the weight of a box below which a mean counts as nothing.
 LEAST_WEIGHT = 1e-3

@@ -27,9 +27,9 @@ from napari_phase4d.unwrapping.alone import (
     lift_of,
 )
 from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, FinishBlock, Last, onwards
+from napari_phase4d.unwrapping.frames import centre_of_mass_shifts, likeness, next_shift
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import coherence
-from napari_phase4d.unwrapping.registration import centre_of_mass_shifts, likeness, next_shift
 from napari_phase4d.unwrapping.running import all_options
 
 __all__ = ["CAUSAL", "Causal", "causal_methods", "for_what_comes"]

@@ -37,7 +37,7 @@ from napari_phase4d.pipeline.writing import checked_form, write_files
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
-from napari_phase4d.unwrapping.masks import left_out_note
+from napari_phase4d.unwrapping.frames import left_out_note
 from napari_phase4d.words import as_path, check_call, check_type, counted
 
 __all__ = ["shown_method", "watch"]

@@ -10,8 +10,13 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled, unchecked, vectorized
 from napari_phase4d.phasors import parts_of, phase_of, phasors
 from napari_phase4d.task import on_all_cores
-from napari_phase4d.unwrapping.boxes import AT_A_TIME, LEAST_WEIGHT, box_mean, copy_line
-from napari_phase4d.unwrapping.ends import ends_along
+from napari_phase4d.unwrapping.boxes import (
+    AT_A_TIME,
+    LEAST_WEIGHT,
+    box_mean,
+    copy_line,
+    ends_along,
+)
 
 __all__ = ["HALO", "along_slope"]
 

@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.unwrapping.ends import ends_along
+from napari_phase4d.unwrapping.boxes import ends_along
+from napari_phase4d.unwrapping.frames import turns_of_frame
 from napari_phase4d.unwrapping.growing import Workspace, second_differences
-from napari_phase4d.unwrapping.spatial import turns_of_frame
 
 __all__ = ["link_map"]
 

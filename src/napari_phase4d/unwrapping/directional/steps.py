@@ -13,10 +13,9 @@ from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.boxes import change_on_both_sides, known_mean
+from napari_phase4d.unwrapping.boxes import change_on_both_sides, ends_along, known_mean
 from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
-from napari_phase4d.unwrapping.ends import ends_along
 from napari_phase4d.unwrapping.given import working_frames
 
 __all__ = [

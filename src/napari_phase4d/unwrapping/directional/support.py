@@ -18,12 +18,10 @@ from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothe
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
 from napari_phase4d.unwrapping.directional.ways import NO_TREE, Tree, WaysOutside
+from napari_phase4d.unwrapping.frames import border_medians, moved
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.light import ViewsOf
-from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.registration import moved
-from napari_phase4d.unwrapping.sharing import GRAPH
-from napari_phase4d.unwrapping.spatial import border_medians
+from napari_phase4d.unwrapping.problem import GRAPH, Problem
 
 __all__ = ["Astray", "Judged", "Support", "astray", "supports_by_steps"]
 
