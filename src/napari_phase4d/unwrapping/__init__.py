@@ -10,7 +10,6 @@ from napari_phase4d.unwrapping.boundaries import (
     scores_of_some,
     scores_sentence,
 )
-from napari_phase4d.unwrapping.boxes import both_ends, ends_along
 from napari_phase4d.unwrapping.causal import CAUSAL, Causal, causal_methods, for_what_comes
 from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.graph import graph_bytes
@@ -32,6 +31,7 @@ from napari_phase4d.unwrapping.given import (
 )
 from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
 from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, chance_by_wavelengths
+from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
 from napari_phase4d.unwrapping.packages import frame_by_frame
 from napari_phase4d.unwrapping.problem import Problem, SharedSteps

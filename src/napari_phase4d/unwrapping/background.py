@@ -13,7 +13,6 @@ from napari_phase4d.compiling import vectorized
 from napari_phase4d.phasors import parts_of, phasors, turned
 from napari_phase4d.stack import Block, Memory, Stack, Store
 from napari_phase4d.task import on_all_cores
-from napari_phase4d.unwrapping.boxes import LEAST_WEIGHT, box_mean
 from napari_phase4d.unwrapping.filters import keep_touching, shrink
 from napari_phase4d.unwrapping.frames import BORDER, border_of
 from napari_phase4d.unwrapping.given import (
@@ -24,6 +23,7 @@ from napari_phase4d.unwrapping.given import (
     sampled_noise,
     working_blocks,
 )
+from napari_phase4d.unwrapping.neighbours import LEAST_WEIGHT, box_mean
 
 __all__ = ["Background", "background_of", "find_background", "plane", "tilt_of"]
 

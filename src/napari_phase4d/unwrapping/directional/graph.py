@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, blocks_of
-from napari_phase4d.unwrapping.boxes import ends_along
 from napari_phase4d.unwrapping.directional.merging import smoothest_first, weight_of_hold
 from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
+from napari_phase4d.unwrapping.neighbours import ends_along
 
 __all__ = ["PixelGraph", "graph_bytes", "graphs_of", "spans_of"]
 

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
 from napari_phase4d.task import Task, Watch, in_threads, watched
-from napari_phase4d.unwrapping.directional.edges import PARTS, weight_of
 from napari_phase4d.unwrapping.directional.following import followed_steps
+from napari_phase4d.unwrapping.directional.groups import PARTS, weight_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene

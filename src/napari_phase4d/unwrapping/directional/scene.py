@@ -20,9 +20,9 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.background import Background
-from napari_phase4d.unwrapping.directional.filtering import HALO, along_slope
 from napari_phase4d.unwrapping.frames import centre, moved
 from napari_phase4d.unwrapping.given import Given, working_blocks
+from napari_phase4d.unwrapping.neighbours import HALO, along_slope
 
 __all__ = ["NOISY", "Frames", "Recorded", "Scene", "Seen", "find_scene", "follow_object", "seams"]
 

@@ -24,9 +24,9 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.unwrapping.boxes import ends_along
 from napari_phase4d.unwrapping.frames import border_of, unwrap_frame
 from napari_phase4d.unwrapping.growing import grow_list
+from napari_phase4d.unwrapping.neighbours import ends_along
 
 __all__ = [
     "SHARED",
