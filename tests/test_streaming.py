@@ -22,7 +22,7 @@ from napari_phase4d.analysis.comparison import measured
 from napari_phase4d.io.lazy import FrameReader, lazy_frames
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
-from napari_phase4d.pipeline.streaming.leftovers import new_folder
+from napari_phase4d.pipeline.streaming.stored import new_folder
 from napari_phase4d.pipeline.streaming.workers import Cluster, Threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import Block, block_at, block_frames, blocks_of

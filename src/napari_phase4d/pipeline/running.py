@@ -27,8 +27,7 @@ from napari_phase4d.holography import (
 )
 from napari_phase4d.io import open_recording
 from napari_phase4d.optics import Optics
-from napari_phase4d.pipeline.needs import needs_of, phase_needs
-from napari_phase4d.pipeline.places import Place, place_for
+from napari_phase4d.pipeline.places import Place, needs_of, phase_needs, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.starting import noting_start, open_by, with_start
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
