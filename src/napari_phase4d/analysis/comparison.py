@@ -18,20 +18,16 @@ from numpy.typing import ArrayLike
 
 from napari_phase4d.analysis.confidence import (
     REFERENCE,
+    Tally,
     chances_of_right,
     reference_of,
+    slip_words,
+    tally_of,
     trust_map,
 )
-from napari_phase4d.analysis.errors import (
-    OF_TRUTH,
-    as_truth,
-    errors,
-    in_order,
-    table_of,
-)
-from napari_phase4d.analysis.loading import stack_of
-from napari_phase4d.analysis.tally import Tally, slip_words, tally_of
+from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
+from napari_phase4d.stack import stack_of
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import (

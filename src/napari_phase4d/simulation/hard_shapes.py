@@ -16,8 +16,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.asked import check_asked
-from napari_phase4d.simulation.ellipsoids import wrap
+from napari_phase4d.simulation.ellipsoids import check_asked, wrap
 
 __all__ = ["HARD_SHAPES", "hard_shape"]
 

@@ -10,8 +10,7 @@ import xarray as xr
 
 from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.asked import check_asked
-from napari_phase4d.simulation.ellipsoids import wrap
+from napari_phase4d.simulation.ellipsoids import check_asked, wrap
 from napari_phase4d.stacks import wavelength_coordinate, wavelengths_of
 from napari_phase4d.words import as_numbers, check_number, check_type
 
