@@ -5,13 +5,13 @@ The projections of ellipsoids are known in closed form.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
@@ -27,6 +27,7 @@ __all__ = [
     "phase_stack",
     "projected_phase",
     "rotation",
+    "with_exact_phase",
     "wrap",
 ]
 
@@ -235,14 +236,40 @@ def phase_stack(
         for a, angle in enumerate(angles_deg):
             centred = y - shape[0] / 2 * step_y, x - shape[1] / 2 * step_x
             phase[t, a] = projected_phase(bodies, angle, *centred, optics.wavelength_um)
+    return with_exact_phase(phase, times_s, angles_deg, (y, x), optics, attrs)
+
+
+def with_exact_phase(
+    phase: NDArray[np.floating],
+    times_s: ArrayLike,
+    angles_deg: ArrayLike,
+    places_um: tuple[NDArray[np.floating], NDArray[np.floating]],
+    optics: Optics,
+    attrs: Mapping[str, object],
+) -> xr.Dataset:
+    """Return exact phase with its axes and notes, and the same wrapped.
+
+    Parameters
+    ----------
+    phase : ndarray, shape (time, angle, y, x)
+        Exact phase in radians.
+    times_s, angles_deg : array_like
+        When and from where it was looked at.
+    places_um : tuple of ndarray
+        Where pixels lie along y and x.
+    optics : Optics
+        Gives the wavelength.
+    attrs : mapping
+        Noted in the result.
+    """
     coords = {
         "time": coordinate("time", np.asarray(times_s, dtype=np.float64)),
         "angle": coordinate("angle", np.asarray(angles_deg, dtype=np.float64)),
-        "y": coordinate("y", y),
-        "x": coordinate("x", x),
+        "y": coordinate("y", places_um[0]),
+        "x": coordinate("x", places_um[1]),
     }
     common = {"units": "rad", "wavelength_um": optics.wavelength_um, **attrs}
-    exact = xr.DataArray(phase, dims=AXES, coords=coords, attrs=common)
+    exact = xr.DataArray(phase.astype(np.float32), dims=AXES, coords=coords, attrs=common)
     exact.attrs |= {"exact": True, KIND: UNWRAPPED}
     wrapped = wrap(exact)
     wrapped.attrs = {**common, KIND: WRAPPED}
