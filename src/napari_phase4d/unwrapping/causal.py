@@ -19,6 +19,7 @@ from napari_phase4d.stack import Block, InMemory, Stack
 from napari_phase4d.task import CancelledCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
     FindBlock,
+    FinishBlock,
     Lifted,
     Mask,
     Phase,
@@ -26,7 +27,7 @@ from napari_phase4d.unwrapping.alone import (
     UnwrapBlock,
     lift_of,
 )
-from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, FinishBlock, Last, onwards
+from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, Last, onwards
 from napari_phase4d.unwrapping.frames import centre_of_mass_shifts, likeness, next_shift
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import coherence

@@ -17,12 +17,12 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of, room_in
+from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
+    FinishBlock,
     Framewise,
     Turns,
-    finished_phase,
     lifted_turns,
 )
 from napari_phase4d.unwrapping.given import Given
@@ -33,7 +33,6 @@ __all__ = [
     "ORDERS",
     "AlongAngle",
     "Chain",
-    "FinishBlock",
     "Last",
     "along_time",
     "angular",
@@ -340,34 +339,3 @@ class MapsOfAngle:
         """Write the turns of the finished map k."""
         angle = slice(self._angle, self._angle + 1)
         self._result.write(Block(k, k + 1), turns[None, None], angle)
-
-
-@dataclass(frozen=True)
-class FinishBlock:
-    """Writes unwrapped phase from the turns that a method found.
-
-    Parameters
-    ----------
-    given : Given
-        Wrapped phase.
-    turns, mask : Stack
-        What was found, and where.
-    result : Stack
-        Where unwrapped phase goes.
-    """
-
-    given: Given
-    turns: Stack
-    mask: Stack
-    result: Stack
-
-    def __call__(self, block: Block) -> Limits:
-        """Do a block; return its smallest and largest phase."""
-        wrapped, usable = self.given.read(block)
-        unwrapped = room_in(self.result, block, np.float32)
-        turns, mask = self.turns.read(block), self.mask.read(block)
-        limits = finished_phase(wrapped, turns, mask, unwrapped)
-        if self.given.usable is None and not usable.all():
-            limits = limits_of(self.given.without_lost(unwrapped, usable))
-        self.result.write(block, unwrapped)
-        return limits

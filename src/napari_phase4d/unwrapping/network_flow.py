@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from napari_phase4d.stack import Block, Limits, Stack, Temporary, limits_of
+from napari_phase4d.stack import Block, Limits, Stack, Temporary
 from napari_phase4d.task import Task, Watch
-from napari_phase4d.unwrapping.alone import with_turns
+from napari_phase4d.unwrapping.alone import FinishBlock, Lifted
 from napari_phase4d.unwrapping.frames import border_medians, border_of
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.problem import Boundary, Problem
@@ -180,8 +180,8 @@ def network_flow(
     borders = problem.each(close, "network flow in each frame", task)
     border = np.concatenate(borders)
     level = np.round((border_medians(border, problem.first) - border) / TURN).astype(np.int32)
-    write = WriteBlock(given, mask, turns, level, result)
-    return problem.each(write, "writing", task)
+    finish = FinishBlock(given, Lifted(turns, level), mask, result)
+    return problem.each(finish, "writing", task)
 
 
 def copied(problem: Problem, task: Task) -> tuple[Temporary, Temporary | None]:
@@ -354,40 +354,6 @@ class CloseBlock:
             border[frame] = float(np.median(level[edge]))
         self.turns.write(block, turns)
         return border
-
-
-@dataclass(frozen=True)
-class WriteBlock:
-    """Writes the unwrapped phase.
-
-    Parameters
-    ----------
-    given : Given
-        Wrapped phase.
-    mask : Stack
-        0 outside.
-    turns : Stack
-        Turns of each pixel.
-    level : ndarray of int, shape (time, angle)
-        Turns of each frame.
-    result : Stack
-        Where it goes.
-    """
-
-    given: Given
-    mask: Stack
-    turns: Stack
-    level: NDArray[np.int32]
-    result: Stack
-
-    def __call__(self, block: Block) -> Limits:
-        """Do a block; return its smallest and largest phase."""
-        wrapped, usable = self.given.read(block)
-        turns = self.turns.read(block) + self.level[block.start : block.stop, :, None, None]
-        unwrapped = with_turns(wrapped, turns, self.mask.read(block))
-        unwrapped = self.given.without_lost(unwrapped, usable)
-        self.result.write(block, unwrapped)
-        return limits_of(unwrapped)
 
 
 def integrated(down: Whole, right: Whole) -> Whole:

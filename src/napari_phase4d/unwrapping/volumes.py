@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from napari_phase4d.stack import Block, Limits, Stack, limits_of
+from napari_phase4d.stack import Block, Limits, ReadOnly, Stack
 from napari_phase4d.task import Task, Watch, nothing, watched
-from napari_phase4d.unwrapping.alone import with_turns
+from napari_phase4d.unwrapping.alone import FinishBlock
 from napari_phase4d.unwrapping.given import Given, working_blocks
 from napari_phase4d.unwrapping.growing import Contracted, Joining, closed, contracted, grow_list
 from napari_phase4d.unwrapping.problem import Problem
@@ -309,8 +309,9 @@ class Growing:
             look = VoteBlock(problem.given, self._mask, grown, flat, known)
             votes = problem.each(look, "placing loose parts", task)
             settle(levels, known, votes)
-        write = WriteBlock(problem.given, self._mask, grown, levels, result)
-        return problem.each(write, "writing", task)
+        turns = LiftedParts(problem.given.shape, grown, levels)
+        finish = FinishBlock(problem.given, turns, self._mask, result)
+        return problem.each(finish, "writing", task)
 
 
 @dataclass(frozen=True)
@@ -505,36 +506,26 @@ def rim_of(mask: Mask) -> Mask:
 
 
 @dataclass(frozen=True)
-class WriteBlock:
-    """Writes the unwrapped phase.
+class LiftedParts(ReadOnly):
+    """Turns of every pixel with those of its part, which are added as they are read.
 
     Parameters
     ----------
-    given : Given
-        Wrapped phase.
-    mask : Stack
-        Pixels to unwrap; 0 elsewhere.
+    shape : tuple of int
+        Of the stack (time, angle, y, x).
     grown : list of Grown
         The parts.
     levels : list of ndarray of int
         Turns of each part.
-    result : Stack
-        Where it goes.
     """
 
-    given: Given
-    mask: Stack
+    shape: tuple[int, ...]
     grown: list[Grown]
     levels: list[Turns]
-    result: Stack
 
-    def __call__(self, block: Block) -> Limits:
-        """Do a block; return its smallest and largest phase."""
-        wrapped, usable = self.given.read(block)
-        turns = np.zeros(wrapped.shape, dtype=np.int32)
+    def read(self, block: Block, angles: slice = ALL) -> Whole:
+        """Return the turns of a block, any outside the mask."""
+        turns = np.zeros((block.stop - block.start, *self.shape[1:]), dtype=np.int32)
         for of, level in zip(self.grown, self.levels, strict=True):
             turns[:, of.angles] = of.lifted(block, level)
-        unwrapped = with_turns(wrapped, turns, self.mask.read(block))
-        unwrapped = self.given.without_lost(unwrapped, usable)
-        self.result.write(block, unwrapped)
-        return limits_of(unwrapped)
+        return turns[:, angles]
