@@ -18,8 +18,8 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.analysis.comparison import measured
 from napari_phase4d.io.lazy import FrameReader, lazy_frames
+from napari_phase4d.machine import measured
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
 from napari_phase4d.pipeline.streaming.stored import new_folder

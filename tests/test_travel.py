@@ -15,10 +15,10 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.analysis.comparison import measured as measured_cost
 from napari_phase4d.io import read_results, results, write_phase
 from napari_phase4d.io.describing import SLAB_BYTES, slabs
 from napari_phase4d.io.results import is_result, result_attrs
+from napari_phase4d.machine import measured as measured_cost
 from small_disks import small_disk
 from stacks import assert_equal, contents
 

@@ -22,8 +22,15 @@ from napari_phase4d.stacks.entry import (
     without_masked,
     wrapped_stack,
 )
-from napari_phase4d.stacks.kinds import KIND, UNWRAPPED, WRAPPED, kind_of, looks_wrapped
-from napari_phase4d.stacks.light import wavelength_coordinate, wavelengths_of
+from napari_phase4d.stacks.notes import (
+    KIND,
+    UNWRAPPED,
+    WRAPPED,
+    kind_of,
+    looks_wrapped,
+    wavelength_coordinate,
+    wavelengths_of,
+)
 
 __all__ = [
     "KIND",

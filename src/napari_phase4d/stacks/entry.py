@@ -19,13 +19,16 @@ from napari_phase4d.stacks.coordinates import (
     some,
     with_coordinates,
 )
-from napari_phase4d.stacks.kinds import (
+from napari_phase4d.stacks.notes import (
+    check_light,
     check_unwrapped,
     check_wrapped,
     refuse_counts,
     refuse_nothing,
+    same_light,
+    views_in_order,
+    with_light,
 )
-from napari_phase4d.stacks.light import check_light, same_light, views_in_order, with_light
 from napari_phase4d.words import shown, warn
 
 __all__ = [
