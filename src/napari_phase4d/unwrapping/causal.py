@@ -1,7 +1,7 @@
 """Frames unwrapped as they come, by methods that need nothing but the past.
 
 Each frame by itself, along the angle at each time, and along time from the first frame on: the
-steps of `alone`, `registration` and `chain`, on the frames that have just come instead of on all.
+steps of `alone`, `frames` and `chain`, on the frames that have just come instead of on all.
 The numbers are those of the same methods on the finished recording, to the last bit.
 """
 
