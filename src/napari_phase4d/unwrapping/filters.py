@@ -24,7 +24,7 @@ __all__ = [
     "middle",
     "remove_specks",
     "running_mean",
-    "shrink",
+    "shrunk",
     "upper_quantile",
     "widened",
 ]
@@ -325,9 +325,10 @@ def keep_touching(mask: Mask, edge: Mask, smallest: int) -> None:
             mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = False
 
 
-@compiled
-def shrink(mask: Mask, beyond: bool, square: bool, out: Mask) -> None:
-    """Write the pixels whose four neighbours are marked too, or all eight in a square.
+def shrunk(mask: Mask, *, beyond: bool, square: bool = False) -> Mask:
+    """Return the pixels of a mask whose neighbours are in it too: four, or eight in a square.
+
+    As `scipy.ndimage.binary_erosion`, which takes ten times as long.
 
     Parameters
     ----------
@@ -335,11 +336,17 @@ def shrink(mask: Mask, beyond: bool, square: bool, out: Mask) -> None:
         What to shrink.
     beyond : bool
         What lies beyond the border.
-    square : bool
+    square : bool, optional
         Whether diagonal neighbours count.
-    out : ndarray of bool, shape (y, x)
-        Where it goes.
     """
+    found = np.empty(mask.shape, dtype=bool)
+    shrink(np.require(mask, bool, ["C", "W"]), beyond, square, found)
+    return found
+
+
+@compiled
+def shrink(mask: Mask, beyond: bool, square: bool, out: Mask) -> None:
+    """Write what `shrunk` returns."""
     height, width = mask.shape
     nothing = np.full(width, beyond)
     column = np.full(width + 2, beyond)
