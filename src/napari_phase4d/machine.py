@@ -107,6 +107,9 @@ def texts(file: Path, count: int = 1) -> list[str]:
     return words if len(words) == count else []
 
 
+# ---- what work takes of it ------------------------------------------------------------------
+
+
 #: Seconds between two looks at the memory of the process.
 LOOK_S = 0.004
 MB = 2**20

@@ -327,6 +327,9 @@ class FileStack:
         return (time * self.shape[1] + angle) * frame
 
 
+# ---- stacks that come in --------------------------------------------------------------------
+
+
 #: Copies that work on a whole stack makes of it, about.
 COPIES = 4
 #: Bytes that are read at a time.

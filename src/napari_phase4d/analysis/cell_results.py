@@ -269,6 +269,9 @@ def summary_of_cells(table: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows, columns=None if rows else ["cell", "parent", *MEDIANS[:3]])
 
 
+# ---- regions that go along with cells -------------------------------------------------------
+
+
 #: Where no way of a cell is known, since it is not found there.
 NOWHERE = np.iinfo(np.int64).min
 

@@ -346,6 +346,9 @@ def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     return result.copy(data=off)
 
 
+# ---- what the maps come to ------------------------------------------------------------------
+
+
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
 #: ... and may have slipped if at least this share of it is trusted less than so much.

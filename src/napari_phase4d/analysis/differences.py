@@ -168,6 +168,9 @@ def errors(result: xr.DataArray, truth: xr.DataArray | None) -> dict[str, float]
     }
 
 
+# ---- from each other ------------------------------------------------------------------------
+
+
 #: Blocks of a stack on disk that are read at a time.
 BLOCKS_AT_ONCE = 8
 #: Part of a frame, and which of its pixels count.

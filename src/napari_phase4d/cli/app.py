@@ -155,6 +155,9 @@ def reproduce(
         console.print(f"  {path.name}")
 
 
+# ---- all commands ---------------------------------------------------------------------------
+
+
 app = typer.Typer(
     help="From a multiplexed off-axis hologram video to unwrapped phase.",
     no_args_is_help=True,

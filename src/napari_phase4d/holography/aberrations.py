@@ -224,6 +224,9 @@ TERMS: dict[str, Callable[[int, Terms, Terms, tuple[int, int]], Terms]] = {
 }
 
 
+# ---- which surface the empty field has ------------------------------------------------------
+
+
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 

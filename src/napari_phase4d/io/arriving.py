@@ -272,6 +272,9 @@ class ArrivedFrames(FrameReader):
         return self.arriving.again(index)
 
 
+# ---- a camera -------------------------------------------------------------------------------
+
+
 #: Seconds between two looks into the camera's buffer while nothing is there.
 LOOK_S = 0.002
 #: Megabytes of frames that the camera may be ahead of the disk.

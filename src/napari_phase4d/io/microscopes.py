@@ -259,6 +259,9 @@ def phase_of(path: Path, first: NDArray[Any]) -> NDArray[np.float32]:
     return values
 
 
+# ---- what bioio opens -----------------------------------------------------------------------
+
+
 #: The best known; others are tried too.
 BIO_SUFFIXES = (".czi", ".dv", ".gif", ".lif", ".nd2", ".oib", ".oif", ".sld", ".stk")
 #: Axes of which a place is chosen, and those that are read whole.

@@ -156,6 +156,9 @@ def read_raw(path: Path, layout: RawLayout | None) -> Video:
     return Video(frames, kind="raw", notes=tuple(notes))
 
 
+# ---- NumPy files ----------------------------------------------------------------------------
+
+
 #: Names that only holograms have.
 HOLOGRAM_NAMES = ("holograms", "hologram", "mux", "frames")
 

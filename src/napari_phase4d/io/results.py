@@ -172,6 +172,9 @@ def description_of(tif: tifffile.TiffFile) -> dict[str, Any] | None:
         return None
 
 
+# ---- results of any form --------------------------------------------------------------------
+
+
 #: What the name of an OME-Zarr ends with; everything else is written as OME-TIFF.
 ZARR_SUFFIX = ".zarr"
 
@@ -293,6 +296,9 @@ def write_table(path: str | Path, table: pd.DataFrame) -> Path:
     with written_whole(path) as temporary:
         table.to_csv(temporary)
     return path
+
+
+# ---- wrapped phase of any program -----------------------------------------------------------
 
 
 #: What to do with phase that is no file.

@@ -196,6 +196,9 @@ def quiet(name: str = "tifffile") -> Iterator[None]:
         SILENT.reset(token)
 
 
+# ---- what of a file is meant ----------------------------------------------------------------
+
+
 #: Names looked for first in a file with several arrays; the last ones say the least.
 USUAL_NAMES = ("holograms", "hologram", "mux", "frames", "images", "image", "data")
 #: Names of what a recording is compared with, which are taken only where nothing else is there.

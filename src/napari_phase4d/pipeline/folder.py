@@ -152,6 +152,9 @@ def exact_phase(truth: Any, phase: xr.DataArray) -> xr.DataArray:
     return exact.rename("exact")
 
 
+# ---- read again -----------------------------------------------------------------------------
+
+
 RECIPE, TABLE, WRAPPED = "recipe.json", "table.csv", "wrapped"
 
 

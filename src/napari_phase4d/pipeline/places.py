@@ -253,6 +253,9 @@ def existing(folder: Path) -> Path:
     return next(p for p in (folder, *folder.parents) if p.exists())
 
 
+# ---- where stacks lie -----------------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class Place:
     """Where stacks go that are not held in memory, and who works on them.

@@ -130,6 +130,9 @@ def start_sentence(recipe: Recipe, scores: xr.DataArray | None) -> str:
     return words if scores is None else f"{words} {scores_sentence(scores)}"
 
 
+# ---- read by any thread or process ----------------------------------------------------------
+
+
 class FrameSource:
     """A recording's frames; another process opens the recording anew.
 

@@ -89,6 +89,9 @@ def is_count(value: Any) -> bool:
     return whole and value >= 1
 
 
+# ---- bodies, and stacks of their phase ------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class Ellipsoid:
     """A body of one refractive index; where bodies overlap their contrasts add.

@@ -300,6 +300,9 @@ def in_words(stack: xr.DataArray) -> str:
     return " x ".join(f"{n} {axis}" for axis, n in stack.sizes.items())
 
 
+# ---- labels ---------------------------------------------------------------------------------
+
+
 #: Larger numbers, or more of them in a frame, are no labels of cells.
 HIGHEST, MOST = 2**20, 4000
 #: Frames that are looked at, and pixels of a piece that counts as one.

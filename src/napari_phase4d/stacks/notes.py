@@ -230,6 +230,9 @@ def in_degrees(low: float, high: float) -> bool:
     return (-181 <= low < -170 and 170 < high <= 181) or (-1 <= low < 10 and 350 < high <= 361)
 
 
+# ---- the wavelength of each view ------------------------------------------------------------
+
+
 #: Wavelengths that differ by less than this share are the same.
 SAME = 1e-6
 

@@ -256,6 +256,9 @@ def mean_along(line: Doubles, size: int, total: Doubles, out: Frame) -> None:
         out[x] = total[x] / size
 
 
+# ---- patches of a mask ----------------------------------------------------------------------
+
+
 Mask = NDArray[np.bool_]
 #: Row, first and one after the last pixel of every run; its parent among them; the pixels of the
 #: patch, and whether it touches the edge, both by its first run.

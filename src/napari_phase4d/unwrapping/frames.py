@@ -166,6 +166,9 @@ def unwrap_outwards(line: NDArray[np.float64], start: int) -> None:
     line[: start + 1] = np.unwrap(line[: start + 1][::-1])[::-1]
 
 
+# ---- the object's mask ----------------------------------------------------------------------
+
+
 #: A pixel belongs to the object where its phase exceeds this share of the largest ...
 SHARE_OF_PEAK = 0.1
 #: ... which is taken where all but this share of the frame lies below it ...
@@ -269,6 +272,9 @@ def left_out_advice(attrs: Mapping[str, Any]) -> str:
         f'"object only" leaves out {percent:.0f} % of the field though its phase there is smooth '
         "and not flat: try the whole field"
     )
+
+
+# ---- registration ---------------------------------------------------------------------------
 
 
 Shifts = NDArray[np.intp]

@@ -187,6 +187,9 @@ def working_blocks(shape: Sequence[int]) -> list[Block]:
     return [Block(t, min(t + each, shape[0])) for t in range(0, shape[0], each)]
 
 
+# ---- noise, and lost frames -----------------------------------------------------------------
+
+
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 #: The noise is measured on about so many pixels: every so manieth time of longer recordings.
@@ -356,6 +359,9 @@ def sampled_noise(given: WithoutLost) -> float:
     parts = [given.read(Block(t, t + 1)) for t in times]
     wrapped, usable = (np.concatenate(part) for part in zip(*parts, strict=True))
     return noise_of(wrapped, None if usable.all() else usable)
+
+
+# ---- pixels that are known, and their amplitude ---------------------------------------------
 
 
 def all_known(stack: NDArray[np.float32]) -> bool:

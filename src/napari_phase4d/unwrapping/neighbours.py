@@ -66,6 +66,9 @@ def both_ends(mask: NDArray[np.bool_], axis: int) -> NDArray[np.bool_]:
     return both
 
 
+# ---- means and changes ----------------------------------------------------------------------
+
+
 #: Share of the weight of a box below which a mean counts as nothing.
 LEAST_WEIGHT = 1e-3
 #: So many numbers of a line are worked on at a time, so that they stay near the core.
@@ -280,6 +283,9 @@ def mark_line(line: Mask, out: Mask) -> None:
     """Write a line of marks."""
     for j in range(len(out)):
         out[j] = line[j]
+
+
+# ---- noise averaged out along the slope -----------------------------------------------------
 
 
 #: A neighbour counts s^2 / (s^2 + STEADY v), s^2 the noise and v the variance of the slope.

@@ -126,6 +126,9 @@ def by_linear_program(tail: Whole, head: Whole, cost: Whole, supply: Whole) -> W
     return np.asarray(forth - back)
 
 
+# ---- the two stages -------------------------------------------------------------------------
+
+
 TURN = 2 * np.pi
 #: Cost of a turn: outside the mask; inside it, where the first stage had to mend a step's course
 #: over time and angle; where that course closed by itself. Ten of one kind weigh as much as one of

@@ -97,6 +97,9 @@ def as_frame(values: ArrayLike, mask: NDArray[np.bool_]) -> NDArray[np.float32]:
     return frame.astype(np.float32)
 
 
+# ---- a problem to look at -------------------------------------------------------------------
+
+
 class LentProblem(Problem):
     """A view of a problem whose arrays can't be written into.
 

@@ -101,6 +101,9 @@ def pieces_between(
     ]
 
 
+# ---- a line, piece by piece -----------------------------------------------------------------
+
+
 class Maps(NamedTuple):
     """Wrapped phase, turns by the initial method, and the object, each of shape (y, x).
 

@@ -122,6 +122,9 @@ class Method:
     wavelengths: int = 1
 
 
+# ---- methods that other packages bring ------------------------------------------------------
+
+
 #: The group of entry points under which a package names its methods.
 GROUP = "napari_phase4d.methods"
 #: What an id may look like: it stands in file names, commands and recipes.
@@ -208,6 +211,9 @@ def package_of(point: EntryPoint) -> str:
     return (
         "an unknown package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
     )
+
+
+# ---- the methods of this program ------------------------------------------------------------
 
 
 OWN = "This project"

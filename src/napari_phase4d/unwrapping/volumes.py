@@ -124,6 +124,9 @@ def memory_edges(mask: NDArray[np.bool_]) -> Edges:
     return np.concatenate(first), np.concatenate(second)
 
 
+# ---- growing over blocks of frames ----------------------------------------------------------
+
+
 Phase = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Whole = NDArray[np.int32]

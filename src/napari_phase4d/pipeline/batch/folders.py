@@ -183,6 +183,9 @@ def is_alive(mark: dict[str, Any]) -> bool:
         return False
 
 
+# ---- a folder for each file -----------------------------------------------------------------
+
+
 #: Names that a batch needs for itself.
 TAKEN = ("batch.log", "summary.csv", "batch.lock")
 #: What no folder may be called on some system, or would lead out of its parent.

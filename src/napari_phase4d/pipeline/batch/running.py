@@ -225,6 +225,9 @@ def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:
     return {"input_bytes": known.get("bytes"), "input_sha256": known.get("sha256")}
 
 
+# ---- file after file ------------------------------------------------------------------------
+
+
 #: Faults after which no other file would fare better.
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 

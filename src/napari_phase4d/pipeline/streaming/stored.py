@@ -267,6 +267,9 @@ class GrowingStack:
         self.limits = here if self.limits is None else widest([self.limits, here])
 
 
+# ---- the wrapped phase ----------------------------------------------------------------------
+
+
 def reconstruct_to_disk(
     source: FrameSource,
     work: FrameReconstructor,

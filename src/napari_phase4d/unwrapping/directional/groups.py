@@ -151,6 +151,9 @@ def merged_edges(
     )
 
 
+# ---- what is joined -------------------------------------------------------------------------
+
+
 #: Steps smoother and smaller than this, in radians, are never doubted: their ends move together.
 #: The smoother half of them joins first.
 CERTAIN, SMOOTH = 1.0, 0.5

@@ -177,6 +177,9 @@ def sink_side(  # noqa: C901 - one loop, as published; calls would cost a third 
     return distance <= n
 
 
+# ---- the least turns ------------------------------------------------------------------------
+
+
 #: Gains smaller than this share of the cost are rounding.
 SMALLEST_GAIN = 1e-9
 

@@ -150,6 +150,9 @@ def wrapped_to_turn(phase: NDArray[np.floating]) -> Image:
     return found
 
 
+# ---- whole turns settled together -----------------------------------------------------------
+
+
 Mask = NDArray[np.bool_]
 Whole = NDArray[np.int32]
 
@@ -267,6 +270,9 @@ def join(
             up += relative[root]
             root = parent[root]
         turns[pixel] = np.rint(total[root] / count[root]) + up
+
+
+# ---- where it is smooth ---------------------------------------------------------------------
 
 
 Parts = NDArray[np.int32]

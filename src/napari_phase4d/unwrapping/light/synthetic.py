@@ -386,6 +386,9 @@ class FinishBlock:
         return object_mask(np.where(known, about_zero, np.float32(0)))
 
 
+# ---- how well wavelengths agree -------------------------------------------------------------
+
+
 #: Width in pixels of the box that errors are averaged over.
 BOX = 5
 #: Share of pixels that are wrong by themselves, among neighbours that are right, before a look.

@@ -160,6 +160,9 @@ class Named:
         return self.store.temporary(f"{self.word}_{name}", shape, dtype)
 
 
+# ---- the ladder of wavelengths --------------------------------------------------------------
+
+
 @dataclass(frozen=True)
 class Rung:
     """One wavelength of the ladder, synthetic or not.
