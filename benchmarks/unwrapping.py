@@ -14,8 +14,8 @@ from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
 from napari_phase4d.simulation import budding_yeast, with_noise
+from napari_phase4d.unwrapping.frames import unwrap_frame
 from napari_phase4d.unwrapping.growing import Workspace, grow_grid, second_differences
-from napari_phase4d.unwrapping.spatial import unwrap_frame
 
 SEEDS = 5
 PEER = "scikit-image 2-D"

@@ -164,7 +164,8 @@ def test_only_what_a_module_exports_is_imported(path: Path) -> None:
 @pytest.mark.thorough
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(PACKAGE)))
 def test_no_file_is_too_long(path: Path) -> None:
-    assert len(path.read_text(encoding="utf-8").splitlines()) <= 700
+    most = 700 if room_of(path) == "_napari" else 600
+    assert len(path.read_text(encoding="utf-8").splitlines()) <= most
 
 
 @pytest.mark.thorough

@@ -168,7 +168,7 @@ def test_full_disk_ends_the_batch_with_one_sentence(
     phases: Path, tmp_path: Path, storage: str, sentence: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     if storage == "disk":  # else it is refused before it begins
-        monkeypatch.setattr("napari_phase4d.pipeline.needs.Needs.check", lambda *_, **__: None)
+        monkeypatch.setattr("napari_phase4d.pipeline.places.Needs.check", lambda *_, **__: None)
     recipe = RECIPE.changed(storage=storage)
     data = p4d.simulation.budding_yeast((128, 128), n_times=4, angles_deg=(0.0, 5.0))
     np.save(tmp_path / "large.npy", data["wrapped"].values)

@@ -13,11 +13,11 @@ import xarray as xr
 from dask.callbacks import Callback
 
 import napari_phase4d as p4d
+from napari_phase4d import stack
 from napari_phase4d.analysis import (
-    cell_regions,
+    cell_results,
     cells_in,
     copied_labels,
-    loading,
     measures,
     region_with_cell,
 )
@@ -30,7 +30,7 @@ AS_BOOL = int(np.prod(SHAPE))
 
 @pytest.fixture(autouse=True)
 def small_parts(monkeypatch: pytest.MonkeyPatch) -> None:
-    for module in (loading, cell_regions, measures):
+    for module in (stack, cell_results, measures):
         monkeypatch.setattr(module, "PART_BYTES", 2**18)
 
 

@@ -63,8 +63,8 @@ def test_compare_of_stacks_on_disk_writes_everything(phase_file: Path, tmp_path:
 def test_compare_writes_results_before_it_looks_at_all_frames(
     phase_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    loading = sys.modules["napari_phase4d.analysis.loading"]
-    monkeypatch.setattr(loading, "COPIES", 10**12)  # as if there were too little memory
+    stack = sys.modules["napari_phase4d.stack"]
+    monkeypatch.setattr(stack, "COPIES", 10**12)  # as if there were too little memory
     recipe = RECIPE.changed(storage="disk").to_file(tmp_path / "recipe.json")
     words = told("compare", recipe, phase_file, "--out", tmp_path / "out")
     assert "this looks at all frames at once" in words

@@ -12,7 +12,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import difference, mean_squared_error, wrong_cycle_share
-from napari_phase4d.analysis.comparison import measured
+from napari_phase4d.machine import measured
 from napari_phase4d.simulation import moving_shape, with_noise
 
 TURN = 2 * np.pi

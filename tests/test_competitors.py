@@ -14,9 +14,9 @@ from scipy.fft import dct
 from skimage.restoration import unwrap_phase
 
 import napari_phase4d as p4d
-from napari_phase4d.analysis.comparison import measured
+from napari_phase4d.machine import measured
 from napari_phase4d.unwrapping import methods_for
-from napari_phase4d.unwrapping.phasetools import memory_edges, penalised_differences
+from napari_phase4d.unwrapping.volumes import memory_edges, penalised_differences
 
 TURN = 2 * np.pi
 

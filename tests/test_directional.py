@@ -16,15 +16,19 @@ from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_
 from napari_phase4d.stack import Block
 from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping.background import find_background
-from napari_phase4d.unwrapping.directional.cut import graph_of_pairs, sink_side
-from napari_phase4d.unwrapping.directional.edges import PARTS, merged_edges
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import islands_of
-from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
+from napari_phase4d.unwrapping.directional.groups import PARTS, merged_edges
+from napari_phase4d.unwrapping.directional.least_turns import (
+    LeastTurns,
+    Limit,
+    graph_of_pairs,
+    sink_side,
+)
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen, follow_object, seams
 from napari_phase4d.unwrapping.directional.steps import Floors, roughness
-from napari_phase4d.unwrapping.noise import noise_of
+from napari_phase4d.unwrapping.given import noise_of
 from napari_phase4d.unwrapping.problem import Problem
 
 pytestmark = pytest.mark.slow

@@ -19,13 +19,16 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
 from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping.background import find_background, plane, tilt_of
-from napari_phase4d.unwrapping.boxes import box_mean, change_on_both_sides, known_mean
-from napari_phase4d.unwrapping.directional.filtering import along_slope
 from napari_phase4d.unwrapping.directional.following import follow
-from napari_phase4d.unwrapping.directional.links import link_map
 from napari_phase4d.unwrapping.directional.scene import Seen
-from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of
-from napari_phase4d.unwrapping.noise import lost_frames
+from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of, link_map
+from napari_phase4d.unwrapping.given import lost_frames
+from napari_phase4d.unwrapping.neighbours import (
+    along_slope,
+    box_mean,
+    change_on_both_sides,
+    known_mean,
+)
 
 TURN = 2 * np.pi
 WL1 = "directional-l1"

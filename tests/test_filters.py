@@ -8,11 +8,17 @@ from scipy import ndimage
 
 import napari_phase4d as p4d
 from helpers import wrap
-from napari_phase4d.unwrapping.filters import gaussian, middle, running_mean, upper_quantile
-from napari_phase4d.unwrapping.masks import object_mask
-from napari_phase4d.unwrapping.patches import extent, fill_holes, remove_specks, widened
-from napari_phase4d.unwrapping.registration import centre
-from napari_phase4d.unwrapping.spatial import border_of
+from napari_phase4d.unwrapping.filters import (
+    extent,
+    fill_holes,
+    gaussian,
+    middle,
+    remove_specks,
+    running_mean,
+    upper_quantile,
+    widened,
+)
+from napari_phase4d.unwrapping.frames import border_of, centre, object_mask
 
 SHAPES = [(135, 165), (64, 1), (3, 90), (7, 5), (2, 3), (1, 1)]
 

@@ -19,7 +19,7 @@ import napari_phase4d as p4d
 from format_writers import film, gif, noise
 from helpers import measured
 from napari_phase4d.io import RawLayout, holds_phase, open_phase
-from napari_phase4d.io.bio import chosen_place
+from napari_phase4d.io.microscopes import chosen_place
 from napari_phase4d.recording import READERS
 
 FRAMES = noise(6, (24, 32), np.uint16)

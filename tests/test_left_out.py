@@ -14,7 +14,7 @@ from helpers import wrap
 from napari_phase4d.cli.app import app
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.unwrapping import left_out_advice
-from napari_phase4d.unwrapping.masks import smooth_share_left_out
+from napari_phase4d.unwrapping.frames import smooth_share_left_out
 
 
 def plume(height_rad: float, noise: float = 0.1) -> np.ndarray:

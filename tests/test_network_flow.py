@@ -13,12 +13,11 @@ import napari_phase4d as p4d
 from helpers import wrap
 from napari_phase4d.stack import Block
 from napari_phase4d.task import UNWATCHED
-from napari_phase4d.unwrapping import Problem, flow
-from napari_phase4d.unwrapping import network_flow as network_flow_module
+from napari_phase4d.unwrapping import Problem, network_flow
 from napari_phase4d.unwrapping.network_flow import whole_turns
 
 TURN = 2 * np.pi
-SOLVERS = [flow.by_linear_program, flow.by_ortools]
+SOLVERS = [network_flow.by_linear_program, network_flow.by_ortools]
 
 
 def steps(w: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -34,7 +33,7 @@ def turns_between(unwrapped: np.ndarray) -> float:
 @pytest.fixture(params=SOLVERS, ids=lambda s: s.__name__)
 def solver(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let one of the two solvers do the work."""
-    if request.param is flow.by_linear_program:
+    if request.param is network_flow.by_linear_program:
         monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     else:
         pytest.importorskip("ortools")
@@ -49,13 +48,13 @@ def test_no_cheaper_turns_close_the_loops() -> None:
         w = wrap(rng.normal(0, 2, (3, 3)))
         down, right = steps(w)
         costs = rng.integers(1, 9, 12)
-        more = flow.closing_turns(
+        more = network_flow.closing_turns(
             down[None], right[None], costs[:6].reshape(1, 2, 3), costs[6:].reshape(1, 3, 2)
         )
-        assert not flow.loop_sums(down + more[0][0], right + more[1][0]).any()
+        assert not network_flow.loop_sums(down + more[0][0], right + more[1][0]).any()
         found = int((np.abs(np.concatenate([m.ravel() for m in more])) * costs).sum())
         tried = np.array(list(itertools.product((-1, 0, 1), repeat=12)))
-        sums = flow.loop_sums(
+        sums = network_flow.loop_sums(
             down + tried[:, :6].reshape(-1, 2, 3), right + tried[:, 6:].reshape(-1, 3, 2)
         )
         closed = ~sums.any(axis=(1, 2))
@@ -145,8 +144,8 @@ def test_turns_are_dear_where_the_first_stage_closed() -> None:
     rng = np.random.default_rng(0)
 
     def cost(problem: Problem) -> np.ndarray:
-        phase, used = network_flow_module.copied(problem, UNWATCHED)
-        steps = network_flow_module.steps_over_frames
+        phase, used = network_flow.copied(problem, UNWATCHED)
+        steps = network_flow.steps_over_frames
         _, found = steps(problem, phase, used, UNWATCHED, down=False)
         return found.read(Block(0, 6))[..., :-1]
 
@@ -154,9 +153,9 @@ def test_turns_are_dear_where_the_first_stage_closed() -> None:
     w[:, :, 3:7, 3:9] = rng.normal(0, 2.5, (6, 3, 4, 6))
     problem = Problem(wrap(w), (0, 0), None)
     found = cost(problem)
-    assert (found[:, :, :2] == network_flow_module.STEADY).all()
+    assert (found[:, :, :2] == network_flow.STEADY).all()
     inner = found[:, :, 4:6, 4:8]
-    assert (inner == network_flow_module.MENDED).mean() > 0.5
+    assert (inner == network_flow.MENDED).mean() > 0.5
     masked = Problem(wrap(w), (0, 0), np.tile(np.arange(12) < 6, (10, 1)))
     found = cost(masked)
-    assert (found[..., 6:] == network_flow_module.OUTSIDE).all()
+    assert (found[..., 6:] == network_flow.OUTSIDE).all()

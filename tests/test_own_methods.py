@@ -21,10 +21,10 @@ from napari_phase4d.unwrapping import (
     Option,
     Problem,
     frame_by_frame,
-    installed,
+    registry,
     run_method,
 )
-from napari_phase4d.unwrapping.installed import WithInstalled
+from napari_phase4d.unwrapping.registry import WithInstalled
 
 pytestmark = pytest.mark.slow
 
@@ -108,7 +108,7 @@ def test_without_the_package_a_recipe_that_names_it_is_refused(tmp_path: Path) -
 
 
 def point(value: str, name: str = "mine") -> EntryPoint:
-    return EntryPoint(name, value, installed.GROUP)
+    return EntryPoint(name, value, registry.GROUP)
 
 
 GOOD = Method("Mine", "nowhere", "Nothing.", frame_by_frame(lambda wrapped, mask: wrapped))
@@ -134,7 +134,7 @@ def test_what_cant_be_used_is_left_out_and_said(
     monkeypatch: pytest.MonkeyPatch, entry: EntryPoint, sentence: str
 ) -> None:
     points = [entry, point("test_own_methods:GOOD", "z-good")]
-    monkeypatch.setattr(installed, "entry_points", lambda group: points)
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
     methods = WithInstalled(BUILT_IN)
     with pytest.warns(UserWarning, match=sentence):
         assert list(methods) == [*BUILT_IN, "z-good"]
@@ -226,7 +226,7 @@ def test_a_method_that_says_it_streams_is_run_on_all_frames_at_once(
 ) -> None:
     """How a method goes through blocks on disk is written for each, and only in this program."""
     points = [point("test_own_methods:STREAMS", "streams")]
-    monkeypatch.setattr(installed, "entry_points", lambda group: points)
+    monkeypatch.setattr(registry, "entry_points", lambda group: points)
     methods = WithInstalled(BUILT_IN)
     assert not methods["streams"].streams
     monkeypatch.setitem(p4d.METHODS._own, "streams", methods["streams"])

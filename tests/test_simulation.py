@@ -1,13 +1,20 @@
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
+import xarray as xr
 
 from napari_phase4d import Optics
 from napari_phase4d.simulation import (
     Ellipsoid,
+    at_wavelengths,
+    budding_yeast,
+    hard_shape,
     multiplexed_video,
     projected_phase,
+    step_phantom,
     swimming_euglena,
 )
 from napari_phase4d.simulation.ellipsoids import path_length_um, rotation
@@ -102,3 +109,22 @@ def test_impossible_video_is_refused(changes: dict, sentence: str) -> None:
     phase = swimming_euglena((32, 32), 1, pixel_um=1.0)["phase"]
     with pytest.raises(ValueError, match=sentence):
         multiplexed_video(phase, Optics(), **changes)
+
+
+@pytest.mark.parametrize(
+    "make",
+    [
+        lambda: budding_yeast((24, 24), 3),
+        lambda: hard_shape("bent tube", (24, 24), 3),
+        lambda: step_phantom(),
+        lambda: at_wavelengths(budding_yeast((24, 24), 3), (0.532, 0.6328)),
+        lambda: at_wavelengths(step_phantom(), (0.532, 0.6328)),
+    ],
+    ids=["yeast", "hard shape", "steps", "yeast at two wavelengths", "steps at two wavelengths"],
+)
+def test_phase_notes_whether_it_is_wrapped(make: Callable[[], xr.Dataset]) -> None:
+    data = make()
+    assert data["phase"].attrs["kind"] == "unwrapped"
+    assert data["phase"].attrs["exact"] is True
+    assert data["wrapped"].attrs["kind"] == "wrapped"
+    assert "exact" not in data["wrapped"].attrs

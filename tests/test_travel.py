@@ -15,10 +15,10 @@ import tifffile
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.analysis.comparison import measured as measured_cost
-from napari_phase4d.io import read_results, tiff_results, write_phase
+from napari_phase4d.io import read_results, results, write_phase
 from napari_phase4d.io.describing import SLAB_BYTES, slabs
 from napari_phase4d.io.results import is_result, result_attrs
+from napari_phase4d.machine import measured as measured_cost
 from small_disks import small_disk
 from stacks import assert_equal, contents
 
@@ -102,8 +102,8 @@ def test_even_times_need_no_word_at_every_plane(tmp_path: Path) -> None:
 def test_what_is_too_large_for_a_tiff_is_written_as_bigtiff(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    assert tiff_results.CLASSIC_BYTES < 2**32
-    monkeypatch.setattr(tiff_results, "CLASSIC_BYTES", stack().nbytes - 1)
+    assert results.CLASSIC_BYTES < 2**32
+    monkeypatch.setattr(results, "CLASSIC_BYTES", stack().nbytes - 1)
     path = write_phase(tmp_path / "phase.ome.tif", stack())
     with tifffile.TiffFile(path) as tif:
         assert tif.is_bigtiff

@@ -14,10 +14,13 @@ from napari_phase4d.simulation import Ellipsoid, phase_stack
 from napari_phase4d.task import Watch
 from napari_phase4d.unwrapping import Problem
 from napari_phase4d.unwrapping.chain import Line, Maps, unwrap_line
-from napari_phase4d.unwrapping.masks import object_mask
+from napari_phase4d.unwrapping.frames import (
+    border_medians,
+    centre_of_mass_shifts,
+    moved,
+    object_mask,
+)
 from napari_phase4d.unwrapping.pieces import Piece, pieces_between, with_thin_turning_points
-from napari_phase4d.unwrapping.registration import centre_of_mass_shifts, moved
-from napari_phase4d.unwrapping.spatial import border_medians
 
 FIVE = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
 TURN = 2 * np.pi

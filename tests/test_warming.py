@@ -13,7 +13,7 @@ from napari_phase4d.pipeline import ahead
 
 SCRIPT = """
 from napari_phase4d.compiling import is_on_disk
-from napari_phase4d.unwrapping.directional.cut import sink_side
+from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.growing.rows import integrated
 from napari_phase4d.pipeline.ahead import warm_up_elsewhere
 

@@ -1,23 +1,34 @@
 """How good an unwrapping is, methods side by side, and what they say of the object."""
 
-from napari_phase4d.analysis.cell_regions import region_with_cell
 from napari_phase4d.analysis.cell_results import (
     Cells,
     CellSettings,
     cells_in,
+    region_with_cell,
     summary_of_cells,
     with_empty_field,
 )
 from napari_phase4d.analysis.cells import copied_labels, find_cells, follow_cells
 from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
-from napari_phase4d.analysis.confidence import REFERENCE, confidence
-from napari_phase4d.analysis.errors import mean_squared_error, wrong_cycle_map, wrong_cycle_share
+from napari_phase4d.analysis.confidence import (
+    REFERENCE,
+    Tally,
+    confidence,
+    slip_warning,
+    slipped_frames,
+)
+from napari_phase4d.analysis.differences import (
+    Traces,
+    difference,
+    mean_squared_error,
+    traces,
+    traces_of,
+    wrong_cycle_map,
+    wrong_cycle_share,
+)
 from napari_phase4d.analysis.itoh import itoh_margin, order_shares, residues
-from napari_phase4d.analysis.loading import frame_of, in_memory
 from napari_phase4d.analysis.measures import measure, polygon_mask, region_masks
 from napari_phase4d.analysis.noise import noise_figures, noise_sentence, with_wavelength
-from napari_phase4d.analysis.tally import Tally, slip_warning, slipped_frames
-from napari_phase4d.analysis.traces import Traces, difference, traces, traces_of
 from napari_phase4d.analysis.verdict import (
     Verdict,
     best_known,
@@ -25,6 +36,7 @@ from napari_phase4d.analysis.verdict import (
     order_verdict,
     steps_sentence,
 )
+from napari_phase4d.stack import frame_of, in_memory
 
 __all__ = [
     "REFERENCE",

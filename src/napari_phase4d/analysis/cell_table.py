@@ -13,9 +13,9 @@ from scipy import ndimage
 from skimage.measure import regionprops_table
 from skimage.segmentation import expand_labels
 
-from napari_phase4d.analysis.loading import parts_over_time
 from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.optics import Optics
+from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping import noise_of

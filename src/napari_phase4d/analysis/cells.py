@@ -21,8 +21,8 @@ from scipy.optimize import linear_sum_assignment
 from skimage.segmentation import watershed
 
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
-from napari_phase4d.analysis.loading import parts_over_time
 from napari_phase4d.axes import AXES
+from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import check_rising, checked_labels, unwrapped_stack
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words

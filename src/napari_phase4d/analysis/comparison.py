@@ -2,36 +2,28 @@
 
 from __future__ import annotations
 
-import threading
-import time
-import tracemalloc
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import Any, Generic, TypeVar
+from typing import Any, TypeVar
 
 import pandas as pd
-import psutil
 import xarray as xr
 from numpy.typing import ArrayLike
 
 from napari_phase4d.analysis.confidence import (
     REFERENCE,
+    Tally,
     chances_of_right,
     reference_of,
+    slip_words,
+    tally_of,
     trust_map,
 )
-from napari_phase4d.analysis.errors import (
-    OF_TRUTH,
-    as_truth,
-    errors,
-    in_order,
-    table_of,
-)
-from napari_phase4d.analysis.loading import stack_of
-from napari_phase4d.analysis.tally import Tally, slip_words, tally_of
+from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
+from napari_phase4d.machine import Measured, measured
+from napari_phase4d.stack import stack_of
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import (
@@ -44,10 +36,10 @@ from napari_phase4d.unwrapping import (
 )
 from napari_phase4d.words import check_call, shown
 
-__all__ = ["Comparison", "compare", "compare_on", "measured"]
-
+__all__ = ["Comparison", "compare", "compare_on"]
 
 T = TypeVar("T")
+
 #: Name of the share of the object that is in doubt in directional L1, where that was not run.
 OF_REFERENCE = "tally of the reference"
 
@@ -488,72 +480,3 @@ def row_of(label: str, cost: Measured[xr.DataArray], truth: xr.DataArray | None)
     """Return what the table says of one result."""
     own = {"method": label, "seconds": cost.seconds, "peak_mb": cost.peak_mb}
     return own | errors(cost.result, truth)
-
-
-#: Seconds between two looks at the memory of the process.
-LOOK_S = 0.004
-MB = 2**20
-
-
-@dataclass(frozen=True)
-class Measured(Generic[T]):
-    """A result with what it cost.
-
-    Parameters
-    ----------
-    result : object
-        What the computation gave.
-    seconds : float
-        Wall time.
-    peak_mb : float
-        Largest memory at one time, in megabytes (2**20 bytes), beyond what was there before.
-    """
-
-    result: T
-    seconds: float
-    peak_mb: float
-
-
-def measured(work: Callable[[], T]) -> Measured[T]:
-    """Do some work and measure it.
-
-    Memory is that of the whole process, looked at every few milliseconds: what other threads take
-    meanwhile counts too, and memory that the process had before and uses again does not. While
-    ``tracemalloc`` is tracing it is what Python and NumPy ask for, to the byte. It is not turned
-    on here: before Python 3.12.9 and 3.13.2, turning it off crashes where other threads allocate.
-    """
-    with memory_watch() as peak_bytes:
-        began = time.perf_counter()
-        result = work()
-        seconds = time.perf_counter() - began
-        peak = peak_bytes()
-    return Measured(result, seconds, max(peak, 0) / MB)
-
-
-@contextmanager
-def memory_watch() -> Iterator[Callable[[], int]]:
-    """Watch memory; what is given returns the largest rise so far, in bytes."""
-    if tracemalloc.is_tracing():
-        tracemalloc.reset_peak()
-        before = tracemalloc.get_traced_memory()[0]
-        yield lambda: tracemalloc.get_traced_memory()[1] - before
-        return
-    process = psutil.Process()
-    at_first = highest = process.memory_info().rss
-    ended = threading.Event()
-
-    def look() -> None:
-        nonlocal highest
-        while not ended.wait(LOOK_S):
-            highest = max(highest, process.memory_info().rss)
-
-    def rise() -> int:
-        return int(max(highest, process.memory_info().rss) - at_first)
-
-    watcher = threading.Thread(target=look, name="memory watch", daemon=True)
-    watcher.start()
-    try:
-        yield rise
-    finally:
-        ended.set()
-        watcher.join()

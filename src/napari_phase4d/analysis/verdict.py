@@ -8,10 +8,9 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.confidence import REFERENCE, turns_off
-from napari_phase4d.analysis.errors import wrong_cycle_share
+from napari_phase4d.analysis.confidence import REFERENCE, Tally, turns_off
+from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
-from napari_phase4d.analysis.tally import Tally
 from napari_phase4d.unwrapping import METHODS, Problem
 
 __all__ = [

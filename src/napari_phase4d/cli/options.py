@@ -17,11 +17,15 @@ from napari_phase4d.unwrapping import METHODS
 __all__ = [
     "Angles",
     "Boundary",
+    "CameraPixel",
     "Cells",
     "Colours",
     "Confidence",
     "Dataset",
+    "FrameRate",
     "Increment",
+    "Magnification",
+    "MethodIds",
     "ObjectIndex",
     "Oblique",
     "Raw",
@@ -30,6 +34,7 @@ __all__ = [
     "Storage",
     "TiltPerFrame",
     "Views",
+    "Wavelength",
     "WholeField",
     "distance_of",
     "is_recipe",
@@ -55,6 +60,13 @@ Boundary = Annotated[
         help="Frame to start from as TIME,ANGLE, counted from 0, or auto (default) for the safest."
     ),
 ]
+MethodIds = Annotated[
+    list[str] | None, typer.Option(help="Method id; may be given several times.")
+]
+Wavelength = Annotated[float | None, typer.Option(help="Wavelength in um.")]
+CameraPixel = Annotated[float | None, typer.Option(help="Camera pixel in um.")]
+Magnification = Annotated[float | None, typer.Option(help="From sample to camera.")]
+FrameRate = Annotated[float | None, typer.Option(help="Frames per second.")]
 Dataset = Annotated[str | None, typer.Option(help="Which array of a file that has several.")]
 Raw = Annotated[
     str | None,

@@ -14,8 +14,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.aberrations import surface_of, terms_at
-from napari_phase4d.holography.choosing import LOOK_PIXELS, Judgement, Look, curved_starts, refined
+from napari_phase4d.holography.aberrations import (
+    LOOK_PIXELS,
+    Judgement,
+    Look,
+    curved_starts,
+    refined,
+    surface_of,
+    terms_at,
+)
 from napari_phase4d.holography.emptyfield import (
     ENOUGH_BACKGROUND,
     fitted,

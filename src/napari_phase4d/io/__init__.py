@@ -1,7 +1,6 @@
 """Readers and writers, one module per file family."""
 
-from napari_phase4d.io.arriving import Arrival, ArrivedFrames, Arriving
-from napari_phase4d.io.camera import FromCamera
+from napari_phase4d.io.arriving import Arrival, ArrivedFrames, Arriving, FromCamera
 from napari_phase4d.io.describing import OME_TIFF, OME_ZARR, PROGRAM, step_of
 from napari_phase4d.io.growing import arriving_at
 from napari_phase4d.io.movies import check_figure, write_figure, write_movie
@@ -12,11 +11,16 @@ from napari_phase4d.io.opening import (
     open_recording,
     recording_of,
 )
-from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout, parts_beside
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.results import read_results, write_phase, write_table
+from napari_phase4d.io.results import (
+    holds_phase,
+    open_phase,
+    read_results,
+    write_phase,
+    write_table,
+)
 from napari_phase4d.io.tomography import sinogram, write_sinogram
 
 __all__ = [

@@ -13,9 +13,17 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.io.choosing import Found, chosen_name, other_arrays
 from napari_phase4d.io.lazy import FrameReader, Unsound, beside, in_one_line, lazy_frames
-from napari_phase4d.io.video import LARGEST_PIECE, MICROMETRES, SECONDS, Facts, Video
+from napari_phase4d.io.video import (
+    LARGEST_PIECE,
+    MICROMETRES,
+    SECONDS,
+    Facts,
+    Found,
+    Video,
+    chosen_name,
+    other_arrays,
+)
 from napari_phase4d.words import size_in_words
 
 __all__ = ["HDF5_SUFFIXES", "hdf5_parts", "read_hdf5"]

@@ -12,8 +12,6 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.axes import PLAIN_AXES
-from napari_phase4d.io.choosing import axes_in_words, axes_to_choose, choice
-from napari_phase4d.io.phases import holds_phase, open_phase
 from napari_phase4d.io.raw import RawLayout
 from napari_phase4d.io.reading import (
     JOINED_SUFFIXES,
@@ -23,8 +21,16 @@ from napari_phase4d.io.reading import (
     read_video,
 )
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.results import result_attrs
-from napari_phase4d.io.video import LARGEST_SIDE, Video, colour_sentence, memory_lacks
+from napari_phase4d.io.results import holds_phase, open_phase, result_attrs
+from napari_phase4d.io.video import (
+    LARGEST_SIDE,
+    Video,
+    axes_in_words,
+    axes_to_choose,
+    choice,
+    colour_sentence,
+    memory_lacks,
+)
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (

@@ -7,19 +7,19 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
-from napari_phase4d.io.bio import BIO_SUFFIXES, read_bio
 from napari_phase4d.io.films import FILM_SUFFIXES, read_film
 from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, hdf5_parts, read_hdf5
-from napari_phase4d.io.koala import (
+from napari_phase4d.io.microscopes import (
+    BIO_SUFFIXES,
     is_koala,
     is_koala_phase,
     is_koala_raw,
+    read_bio,
     read_koala,
     read_koala_file,
     times_files,
 )
-from napari_phase4d.io.numpy_files import read_npy, read_npz
-from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout, read_raw
+from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout, read_npy, read_npz, read_raw
 from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.sequences import (
     IMAGE_SUFFIXES,

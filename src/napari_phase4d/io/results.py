@@ -1,40 +1,179 @@
-"""Results that travel: 4-D phase as OME-TIFF or OME-Zarr, tables as CSV."""
+"""4-D phase in files: results as OME-TIFF or OME-Zarr, tables, wrapped phase of any program."""
 
 from __future__ import annotations
 
+import json
+import uuid
+from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+import tifffile
 import xarray as xr
 
-from napari_phase4d.axes import AXES
+from napari_phase4d.axes import AXES, PLAIN_AXES, coordinate
 from napari_phase4d.io.atomic import written_whole
-from napari_phase4d.io.describing import restored
+from napari_phase4d.io.describing import (
+    PROGRAM,
+    checked,
+    described,
+    is_even,
+    name_of,
+    restored,
+    slabs,
+    stack_of,
+    step_of,
+    view_names,
+)
+from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
+from napari_phase4d.io.lazy import in_one_line
+from napari_phase4d.io.microscopes import is_koala_phase, read_koala_phase
+from napari_phase4d.io.raw import holds_holograms, read_npy, read_npz
+from napari_phase4d.io.reading import check_there
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.tiff_results import (
-    read_tiff_result,
-    tiff_description,
-    write_tiff_result,
-)
-from napari_phase4d.io.zarr_results import (
-    read_zarr_result,
-    write_zarr_result,
-    zarr_description,
-)
-from napari_phase4d.stacks import in_units
-from napari_phase4d.task import CancelledCall, ProgressCall, Task
-from napari_phase4d.words import local_path
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, read_tiff
+from napari_phase4d.io.video import Video, check_fits, quiet
+from napari_phase4d.io.zarr_files import is_zarr, read_zarr
+from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
+from napari_phase4d.stacks import in_units, looks_wrapped
+from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
+from napari_phase4d.words import as_numbers, as_path, check_positive, local_path, shown
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = [
+    "holds_phase",
     "is_result",
+    "open_phase",
     "read_results",
+    "read_tiff_result",
     "result_attrs",
+    "tiff_description",
     "write_phase",
     "write_table",
+    "write_tiff_result",
 ]
+
+#: Pixels up to this size leave room for the directory in a file whose places are 32 bits wide.
+CLASSIC_BYTES = 2**32 - 2**27
+#: Ids of files are made from what is noted in them, so that the same run gives the same bytes.
+NAMESPACE = uuid.uuid5(uuid.NAMESPACE_OID, PROGRAM)
+
+
+def write_tiff_result(
+    path: Path,
+    stack: xr.DataArray,
+    task: Task = UNWATCHED,
+) -> None:
+    """Write a stack (time, angle, y, x) as OME-TIFF, some frames at a time."""
+    metadata = ome_metadata(stack)
+    with (
+        written_whole(path) as temporary,
+        closing(slabs(stack, task)) as parts,
+    ):
+        tifffile.imwrite(
+            temporary,
+            (frame for _, values in parts for frame in values.reshape(-1, *values.shape[2:])),
+            shape=stack.shape,
+            dtype=stack.dtype,
+            ome=True,
+            bigtiff=stack.nbytes > CLASSIC_BYTES,
+            photometric="minisblack",
+            metadata=metadata,
+        )
+
+
+def ome_metadata(stack: xr.DataArray) -> dict[str, Any]:
+    """Return what OME can say of a stack, and in its description what it can't."""
+    times = np.asarray(stack["time"].values, dtype=np.float64)
+    n_angles = stack.sizes["angle"]
+    description = json.dumps(described(stack))
+    metadata: dict[str, Any] = {
+        "axes": "TCYX",
+        "UUID": str(uuid.uuid5(NAMESPACE, f"{stack.shape} {stack.dtype} {description}")),
+        # The description has the whole name; tifffile before 2026.2.24 doesn't escape quotes here.
+        "Name": name_of(stack).replace('"', "'"),
+        "Channel": {"Name": view_names(stack)},
+        "PhysicalSizeX": step_of(stack["x"].values),
+        "PhysicalSizeXUnit": "µm",
+        "PhysicalSizeY": step_of(stack["y"].values),
+        "PhysicalSizeYUnit": "µm",
+        "TimeIncrement": step_of(times),
+        "TimeIncrementUnit": "s",
+        "Description": description,
+    }
+    if not is_even(times):
+        metadata["Plane"] = {
+            "DeltaT": [float(t) for t in np.repeat(times, n_angles)],
+            "DeltaTUnit": ["s"] * (len(times) * n_angles),
+        }
+    return metadata
+
+
+def read_tiff_result(path: Path) -> xr.DataArray:
+    """Read a stack that `write_tiff_result` wrote.
+
+    Raises
+    ------
+    OSError
+        If the file is missing, damaged, or was not written by this program.
+    """
+    try:
+        with quiet(), tifffile.TiffFile(path) as tif:
+            description = description_of(tif)
+            if description is None:
+                msg = f"{path.name} holds no phase written by napari-phase4d"
+                raise OSError(msg)
+            check_described(tif, path)
+            check_size(tif, description, path)
+            return stack_of(description, tif.asarray())
+    except OSError:
+        raise
+    except Exception as error:  # tifffile raises what it likes for damaged files
+        msg = f"{path.name} can't be read; it may be cut short or damaged ({in_one_line(error)})"
+        raise OSError(msg) from error
+
+
+def check_size(tif: tifffile.TiffFile, description: dict[str, Any], path: Path) -> None:
+    """Raise OSError if the pixels are not those described; nothing of them is read."""
+    wanted = tuple(len(places) for places in description["coords"].values())
+    series = tif.series[0]
+    if int(np.prod(series.shape, dtype=object)) != int(np.prod(wanted, dtype=object)):
+        msg = f"{path.name} is damaged: it has {series.shape} pixels, but notes {wanted}"
+        raise OSError(msg)
+    size = path.stat().st_size
+    needed = 0 if series.dataoffset is None else series.dataoffset + series.nbytes
+    if needed > size:
+        msg = f"{path.name} is cut short: its frames need {needed} bytes, the file has {size}"
+        raise OSError(msg)
+    check_fits(series.nbytes, path.name)
+
+
+def tiff_description(path: str | Path) -> dict[str, Any] | None:
+    """Return what `write_tiff_result` noted in a file, or None if it did not write it."""
+    try:
+        with quiet(), tifffile.TiffFile(path) as tif:
+            return description_of(tif)
+    except Exception:  # of a damaged file, which whoever reads it will tell
+        return None
+
+
+def description_of(tif: tifffile.TiffFile) -> dict[str, Any] | None:
+    """Return what `write_tiff_result` noted in an open file."""
+    if not tif.is_ome or PROGRAM not in (tif.ome_metadata or ""):
+        return None
+    try:
+        image = tifffile.xml2dict(tif.ome_metadata)["OME"]["Image"]
+        return checked(json.loads(str(image.get("Description", ""))))
+    except (ValueError, KeyError, TypeError, AttributeError, SyntaxError):
+        return None
+
+
+# ---- results of any form --------------------------------------------------------------------
+
 
 #: What the name of an OME-Zarr ends with; everything else is written as OME-TIFF.
 ZARR_SUFFIX = ".zarr"
@@ -157,3 +296,168 @@ def write_table(path: str | Path, table: pd.DataFrame) -> Path:
     with written_whole(path) as temporary:
         table.to_csv(temporary)
     return path
+
+
+# ---- wrapped phase of any program -----------------------------------------------------------
+
+
+#: What to do with phase that is no file.
+ARRAYS = "phase that is an array already goes to unwrap() as it is"
+#: No pixel in a sample is wider.
+LARGE_PIXEL_UM = 1e4
+#: Names looked for first in an .npz file with several arrays.
+PHASE_NAMES = ("wrapped", "phase", "unwrapped")
+
+
+def open_phase(
+    path: str | Path,
+    dataset: str | None = None,
+    *,
+    pixel_um: float | None = None,
+    frame_rate_hz: float | None = None,
+    angles_deg: Sequence[float] | None = None,
+) -> xr.DataArray:
+    """Read a stack of phase in radians.
+
+    Parameters
+    ----------
+    path : str or Path
+        An OME-TIFF or OME-Zarr that this program wrote, with its times, angles and pixels; a
+        .npy, .npz or TIFF file with (y, x), (time, y, x) or (time, angle, y, x); an HDF5, Zarr or
+        OME-Zarr of any program with (y, x) or (time, y, x); or phase of Koala, a .bin file or a
+        folder of them.
+    dataset : str, optional
+        Which array of an .npz, HDF5 or Zarr file, or which place on further axes of a TIFF or
+        OME-Zarr, as "C=0". Default, for .npz: ``wrapped``, ``phase`` or ``unwrapped``, else the
+        first with two to four dimensions; for HDF5 and Zarr: as for holograms.
+    pixel_um, frame_rate_hz, angles_deg : float, float, sequence of float, optional
+        Pixel in the sample, frames per second and viewing angles of a file that does not say
+        them; default 1 um, 1 a second, and numbers from 0. ``attrs["notes"]`` says what had to be
+        assumed.
+
+    Returns
+    -------
+    xarray.DataArray
+        float32, dims (time, angle, y, x).
+
+    Raises
+    ------
+    OSError
+        If the file is missing, damaged, or of a kind that can't be read.
+    ValueError
+        If it holds no such stack.
+    """
+    path = as_path(path, ARRAYS)
+    if pixel_um is not None:
+        check_positive("pixel_um", pixel_um, LARGE_PIXEL_UM)
+    if frame_rate_hz is not None:
+        check_positive("frame_rate_hz", frame_rate_hz)
+    if angles_deg is not None:
+        check_angles(angles_deg)
+    check_there(path)
+    if is_result(path):
+        found = read_results(path)
+        return found.assign_attrs(source=str(path), object=found.attrs.get("object", path.stem))
+    video = plain_phase(path, dataset)
+    values = video.frames
+    if values.ndim not in PLAIN_AXES or values.dtype.kind != "f" or 0 in values.shape:
+        msg = (
+            f"{path.name} holds {values.dtype} numbers of shape {values.shape}; phase is a stack "
+            "of floating-point radians (y, x), (time, y, x) or (time, angle, y, x)"
+        )
+        raise ValueError(msg)
+    check_fits(values.size * np.dtype(np.float32).itemsize, path.name)
+    dims = PLAIN_AXES[values.ndim]
+    stack = xr.DataArray(np.asarray(values, dtype=np.float32), dims=dims, name=path.stem)
+    full = stack.expand_dims([d for d in AXES if d not in dims]).transpose(*AXES)
+    if angles_deg is not None and len(angles_deg) != full.sizes["angle"]:
+        msg = (
+            f"{path.name} has {full.sizes['angle']} views, but {len(angles_deg)} angles are given"
+        )
+        raise ValueError(msg)
+    pixel_um = video.pixel_um if pixel_um is None else pixel_um
+    times_s = video.times_s if frame_rate_hz is None else None
+    steps = {"time": 1 / (frame_rate_hz or 1), "y": pixel_um or 1, "x": pixel_um or 1}
+    places = {d: np.arange(full.sizes[d]) * float(steps.get(d, 1)) for d in AXES}
+    if times_s is not None:
+        places["time"] = times_s
+    if angles_deg is not None:
+        places["angle"] = np.asarray(angles_deg, dtype=np.float64)
+    coords = {d: coordinate(d, places[d]) for d in AXES}
+    rate = frame_rate_hz if times_s is None else times_s
+    given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
+    missing = [name for name, value in given.items() if value is None]
+    attrs: dict[str, Any] = {
+        "units": "rad",
+        "object": path.stem,
+        "source": address_of(path) or str(path),
+    }
+    if missing:
+        attrs["notes"] = [f"Not in the file, so counted in ones: {', '.join(missing)}."]
+    return full.assign_coords(coords).assign_attrs(attrs)
+
+
+def check_angles(angles_deg: Any) -> None:
+    """Refuse what is no list of different angles in degrees."""
+    angles = as_numbers("angles_deg", angles_deg)
+    if angles.ndim != 1 or angles.dtype.kind == "b":
+        msg = (
+            f"angles_deg must be a list of degrees, one for each view, but is {shown(angles_deg)}"
+        )
+        raise TypeError(msg)
+    if not np.isfinite(angles).all() or np.unique(angles).size < angles.size:
+        msg = (
+            f"angles_deg must be finite and different from each other, but is {shown(angles_deg)}"
+        )
+        raise ValueError(msg)
+
+
+def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
+    """Say whether a file holds wrapped phase rather than holograms.
+
+    Holograms are counts of light; wrapped phase lies within half a cycle of zero, on both sides,
+    and spans more than half a cycle. Stacks of four dimensions are phase. Of files that this
+    program wrote, those that no method has unwrapped are.
+    """
+    path = Path(path)
+    if not path.exists() and address_of(path) is None:
+        return False
+    noted = result_attrs(path)
+    if noted is not None:
+        return noted.get("units") == "rad" and "method" not in noted
+    if is_koala_phase(path):
+        return True
+    try:
+        if path.suffix.lower() == ".npz" and dataset is None and holds_holograms(path):
+            return False
+        values = plain_phase(path, dataset).frames
+    except (OSError, ValueError):
+        return False
+    return values.ndim in PLAIN_AXES and (is_stack_of_views(values) or looks_wrapped(values))
+
+
+def is_stack_of_views(values: Any) -> bool:
+    """Say whether numbers have four axes, as holograms never do."""
+    return bool(values.dtype.kind == "f" and values.ndim == 4 and 0 not in values.shape)
+
+
+def plain_phase(path: Path, dataset: str | None) -> Video:
+    """Return the numbers of a file that says nothing about them, lazily where it allows that."""
+    suffix = path.suffix.lower()
+    if suffix == ".npy":
+        return read_npy(path)
+    if suffix == ".npz":
+        return read_npz(path, dataset, PHASE_NAMES, (2, 3, 4))
+    if suffix in TIFF_SUFFIXES:
+        return read_tiff(path, dataset)
+    if suffix in HDF5_SUFFIXES:
+        return read_hdf5(path, dataset)
+    if is_zarr(path):
+        return read_zarr(path, dataset)
+    if is_koala_phase(path):
+        return read_koala_phase(path)
+    msg = (
+        f"{path.name} is of a kind that can't be read as phase; use OME-TIFF, OME-Zarr, HDF5, "
+        ".npy, .npz or .bin of Koala"
+    )
+    raise OSError(msg)

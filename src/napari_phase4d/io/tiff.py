@@ -14,7 +14,6 @@ import numpy as np
 import tifffile
 from numpy.typing import NDArray
 
-from napari_phase4d.io.choosing import axes_in_words, chosen_places
 from napari_phase4d.io.lazy import (
     FrameReader,
     Unsound,
@@ -30,6 +29,8 @@ from napari_phase4d.io.video import (
     SECONDS,
     Facts,
     Video,
+    axes_in_words,
+    chosen_places,
     colour_sentence,
     grey,
     quiet,

@@ -14,17 +14,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.io.choosing import (
+from napari_phase4d.io.lazy import FrameReader, Unsound, in_one_line, lazy_frames
+from napari_phase4d.io.remote import address_of, is_missing, remote_store, unreached
+from napari_phase4d.io.video import (
+    LARGEST_PIECE,
+    MICROMETRES,
+    SECONDS,
+    Facts,
     Found,
+    Video,
     axes_to_choose,
     choice,
     chosen_name,
     chosen_places,
     other_arrays,
 )
-from napari_phase4d.io.lazy import FrameReader, Unsound, in_one_line, lazy_frames
-from napari_phase4d.io.remote import address_of, is_missing, remote_store, unreached
-from napari_phase4d.io.video import LARGEST_PIECE, MICROMETRES, SECONDS, Facts, Video
 from napari_phase4d.words import size_in_words
 
 __all__ = ["ZarrReader", "is_zarr", "read_zarr"]

@@ -5,10 +5,20 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 
 from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
 from napari_phase4d.pipeline.batch import result_folders, run_batch
+from napari_phase4d.pipeline.folder import checked_form, holds_outcome, read_outcome, write_files
 from napari_phase4d.pipeline.guarding import result_folder, write_outcome
 from napari_phase4d.pipeline.live import LiveStatus, shown_method, watch
-from napari_phase4d.pipeline.needs import Needs, needed_bytes, needs_of, phase_needs, working_bytes
-from napari_phase4d.pipeline.places import Place, find_place, make_folder, stacks_beside
+from napari_phase4d.pipeline.places import (
+    Needs,
+    Place,
+    find_place,
+    make_folder,
+    needed_bytes,
+    needs_of,
+    phase_needs,
+    stacks_beside,
+    working_bytes,
+)
 from napari_phase4d.pipeline.provenance import (
     Fingerprint,
     fingerprint,
@@ -16,20 +26,8 @@ from napari_phase4d.pipeline.provenance import (
     program_version,
     source_of,
 )
-from napari_phase4d.pipeline.recipe import (
-    DEFAULT_METHODS,
-    PAPER_METHODS,
-    PHASE_SETTINGS,
-    Recipe,
-)
-from napari_phase4d.pipeline.reopening import holds_outcome, read_outcome
-from napari_phase4d.pipeline.running import (
-    Outcome,
-    focus_by,
-    reconstruct_by,
-    run,
-    unwrap_by,
-)
+from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, PHASE_SETTINGS, Recipe
+from napari_phase4d.pipeline.running import Outcome, focus_by, reconstruct_by, run, unwrap_by
 from napari_phase4d.pipeline.starting import (
     FOUND_BY,
     found_anywhere,
@@ -39,7 +37,6 @@ from napari_phase4d.pipeline.starting import (
     start_words,
     with_start,
 )
-from napari_phase4d.pipeline.writing import checked_form, write_files
 from napari_phase4d.words import EXPECTED, sentence_of, size_in_words, time_in_words
 
 __all__ = [

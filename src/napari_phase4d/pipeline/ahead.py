@@ -20,7 +20,7 @@ from napari_phase4d.pipeline.running import reconstruct_by, unwrap_by
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, Task
 from napari_phase4d.unwrapping import BUILT_IN, methods_for, scores_of_some, unwrap
-from napari_phase4d.unwrapping.directional.cut import sink_side
+from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.growing.rows import integrated
 
 __all__ = ["estimated_seconds", "warm_up", "warm_up_elsewhere"]

@@ -14,13 +14,12 @@ from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM, holds_phase
 from napari_phase4d.io.atomic import remove_dead, written_whole
 from napari_phase4d.io.results import is_result
 from napari_phase4d.io.zarr_files import is_zarr
-from napari_phase4d.pipeline.batch.folders import NOTE, noted
-from napari_phase4d.pipeline.batch.lock import alone
+from napari_phase4d.pipeline.batch.folders import NOTE, alone, noted
+from napari_phase4d.pipeline.folder import checked_form, lying_in, write_files
 from napari_phase4d.pipeline.places import make_folder
 from napari_phase4d.pipeline.provenance import Fingerprint, source_of
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
-from napari_phase4d.pipeline.writing import checked_form, lying_in, write_files
 from napari_phase4d.task import CancelledCall, ProgressCall, Task
 from napari_phase4d.words import local_path
 

@@ -27,8 +27,7 @@ from napari_phase4d.holography import (
 )
 from napari_phase4d.io import open_recording
 from napari_phase4d.optics import Optics
-from napari_phase4d.pipeline.needs import needs_of, phase_needs
-from napari_phase4d.pipeline.places import Place, place_for
+from napari_phase4d.pipeline.places import Place, needs_of, phase_needs, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.starting import noting_start, open_by, with_start
 from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
@@ -36,7 +35,8 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import check_light, is_known
-from napari_phase4d.unwrapping.problem import all_known, checked_boundaries
+from napari_phase4d.unwrapping.given import all_known
+from napari_phase4d.unwrapping.problem import checked_boundaries
 from napari_phase4d.words import check_type, sentence_of, warn
 
 __all__ = [

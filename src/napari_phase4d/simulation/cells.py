@@ -10,8 +10,13 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.asked import check_asked
-from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, projected_phase, rotation
+from napari_phase4d.simulation.ellipsoids import (
+    Ellipsoid,
+    check_asked,
+    phase_stack,
+    projected_phase,
+    rotation,
+)
 from napari_phase4d.words import check_finite
 
 __all__ = [

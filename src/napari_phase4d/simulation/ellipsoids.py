@@ -1,19 +1,95 @@
-"""Bodies made of ellipsoids, whose projections are known in closed form, and stacks of them."""
+"""What simulations share: bodies of ellipsoids, stacks of their phase, checks of what is asked.
+
+The projections of ellipsoids are known in closed form.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import KIND, UNWRAPPED, WRAPPED
+from napari_phase4d.words import as_numbers, check_positive, check_type, shown
 
-__all__ = ["Ellipsoid", "path_length_um", "phase_stack", "projected_phase", "rotation", "wrap"]
+__all__ = [
+    "Ellipsoid",
+    "check_asked",
+    "check_optics",
+    "is_count",
+    "path_length_um",
+    "phase_stack",
+    "projected_phase",
+    "rotation",
+    "with_exact_phase",
+    "wrap",
+]
+
+#: No phantom is larger than this: pixels of all frames together.
+MOST_PIXELS = 2**36
+
+
+def check_asked(
+    shape: Any, n_times: Any, angles_deg: Any, optics: Any = None, **lengths: Any
+) -> None:
+    """Raise TypeError or ValueError for a simulation that can't be.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        Height and width in pixels.
+    n_times : int
+        Number of frames.
+    angles_deg : sequence of float
+        Viewing angles in degrees.
+    optics : Optics or None
+        The microscope.
+    **lengths
+        Numbers that must be above 0, by their names; None is left out, and of a pair both count.
+    """
+    sides = shape if isinstance(shape, (tuple, list, np.ndarray)) else ()
+    if len(sides) != 2 or not all(is_count(side) for side in sides):
+        msg = f"shape must be a height and a width in pixels, but is {shown(shape)}"
+        raise ValueError(msg)
+    if not is_count(n_times):
+        msg = f"n_times must be a number of frames, 1 or more, but is {shown(n_times)}"
+        raise ValueError(msg)
+    angles = as_numbers("angles_deg", angles_deg)
+    if angles.ndim != 1 or not angles.size or not np.isfinite(angles).all():
+        msg = f"angles_deg must be a list of degrees, but is {shown(angles_deg)}"
+        raise ValueError(msg)
+    if (np.diff(angles) <= 0).any():
+        msg = f"angles_deg must rise, but is {shown(angles_deg)}"
+        raise ValueError(msg)
+    if int(sides[0]) * int(sides[1]) * int(n_times) * angles.size > MOST_PIXELS:
+        msg = f"{n_times} frames of {sides[0]} x {sides[1]} pixels are more than fit into memory"
+        raise ValueError(msg)
+    check_optics(optics)
+    for name, value in lengths.items():
+        for length in value if isinstance(value, (tuple, list)) else (value,):
+            if length is not None:
+                check_positive(name, length)
+
+
+def check_optics(optics: Any) -> None:
+    """Raise TypeError for what is no microscope; None is the usual one."""
+    if optics is not None:
+        check_type("optics", optics, Optics, "give Optics(wavelength_um=...)")
+
+
+def is_count(value: Any) -> bool:
+    """Say whether something is a whole number, 1 or more."""
+    whole = isinstance(value, (int, np.integer)) and not isinstance(value, bool)
+    return whole and value >= 1
+
+
+# ---- bodies, and stacks of their phase ------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -163,14 +239,40 @@ def phase_stack(
         for a, angle in enumerate(angles_deg):
             centred = y - shape[0] / 2 * step_y, x - shape[1] / 2 * step_x
             phase[t, a] = projected_phase(bodies, angle, *centred, optics.wavelength_um)
+    return with_exact_phase(phase, times_s, angles_deg, (y, x), optics, attrs)
+
+
+def with_exact_phase(
+    phase: NDArray[np.floating],
+    times_s: ArrayLike,
+    angles_deg: ArrayLike,
+    places_um: tuple[NDArray[np.floating], NDArray[np.floating]],
+    optics: Optics,
+    attrs: Mapping[str, object],
+) -> xr.Dataset:
+    """Return exact phase with its axes and notes, and the same wrapped.
+
+    Parameters
+    ----------
+    phase : ndarray, shape (time, angle, y, x)
+        Exact phase in radians.
+    times_s, angles_deg : array_like
+        When and from where it was looked at.
+    places_um : tuple of ndarray
+        Where pixels lie along y and x.
+    optics : Optics
+        Gives the wavelength.
+    attrs : mapping
+        Noted in the result.
+    """
     coords = {
         "time": coordinate("time", np.asarray(times_s, dtype=np.float64)),
         "angle": coordinate("angle", np.asarray(angles_deg, dtype=np.float64)),
-        "y": coordinate("y", y),
-        "x": coordinate("x", x),
+        "y": coordinate("y", places_um[0]),
+        "x": coordinate("x", places_um[1]),
     }
     common = {"units": "rad", "wavelength_um": optics.wavelength_um, **attrs}
-    exact = xr.DataArray(phase, dims=AXES, coords=coords, attrs=common)
+    exact = xr.DataArray(phase.astype(np.float32), dims=AXES, coords=coords, attrs=common)
     exact.attrs |= {"exact": True, KIND: UNWRAPPED}
     wrapped = wrap(exact)
     wrapped.attrs = {**common, KIND: WRAPPED}

@@ -14,10 +14,8 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.asked import check_asked
-from napari_phase4d.simulation.ellipsoids import wrap
+from napari_phase4d.simulation.ellipsoids import check_asked, with_exact_phase
 
 __all__ = ["HARD_SHAPES", "hard_shape"]
 
@@ -294,20 +292,11 @@ def hard_shape(
         [np.stack([HARD_SHAPES[name](s, y, x, np.deg2rad(a)) for a in angles_deg]) for s in asked]
     )
     pixel_um = 5.0 * half_pixel
-    coords = {
-        "time": coordinate("time", np.round(asked * max(n_times - 1, 1), 9)),
-        "angle": coordinate("angle", np.asarray(angles_deg, dtype=np.float64)),
-        "y": coordinate("y", np.arange(shape[0]) * pixel_um),
-        "x": coordinate("x", np.arange(shape[1]) * pixel_um),
-    }
-    attrs: dict[str, object] = {
-        "units": "rad",
-        "wavelength_um": optics.wavelength_um,
-        "object": name,
-        "boundary": (0, 0),
-    }
-    exact = xr.DataArray(phase.astype(np.float32), dims=AXES, coords=coords, attrs=attrs)
-    exact.attrs["exact"] = True
-    wrapped = wrap(exact)
-    wrapped.attrs = dict(attrs)
-    return xr.Dataset({"phase": exact, "wrapped": wrapped}, attrs=attrs)
+    return with_exact_phase(
+        phase,
+        np.round(asked * max(n_times - 1, 1), 9),
+        angles_deg,
+        (np.arange(shape[0]) * pixel_um, np.arange(shape[1]) * pixel_um),
+        optics,
+        {"object": name, "boundary": (0, 0)},
+    )

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
-from napari_phase4d.simulation.asked import check_optics
+from napari_phase4d.simulation.ellipsoids import check_optics
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.words import check_type
 

@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.asked import check_asked, is_count
 from napari_phase4d.simulation.cells import EUGLENA_ANGLES_DEG, FRAME_RATE_HZ
 from napari_phase4d.simulation.ellipsoids import (
     Ellipsoid,
+    check_asked,
+    is_count,
     path_length_um,
     phase_stack,
     rotation,

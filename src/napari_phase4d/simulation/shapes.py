@@ -9,8 +9,13 @@ import numpy as np
 import xarray as xr
 
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.asked import check_asked
-from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, rotation, wrap
+from napari_phase4d.simulation.ellipsoids import (
+    Ellipsoid,
+    check_asked,
+    phase_stack,
+    rotation,
+    wrap,
+)
 from napari_phase4d.words import check_type
 
 __all__ = ["SHAPES", "moving_shape", "with_noise"]

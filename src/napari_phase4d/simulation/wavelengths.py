@@ -10,9 +10,8 @@ import xarray as xr
 
 from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
 from napari_phase4d.optics import Optics
-from napari_phase4d.simulation.asked import check_asked
-from napari_phase4d.simulation.ellipsoids import wrap
-from napari_phase4d.stacks import wavelength_coordinate, wavelengths_of
+from napari_phase4d.simulation.ellipsoids import check_asked, with_exact_phase, wrap
+from napari_phase4d.stacks import KIND, WRAPPED, wavelength_coordinate, wavelengths_of
 from napari_phase4d.words import as_numbers, check_number, check_type
 
 __all__ = ["at_wavelengths", "step_phantom"]
@@ -88,7 +87,7 @@ def at_wavelengths(
     attrs = {name: value for name, value in exact.attrs.items() if name != "wavelength_um"}
     phase = xr.DataArray(values.reshape(shape), dims=AXES, coords=coords, attrs=attrs)
     wrapped = wrap(phase)
-    wrapped.attrs = {name: value for name, value in attrs.items() if name != "exact"}
+    wrapped.attrs = {n: value for n, value in attrs.items() if n != "exact"} | {KIND: WRAPPED}
     return xr.Dataset({"phase": phase, "wrapped": wrapped})
 
 
@@ -165,20 +164,11 @@ def step_phantom(
         path[time] = np.roll(path[time], time, axis=1)
     longer = 1 / np.cos(np.deg2rad(np.asarray(angles_deg, dtype=np.float64)))
     phase = 2 * np.pi / optics.wavelength_um * path[:, None] * longer[:, None, None]
-    coords = {
-        "time": coordinate("time", np.arange(n_times, dtype=np.float64)),
-        "angle": coordinate("angle", np.asarray(angles_deg, dtype=np.float64)),
-        "y": coordinate("y", np.arange(shape[0]) * optics.pixel_um),
-        "x": coordinate("x", np.arange(shape[1]) * optics.pixel_um),
-    }
-    attrs: dict[str, object] = {
-        "units": "rad",
-        "wavelength_um": optics.wavelength_um,
-        "object": "steps",
-        "boundary": (0, 0),
-    }
-    exact = xr.DataArray(phase.astype(np.float32), dims=AXES, coords=coords, attrs=attrs)
-    exact.attrs["exact"] = True
-    wrapped = wrap(exact)
-    wrapped.attrs = dict(attrs)
-    return xr.Dataset({"phase": exact, "wrapped": wrapped})
+    return with_exact_phase(
+        phase,
+        np.arange(n_times),
+        angles_deg,
+        (np.arange(shape[0]) * optics.pixel_um, np.arange(shape[1]) * optics.pixel_um),
+        optics,
+        {"object": "steps", "boundary": (0, 0)},
+    )

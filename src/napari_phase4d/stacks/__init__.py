@@ -15,15 +15,22 @@ from napari_phase4d.stacks.coordinates import (
 )
 from napari_phase4d.stacks.entry import (
     as_stack,
+    checked_labels,
     mask_on,
     on_grid_of,
     unwrapped_stack,
     without_masked,
     wrapped_stack,
 )
-from napari_phase4d.stacks.kinds import KIND, UNWRAPPED, WRAPPED, kind_of, looks_wrapped
-from napari_phase4d.stacks.labels import checked_labels
-from napari_phase4d.stacks.light import wavelength_coordinate, wavelengths_of
+from napari_phase4d.stacks.notes import (
+    KIND,
+    UNWRAPPED,
+    WRAPPED,
+    kind_of,
+    looks_wrapped,
+    wavelength_coordinate,
+    wavelengths_of,
+)
 
 __all__ = [
     "KIND",

@@ -20,20 +20,22 @@ from napari_phase4d.unwrapping.directional.support import (
     astray,
     supports_by_steps,
 )
-from napari_phase4d.unwrapping.ends import both_ends, ends_along
-from napari_phase4d.unwrapping.flow import loop_sums
-from napari_phase4d.unwrapping.framewise import frame_by_frame
-from napari_phase4d.unwrapping.given import Given, is_known, working_blocks, working_frames
-from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
-from napari_phase4d.unwrapping.light.agreement import (
-    all_wavelengths_known,
-    chance_by_wavelengths,
+from napari_phase4d.unwrapping.filters import median_of
+from napari_phase4d.unwrapping.frames import border_medians, left_out_advice
+from napari_phase4d.unwrapping.given import (
+    Given,
+    is_known,
+    noise_of,
+    working_blocks,
+    working_frames,
 )
-from napari_phase4d.unwrapping.masks import left_out_advice
-from napari_phase4d.unwrapping.method import STACKS_OF_A_FRAME, Method, Option
-from napari_phase4d.unwrapping.noise import median_of, noise_of
-from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS
+from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
+from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, chance_by_wavelengths
+from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
+from napari_phase4d.unwrapping.network_flow import loop_sums
+from napari_phase4d.unwrapping.packages import frame_by_frame
+from napari_phase4d.unwrapping.problem import Problem, SharedSteps
+from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS, STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.running import (
     all_options,
     check_light,
@@ -44,8 +46,6 @@ from napari_phase4d.unwrapping.running import (
     run_method,
     unwrap,
 )
-from napari_phase4d.unwrapping.sharing import SharedSteps
-from napari_phase4d.unwrapping.spatial import border_medians
 
 __all__ = [
     "BUILT_IN",

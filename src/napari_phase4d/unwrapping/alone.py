@@ -14,16 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, Store, room_in
+from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, Store, limits_of, room_in
 from napari_phase4d.task import Task
+from napari_phase4d.unwrapping.frames import (
+    border_medians,
+    centre,
+    object_mask,
+    smooth_share_left_out,
+    turns_of_frame,
+    unwrap_frame,
+)
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
-from napari_phase4d.unwrapping.masks import object_mask, smooth_share_left_out
-from napari_phase4d.unwrapping.registration import centre
-from napari_phase4d.unwrapping.spatial import border_medians, turns_of_frame, unwrap_frame
 
 __all__ = [
     "FindBlock",
+    "FinishBlock",
     "Found",
     "Framewise",
     "Lifted",
@@ -122,6 +128,37 @@ class Lifted(ReadOnly):
         turns: Turns = self.turns.read(block, angles)
         more = self.lift[block.start : block.stop, angles]
         return turns + more[..., None, None] if more.any() else turns
+
+
+@dataclass(frozen=True)
+class FinishBlock:
+    """Writes unwrapped phase from the turns that a method found.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    turns, mask : Stack
+        What was found, and where.
+    result : Stack
+        Where unwrapped phase goes.
+    """
+
+    given: Given
+    turns: Stack
+    mask: Stack
+    result: Stack
+
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest phase."""
+        wrapped, usable = self.given.read(block)
+        unwrapped = room_in(self.result, block, np.float32)
+        turns, mask = self.turns.read(block), self.mask.read(block)
+        limits = finished_phase(wrapped, turns, mask, unwrapped)
+        if self.given.usable is None and not usable.all():
+            limits = limits_of(self.given.without_lost(unwrapped, usable))
+        self.result.write(block, unwrapped)
+        return limits
 
 
 def with_turns(wrapped: Phase, turns: Turns, mask: Mask) -> Phase:

@@ -13,11 +13,17 @@ from napari_phase4d.compiling import vectorized
 from napari_phase4d.phasors import parts_of, phasors, turned
 from napari_phase4d.stack import Block, Memory, Stack, Store
 from napari_phase4d.task import on_all_cores
-from napari_phase4d.unwrapping.boxes import LEAST_WEIGHT, box_mean
-from napari_phase4d.unwrapping.given import Given, as_given, working_blocks
-from napari_phase4d.unwrapping.noise import WithoutLost, lost_of, sampled_noise
-from napari_phase4d.unwrapping.patches import keep_touching, shrink
-from napari_phase4d.unwrapping.spatial import BORDER, border_of
+from napari_phase4d.unwrapping.filters import keep_touching, shrunk
+from napari_phase4d.unwrapping.frames import BORDER, border_of
+from napari_phase4d.unwrapping.given import (
+    Given,
+    WithoutLost,
+    as_given,
+    lost_of,
+    sampled_noise,
+    working_blocks,
+)
+from napari_phase4d.unwrapping.neighbours import LEAST_WEIGHT, box_mean
 
 __all__ = ["Background", "background_of", "find_background", "plane", "tilt_of"]
 
@@ -447,25 +453,6 @@ def rim(usable: Mask, width: int) -> Mask:
     for _ in range(width):
         inner = shrunk(inner, beyond=False)
     found: Mask = usable & ~inner
-    return found
-
-
-def shrunk(mask: Mask, *, beyond: bool, square: bool = False) -> Mask:
-    """Return the pixels of a mask whose neighbours are in it too: four, or eight in a square.
-
-    As `scipy.ndimage.binary_erosion`, which takes ten times as long.
-
-    Parameters
-    ----------
-    mask : ndarray of bool, shape (y, x)
-        What to shrink.
-    beyond : bool
-        What lies beyond the border.
-    square : bool, optional
-        Whether diagonal neighbours count.
-    """
-    found = np.empty(mask.shape, dtype=bool)
-    shrink(np.require(mask, bool, ["C", "W"]), beyond, square, found)
     return found
 
 

@@ -18,11 +18,11 @@ from napari_phase4d.task import (
     in_threads,
     watched,
 )
+from napari_phase4d.unwrapping.frames import border_medians, unwrap_frame
 from napari_phase4d.unwrapping.growing import Workspace, smooth_turns
 from napari_phase4d.unwrapping.problem import Boundary, Problem, checked_boundaries
 from napari_phase4d.unwrapping.registry import METHODS
 from napari_phase4d.unwrapping.running import run_method
-from napari_phase4d.unwrapping.spatial import border_medians, unwrap_frame
 
 __all__ = [
     "SCORED_PIXELS",

@@ -1,7 +1,7 @@
 """Frames unwrapped as they come, by methods that need nothing but the past.
 
 Each frame by itself, along the angle at each time, and along time from the first frame on: the
-steps of `alone`, `registration` and `chain`, on the frames that have just come instead of on all.
+steps of `alone`, `frames` and `chain`, on the frames that have just come instead of on all.
 The numbers are those of the same methods on the finished recording, to the last bit.
 """
 
@@ -19,6 +19,7 @@ from napari_phase4d.stack import Block, InMemory, Stack
 from napari_phase4d.task import CancelledCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
     FindBlock,
+    FinishBlock,
     Lifted,
     Mask,
     Phase,
@@ -26,10 +27,10 @@ from napari_phase4d.unwrapping.alone import (
     UnwrapBlock,
     lift_of,
 )
-from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, FinishBlock, Last, onwards
+from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, Last, onwards
+from napari_phase4d.unwrapping.frames import centre_of_mass_shifts, likeness, next_shift
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import coherence
-from napari_phase4d.unwrapping.registration import centre_of_mass_shifts, likeness, next_shift
 from napari_phase4d.unwrapping.running import all_options
 
 __all__ = ["CAUSAL", "Causal", "causal_methods", "for_what_comes"]

@@ -8,44 +8,32 @@ of one pass is the initial method of the next.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
 from types import MappingProxyType
-from typing import Any, NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
-from napari_phase4d.stack import Block, Limits, Stack, block_at, limits_of, room_in
-from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads, nothing
+from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
+    FinishBlock,
     Framewise,
-    Mask,
-    Phase,
     Turns,
-    as_loops_take,
-    finished_phase,
     lifted_turns,
-    with_turns,
 )
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import coherence
-from napari_phase4d.unwrapping.pieces import (
-    Piece,
-    pieces_between,
-    thickness,
-    with_thin_turning_points,
-)
+from napari_phase4d.unwrapping.pieces import Last, Line, Maps, first_turns, next_turns, unwrap_line
 
 __all__ = [
     "ORDERS",
     "AlongAngle",
     "Chain",
-    "FinishBlock",
     "Last",
-    "Maps",
     "along_time",
     "angular",
     "angular_temporal",
@@ -54,7 +42,6 @@ __all__ = [
     "starts_on",
     "temporal",
     "temporal_angular",
-    "unwrap_line",
 ]
 
 TURN = np.float32(2 * np.pi)
@@ -352,220 +339,3 @@ class MapsOfAngle:
         """Write the turns of the finished map k."""
         angle = slice(self._angle, self._angle + 1)
         self._result.write(Block(k, k + 1), turns[None, None], angle)
-
-
-@dataclass(frozen=True)
-class FinishBlock:
-    """Writes unwrapped phase from the turns that a method found.
-
-    Parameters
-    ----------
-    given : Given
-        Wrapped phase.
-    turns, mask : Stack
-        What was found, and where.
-    result : Stack
-        Where unwrapped phase goes.
-    """
-
-    given: Given
-    turns: Stack
-    mask: Stack
-    result: Stack
-
-    def __call__(self, block: Block) -> Limits:
-        """Do a block; return its smallest and largest phase."""
-        wrapped, usable = self.given.read(block)
-        unwrapped = room_in(self.result, block, np.float32)
-        turns, mask = self.turns.read(block), self.mask.read(block)
-        limits = finished_phase(wrapped, turns, mask, unwrapped)
-        if self.given.usable is None and not usable.all():
-            limits = limits_of(self.given.without_lost(unwrapped, usable))
-        self.result.write(block, unwrapped)
-        return limits
-
-
-# ---- the building block ----------------------------------------------------------------------
-
-
-class Maps(NamedTuple):
-    """Wrapped phase, turns by the initial method, and the object, each of shape (y, x).
-
-    They are held as they are; by so many pixels (y, x) they are to be moved, round the edges of
-    the field, for the object to be in place.
-    """
-
-    wrapped: Phase
-    turns: Turns
-    mask: Mask
-    shift: Sequence[int] = (0, 0)
-
-
-#: A map, and its turns in the result.
-Last = tuple[Maps, Turns]
-
-
-class Line:
-    """Maps to unwrap one after the other, wherever they lie.
-
-    Parameters
-    ----------
-    n : int
-        How many there are.
-    read : callable
-        Returns what is known of a map by its number.
-    write : callable
-        ``write(k, turns)`` takes a finished map.
-    """
-
-    def __init__(
-        self, n: int, read: Callable[[int], Maps], write: Callable[[int, Turns], Any]
-    ) -> None:
-        self.n = n
-        self.read = read
-        self._write = write
-        #: Peak phase of every map of the result.
-        self.profile = np.zeros(n)
-
-    def write(self, k: int, maps: Maps, turns: Turns, *, peak: bool) -> None:
-        """Take a finished map; note its peak."""
-        self._write(k, turns)
-        if peak:
-            self.profile[k] = thickness(with_turns(maps.wrapped, turns, maps.mask), maps.mask)
-
-
-def unwrap_line(
-    line: Line, starts: Sequence[int], *, split: bool = True, check: Check = nothing
-) -> None:
-    """Unwrap a line outwards from its thin maps, and anew where others turn out as thin.
-
-    Parameters
-    ----------
-    line : Line
-        Maps over time or over angle.
-    starts : sequence of int
-        Numbers of the thin maps.
-    split : bool, optional
-        Whether a line that gets thick and thin again is broken into monotonic pieces. Default
-        True.
-    check : callable, optional
-        Called before every map; may raise to stop the work.
-    """
-    again = split and line.n > 2
-    pieces = pieces_between(starts, line.n, profile=None)
-    follow(pieces, line, check, peaks=again)
-    if not again:
-        return
-    all_starts = with_thin_turning_points(line.profile, starts)
-    better = pieces_between(all_starts, line.n, line.profile)
-    if better != pieces:
-        follow(better, line, check, peaks=False)
-
-
-def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) -> None:
-    """Unwrap each piece from its start outwards (steps 1 to 4)."""
-    for piece in pieces:
-        maps = line.read(piece.start)
-        first = first_turns(maps)
-        line.write(piece.start, maps, first, peak=peaks)
-        for way in (
-            range(piece.start + 1, piece.stop),
-            range(piece.start - 1, piece.first - 1, -1),
-        ):
-            before, turns = maps, first
-            for k in way:
-                check()
-                now = line.read(k)
-                found = np.empty_like(turns)
-                next_turns(before, turns, now, found)
-                line.write(k, now, found, peak=peaks)
-                before, turns = now, found
-
-
-def first_turns(maps: Maps) -> Turns:
-    """Return the turns of a thin map, which are those of the initial method."""
-    return np.where(maps.mask, maps.turns, np.int16(0))
-
-
-def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns) -> None:
-    """Write the turns of the next map (steps 2 to 4).
-
-    Parameters
-    ----------
-    before, turns
-        The map before, and its turns in the result; its phase is 0 outside the mask.
-    now : Maps
-        The next map.
-    out : ndarray of int
-        Where its turns go.
-    """
-    height, width = out.shape
-    next_turns_from(
-        as_loops_take(before.wrapped),
-        as_loops_take(before.mask),
-        as_loops_take(turns),
-        as_loops_take(now.wrapped),
-        as_loops_take(now.mask),
-        as_loops_take(now.turns),
-        (now.shift[0] - before.shift[0]) % height,
-        (now.shift[1] - before.shift[1]) % width,
-        out,
-    )
-
-
-@compiled
-def next_turns_from(
-    wrapped_before: Phase,
-    mask_before: Mask,
-    turns_before: Turns,
-    wrapped: Phase,
-    mask: Mask,
-    turns: Turns,
-    down: int,
-    right: int,
-    out: Turns,
-) -> None:
-    """Do it for arrays, each pixel from the one so far down and right of it in the map before."""
-    height, width = out.shape
-    split = width - right
-    for y in range(height):
-        before = (y + down) % height
-        phase, inside, whole = wrapped_before[before], mask_before[before], turns_before[before]
-        next_in_row(
-            phase[right:],
-            inside[right:],
-            whole[right:],
-            wrapped[y],
-            mask[y],
-            turns[y],
-            out[y, :split],
-        )
-        next_in_row(
-            phase,
-            inside,
-            whole,
-            wrapped[y, split:],
-            mask[y, split:],
-            turns[y, split:],
-            out[y, split:],
-        )
-
-
-@compiled
-def next_in_row(
-    wrapped_before: Phase,
-    mask_before: Mask,
-    turns_before: Turns,
-    wrapped: Phase,
-    mask: Mask,
-    turns: Turns,
-    out: Turns,
-) -> None:
-    """Do a part of a row; without branches, so that several pixels are done at a time."""
-    turn = np.float32(2 * np.pi)
-    for x in range(len(out)):
-        phase = wrapped_before[x] if mask_before[x] else np.float32(0)
-        whole = np.int32(turns_before[x]) if mask_before[x] else np.int32(0)
-        whole += np.int32(np.rint((phase - wrapped[x]) / turn))
-        whole = max(whole, np.int32(turns[x]))
-        out[x] = whole if mask[x] else np.int32(0)

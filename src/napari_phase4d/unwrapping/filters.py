@@ -1,19 +1,35 @@
-"""Filters of single frames, compiled: the numbers of SciPy and NumPy, a few times as fast.
+"""Filters, medians and patches of single frames: what SciPy gives, a few times as fast.
 
-They take the same steps in double precision in the same order, so that every bit is the same; what
-lies beyond the edges is the frame mirrored there ("reflect").
+Filters take the same steps in double precision in the same order as SciPy and NumPy, so that every
+bit is the same; what lies beyond the edges is the frame mirrored there ("reflect").
+
+Pixels touch each other up, down and to the sides. A patch is found by its runs along x: those that
+touch from row to row are joined (union-find), which takes one look at every pixel.
 """
 
 from __future__ import annotations
 
 import functools
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["gaussian", "middle", "ranked", "running_mean", "upper_quantile"]
+__all__ = [
+    "extent",
+    "fill_holes",
+    "gaussian",
+    "keep_touching",
+    "median_of",
+    "middle",
+    "remove_specks",
+    "running_mean",
+    "shrunk",
+    "upper_quantile",
+    "widened",
+]
 
 Frame = NDArray[np.float32]
 Doubles = NDArray[np.float64]
@@ -240,3 +256,238 @@ def mean_along(line: Doubles, size: int, total: Doubles, out: Frame) -> None:
         total[x] += total[x - 1]
     for x in range(len(out)):
         out[x] = total[x] / size
+
+
+# ---- patches of a mask ----------------------------------------------------------------------
+
+
+Mask = NDArray[np.bool_]
+#: Row, first and one after the last pixel of every run; its parent among them; the pixels of the
+#: patch, and whether it touches the edge, both by its first run.
+Runs = NDArray[np.int32]
+ROW, START, STOP, PARENT, SIZE, EDGE = 0, 1, 2, 3, 4, 5
+
+
+@compiled
+def extent(mask: Mask, room: int) -> tuple[int, int, int, int]:
+    """Return the first and one after the last row and column of a mask, with some room.
+
+    The first row and column alone where there is nothing.
+    """
+    height, width = mask.shape
+    top, bottom = height, -1
+    columns = np.zeros(width, np.bool_)
+    for y in range(height):
+        if add_row(mask[y], columns):
+            top, bottom = min(top, y), y
+    if bottom < 0:
+        return 0, 1, 0, 1
+    left, right = 0, width - 1
+    while not columns[left]:
+        left += 1
+    while not columns[right]:
+        right -= 1
+    return (
+        max(top - room, 0),
+        min(bottom + room + 1, height),
+        max(left - room, 0),
+        min(right + room + 1, width),
+    )
+
+
+@compiled
+def fill_holes(mask: Mask) -> None:
+    """Fill what the edge can't be reached from."""
+    runs, count = patches_of(mask, False)
+    for k in range(count):
+        if not runs[EDGE, root_of(runs, k)]:
+            mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = True
+
+
+@compiled
+def remove_specks(mask: Mask, smallest: float) -> None:
+    """Leave out patches of fewer pixels."""
+    runs, count = patches_of(mask, True)
+    for k in range(count):
+        if runs[SIZE, root_of(runs, k)] < smallest:
+            mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = False
+
+
+@compiled
+def keep_touching(mask: Mask, edge: Mask, smallest: int) -> None:
+    """Keep patches of so many pixels that share some with an edge; leave the others out."""
+    runs, count = patches_of(mask, True)
+    runs[EDGE] = 0
+    for k in range(count):
+        row = edge[runs[ROW, k]]
+        for x in range(runs[START, k], runs[STOP, k]):
+            if row[x]:
+                runs[EDGE, root_of(runs, k)] = 1
+                break
+    for k in range(count):
+        root = root_of(runs, k)
+        if not runs[EDGE, root] or runs[SIZE, root] < smallest:
+            mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = False
+
+
+def shrunk(mask: Mask, *, beyond: bool, square: bool = False) -> Mask:
+    """Return the pixels of a mask whose neighbours are in it too: four, or eight in a square.
+
+    As `scipy.ndimage.binary_erosion`, which takes ten times as long.
+
+    Parameters
+    ----------
+    mask : ndarray of bool, shape (y, x)
+        What to shrink.
+    beyond : bool
+        What lies beyond the border.
+    square : bool, optional
+        Whether diagonal neighbours count.
+    """
+    found = np.empty(mask.shape, dtype=bool)
+    shrink(np.require(mask, bool, ["C", "W"]), beyond, square, found)
+    return found
+
+
+@compiled
+def shrink(mask: Mask, beyond: bool, square: bool, out: Mask) -> None:
+    """Write what `shrunk` returns."""
+    height, width = mask.shape
+    nothing = np.full(width, beyond)
+    column = np.full(width + 2, beyond)
+    for y in range(height):
+        above = mask[y - 1] if y > 0 else nothing
+        below = mask[y + 1] if y < height - 1 else nothing
+        shrink_row(above, mask[y], below, column[1 : width + 1], square, out[y])
+        and_beside(column[:width], column[2:], out[y])
+
+
+@compiled
+def shrink_row(above: Mask, row: Mask, below: Mask, column: Mask, square: bool, out: Mask) -> None:
+    """Write what is marked in three rows."""
+    for x in range(len(out)):
+        out[x] = above[x] & row[x] & below[x]
+    for x in range(len(out)):
+        column[x] = out[x] if square else row[x]
+
+
+@compiled
+def and_beside(left: Mask, right: Mask, out: Mask) -> None:
+    """Keep what is marked to the left and to the right as well."""
+    for x in range(len(out)):
+        out[x] &= left[x] & right[x]
+
+
+@compiled
+def patches_of(mask: Mask, value: bool) -> tuple[Runs, int]:
+    """Return the runs of pixels that have a value, joined to patches, and how many there are."""
+    height, width = mask.shape
+    runs = np.empty((6, height * ((width + 1) // 2)), np.int32)
+    count, above = 0, 0
+    for y in range(height):
+        row = mask[y]
+        own, x = count, 0
+        while x < width:
+            if row[x] != value:
+                x += 1
+                continue
+            start = x
+            while x < width and row[x] == value:
+                x += 1
+            runs[ROW, count], runs[START, count], runs[STOP, count] = y, start, x
+            runs[PARENT, count], runs[SIZE, count] = count, x - start
+            runs[EDGE, count] = y == 0 or y == height - 1 or start == 0 or x == width
+            count += 1
+        join_rows(runs, above, own, count)
+        above = own
+    return runs, count
+
+
+@compiled
+def join_rows(runs: Runs, above: int, own: int, count: int) -> None:
+    """Join the runs of a row, from ``own`` on, to those of the row before that they touch."""
+    for k in range(own, count):
+        while above < own and runs[STOP, above] <= runs[START, k]:
+            above += 1
+        other = above
+        while other < own and runs[START, other] < runs[STOP, k]:
+            join(runs, other, k)
+            other += 1
+
+
+@compiled
+def join(runs: Runs, one: int, other: int) -> None:
+    """Make one patch of those of two runs."""
+    first, second = root_of(runs, one), root_of(runs, other)
+    if first == second:
+        return
+    if first > second:
+        first, second = second, first
+    runs[PARENT, second] = first
+    runs[SIZE, first] += runs[SIZE, second]
+    runs[EDGE, first] |= runs[EDGE, second]
+
+
+@compiled
+def root_of(runs: Runs, run: int) -> int:
+    """Return the first run of a run's patch."""
+    while runs[PARENT, run] != run:
+        runs[PARENT, run] = runs[PARENT, runs[PARENT, run]]
+        run = runs[PARENT, run]
+    return run
+
+
+@compiled
+def widened(mask: Mask, by: int) -> Mask:
+    """Return a mask widened by some pixels up, down and to the sides."""
+    height, width = mask.shape
+    now = mask.copy()
+    for _ in range(by):
+        wider = now.copy()
+        for y in range(height):
+            row, out = now[y], wider[y]
+            if y > 0:
+                add_row(now[y - 1], out)
+            if y < height - 1:
+                add_row(now[y + 1], out)
+            add_row(row[: width - 1], out[1:])
+            add_row(row[1:], out[: width - 1])
+        now = wider
+    return now
+
+
+@compiled
+def add_row(row: Mask, out: Mask) -> bool:
+    """Mark what is marked in a row; return whether anything is."""
+    some = False
+    for x in range(len(row)):
+        out[x] |= row[x]
+        some |= row[x]
+    return some
+
+
+#: Among fewer numbers all are partitioned.
+FEW = 4096
+
+
+def median_of(values: NDArray[np.floating[Any]]) -> float:
+    """Return the median of numbers (n,), as ``numpy.median`` gives it.
+
+    It takes a third of the time: of many only what lies near the median of some is sorted out.
+    """
+    if 0 < values.size < FEW:
+        upper = values.size // 2
+        lower = upper if values.size % 2 else upper - 1
+        ordered = np.partition(values, (lower, upper, -1))
+        last = float(ordered[-1])  # where a NaN would be
+        return float((ordered[lower] + ordered[upper]) / 2) if last == last else last
+    some = np.sort(values[:: values.size // (FEW // 4)])
+    low, high = some[int(0.45 * some.size)], some[int(0.55 * some.size)]
+    above = values >= low
+    below = int(np.count_nonzero(values < low))
+    near = values[above & (values <= high)]
+    first, last = (values.size - 1) // 2 - below, values.size // 2 - below
+    some_nan = below + np.count_nonzero(above) < values.size
+    if some_nan or not 0 <= first <= last < near.size:
+        return float(np.median(values))
+    return float(np.mean(np.partition(near, (first, last))[first : last + 1]))

@@ -1,8 +1,9 @@
-"""Wrapped phase as it is given, read a block of frames at a time."""
+"""Wrapped phase and amplitude as they are given: read in blocks, their noise, lost frames."""
 
 from __future__ import annotations
 
 import math
+import threading
 from collections import OrderedDict
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -12,7 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
+from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, InMemory, ReadOnly, Stack, block_at, block_frames
+from napari_phase4d.task import on_all_cores
+from napari_phase4d.unwrapping.filters import median_of
 from napari_phase4d.unwrapping.light.views import ViewsOf
 
 __all__ = [
@@ -20,15 +24,24 @@ __all__ = [
     "Counted",
     "Given",
     "KeptFrames",
-    "all_within",
+    "WithoutLost",
+    "all_known",
     "as_given",
+    "brightness_of",
     "is_known",
+    "lost_frames",
+    "lost_of",
+    "noise_of",
+    "relative_amplitude",
+    "sampled_noise",
     "working_blocks",
     "working_frames",
 ]
 
 #: Beyond so many radians, single precision no longer tells the parts of a turn.
 LARGEST = 1e5
+#: Times at which the usual amplitude is looked at.
+BRIGHTNESS_TIMES = 24
 #: Blocks that `KeptFrames` holds.
 KEPT_BLOCKS = 8
 #: Work that looks at neighbouring frames too takes about so many pixels at a time, of all views,
@@ -43,15 +56,6 @@ def is_known(phase: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Mark the pixels that are neither NaN nor infinite, nor so large that a turn is lost."""
     known: NDArray[np.bool_] = np.abs(phase) <= LARGEST
     return known
-
-
-@compiled
-def all_within(numbers: NDArray[np.float32], largest: np.float32) -> bool:
-    """Say whether no number is NaN or larger than this, whatever its sign."""
-    outside = np.int32(0)
-    for k in range(len(numbers)):
-        outside |= np.int32(not abs(numbers[k]) <= largest)
-    return bool(outside == 0)
 
 
 ALL = slice(None)
@@ -184,3 +188,207 @@ def working_blocks(shape: Sequence[int]) -> list[Block]:
     """Cut a stack into blocks to work on; results must not depend on where."""
     each = working_frames(shape)
     return [Block(t, min(t + each, shape[0])) for t in range(0, shape[0], each)]
+
+
+# ---- noise, and lost frames -----------------------------------------------------------------
+
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+#: The noise is measured on about so many pixels: every so manieth time of longer recordings.
+ENOUGH_PIXELS = 1_000_000
+#: To tell whether a frame says anything, about so many of its pixels will do, in whole rows.
+ENOUGH_IN_FRAME = 4_000
+#: A frame shows the same everywhere if this share of its steps, taken along x, is less than so
+#: many radians from none or from half a turn, as where a field of zero has changed its sign ...
+SAME_SHARE, SAME = 0.98, 1e-3
+#: ... which no camera does that sees anything, if other frames have more noise than this.
+SOME_NOISE = 1e-3
+#: A frame is nothing but noise if that is larger than this in radians, and larger than that of
+#: the others by so much. Pure noise measures 0.95.
+NOISE_ONLY, NOISIER = 0.85, 0.15
+
+
+def lost_frames(wrapped: Image, usable: Mask | None = None) -> Mask:
+    """Mark the frames that say nothing of the object.
+
+    Lost are frames without a usable pixel; those that are the same everywhere between others
+    that are not, such as black or saturated ones; and those that are nothing but noise, unless
+    all are.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    usable : ndarray of bool, same shape, optional
+        Pixels that may be looked at; default all.
+
+    Returns
+    -------
+    ndarray of bool, shape (time, angle)
+    """
+    return lost_of(as_given(wrapped, usable))
+
+
+def lost_of(given: Given) -> Mask:
+    """Do `lost_frames` for phase that is read a block at a time."""
+    shape = given.shape[:2]
+    blind, same = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
+    noise = np.zeros(shape)
+    every = 1 + math.prod(given.shape[2:]) // ENOUGH_IN_FRAME
+
+    def look(block: Block) -> None:
+        wrapped, usable = given.read(block)
+        for i, angle in np.ndindex(*wrapped.shape[:2]):
+            frame = block.start + i, angle
+            inside = usable[i, angle]
+            blind[frame] = not inside.any()
+            some = wrapped[i, angle, ::every]
+            few = None if inside.all() else inside[::every]
+            same[frame] = is_same(some, few)
+            noise[frame] = noise_of(some, few, axes=(-1,))
+
+    on_all_cores(look, working_blocks(given.shape))
+    same &= ~blind
+    seen = ~blind & ~same
+    if not seen.any():
+        return blind
+    typical = float(np.median(noise[seen]))
+    noisy = seen & (noise > NOISE_ONLY) & (noise > typical + NOISIER)
+    if typical < SOME_NOISE:  # free of noise, as simulated phase is: it may show an empty field
+        good = seen & ~noisy
+        before = np.logical_or.accumulate(good, axis=0)
+        after = np.logical_or.accumulate(good[::-1], axis=0)[::-1]
+        same &= before & after
+    return blind | same | noisy
+
+
+def is_same(frame: Image, usable: Mask | None) -> bool:
+    """Say whether a frame (y, x) shows the same phase everywhere, up to its sign."""
+    if frame.shape[1] < 2:
+        return False
+    step = np.abs(np.sin(np.diff(frame, axis=1)))
+    if usable is not None:
+        step = step[usable[:, 1:] & usable[:, :-1]]
+    return step.size > 0 and float((step < SAME).mean()) >= SAME_SHARE
+
+
+def noise_of(
+    wrapped: Image, usable: Mask | None = None, axes: tuple[int, ...] = (-1, -2)
+) -> float:
+    """Return the standard deviation of the noise in radians, from second differences.
+
+    The median of the wrapped second differences along y or x, whichever is smaller; for white
+    noise it is 0.6745 sqrt(6) standard deviations.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    usable : ndarray of bool, optional
+        Pixels that count; default all.
+    axes : tuple of int, optional
+        Along which to measure; the least noise counts.
+    """
+    if wrapped.size > ENOUGH_PIXELS and wrapped.ndim == 4:
+        some = np.s_[:: 1 + wrapped.size // ENOUGH_PIXELS]
+        wrapped = wrapped[some]
+        usable = None if usable is None else usable[some]
+    found = []
+    for axis in axes:
+        if wrapped.shape[axis] < 3:
+            continue
+        step = turned(np.diff(wrapped, axis=axis))
+        second = np.abs(turned(np.diff(step, axis=axis)))
+        if usable is not None:
+            last = wrapped.ndim + axis
+            thrice = [
+                usable[(slice(None),) * last + (slice(i, i + second.shape[axis]),)]
+                for i in range(3)
+            ]
+            second = second[thrice[0] & thrice[1] & thrice[2]]
+        if second.size:
+            found.append(median_of(second.ravel()) / 0.6745 / np.sqrt(6))
+    return min(found, default=0.0)
+
+
+@dataclass(frozen=True)
+class WithoutLost:
+    """Phase of which no pixel of a lost frame counts, unless all are lost."""
+
+    given: Given
+    lost: Mask
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack."""
+        return self.given.shape
+
+    def read(self, block: Block) -> tuple[Image, Mask]:
+        """Return the phase of a block, and which pixels count."""
+        wrapped, usable = self.given.read(block)
+        lost = self.lost[block.start : block.stop]
+        if lost.any() and not self.lost.all():
+            usable = usable & ~lost[..., None, None]
+        return wrapped, usable
+
+
+def sampled_noise(given: WithoutLost) -> float:
+    """Return `noise_of` phase of which evenly spaced times are looked at."""
+    times = range(0, given.shape[0], 1 + math.prod(given.shape) // ENOUGH_PIXELS)
+    parts = [given.read(Block(t, t + 1)) for t in times]
+    wrapped, usable = (np.concatenate(part) for part in zip(*parts, strict=True))
+    return noise_of(wrapped, None if usable.all() else usable)
+
+
+# ---- pixels that are known, and their amplitude ---------------------------------------------
+
+
+def all_known(stack: NDArray[np.float32]) -> bool:
+    """Say whether `is_known` holds everywhere in a stack."""
+    bad = threading.Event()
+
+    def look(frames: NDArray[np.float32]) -> None:
+        numbers = np.require(frames, np.float32, ["C", "W"]).ravel()
+        if not all_within(numbers, np.float32(LARGEST)):
+            bad.set()
+
+    on_all_cores(look, stack)
+    return not bad.is_set()
+
+
+@compiled
+def all_within(numbers: NDArray[np.float32], largest: np.float32) -> bool:
+    """Say whether no number is NaN or larger than this, whatever its sign."""
+    outside = np.int32(0)
+    for k in range(len(numbers)):
+        outside |= np.int32(not abs(numbers[k]) <= largest)
+    return bool(outside == 0)
+
+
+def brightness_of(values: Any) -> NDArray[np.float64]:
+    """Return the median amplitude of each view of (time, angle, y, x); 0 where it has none.
+
+    It is looked at in no more than 24 evenly spaced times, so that a long recording takes no
+    longer. NaN and what is not positive do not count.
+    """
+    some = np.asarray(values[:: -(-values.shape[0] // BRIGHTNESS_TIMES)])
+    found = np.zeros(some.shape[1])
+    for angle in range(len(found)):
+        view = some[:, angle]
+        bright = view[np.isfinite(view) & (view > 0)]
+        if bright.size:
+            found[angle] = np.median(bright)
+    return found
+
+
+def relative_amplitude(values: NDArray[Any], bright: NDArray[np.float64]) -> NDArray[np.float32]:
+    """Return amplitude (time, angle, y, x) as a share of its view's median.
+
+    NaN counts as no amplitude; a view without any is taken as bright everywhere.
+    """
+    share = np.ones(values.shape, dtype=np.float32)
+    for angle in np.flatnonzero(bright):
+        view = values[:, angle]
+        share[:, angle] = np.where(np.isfinite(view), view, 0) / bright[angle]
+    return share

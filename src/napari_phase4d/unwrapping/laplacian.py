@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, Limits, Stack, Temporary, limits_of
 from napari_phase4d.task import Task, Watch
-from napari_phase4d.unwrapping.ends import ends_along
+from napari_phase4d.unwrapping.frames import border_of
 from napari_phase4d.unwrapping.given import Given
+from napari_phase4d.unwrapping.neighbours import ends_along
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.spatial import border_of
 
 __all__ = ["laplacian"]
 

@@ -1,9 +1,9 @@
-"""What all unwrapping methods are given: wrapped phase, mask, boundary frames."""
+"""What all unwrapping methods are given: wrapped phase, mask, boundary, and steps done once."""
 
 from __future__ import annotations
 
 import math
-import threading
+import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -24,42 +24,75 @@ from napari_phase4d.stack import (
     blocks_of,
 )
 from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of, wavelengths_of
-from napari_phase4d.task import (
-    UNWATCHED,
-    CancelledCall,
-    ProgressCall,
-    Task,
-    Watch,
-    in_threads,
-    on_all_cores,
-)
+from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import Found, each_alone, found_in, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of
+from napari_phase4d.unwrapping.frames import centre_of_mass_shifts
 from napari_phase4d.unwrapping.given import (
     LARGEST,
     Counted,
     Given,
     KeptFrames,
-    all_within,
+    all_known,
+    brightness_of,
     is_known,
+    lost_of,
+    relative_amplitude,
 )
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
-from napari_phase4d.unwrapping.noise import lost_of
-from napari_phase4d.unwrapping.registration import centre_of_mass_shifts
-from napari_phase4d.unwrapping.sharing import SharedSteps
 
-__all__ = [
-    "Boundary",
-    "Problem",
-    "all_known",
-    "brightness_of",
-    "checked_boundaries",
-    "is_known",
-    "relative_amplitude",
-]
+__all__ = ["FIELD", "GRAPH", "Boundary", "Problem", "SharedSteps", "checked_boundaries"]
 
-#: Times at which the usual amplitude is looked at.
-BRIGHTNESS_TIMES = 24
+#: Name of what the directional methods start from.
+FIELD = "field"
+#: Name of the graph of all pixels, which confidence goes along.
+GRAPH = "graph"
+
+T = TypeVar("T")
+
+
+class SharedSteps:
+    """Holds what was computed once, and how long it took.
+
+    Attributes
+    ----------
+    seconds : dict of str to float
+        Time that each step took.
+    used : set of str
+        Steps that were asked for since this was last emptied.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[str, Any] = {}
+        self.seconds: dict[str, float] = {}
+        self.used: set[str] = set()
+
+    def once(self, name: str, work: Callable[[], T]) -> T:
+        """Return what ``work()`` returned when it was first asked for by this name."""
+        self.used.add(name)
+        if name not in self._known:
+            began = time.perf_counter()
+            self._known[name] = work()
+            self.seconds[name] = time.perf_counter() - began
+        found: T = self._known[name]
+        return found
+
+    def knows(self, name: str) -> bool:
+        """Say whether something has been computed by this name."""
+        return name in self._known
+
+    def forget(self, name: str) -> None:
+        """Let go of what was computed by this name."""
+        self._known.pop(name, None)
+
+    def forget_field(self) -> None:
+        """Let go of what the directional methods share: it is as large as many results."""
+        self.forget(FIELD)
+        self.forget(GRAPH)
+
+    def tidy(self) -> None:
+        """Remove what was needed on the way only, where that lies on disk."""
+
 
 #: Names of what each frame by itself gave, and of the object in it, among what a problem shares.
 ALONE, OBJECT = "spatial", "object"
@@ -480,47 +513,6 @@ class Problem(SharedSteps):
             msg = "the mask is empty, so there is nothing to unwrap"
             raise ValueError(msg)
         return found
-
-
-def all_known(stack: NDArray[np.float32]) -> bool:
-    """Say whether `is_known` holds everywhere in a stack."""
-    bad = threading.Event()
-
-    def look(frames: NDArray[np.float32]) -> None:
-        numbers = np.require(frames, np.float32, ["C", "W"]).ravel()
-        if not all_within(numbers, np.float32(LARGEST)):
-            bad.set()
-
-    on_all_cores(look, stack)
-    return not bad.is_set()
-
-
-def brightness_of(values: Any) -> NDArray[np.float64]:
-    """Return the median amplitude of each view of (time, angle, y, x); 0 where it has none.
-
-    It is looked at in no more than 24 evenly spaced times, so that a long recording takes no
-    longer. NaN and what is not positive do not count.
-    """
-    some = np.asarray(values[:: -(-values.shape[0] // BRIGHTNESS_TIMES)])
-    found = np.zeros(some.shape[1])
-    for angle in range(len(found)):
-        view = some[:, angle]
-        bright = view[np.isfinite(view) & (view > 0)]
-        if bright.size:
-            found[angle] = np.median(bright)
-    return found
-
-
-def relative_amplitude(values: NDArray[Any], bright: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return amplitude (time, angle, y, x) as a share of its view's median.
-
-    NaN counts as no amplitude; a view without any is taken as bright everywhere.
-    """
-    share = np.ones(values.shape, dtype=np.float32)
-    for angle in np.flatnonzero(bright):
-        view = values[:, angle]
-        share[:, angle] = np.where(np.isfinite(view), view, 0) / bright[angle]
-    return share
 
 
 def checked_boundaries(

@@ -1,19 +1,220 @@
-"""All unwrapping methods, in the order in which they are shown."""
+"""All unwrapping methods, in the order in which they are shown: what is known of each.
+
+Those of this program come first, then those that other packages bring.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import functools
+import re
+import threading
+import warnings
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from importlib.metadata import EntryPoint, entry_points
+from typing import Any
 
 from napari_phase4d.unwrapping import chain, volumes
 from napari_phase4d.unwrapping.dilate_erode import dilate_erode
 from napari_phase4d.unwrapping.directional import directional_growing, directional_l1
-from napari_phase4d.unwrapping.installed import WithInstalled
 from napari_phase4d.unwrapping.laplacian import laplacian
 from napari_phase4d.unwrapping.light.synthetic import BEATS, synthetic_wavelength
-from napari_phase4d.unwrapping.method import Method, Option
 from napari_phase4d.unwrapping.network_flow import network_flow
 
-__all__ = ["BUILT_IN", "METHODS"]
+__all__ = [
+    "BUILT_IN",
+    "GROUP",
+    "METHODS",
+    "STACKS_OF_A_FRAME",
+    "Method",
+    "Option",
+    "WithInstalled",
+]
+
+#: Memory of each thread while it unwraps single frames, in sizes of a frame as float32.
+STACKS_OF_A_FRAME = 20.0
+
+
+@dataclass(frozen=True)
+class Option:
+    """One setting of a method.
+
+    Parameters
+    ----------
+    name : str
+        Keyword of `unwrap`.
+    default : bool, int, float or str
+        Value if it is not given; its type is the option's type.
+    summary : str
+        One sentence for tooltips and help.
+    choices : tuple of str, optional
+        All values that it can have; empty for any.
+    """
+
+    name: str
+    default: bool | int | float | str
+    summary: str
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Method:
+    """One way to unwrap.
+
+    Parameters
+    ----------
+    label : str
+        Short name on screen.
+    source : str
+        Where the method was published.
+    summary : str
+        What it does, in one sentence.
+    function : callable
+        ``function(problem, progress, cancelled, **options) -> (time, angle, y, x)`` of a method
+        that a package brings. Those of this program take a `Task` in place of the two calls; of
+        one that streams, ``function(problem, result, task, **options)`` writes the result to a
+        stack and returns the smallest and largest phase of each block.
+    options : tuple of Option
+        Its settings.
+    working_stacks : float
+        Largest memory at one time beyond its input and the shared first step, in sizes of the
+        wrapped phase as float32, with the variant that needs most. Measured at noise of up to
+        0.7 rad, and rounded up.
+    finds_object : bool
+        Whether it tells the object from the empty field by itself, so that mask "auto" costs it
+        no other unwrapping first.
+    wavelengths : int
+        How many wavelengths an angle must have. One that needs no more than 1 (default) is given
+        the views of each wavelength by themselves, since phases of different wavelengths can't be
+        held against each other as they are.
+    streams : bool
+        Whether it goes through the frames one after the other, so that a recording may be larger
+        than memory. Only methods of this program do: it counts as False for those of packages.
+    block_bytes : int
+        Bytes for each pixel of a block while it is worked on, if the method streams.
+    kept_bytes : float
+        Bytes for each pixel of the recording that stay in memory even then.
+    scratch_bytes : int
+        Bytes for each pixel of the recording that it needs on disk on the way.
+    name : str
+        Its full name; empty for its label.
+    package : str
+        Name and version of the package that brought it; empty for those of this program.
+    leaves_out : bool
+        Whether frames that say nothing are left out; its results then list them as
+        ``attrs["lost_frames"]``.
+    """
+
+    label: str
+    source: str
+    summary: str
+    function: Callable[..., Any]
+    options: tuple[Option, ...] = ()
+    working_stacks: float = 5.0
+    finds_object: bool = False
+    leaves_out: bool = False
+    streams: bool = False
+    block_bytes: int = 48
+    kept_bytes: float = 0.0
+    scratch_bytes: int = 10
+    name: str = ""
+    package: str = ""
+    wavelengths: int = 1
+
+
+# ---- methods that other packages bring ------------------------------------------------------
+
+
+#: The group of entry points under which a package names its methods.
+GROUP = "napari_phase4d.methods"
+#: What an id may look like: it stands in file names, commands and recipes.
+ID = re.compile(r"[a-z][a-z0-9]*(-[a-z0-9]+)*")
+#: Keywords of `unwrap`, which no option may take.
+TAKEN = {"phase", "method", "boundary", "mask", "progress", "cancelled", "amplitude"}
+
+
+class WithInstalled(Mapping[str, Method]):
+    """Methods of this program, and of what is installed when they are first looked at.
+
+    A package that can't be used is left out with a warning: it must not stop the others.
+
+    Parameters
+    ----------
+    own : mapping of str to Method
+        The program's methods by their ids.
+    """
+
+    def __init__(self, own: Mapping[str, Method]) -> None:
+        self._own = dict(own)
+        self._lock = threading.RLock()
+
+    @functools.cached_property
+    def _all(self) -> dict[str, Method]:
+        with self._lock:
+            return self._own | installed_methods(self._own)
+
+    def __getitem__(self, method: str) -> Method:
+        found = self._own.get(method)
+        return self._all[method] if found is None else found
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._all)
+
+    def __len__(self) -> int:
+        return len(self._all)
+
+
+def installed_methods(own: Mapping[str, Method]) -> dict[str, Method]:
+    """Return the methods of installed packages, in the order of their ids."""
+    found: dict[str, Method] = {}
+    for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
+        try:
+            found[point.name] = loaded(point, {*own, *found})
+        except (Exception, SystemExit) as error:  # whatever the package does wrong
+            why = " ".join(str(error).split()) or type(error).__name__
+            warnings.warn(
+                f"the unwrapping method {point.name!r} of {package_of(point)} is left out: {why}",
+                stacklevel=2,
+            )
+    return found
+
+
+def loaded(point: EntryPoint, taken: set[str]) -> Method:
+    """Return the method of an entry point.
+
+    Only the program's own methods stream: how each goes through the blocks is written for it.
+
+    Raises
+    ------
+    ValueError, TypeError
+        If its id or an option can't be used, or it is no `Method`.
+    """
+    if point.name in taken:
+        msg = "there is a method of this id already"
+        raise ValueError(msg)
+    if not ID.fullmatch(point.name):
+        msg = "an id is made of small letters, digits and single hyphens"
+        raise ValueError(msg)
+    method = point.load()
+    if not isinstance(method, Method):
+        msg = f"{point.value} is a {type(method).__name__}, not a Method"
+        raise TypeError(msg)
+    for option in method.options:
+        if option.name in TAKEN or not option.name.isidentifier():
+            msg = f"an option can't be called {option.name!r}"
+            raise ValueError(msg)
+    return replace(method, package=package_of(point), streams=False)
+
+
+def package_of(point: EntryPoint) -> str:
+    """Return name and version of the package that an entry point belongs to."""
+    return (
+        "an unknown package" if point.dist is None else f"{point.dist.name} {point.dist.version}"
+    )
+
+
+# ---- the methods of this program ------------------------------------------------------------
+
 
 OWN = "This project"
 #: Memory of the directional methods for each pixel of a block (all that steps are weighed by), and

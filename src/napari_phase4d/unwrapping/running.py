@@ -12,13 +12,12 @@ from numpy.typing import ArrayLike, NDArray
 from napari_phase4d.stack import Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task
-from napari_phase4d.unwrapping.lending import LentProblem
+from napari_phase4d.unwrapping.frames import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.light.synthetic import check_wavelengths
-from napari_phase4d.unwrapping.masks import left_out_advice, left_out_note
-from napari_phase4d.unwrapping.method import Option
+from napari_phase4d.unwrapping.packages import LentProblem
 from napari_phase4d.unwrapping.problem import Problem
-from napari_phase4d.unwrapping.registry import METHODS
+from napari_phase4d.unwrapping.registry import METHODS, Option
 from napari_phase4d.words import warn
 
 __all__ = [

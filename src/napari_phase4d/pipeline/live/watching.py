@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from napari_phase4d.analysis.cells import check_follower
 from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
 from napari_phase4d.machine import cores
+from napari_phase4d.pipeline.folder import checked_form, write_files
 from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.live.feed import Feed, Listener, LiveStatus
 from napari_phase4d.pipeline.live.settling import (
@@ -33,11 +34,10 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, cells_by
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.streaming import GrowingStack, Shelf, Threads
-from napari_phase4d.pipeline.writing import checked_form, write_files
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
-from napari_phase4d.unwrapping.masks import left_out_note
+from napari_phase4d.unwrapping.frames import left_out_note
 from napari_phase4d.words import as_path, check_call, check_type, counted
 
 __all__ = ["shown_method", "watch"]

@@ -4,10 +4,14 @@ Reading, transforming, unwrapping and writing overlap on all cores; results lie 
 the same numbers as in memory.
 """
 
+from napari_phase4d.pipeline.starting import FrameSource
 from napari_phase4d.pipeline.streaming.problem import ProblemOnDisk
-from napari_phase4d.pipeline.streaming.reconstructing import reconstruct_to_disk
-from napari_phase4d.pipeline.streaming.source import FrameSource
-from napari_phase4d.pipeline.streaming.stored import GrowingStack, Shelf, stored_at
+from napari_phase4d.pipeline.streaming.stored import (
+    GrowingStack,
+    Shelf,
+    reconstruct_to_disk,
+    stored_at,
+)
 from napari_phase4d.pipeline.streaming.workers import Cluster, Threads, Workers
 
 __all__ = [

@@ -17,15 +17,14 @@ from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest
 from napari_phase4d.stacks import KIND
 from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
-from napari_phase4d.unwrapping.given import Given
-from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
-from napari_phase4d.unwrapping.problem import (
-    Boundary,
+from napari_phase4d.unwrapping.given import (
+    Given,
     all_known,
     brightness_of,
-    checked_boundaries,
     relative_amplitude,
 )
+from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
+from napari_phase4d.unwrapping.problem import Boundary, checked_boundaries
 
 __all__ = ["ProblemOnDisk"]
 

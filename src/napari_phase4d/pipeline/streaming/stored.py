@@ -1,8 +1,11 @@
-"""Results larger than memory: stacks on disk that are written in blocks."""
+"""Results larger than memory: stacks on disk, written in blocks; the wrapped phase first."""
 
 from __future__ import annotations
 
+import math
+import os
 import shutil
+import tempfile
 import threading
 import weakref
 from contextlib import nullcontext
@@ -11,12 +14,14 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import dask.array as da
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.io import OME_ZARR, read_results
-from napari_phase4d.io.atomic import put_in_place
+from napari_phase4d.io.atomic import machine, put_in_place, remove_dead
 from napari_phase4d.io.zarr_results import (
     ALL_CHUNKS,
     ARRAY,
@@ -25,7 +30,8 @@ from napari_phase4d.io.zarr_results import (
     path_of,
     set_length,
 )
-from napari_phase4d.pipeline.streaming.leftovers import new_folder
+from napari_phase4d.pipeline.starting import FrameSource
+from napari_phase4d.pipeline.streaming.workers import Workers
 from napari_phase4d.stack import (
     Block,
     FileStack,
@@ -37,7 +43,35 @@ from napari_phase4d.stack import (
 )
 from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 
-__all__ = ["GrowingStack", "Shelf", "Stored", "stored_at"]
+__all__ = ["GrowingStack", "Shelf", "new_folder", "reconstruct_to_disk", "stored_at"]
+
+
+def new_folder(parent: Path, prefix: str) -> Path:
+    """Return a new, empty folder whose name says which process it belongs to.
+
+    Such folders of processes that are no more are removed first.
+
+    Parameters
+    ----------
+    parent : Path
+        Where to make it; made too if it is not there.
+    prefix : str
+        What its name begins with.
+
+    Raises
+    ------
+    OSError
+        If it can't be made.
+    """
+    try:
+        parent.mkdir(parents=True, exist_ok=True)
+        remove_dead(parent, prefix)
+        name = f"{prefix}-{machine()}-{os.getpid()}-"
+        return Path(tempfile.mkdtemp(prefix=name, dir=parent))
+    except OSError as error:
+        msg = f"the folder {parent} can't be written ({error.strerror}); choose another one"
+        raise OSError(error.errno, msg) from error
+
 
 #: Arrays that each process keeps open.
 OPEN_ARRAYS = 32
@@ -231,3 +265,87 @@ class GrowingStack:
         self.stored.write(Block(start, self.n_times), values)
         here = limits_of(values)
         self.limits = here if self.limits is None else widest([self.limits, here])
+
+
+# ---- the wrapped phase ----------------------------------------------------------------------
+
+
+def reconstruct_to_disk(
+    source: FrameSource,
+    work: FrameReconstructor,
+    shelf: Shelf,
+    workers: Workers,
+    task: Task = UNWATCHED,
+) -> xr.Dataset:
+    """Reconstruct a recording a block of frames at a time.
+
+    Parameters
+    ----------
+    source : FrameSource
+        The frames.
+    work : FrameReconstructor
+        What turns one into phase and amplitude.
+    shelf : Shelf
+        Where "wrapped" and "amplitude" go.
+    workers : Workers
+        Who works on the blocks.
+    task : Task, optional
+        Who is told of it, and may stop it.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `reconstruct` returns it, its stacks on disk.
+    """
+    recording = source.recording
+    shape = work.stack_shape(recording.n_frames)
+    phase, amplitude = shelf.new("wrapped", shape), shelf.new("amplitude", shape)
+    blocks = blocks_of(shape)
+    watch = Watch(len(blocks), "reconstruct", task)
+    each = ReconstructBlock(source, work, phase, amplitude)
+    shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
+    # The values do not count here: these are the axes and notes.
+    empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
+    each_share = [share for of_block in shares for share in of_block]
+    plan = work.as_dataset(recording, empty, empty, each_share)
+    plan["phase"] = shelf.put("wrapped", plan["phase"], (-math.pi, math.pi))
+    plan["amplitude"] = shelf.put("amplitude", plan["amplitude"], widest(limits))
+    return plan
+
+
+@dataclass(frozen=True)
+class ReconstructBlock:
+    """Reads, transforms and writes the frames of a block.
+
+    Parameters
+    ----------
+    source : FrameSource
+        The frames.
+    work : FrameReconstructor
+        What turns one into phase and amplitude.
+    phase, amplitude : Stored
+        Where they go.
+    """
+
+    source: FrameSource
+    work: FrameReconstructor
+    phase: Stored
+    amplitude: Stored
+
+    def __call__(self, block: Block) -> tuple[list[float], Limits]:
+        """Do a block.
+
+        Returns
+        -------
+        list of float, Limits
+            What `FrameReconstructor` tells of each frame; smallest and largest amplitude.
+        """
+        phase = np.empty((len(block), *self.phase.shape[1:]), dtype=np.float32)
+        amplitude = np.empty_like(phase)
+        shares = [
+            self.work.read(self.source, time, phase[i], amplitude[i])
+            for i, time in enumerate(block.times)
+        ]
+        self.phase.write(block, phase)
+        self.amplitude.write(block, amplitude)
+        return shares, limits_of(amplitude)

@@ -14,7 +14,7 @@ from napari_phase4d.unwrapping.directional.merging import smoothest_first, weigh
 from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
-from napari_phase4d.unwrapping.ends import ends_along
+from napari_phase4d.unwrapping.neighbours import ends_along
 
 __all__ = ["PixelGraph", "graph_bytes", "graphs_of", "spans_of"]
 

@@ -11,18 +11,16 @@ from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
 from napari_phase4d.task import Task, Watch, in_threads, watched
-from napari_phase4d.unwrapping.directional.edges import PARTS, weight_of
 from napari_phase4d.unwrapping.directional.following import followed_steps
+from napari_phase4d.unwrapping.directional.groups import PARTS, weight_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
 from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
+from napari_phase4d.unwrapping.frames import border_medians, moved, object_mask
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
-from napari_phase4d.unwrapping.masks import object_mask
-from napari_phase4d.unwrapping.registration import moved
-from napari_phase4d.unwrapping.sharing import FIELD
-from napari_phase4d.unwrapping.spatial import border_medians
+from napari_phase4d.unwrapping.problem import FIELD
 
 __all__ = ["Field", "Unwraps", "directional_growing", "directional_l1", "prepared"]
 

@@ -16,25 +16,23 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.directional.edges import (
+from napari_phase4d.unwrapping.directional.groups import (
     PARTS,
+    SURE,
+    SUREST,
     Edges,
+    Frame,
+    Grouped,
     Index,
+    Runs,
     Whole,
+    grouped,
     join,
     merged_edges,
     no_edges,
     root_of,
-    weight_of,
-)
-from napari_phase4d.unwrapping.directional.groups import (
-    SURE,
-    SUREST,
-    Frame,
-    Grouped,
-    Runs,
-    grouped,
     runs_between,
+    weight_of,
 )
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed

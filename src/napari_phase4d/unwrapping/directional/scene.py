@@ -19,10 +19,11 @@ from napari_phase4d.compiling import compiled
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.unwrapping.alone import Framewise
 from napari_phase4d.unwrapping.background import Background
-from napari_phase4d.unwrapping.directional.filtering import HALO, along_slope
-from napari_phase4d.unwrapping.given import Given, working_blocks
-from napari_phase4d.unwrapping.registration import centre, moved
+from napari_phase4d.unwrapping.frames import centre, moved
+from napari_phase4d.unwrapping.given import working_blocks
+from napari_phase4d.unwrapping.neighbours import HALO, along_slope
 
 __all__ = ["NOISY", "Frames", "Recorded", "Scene", "Seen", "find_scene", "follow_object", "seams"]
 
@@ -41,20 +42,8 @@ Shifts = NDArray[np.intp]
 Box = tuple[slice, slice]
 
 
-class Recorded(Protocol):
+class Recorded(Framewise, Protocol):
     """What the directional methods ask of a problem."""
-
-    @property
-    def given(self) -> Given:
-        """The wrapped phase, and the pixels that count."""
-
-    @property
-    def store(self) -> Store:
-        """Where stacks lie that are needed on the way."""
-
-    @property
-    def first(self) -> tuple[int, int]:
-        """The boundary frame."""
 
     def lost(self) -> Mask:
         """Frames that say nothing."""

@@ -1,4 +1,18 @@
-"""Steps from pixel to pixel, as all wavelengths of an angle see them together."""
+"""Steps from pixel to pixel, as all wavelengths see them together, and what is joined along them.
+
+**Settling.** A coarse phase says of every pixel by itself how many turns a finer one has, with
+noise that may well be a turn. The steps from pixel to pixel say with hardly any noise by how many
+turns neighbours differ, but nothing of the level, and wrong at a sheer wall. So pixels are joined
+along their smoothest steps first, as in reliability sorting (Herraez et al. 2002), and what the
+coarse phase says is averaged over each region that has come about; where two regions meet whose
+averages contradict the step between them, beyond what noise explains, they are left apart: there
+is a wall.
+
+**Where it is smooth.** Where optics blur a sheer wall, the phase in it means nothing, and a way
+through it may lead anywhere. So the pixels all of whose steps the wavelengths agree on are
+unwrapped among themselves; what is cut off from the field round it has no way at all that could
+be relied on.
+"""
 
 from __future__ import annotations
 
@@ -7,8 +21,21 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy import ndimage
 
-__all__ = ["AlongAxis", "Steps", "steps_between", "wrapped_to_turn"]
+from napari_phase4d.compiling import compiled
+from napari_phase4d.unwrapping.frames import border_of, unwrap_frame
+from napari_phase4d.unwrapping.growing import grow_list
+from napari_phase4d.unwrapping.neighbours import ends_along
+
+__all__ = [
+    "SHARED",
+    "STAYS",
+    "settled_turns",
+    "steps_between",
+    "unwrapped_where_smooth",
+    "wrapped_to_turn",
+]
 
 Image = NDArray[np.float32]
 
@@ -121,3 +148,241 @@ def wrapped_to_turn(phase: NDArray[np.floating]) -> Image:
     """Return phase within half a turn of zero."""
     found: Image = (phase - TURN * np.rint(phase / TURN)).astype(np.float32)
     return found
+
+
+# ---- whole turns settled together -----------------------------------------------------------
+
+
+Mask = NDArray[np.bool_]
+Whole = NDArray[np.int32]
+
+#: Pixels that share their noise, since the pupil cuts the spectrum off.
+SHARED = 2.0
+#: Errors in turns that an average does not make smaller: of the levels, of dispersion.
+STAYS = 0.08
+#: A wall is believed in if it is so much likelier than noise, as a logarithm of the odds.
+LIKELIER_WALL = 5.0
+
+
+def settled_turns(
+    estimate: Image, steps: tuple[AlongAxis, AlongAxis], noise: float, mask: Mask
+) -> Whole:
+    """Return the whole turns of every pixel of a frame; 0 outside the mask.
+
+    Parameters
+    ----------
+    estimate : ndarray of shape (y, x)
+        Turns by the coarser phase, not rounded.
+    steps : two AlongAxis
+        Turns that the steps down and to the right ask for in the finer phase.
+    noise : float
+        Standard deviation of the estimate in turns.
+    mask : ndarray of bool, shape (y, x)
+        Pixels to settle.
+    """
+    first, second, asked, order = edges_of(steps, mask)
+    turns = np.zeros(mask.size, dtype=np.int32)
+    join(
+        first[order],
+        second[order],
+        asked[order],
+        estimate.ravel().astype(np.float64),
+        (SHARED * noise**2, STAYS**2, LIKELIER_WALL),
+        turns,
+    )
+    return np.where(mask, turns.reshape(mask.shape), np.int32(0))
+
+
+def edges_of(
+    steps: tuple[AlongAxis, AlongAxis], mask: Mask
+) -> tuple[NDArray[np.int32], NDArray[np.int32], Whole, NDArray[np.intp]]:
+    """Return both ends of the steps inside a mask, the turns they ask for, and their order."""
+    number = np.arange(mask.size, dtype=np.int32).reshape(mask.shape)
+    parts = []
+    for axis, along in enumerate(steps):
+        head, tail = ends_along(axis, 2)
+        inside = mask[head] & mask[tail]
+        ends = number[head][inside], number[tail][inside]
+        parts.append((*ends, along.asked[inside], along.cost[inside]))
+    first, second, asked, cost = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return first, second, asked.astype(np.int32), np.argsort(cost, kind="stable")
+
+
+@compiled
+def join(
+    first: NDArray[np.int32],
+    second: NDArray[np.int32],
+    asked: Whole,
+    estimate: NDArray[np.float64],
+    odds: tuple[float, float, float],
+    turns: Whole,
+) -> None:
+    """Join pixels step by step, and write the turns of each; see `settled_turns`.
+
+    Parameters
+    ----------
+    first, second : ndarray of int
+        Ends of the steps, in the order in which they are gone along.
+    asked : ndarray of int
+        Turns that the second end has more than the first.
+    estimate : ndarray of float
+        Turns of each pixel by the coarser phase.
+    odds : tuple of float
+        Variance of the estimate in a pixel, and what averaging leaves of it, in turns squared; and
+        how much likelier a wall must be.
+    turns : ndarray of int
+        Written: whole turns of each pixel.
+    """
+    n = len(estimate)
+    parent = np.arange(n)
+    # Turns of each pixel against its parent; of a root, the sum and number over its region.
+    relative = np.zeros(n, dtype=np.int64)
+    total = estimate.copy()
+    count = np.ones(n)
+    for step in range(len(first)):
+        a, up_a = first[step], 0
+        while parent[a] != a:
+            up_a += relative[a]
+            a = parent[a]
+        b, up_b = second[step], 0
+        while parent[b] != b:
+            up_b += relative[b]
+            b = parent[b]
+        if a == b:
+            continue
+        # Turns of root b against root a, if this step is to be believed.
+        apart = up_a + asked[step] - up_b
+        off = total[b] / count[b] - total[a] / count[a] - apart
+        whole = np.rint(off)
+        if whole != 0:
+            variance = odds[0] * (1 / count[a] + 1 / count[b]) + 2 * odds[1]
+            if off**2 - (off - whole) ** 2 > 2 * variance * odds[2]:
+                continue
+        if count[a] < count[b]:
+            a, b, apart = b, a, -apart
+        parent[b] = a
+        relative[b] = apart
+        total[a] += total[b] - apart * count[b]
+        count[a] += count[b]
+    for pixel in range(n):
+        root, up = pixel, 0
+        while parent[root] != root:
+            up += relative[root]
+            root = parent[root]
+        turns[pixel] = np.rint(total[root] / count[root]) + up
+
+
+# ---- where it is smooth ---------------------------------------------------------------------
+
+
+Parts = NDArray[np.int32]
+
+#: A step is smooth if noise alone makes it as rough one time in three hundred, as a logarithm of
+#: the odds.
+SMOOTH = 4.5
+#: A way from part to part goes along a row or a column, over so many pixels at most, and each of
+#: its steps is less than this.
+FAR, SMALL_STEP = 8, np.float32(np.pi / 2)
+#: So many ways must lead from one part to the other, and this share of them agree.
+WAYS, AGREE = 3, 0.8
+
+
+def unwrapped_where_smooth(wrapped: Image, steps: Steps, known: Mask) -> Image:
+    """Return phase of a frame, unwrapped inside each smooth part.
+
+    Parts that enough small steps lead to lie where these say. The middle of others is taken to be
+    within half a turn of zero.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (y, x)
+        Wrapped phase in radians, about 0 in the empty field.
+    steps : Steps
+        From pixel to pixel.
+    known : ndarray of bool, shape (y, x)
+        Pixels that count.
+    """
+    smooth = smooth_pixels(steps, known)
+    if not smooth.any():
+        return wrapped
+    labels, count = ndimage.label(smooth)
+    labels = labels.astype(np.int32)
+    unwrapped, _ = unwrap_frame(wrapped, smooth)
+    every = np.arange(1, count + 1)
+    at_border = np.bincount(labels[border_of(labels.shape) & smooth], minlength=count + 1)[1:]
+    size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
+    ground = int(np.argmax(at_border if at_border.any() else size))
+    edge = labels == ground + 1
+    edge &= border_of(labels.shape) if at_border.any() else smooth
+    level = np.rint(np.median(unwrapped[edge]) / TURN)
+    lift = -np.rint(np.asarray(ndimage.median(unwrapped, labels, every)) / TURN)
+    joined, turns = joined_parts(wrapped, unwrapped, labels, count)
+    led_to = joined == joined[ground]
+    lift[led_to] = (turns - turns[ground])[led_to] - level
+    whole = np.concatenate([[0.0], lift]).astype(np.float32)[labels]
+    found = unwrapped + TURN * whole
+    # What is not smooth lies nearest to the smooth pixel next to it.
+    rows, columns = ndimage.distance_transform_edt(
+        ~smooth, return_distances=False, return_indices=True
+    )
+    beside = wrapped + TURN * np.rint((found[rows, columns] - wrapped) / TURN)
+    result: Image = np.where(smooth, found, beside).astype(np.float32)
+    return result
+
+
+def smooth_pixels(steps: Steps, known: Mask) -> Mask:
+    """Mark the pixels all of whose steps are smooth."""
+    smooth = known.copy()
+    for axis, along in enumerate((steps.down, steps.right)):
+        rough = along.off > SMOOTH
+        before, after = ([(0, 0), (0, 0)] for _ in range(2))
+        before[axis], after[axis] = (1, 0), (0, 1)
+        smooth &= ~np.pad(rough, before) & ~np.pad(rough, after)
+    return smooth
+
+
+def joined_parts(
+    wrapped: Image, unwrapped: Image, labels: Parts, count: int
+) -> tuple[Parts, Parts]:
+    """Join parts that small steps lead between; return where each belongs, and its turns.
+
+    Parameters
+    ----------
+    wrapped, unwrapped : ndarray of shape (y, x)
+        Phase in radians; the latter inside the parts.
+    labels : ndarray of int, shape (y, x)
+        Number of the part that each pixel lies in, from 1.
+    count : int
+        How many there are.
+    """
+    along = ways(wrapped, unwrapped, labels)
+    across = ways(wrapped.T, unwrapped.T, labels.T)
+    every = np.concatenate([along, across], axis=1)
+    # The same way, seen from the part of the lower number.
+    back = every[0] > every[1]
+    every[:, back] = np.stack([every[1], every[0], -every[2]])[:, back]
+    votes, number = np.unique(every, axis=1, return_counts=True)
+    pairs, place = np.unique(votes[:2], axis=1, return_inverse=True)
+    place = place.ravel()
+    total = np.bincount(place, number, pairs.shape[1])[place]
+    firm = (number >= WAYS) & (number >= AGREE * total)
+    first, second, asked = votes[:, firm]
+    cost = -number[firm].astype(np.float64)
+    parts, turns, _ = grow_list(first, second, asked, cost, count, overwrite=True)
+    return parts, turns
+
+
+def ways(wrapped: Image, unwrapped: Image, labels: Parts) -> Parts:
+    """Return the ways from part to part along rows: both parts, from 0, and the turns between."""
+    step = wrapped_to_turn(np.diff(wrapped, axis=1))
+    gone = np.pad(np.cumsum(step, axis=1, dtype=np.float64), [(0, 0), (1, 0)]).ravel()
+    large = np.pad(np.cumsum(np.abs(step) > SMALL_STEP, axis=1), [(0, 0), (1, 0)]).ravel()
+    label, phase = labels.ravel(), unwrapped.ravel()
+    inside = np.flatnonzero(label)
+    a, b = inside[:-1], inside[1:]
+    width = wrapped.shape[1]
+    leads = (label[a] != label[b]) & (b - a <= FAR) & (a // width == b // width)
+    leads &= large[a] == large[b]
+    a, b = a[leads], b[leads]
+    turns = np.rint((gone[b] - gone[a] - (phase[b] - phase[a])) / TURN)
+    return np.stack([label[a] - 1, label[b] - 1, turns]).astype(np.int32)

@@ -1,0 +1,505 @@
+"""Single frames: two-dimensional unwrapping, the object's mask, registration by its centre.
+
+These are steps 1 and 2 of the paper's algorithms. Wrapped phase must not be interpolated, so
+frames are moved by whole pixels, round the edges of the field, which can be undone exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any, Protocol, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from napari_phase4d.compiling import compiled
+from napari_phase4d.task import Watch
+from napari_phase4d.unwrapping.filters import (
+    extent,
+    fill_holes,
+    gaussian,
+    median_of,
+    middle,
+    remove_specks,
+    running_mean,
+    upper_quantile,
+    widened,
+)
+from napari_phase4d.unwrapping.growing import (
+    CostsOf,
+    Workspace,
+    grow_through_residues,
+    second_differences,
+    smooth_turns,
+)
+
+__all__ = [
+    "BORDER",
+    "border_medians",
+    "border_of",
+    "border_values",
+    "centre",
+    "centre_of_mass_shifts",
+    "left_out_advice",
+    "left_out_note",
+    "likeness",
+    "moved",
+    "next_shift",
+    "object_mask",
+    "smooth_share_left_out",
+    "turns_of_frame",
+    "unwrap_frame",
+]
+
+#: Width of the frame's border that is taken for background, in pixels.
+BORDER = 2
+TURN = 2 * np.pi
+Number = TypeVar("Number", bound=np.generic)
+
+
+def unwrap_frame(
+    wrapped: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    costs_of: CostsOf = second_differences,
+    work: Workspace | None = None,
+    out: NDArray[np.float32] | None = None,
+) -> tuple[NDArray[np.float32], float]:
+    """Unwrap one frame by reliability sorting, and return it with the level of its border.
+
+    Sorting (Herraez et al. 2002, [14] in the paper) leaves the frame's multiple of 2 pi open. A
+    mask may cut the frame into parts that do not touch each other or the border. Their levels
+    come from the frame unwrapped whole.
+    """
+    out = np.empty_like(wrapped) if out is None else out
+    turns, level = turns_of_frame(wrapped, mask, costs_of, Workspace() if work is None else work)
+    add_turns(wrapped, turns, out)
+    if not mask.all():
+        out[~mask] = 0
+    return out, level
+
+
+def turns_of_frame(
+    wrapped: NDArray[np.float32], mask: NDArray[np.bool_], costs_of: CostsOf, work: Workspace
+) -> tuple[NDArray[np.int32], float]:
+    """Return the turns of one frame, any outside a mask, and the level of its border.
+
+    See `unwrap_frame`; the turns may lie in ``work`` until it is used again.
+    """
+    if not mask.any():
+        return np.zeros(wrapped.shape, dtype=np.int32), 0.0
+    smooth = smooth_turns(wrapped, work)
+    turns = smooth
+    if turns is None:
+        turns, _ = grow_through_residues(wrapped, None, costs_of, work)
+    level = median_of(border_phase(wrapped, turns))
+    if smooth is None and not mask.all():  # where residues are, the mask may lead another way
+        whole = turns.copy()
+        turns, parts = grow_through_residues(wrapped, mask, costs_of, work)
+        if parts is None:
+            return whole, level
+        # A mask that leaves pixels out leaves several.
+        turns = turns + nearest_turns(whole - turns, parts, mask)
+    return turns, level
+
+
+def add_turns(
+    wrapped: NDArray[np.float32],
+    turns: NDArray[np.int32] | NDArray[np.float32],
+    out: NDArray[np.float32],
+) -> None:
+    """Write wrapped phase plus whole turns."""
+    out[:] = turns
+    out *= np.float32(TURN)
+    out += wrapped
+
+
+def nearest_turns(
+    difference: NDArray[np.int32], parts: NDArray[np.int32], mask: NDArray[np.bool_]
+) -> NDArray[np.int32]:
+    """Return for every pixel the median difference in its part; 0 outside the mask."""
+    numbers, place = np.unique(parts[mask], return_inverse=True)
+    labels = np.zeros(parts.shape, dtype=np.int32)
+    labels[mask] = place + 1
+    medians = ndimage.median(difference, labels, np.arange(1, len(numbers) + 1))
+    return np.append(0, np.round(medians)).astype(np.int32)[labels]
+
+
+def border_values(frame: NDArray[Number]) -> NDArray[Number]:
+    """Return the pixels at the border of a frame."""
+    if min(frame.shape) <= 2 * BORDER:
+        return frame.ravel()
+    rows = frame[BORDER:-BORDER]
+    pieces = (frame[:BORDER], frame[-BORDER:], rows[:, :BORDER], rows[:, -BORDER:])
+    return np.concatenate([piece.ravel() for piece in pieces])
+
+
+def border_phase(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> NDArray[np.float32]:
+    """Return the unwrapped phase of the pixels at the border of a frame."""
+    phase = border_values(turns).astype(np.float32)
+    add_turns(border_values(wrapped), phase, phase)
+    return phase
+
+
+def border_of(shape: tuple[int, ...]) -> NDArray[np.bool_]:
+    """Mark the border of a frame."""
+    edge = np.ones(shape, dtype=bool)
+    if min(shape) > 2 * BORDER:
+        edge[BORDER:-BORDER, BORDER:-BORDER] = False
+    return edge
+
+
+def border_medians(border: NDArray[np.float64], first: tuple[int, int]) -> NDArray[np.float64]:
+    """Unwrap the border levels (time, angle) outwards from the boundary frame."""
+    t0, a0 = first
+    levels = border - TURN * np.round(border / TURN)
+    unwrap_outwards(levels[t0], a0)
+    for a in range(levels.shape[1]):
+        unwrap_outwards(levels[:, a], t0)
+    return levels
+
+
+def unwrap_outwards(line: NDArray[np.float64], start: int) -> None:
+    """Unwrap a line of phases in place, from one of them to both ends."""
+    if len(line) < 2:
+        return
+    line[start:] = np.unwrap(line[start:])
+    line[: start + 1] = np.unwrap(line[: start + 1][::-1])[::-1]
+
+
+# ---- the object's mask ----------------------------------------------------------------------
+
+
+#: A pixel belongs to the object where its phase exceeds this share of the largest ...
+SHARE_OF_PEAK = 0.1
+#: ... which is taken where all but this share of the frame lies below it ...
+PEAK = 0.995
+#: ... and so many standard deviations of the background.
+DEVIATIONS = 4.0
+#: Blobs smaller than this share of the frame are noise.
+SMALLEST_SHARE = 0.002
+#: What lies on more of the border than this is no single object; nothing is then left out.
+LARGEST_BORDER_SHARE = 0.5
+#: Pixels to widen the mask by, so that the object's rim is inside.
+WIDEN = 2
+#: What is left out is looked at on every so-manieth row and column.
+THIN = 2
+#: Phase is not flat so far from the level of what is left out, and smooth where it lies so near to
+#: its surroundings, both in radians ...
+NOT_FLAT_RAD, SMOOTH_RAD = 1.0, 0.5
+#: ... in so large a share of them.
+MOSTLY = 0.8
+#: From so many percent of the field on it is worth a warning.
+MUCH_LEFT_OUT_PERCENT = 10.0
+
+
+def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return the mask of what rises out of the background of one frame.
+
+    Where no single object can be told from a background, nothing is left out.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of shape (y, x)
+        Unwrapped phase in radians.
+    """
+    edge = border_values(unwrapped)
+    level = float(np.median(edge))
+    noise = 1.4826 * float(np.median(np.abs(edge - level)))
+    height = gaussian(unwrapped, level)
+    np.abs(height, out=height)
+    threshold = max(SHARE_OF_PEAK * float(upper_quantile(height, PEAK)), DEVIATIONS * noise, 1e-3)
+    above: NDArray[np.bool_] = height > threshold
+    top, bottom, left, right = extent(above, WIDEN + 1)
+    part = above[top:bottom, left:right].copy()
+    fill_holes(part)
+    remove_specks(part, SMALLEST_SHARE * above.size)
+    above[top:bottom, left:right] = part
+    if not part.any() or border_values(above).mean() > LARGEST_BORDER_SHARE:
+        return np.ones(above.shape, dtype=bool)
+    above[top:bottom, left:right] = widened(part, WIDEN)
+    return above
+
+
+def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
+    """Return the share of a frame that a mask leaves out though its phase is smooth and not flat.
+
+    The phase of an empty field is flat, and that of noise is not smooth; what is neither may well
+    be measured.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of shape (y, x)
+        Unwrapped phase in radians.
+    mask : ndarray of bool, shape (y, x)
+        What is kept.
+    """
+    out = ~mask[::THIN, ::THIN]
+    if not out.any():
+        return 0.0
+    phase = unwrapped[::THIN, ::THIN]
+    soft = running_mean(phase, 3)
+    uneven = out & (np.abs(soft - middle(soft[out])) > NOT_FLAT_RAD)
+    if not uneven.any():
+        return 0.0
+    near = (np.abs(phase - soft) < SMOOTH_RAD).astype(np.float32)
+    uneven &= running_mean(near, 5) > MOSTLY
+    return float(uneven.mean())
+
+
+def left_out_note(share: float) -> dict[str, Any]:
+    """Return what a result notes of the share left out; nothing if there is none."""
+    percent = round(100 * share, 1)
+    return {"smooth_left_out_percent": percent} if percent else {}
+
+
+def left_out_advice(attrs: Mapping[str, Any]) -> str:
+    """Say that a mask found by itself leaves out much that may be measured; "" if it does not.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a result.
+
+    Examples
+    --------
+    >>> left_out_advice({"smooth_left_out_percent": 31.2})[:46]
+    '"object only" leaves out 31 % of the field tho'
+    """
+    percent = attrs.get("smooth_left_out_percent", 0.0)
+    if percent <= MUCH_LEFT_OUT_PERCENT:
+        return ""
+    return (
+        f'"object only" leaves out {percent:.0f} % of the field though its phase there is smooth '
+        "and not flat: try the whole field"
+    )
+
+
+# ---- registration ---------------------------------------------------------------------------
+
+
+Shifts = NDArray[np.intp]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+class Stack(Protocol):
+    """Frames (time, angle), in memory or not: an array will do."""
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Number of times and of angles, and more."""
+
+    def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
+        """Return one frame (y, x)."""
+
+
+def centre_of_mass_shifts(
+    wrapped: Stack,
+    masks: Stack,
+    first: tuple[int, int],
+    watch: Watch,
+    centres: NDArray[np.float64] | None = None,
+) -> Shifts:
+    """Return how to move every frame so that the object stays where it is in the boundary frame.
+
+    The masks' centre of mass proposes the shift. It is taken where it makes the frame more like
+    its neighbour (mean cosine of the phase difference) than that one's own shift does, so that a
+    mask that fails in one frame does not tear that frame away. Frames are visited outwards from
+    the boundary frame: along time for each view, after the views of the boundary time.
+
+    Parameters
+    ----------
+    wrapped : ndarray of shape (time, angle, y, x)
+        Wrapped phase in radians.
+    masks : ndarray of bool, same shape
+        The object.
+    first : tuple of int
+        Boundary frame (time, angle).
+    watch : Watch
+        Counts frames.
+    centres : ndarray of shape (time, angle, 2), optional
+        What `centre` gives for each mask, where it is known.
+
+    Returns
+    -------
+    ndarray of int, shape (time, angle, 2)
+        Shift in y and x, in pixels.
+    """
+    n_times, n_angles = wrapped.shape[:2]
+    shifts = np.zeros((n_times, n_angles, 2), dtype=np.intp)
+    if centres is None:
+        found = [[centre(masks[t, a]) for a in range(n_angles)] for t in range(n_times)]
+        centres = np.array(found)
+    t0, a0 = first
+
+    def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
+        kept = shifts[before]
+        proposed = centres[t0, a0] - centres[now]
+        shifts[now] = next_shift(
+            proposed, kept, lambda s: likeness(wrapped, masks, now, s, before, kept)
+        )
+        watch.step()
+
+    watch.step()  # the boundary frame stays where it is
+    for a in (*range(a0 + 1, n_angles), *range(a0 - 1, -1, -1)):
+        visit((t0, a), (t0, a - 1 if a > a0 else a + 1))
+    for a in range(n_angles):
+        for t in (*range(t0 + 1, n_times), *range(t0 - 1, -1, -1)):
+            visit((t, a), (t - 1 if t > t0 else t + 1, a))
+    return shifts
+
+
+def next_shift(
+    proposed: NDArray[np.float64], kept: Shifts, likeness_of: Callable[[Shifts], float]
+) -> Shifts:
+    """Return the shift of a frame that follows another one.
+
+    Parameters
+    ----------
+    proposed : ndarray of shape (2,)
+        From the object's centre to where it is in the boundary frame, in pixels; NaN where there
+        is no object.
+    kept : ndarray of int, shape (2,)
+        Shift of the frame before.
+    likeness_of : callable
+        Says how like the frame before this one is, if it is shifted so.
+    """
+    if np.isnan(proposed).any():
+        return kept
+    candidate: Shifts = np.round(proposed).astype(np.intp)
+    if (candidate != kept).any():
+        old, new = likeness_of(kept), likeness_of(candidate)
+        if new > old:
+            return candidate
+    return kept
+
+
+def centre(mask: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the centre of mass of a mask, NaN if it is empty or all of the frame."""
+    count, rows, columns = moments(np.require(mask, np.bool_, ["C", "W"]))
+    if count in (0, mask.size):
+        return (np.nan, np.nan)
+    return (rows / count, columns / count)
+
+
+@compiled
+def moments(mask: NDArray[np.bool_]) -> tuple[int, int, int]:
+    """Return the number of pixels of a mask, and the sums of their rows and columns."""
+    height, width = mask.shape
+    in_column = np.zeros(width, np.int64)
+    count, rows, columns = 0, 0, 0
+    for y in range(height):
+        row, own = mask[y], 0
+        for x in range(width):
+            own += row[x]
+        for x in range(width):
+            in_column[x] += row[x]
+        count += own
+        rows += y * own
+    for x in range(width):
+        columns += x * in_column[x]
+    return count, rows, columns
+
+
+def likeness(
+    wrapped: Stack,
+    masks: Stack,
+    now: tuple[int, int],
+    shift: Shifts,
+    before: tuple[int, int],
+    shift_before: Shifts,
+) -> float:
+    """Return the mean cosine of the phase difference of two moved frames, on their objects."""
+    own, own_mask, other, other_mask = (
+        np.require(frame, None, ["C", "W"])
+        for frame in (wrapped[now], masks[now], wrapped[before], masks[before])
+    )
+    out = np.empty(own.size, np.float32)
+    of_now, of_before = (
+        (int(shift[0]), int(shift[1])),
+        (int(shift_before[0]), int(shift_before[1])),
+    )
+    count = list_steps(own, own_mask, other, other_mask, of_now, of_before, out)
+    return float(np.cos(out[:count]).mean()) if count else 1.0
+
+
+@compiled
+def list_steps(
+    wrapped: NDArray[np.float32],
+    mask: NDArray[np.bool_],
+    wrapped_before: NDArray[np.float32],
+    mask_before: NDArray[np.bool_],
+    shift: tuple[int, int],
+    shift_before: tuple[int, int],
+    out: NDArray[np.float32],
+) -> int:
+    """List the phase differences of two moved frames on either's object; return how many."""
+    height, width = wrapped.shape
+    right, right_before = -shift[1] % width, -shift_before[1] % width
+    either, other = np.empty(width, np.bool_), np.empty(width, np.bool_)
+    step, before = np.empty(width, np.float32), np.empty(width, np.float32)
+    count = 0
+    for y in range(height):
+        now, then = (y - shift[0]) % height, (y - shift_before[0]) % height
+        roll_row(mask[now], right, either)
+        roll_row(mask_before[then], right_before, other)
+        if not add_marks(other, either):
+            continue
+        roll_row(wrapped[now], right, step)
+        roll_row(wrapped_before[then], right_before, before)
+        first, last = 0, width - 1
+        while not either[first]:
+            first += 1
+        while not either[last]:
+            last -= 1
+        for x in range(first, last + 1):
+            if either[x]:
+                out[count] = step[x] - before[x]
+                count += 1
+    return count
+
+
+@compiled
+def add_marks(row: NDArray[np.bool_], out: NDArray[np.bool_]) -> bool:
+    """Mark what is marked in a row; return whether anything is, in either."""
+    some = False
+    for x in range(len(row)):
+        out[x] |= row[x]
+        some |= out[x]
+    return some
+
+
+@compiled
+def roll_row(row: NDArray[Any], ahead: int, out: NDArray[Any]) -> None:
+    """Write a row that begins so many pixels further, and goes on at its beginning."""
+    rest, last = row[ahead:], out[len(row) - ahead :]
+    for x in range(len(rest)):
+        out[x] = rest[x]
+    for x in range(len(last)):
+        last[x] = row[x]
+
+
+def rolled(frame: NDArray[Scalar], shift: Shifts) -> NDArray[Scalar]:
+    """Return a frame moved by whole pixels, round the edges."""
+    return np.roll(frame, (int(shift[0]), int(shift[1])), axis=(0, 1))
+
+
+def moved(stack: NDArray[Scalar], shifts: Shifts) -> NDArray[Scalar]:
+    """Return a stack (time, angle, y, x) with every frame moved; undo with ``-shifts``."""
+    if not shifts.any():
+        return stack
+    result = np.empty_like(stack)
+    height, width = stack.shape[2:]
+    for index in np.ndindex(*stack.shape[:2]):
+        down, right = int(shifts[index][0]) % height, int(shifts[index][1]) % width
+        frame, out = stack[index], result[index]
+        for rows, of_rows in halves(down, height):
+            for columns, of_columns in halves(right, width):
+                out[rows, columns] = frame[of_rows, of_columns]
+    return result
+
+
+def halves(by: int, n: int) -> list[tuple[slice, slice]]:
+    """Return where the two parts of a line of n pixels that is moved go, and where they lie."""
+    parts = [(slice(by, n), slice(0, n - by))]
+    return [*parts, (slice(0, by), slice(n - by, n))] if by else parts
