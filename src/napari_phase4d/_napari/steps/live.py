@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -125,10 +125,10 @@ class LivePart(Step):
         self.line.setText(f"{view.sentence}{told}")
         self._layers.show(view)
 
-    def _take(self, plan: Plan, outcome: Any) -> None:
+    def _take(self, plan: Plan, outcome: Any) -> Iterator[None]:
         """Let the results take the place of the newest frame."""
-        self._layers.remove()
-        plan.receive(outcome)
+        yield from self._layers.leaving()
+        yield from plan.receive(outcome) or ()
         self._layers.forget()
 
     def _ended(self, *_: object) -> None:

@@ -9,7 +9,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session import LiveView
-from napari_phase4d._napari.turns import Steps
+from napari_phase4d._napari.turns import Steps, exhaust
 from napari_phase4d._napari.viewing.grid import UNITS_OF_COLOURS, ViewState, arrange, say_unit
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
@@ -64,9 +64,14 @@ class LiveLayers:
 
     def remove(self) -> None:
         """Take the layers away."""
+        exhaust(self.leaving())
+
+    def leaving(self) -> Steps:
+        """Take the layers away, one a step."""
         for layer in self._layers.values():
             if layer in self._viewer.layers:
                 self._viewer.layers.remove(layer)
+                yield
         self._layers, self._limits = {}, {}
         self._index, self._arranged = -1, False
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +27,7 @@ from napari_phase4d.pipeline import (
     shown_method,
     watch,
 )
+from napari_phase4d.plotting import phase_colours
 from napari_phase4d.task import CancelledCall, Task
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import as_path
@@ -167,6 +168,7 @@ def plan_watching(
     newest = Newest()
 
     def work(task: Task) -> Outcome:
+        phase_colours(0.0, 1.0)  # loads the library of colours, which the first picture needs
         found = watch(
             source,
             recipe,
@@ -180,14 +182,16 @@ def plan_watching(
             stopped=stopped,
             **task.calls,
         )
+        assert found.recording is not None  # it was watched
+        found.recording.holograms[:1].compute()  # loads what reads it, which takes a while
         # As it lies there, so that what is made of it later does not go into that folder.
         return replace(read_outcome(out), recording=found.recording, recipe=found.recipe)
 
-    def receive(outcome: Outcome) -> None:
+    def receive(outcome: Outcome) -> Iterator[None]:
         if state.recording is not before[0] or state.reconstruction is not before[1]:
             msg = f"another recording was opened meanwhile; the results are in {out}: open that"
             raise ValueError(msg)
-        take_watched(state, outcome)
+        yield from taking_watched(state, outcome)
 
     name = as_path(source.folder if isinstance(source, FromCamera) else source).name
     return Plan(
@@ -199,13 +203,15 @@ def plan_watching(
     )
 
 
-def take_watched(state: State, outcome: Outcome) -> None:
-    """Take a recording that is complete, with its phase and results."""
+def taking_watched(state: State, outcome: Outcome) -> Iterator[None]:
+    """Take a recording that is complete, then its phase, then its results."""
     assert outcome.recording is not None  # it was watched
     state.set_recording(outcome.recording, recipe=outcome.recipe, kind="holograms")
+    yield
     data = outcome.reconstruction
     modest = [m for m in outcome.recipe.methods if METHODS[m].streams]
     state.leave_place(find_place(state.recipe, phase_needs(modest, data["phase"].shape)))
     state.set_reconstruction(data, state.recipe)
+    yield
     state.take_outcome(outcome)
     state.outcome_changed.emit()
