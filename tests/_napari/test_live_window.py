@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -113,10 +114,12 @@ def test_watched_to_the_end_it_is_what_a_run_gives(
     viewer, dock, qtbot, watching, video, tmp_path
 ) -> None:
     seen: list[LiveView] = []
+    lines: list[str] = []
     shapes: set[tuple[int, ...]] = set()
 
     def look(view: LiveView) -> None:
         seen.append(view)
+        lines.append(dock.recording.live.line.text())
         shapes.update(layer.data.shape for layer in live_layers(viewer))
 
     dock.session.live_changed.connect(look)
@@ -132,7 +135,8 @@ def test_watched_to_the_end_it_is_what_a_run_gives(
         qtbot.waitUntil(lambda: seen[-1].index == N - 1, timeout=60_000)
         newest = seen[-1].shown["temporal-angular"]
         qtbot.waitUntil(lambda: np.array_equal(other.data[0], newest), timeout=10_000)
-        assert "frames seen" in live.line.text()
+        assert any(f"Live: frame {N}, shown " in line for line in lines)
+        assert f"{N} frames seen, {N} done" in live.line.text()
         qtbot.mouseClick(live.stop, LEFT)
         wait_for_end(dock, qtbot)
     assert shapes == {(1, 2, *seen[-1].like.shape[2:])}
@@ -263,6 +267,10 @@ def test_the_newest_frame_is_side_by_side_with_its_wrapped_phase(
         )
         assert viewer.canvas.grid.enabled
         _, other = live_layers(viewer)
+        assert other.colorbar.visible  # and not the wrapped one, whose colours are always the same
+        qtbot.waitUntil(lambda: not dock.presenter.turns.pending, timeout=20_000)
+        # The one time of these layers is not that of the newest frame.
+        assert not viewer.canvas.overlays.current_slice.visible
         before = other.data
         qtbot.waitUntil(lambda: other.data is not before, timeout=20_000)
         qtbot.mouseClick(live.stop, LEFT)
@@ -289,4 +297,18 @@ def test_only_the_newest_frame_waits_and_the_others_are_counted() -> None:
     assert (view.index, view.not_shown) == (4, 4)
     assert view.sentence.endswith("; 4 not shown")
     newest.put(5, {"wrapped": np.zeros((1, 2, 2), np.float32)})
-    assert newest.get_nowait().not_shown == 4
+    view = newest.get_nowait()
+    assert view.not_shown == 4
+    # What is told once a second is not older than the newest frame.
+    assert view.sentence.startswith("6 frames seen, 6 done")
+
+
+@pytest.mark.thorough
+def test_the_headline_says_whether_frames_come_and_how_late() -> None:
+    view = LiveView()
+    assert view.headline(10.0) == "The first frames are looked at"
+    view = LiveView(index=11, done_s=10.0)
+    assert view.headline(10.1) == "Live: frame 12"
+    view = replace(view, status=LiveStatus(seen=12, done=12, delay_s=0.05))
+    assert view.headline(10.1) == "Live: frame 12, shown 0.15 s after it came"
+    assert view.headline(17.0) == "No new frame for 7 s"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
@@ -122,7 +123,8 @@ class LivePart(Step):
     def _show(self, view: LiveView) -> None:
         """Show what is newest."""
         told = f"<br>{view.line[:1].upper()}{view.line[1:]}." if view.line else ""
-        self.line.setText(f"{view.sentence}{told}")
+        headline = view.headline(time.monotonic())
+        self.line.setText(f"<b>● {headline}</b><br>{view.sentence}{told}")
         self._layers.show(view)
 
     def _take(self, plan: Plan, outcome: Any) -> Iterator[None]:

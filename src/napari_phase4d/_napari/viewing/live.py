@@ -116,7 +116,9 @@ class LiveLayers:
 
     def _arranging(self, layers: list[Any]) -> Steps:
         # One colour bar is enough: that of phase whose contrast is not known beforehand.
-        yield from arrange(self._viewer, layers[::-1])
+        yield from arrange(self._viewer, layers, bar=len(layers) - 1)
+        # The one time of these layers is not that of the newest frame.
+        self._viewer.canvas.overlays.current_slice.visible = False
         say_unit(self._viewer, UNITS_OF_COLOURS["results"])
         self._viewer.canvas.overlays.scale_bar.visible = True
         self._viewer.reset_view(layers=layers)
