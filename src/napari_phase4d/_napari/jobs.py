@@ -259,15 +259,6 @@ class Jobs(QObject):  # type: ignore[misc]
             self.idle.emit("" if again else plan.title)
 
 
-def receiving(plan: Plan, ended: Ended, then: Callable[[], None] | None) -> Steps:
-    """Take what came of a plan into the session, and go on from there."""
-    if ended.error is not None:
-        raise ended.error
-    yield from plan.receive(ended.result) or ()
-    if then is not None:
-        then()
-
-
 #: Of all windows, for the end of the program.
 GATES: weakref.WeakSet[Gate] = weakref.WeakSet()
 
@@ -287,6 +278,15 @@ def sentence_of(error: BaseException) -> str:
     while isinstance(error, EmitLoopError) and error.__cause__ is not None:
         error = error.__cause__
     return str(error) or type(error).__name__
+
+
+def receiving(plan: Plan, ended: Ended, then: Callable[[], None] | None) -> Steps:
+    """Take what came of a plan into the session, and go on from there."""
+    if ended.error is not None:
+        raise ended.error
+    yield from plan.receive(ended.result) or ()
+    if then is not None:
+        then()
 
 
 #: Nothing is said before so many seconds, when too little is known.
