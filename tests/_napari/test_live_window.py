@@ -24,6 +24,7 @@ import napari_phase4d as p4d
 from napari_phase4d._napari.session import LiveView, StepState, step_states
 from napari_phase4d._napari.session.plans.live import Newest
 from napari_phase4d._napari.steps.live import WatchDialog
+from napari_phase4d._napari.viewing import live as live_viewing
 from napari_phase4d.pipeline import LiveStatus
 
 pytestmark = pytest.mark.gui
@@ -297,6 +298,29 @@ def test_a_layer_that_the_user_takes_away_is_not_missed(
         wait_for_end(dock, qtbot)
     assert not live_layers(viewer)
     assert list(dock.session.results) == ["temporal-angular"]
+
+
+@pytest.mark.thorough
+def test_pictures_give_way_while_many_frames_wait(
+    viewer, dock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_viewing, "SELDOM_S", 3600.0)
+    layers = live_viewing.LiveLayers(dock.presenter)
+    like = p4d.simulation.swimming_euglena((32, 32), 1)["phase"]
+
+    def show(index: int, behind: int) -> float:
+        values = np.full(like.shape[1:], index, np.float32)
+        status = LiveStatus(seen=index + 1 + behind, done=index + 1)
+        layers.show(LiveView(index=index, shown={"wrapped": values}, like=like, status=status))
+        (layer,) = live_layers(viewer)
+        return float(layer.data.max())
+
+    show(0, behind=0)
+    assert show(1, behind=0) == 1
+    assert show(2, behind=100) == 1
+    assert show(3, behind=2) == 3
+    monkeypatch.setattr(live_viewing, "SELDOM_S", 0.0)
+    assert show(4, behind=100) == 4
 
 
 @pytest.mark.thorough

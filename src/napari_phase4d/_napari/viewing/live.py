@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+import time
 from typing import Any
 
 import numpy as np
@@ -32,6 +34,8 @@ __all__ = ["LiveLayers"]
 
 #: Shares of pixels between which the contrast of unwrapped phase lies.
 SHARES = (0.001, 0.9995)
+#: While so many frames wait, pictures give way to them: one in so many seconds is shown.
+MANY, SELDOM_S = 8, 0.5
 
 
 class LiveLayers:
@@ -53,7 +57,7 @@ class LiveLayers:
         #: Contrast as it was set here; another one is the user's.
         self._limits: dict[str, tuple[float, float]] = {}
         self._before: ViewState | None = None
-        self._index, self._begun = -1, False
+        self._index, self._begun, self._shown_s = -1, False, -math.inf
 
     def show(self, view: LiveView) -> None:
         """Show what is newest, if it is newer than what is shown."""
@@ -63,7 +67,10 @@ class LiveLayers:
             self._begun = True
             self._presenter.turns.run(self._coming(view, view.like))
             return
-        self._index = view.index
+        now_s = time.monotonic()
+        if view.status.behind > MANY and now_s - self._shown_s < SELDOM_S:
+            return  # a later one comes
+        self._index, self._shown_s = view.index, now_s
         for name, layer in self._layers.items():
             if layer in self._viewer.layers:  # and was not taken away by the user
                 values = view.shown[name]
