@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import os
 import sys
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -120,6 +122,53 @@ def test_a_large_folder_is_not_looked_through_for_each_frame(
         tifffile.imwrite(arriving.path / f"f{number:03}.tif", frames[0])
         assert len(taken(arriving)) == 1
     assert len(looks) <= 5 + (time.monotonic() - began) / growing.SCAN_S
+
+
+@linux
+@pytest.mark.usefixtures("only_what_is_told")
+def test_what_comes_just_after_a_look_is_not_missed(
+    arriving, frames, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for number in range(2):
+        tifffile.imwrite(arriving.path / f"f{number}.tif", frames[number])
+        assert len(taken(arriving)) == 1
+    scan = os.scandir
+
+    @contextmanager
+    def scandir(path: Path) -> Iterator[list[os.DirEntry[str]]]:
+        with scan(path) as entries:
+            found = list(entries)
+        if not (path / "f3.tif").exists():
+            tifffile.imwrite(path / "f3.tif", frames[3])
+        yield found
+
+    monkeypatch.setattr(growing.os, "scandir", scandir)
+    tifffile.imwrite(arriving.path / "f2.tif", frames[2])
+    arriving._next_scan = 0.0
+    arriving.poll()
+    arriving.poll()
+    assert len(taken(arriving)) == 2
+
+
+@linux
+def test_what_was_not_told_is_looked_for_before_it_is_given_up(frames, tmp_path: Path) -> None:
+    arriving = arriving_at(tmp_path, 0.5)
+    arriving.poll()
+    for number in range(2):
+        tifffile.imwrite(tmp_path / f"f{number}.tif", frames[number])
+        assert len(taken(arriving)) == 1
+    tifffile.imwrite(tmp_path / "f2.tif", frames[2])
+    arriving._events.news()  # as if it were never told
+    arriving._next_scan = math.inf
+    tifffile.imwrite(tmp_path / "f3.tif", frames[3])
+    arriving.poll()
+    time.sleep(0.6)  # a long piece of work: it is due to be given up
+    found = [arrival.frame for arrival in arriving.take(2)]
+    time.sleep(1.5 * SETTLED_S)
+    found += taken(arriving)
+    np.testing.assert_array_equal(found, frames[2:4])
+    assert not arriving.lost
+    arriving.close()
 
 
 def test_where_nothing_is_told_all_is_found(

@@ -181,6 +181,9 @@ class FolderArriving(Arriving):
     def read(self, index: int) -> NDArray[Any]:
         """Return a frame."""
         if index not in self._files:
+            self._told_all = False
+            self.look()  # before it is given up: it may not have been told
+        if index not in self._files:
             raise FileNotFoundError(self.label(index))
         path = self._files[index]
         if self._events is None or not self._events.is_whole(path.name):
@@ -229,19 +232,25 @@ class FolderArriving(Arriving):
         """
         told = self._news()
         if self._told_all and time.monotonic() < self._next_scan:
-            assert self._numbering is not None
-            # Others may be gone in a moment, as are names that files have until they are whole.
-            names = {n for n in told if pattern_of(n) == self._numbering.pattern}
-            return names - self._names
+            return self._usual(told)
         began = time.monotonic()
         with os.scandir(self.path) as entries:
             names = {e.name for e in entries} - self._names
         ended = time.monotonic()
+        meanwhile = self._news()
         if names:
-            told |= self._news()  # what came meanwhile
-            self._told_all = self._numbering is not None and names <= told
+            self._told_all = self._numbering is not None and names <= told | meanwhile
         self._next_scan = ended + max(SCAN_S, (ended - began) / SHARE_OF_SCANNING)
-        return names
+        return names | self._usual(meanwhile)
+
+    def _usual(self, told: set[str]) -> set[str]:
+        """Return names that are new and those of frames.
+
+        Others may be gone in a moment, as are names that files have until they are whole.
+        """
+        if self._numbering is None:
+            return set()
+        return {n for n in told if pattern_of(n) == self._numbering.pattern} - self._names
 
     def _news(self) -> set[str]:
         """Return the names of files that the system tells of, if it does."""
