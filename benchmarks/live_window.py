@@ -75,7 +75,8 @@ def watched(viewer: Any, dock: Any, place: Path, number: int, rate: float) -> No
     behind_the_first = [late[i] for i in late if i >= number // 8]
     print(
         f"{number} frames at {rate:g} a second: {lost[0]} dropped, {len(late)} pictures, "
-        f"late {np.median(behind_the_first):.2f} s (median), {max(behind_the_first):.2f} s "
+        f"late {np.median(behind_the_first):.2f} s (median), "
+        f"{np.quantile(behind_the_first, 0.95):.2f} s (95 of 100), {max(behind_the_first):.2f} s "
         f"(at most); longest stalls {', '.join(f'{s:.2f}' for s in sorted(gaps)[:-5:-1])} s"
     )
 

@@ -27,6 +27,7 @@ MAKERS = {
         "5_save",
     ),
     ("stills", "stills_of_the_cells"): ("5_cells",),
+    ("stills", "still_of_a_live_recording"): ("live",),
     ("stills", "stills_of_the_yeast"): ("6_yeast", "7_steps", "8_trust", "9_difference", "light"),
     ("moving", "moving_picture"): ("window",),
     ("results", "figures_of_the_paper"): ("figure_2", "figure_4"),

@@ -2,15 +2,23 @@
 
 from __future__ import annotations
 
+import tempfile
+import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
+import tifffile
+from numpy.typing import NDArray
+
 from napari_phase4d._napari.demo import let_it_draw, viewer_with_dock, wait_until
-from napari_phase4d.sample import CELLS_SOURCE, EUGLENA_SOURCE, YEAST_SOURCE
+from napari_phase4d.sample import CELLS_SOURCE, EUGLENA_SOURCE, YEAST_SOURCE, open_sample
 from picture_making.saving import save_image, window_image
 
 #: Enough for a window.
 COLOURS = 255
+#: Frames a second that the camera of the picture of a live recording writes.
+RATE_HZ = 3.0
 
 
 class Stills:
@@ -119,6 +127,39 @@ def stills_of_the_cells(wanted: set[str]) -> None:
         print(dock.session.cells.summary.to_string())
     finally:
         stills.viewer.close()
+
+
+def still_of_a_live_recording(wanted: set[str]) -> None:
+    """Show the newest frame while a camera writes, and where that is stopped."""
+    stills, over = Stills(wanted), threading.Event()
+    dock: Any = stills.dock
+    frames = open_sample(EUGLENA_SOURCE).holograms.values
+    with tempfile.TemporaryDirectory() as place:
+        folder = Path(place) / "cell_01"
+        camera = threading.Thread(target=play_the_camera, args=(frames, folder, over))
+        try:
+            dock.session.update(angles_deg=(-7, 21), n_views=2, methods=("temporal-angular",))
+            dock.recording.live.watch(folder, Path(place) / "cell_01_phase")
+            camera.start()
+            newest: list[int] = [-1]
+            dock.session.live_changed.connect(lambda view: newest.append(view.index))
+            wait_until(lambda: newest[-1] >= len(frames) - 6)
+            stills.picture("live")
+            dock.recording.live.finish()
+            wait_until(lambda: not dock.jobs.running)
+        finally:
+            over.set()
+            stills.viewer.close()
+            camera.join()
+
+
+def play_the_camera(frames: NDArray[Any], folder: Path, over: threading.Event) -> None:
+    """Write frames into a folder as a camera does."""
+    folder.mkdir()
+    for number, frame in enumerate(frames):
+        tifffile.imwrite(folder / f"frame_{number:04}.tif", frame)
+        if over.wait(1 / RATE_HZ):
+            return
 
 
 def stills_of_the_yeast(wanted: set[str]) -> None:

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
-from qtpy.QtCore import Qt
+from qtpy.QtCore import Qt, QTimer
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.session import Plan, plan_reconstruction, plan_unwrapping
@@ -131,3 +133,47 @@ def test_taking_the_dock_away_stops_the_work(viewer, dock, qtbot) -> None:
     assert ended == ["cancelled"]
     with qtbot.waitSignal(dock.destroyed):
         dock.deleteLater()  # napari lets go of what it did not make
+
+
+@pytest.mark.thorough
+def test_a_result_is_taken_in_steps_between_which_the_window_goes_on(dock, qtbot) -> None:
+    told: list[str] = []
+    timer = QTimer()
+    timer.timeout.connect(lambda: told.append("window"))
+
+    def showing(step: str) -> Iterator[None]:
+        yield
+        told.append(f"shown {step}")
+
+    def receive(_: object) -> Iterator[None]:
+        timer.start(0)
+        for step in ("first", "second", "third"):
+            told.append(step)
+            dock.presenter.turns.run(showing(step))
+            yield
+
+    dock.jobs.start(Plan("Work", lambda _: None, receive), then=lambda: told.append("then"))
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    timer.stop()
+    steps = ("first", "second", "third")
+    ours = [word for step in steps for word in (step, f"shown {step}")]
+    assert [word for word in told if word != "window"] == [*ours, "then"]
+    for step, following in pairwise(steps):
+        assert "window" in told[told.index(step) : told.index(following)]
+    assert dock.status.text() == "Work: done."
+
+
+@pytest.mark.thorough
+def test_an_error_in_a_later_step_is_said_and_the_rest_left_out(dock, qtbot) -> None:
+    told: list[str] = []
+
+    def receive(_: object) -> Iterator[None]:
+        told.append("first")
+        yield
+        msg = "the second step can't be"
+        raise ValueError(msg)
+
+    dock.jobs.start(Plan("Work", lambda _: None, receive), then=lambda: told.append("then"))
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    assert told == ["first"]
+    assert dock.status.text() == "⚠ the second step can't be"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from itertools import cycle
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,7 @@ import napari_phase4d as p4d
 from napari_phase4d._napari.session import LiveView, StepState, step_states
 from napari_phase4d._napari.session.plans.live import Newest
 from napari_phase4d._napari.steps.live import WatchDialog
+from napari_phase4d._napari.viewing import live as live_viewing
 from napari_phase4d.pipeline import LiveStatus
 
 pytestmark = pytest.mark.gui
@@ -132,7 +134,7 @@ def test_watched_to_the_end_it_is_what_a_run_gives(
         qtbot.waitUntil(lambda: seen[-1].index == N - 1, timeout=60_000)
         newest = seen[-1].shown["temporal-angular"]
         qtbot.waitUntil(lambda: np.array_equal(other.data[0], newest), timeout=10_000)
-        assert "frames seen" in live.line.text()
+        assert f"{N} frames seen, {N} done" in live.line.text()
         qtbot.mouseClick(live.stop, LEFT)
         wait_for_end(dock, qtbot)
     assert shapes == {(1, 2, *seen[-1].like.shape[2:])}
@@ -189,8 +191,10 @@ def test_cancel_writes_nothing_and_shows_what_was_there(
     ready.session.update(lobes=())  # those of another recording would not fit
     with camera(tmp_path / "cell", cycle(video)):
         watching(tmp_path / "cell", tmp_path / "out")
-        qtbot.waitUntil(lambda: len(live_layers(viewer)) == 2, timeout=60_000)
-        assert all(layer.visible for layer in live_layers(viewer))
+        qtbot.waitUntil(
+            lambda: [layer.visible for layer in live_layers(viewer)] == [True, True],
+            timeout=60_000,
+        )
         # They are seen wherever the slider of time is.
         assert viewer.dims.current_step[0] == 4
         assert all(np.ptp(la._data_view) > 0 for la in live_layers(viewer))
@@ -263,11 +267,60 @@ def test_the_newest_frame_is_side_by_side_with_its_wrapped_phase(
         )
         assert viewer.canvas.grid.enabled
         _, other = live_layers(viewer)
+        assert other.colorbar.visible  # and not the wrapped one, whose colours are always the same
+        qtbot.waitUntil(lambda: not dock.presenter.turns.pending, timeout=20_000)
+        # The one time of these layers is not that of the newest frame.
+        assert not viewer.canvas.overlays.current_slice.visible
         before = other.data
         qtbot.waitUntil(lambda: other.data is not before, timeout=20_000)
+        qtbot.waitUntil(lambda: " s after it came" in live.line.text(), timeout=20_000)
         qtbot.mouseClick(live.stop, LEFT)
         wait_for_end(dock, qtbot)
     assert not live_layers(viewer)
+
+
+@pytest.mark.thorough
+def test_a_layer_that_the_user_takes_away_is_not_missed(
+    viewer, dock, qtbot, watching, video, tmp_path
+) -> None:
+    with camera(tmp_path / "cell", cycle(video)):
+        live = watching(tmp_path / "cell")
+        qtbot.waitUntil(
+            lambda: [layer.colorbar.visible for layer in live_layers(viewer)].count(True) == 1,
+            timeout=60_000,
+        )
+        wrapped, unwrapped = live_layers(viewer)
+        viewer.layers.selection.active = unwrapped
+        viewer.layers.remove_selected()
+        before = wrapped.data
+        qtbot.waitUntil(lambda: wrapped.data is not before, timeout=20_000)
+        qtbot.mouseClick(live.stop, LEFT)
+        wait_for_end(dock, qtbot)
+    assert not live_layers(viewer)
+    assert list(dock.session.results) == ["temporal-angular"]
+
+
+@pytest.mark.thorough
+def test_pictures_give_way_while_many_frames_wait(
+    viewer, dock, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(live_viewing, "SELDOM_S", 3600.0)
+    layers = live_viewing.LiveLayers(dock.presenter)
+    like = p4d.simulation.swimming_euglena((32, 32), 1)["phase"]
+
+    def show(index: int, behind: int) -> float:
+        values = np.full(like.shape[1:], index, np.float32)
+        status = LiveStatus(seen=index + 1 + behind, done=index + 1)
+        layers.show(LiveView(index=index, shown={"wrapped": values}, like=like, status=status))
+        (layer,) = live_layers(viewer)
+        return float(layer.data.max())
+
+    show(0, behind=0)
+    assert show(1, behind=0) == 1
+    assert show(2, behind=100) == 1
+    assert show(3, behind=2) == 3
+    monkeypatch.setattr(live_viewing, "SELDOM_S", 0.0)
+    assert show(4, behind=100) == 4
 
 
 @pytest.mark.thorough
@@ -289,4 +342,18 @@ def test_only_the_newest_frame_waits_and_the_others_are_counted() -> None:
     assert (view.index, view.not_shown) == (4, 4)
     assert view.sentence.endswith("; 4 not shown")
     newest.put(5, {"wrapped": np.zeros((1, 2, 2), np.float32)})
-    assert newest.get_nowait().not_shown == 4
+    view = newest.get_nowait()
+    assert view.not_shown == 4
+    # What is told once a second is not older than the newest frame.
+    assert view.sentence.startswith("6 frames seen, 6 done")
+
+
+@pytest.mark.thorough
+def test_the_headline_says_whether_frames_come_and_how_late() -> None:
+    view = LiveView()
+    assert view.headline(10.0) == "The first frames are looked at"
+    view = LiveView(index=11, done_s=10.0)
+    assert view.headline(10.1) == "Live: frame 12"
+    view = replace(view, status=LiveStatus(seen=12, done=12, delay_s=0.05))
+    assert view.headline(10.1) == "Live: frame 12, shown 0.15 s after it came"
+    assert view.headline(17.0) == "No new frame for 7 s"

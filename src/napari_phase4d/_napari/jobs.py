@@ -16,7 +16,7 @@ from psygnal import EmitLoopError
 from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
 
 from napari_phase4d._napari.session import Changed, Plan
-from napari_phase4d._napari.turns import Turns
+from napari_phase4d._napari.turns import Steps, Turns
 from napari_phase4d.task import Cancelled, Task
 
 __all__ = ["GATES", "Ended", "Gate", "Jobs", "TimeLeft", "in_words", "sentence_of"]
@@ -190,18 +190,29 @@ class Jobs(QObject):  # type: ignore[misc]
         stopped = isinstance(ended.error, Cancelled) or self._gate.stop.is_set()
         # A result that arrives after Cancel is not wanted any more, but finished parts are.
         has_parts = plan.keeps_parts and ended.error is None
+        if not stopped or has_parts:
+            then = None if stopped else self._then
+            self._receive(worker, plan, receiving(plan, ended, then), stopped, has_parts)
+        else:
+            self._shown(worker, plan, stopped=stopped, has_parts=has_parts)
+
+    def _receive(
+        self, worker: FunctionWorker, plan: Plan, steps: Steps, stopped: bool, has_parts: bool
+    ) -> None:
+        """Take a result into the session, a step a turn, each once the last one is on screen."""
+        if worker is not self._worker:  # something has begun meanwhile
+            return
         try:
-            if not stopped or has_parts:
-                if ended.error is not None:
-                    raise ended.error
-                with self._turns.unhurried():
-                    plan.receive(ended.result)
-                    if self._then is not None and not stopped:
-                        self._then()
+            with self._turns.unhurried():
+                if not self._turns.pending:
+                    next(steps)
+        except StopIteration:
+            self._shown(worker, plan, stopped=stopped, has_parts=has_parts)
         except Exception as error:
             self._failed(worker, plan, error)
-            return
-        self._shown(worker, plan, stopped=stopped, has_parts=has_parts)
+        else:
+            again = partial(self._receive, worker, plan, steps, stopped, has_parts)
+            self._after_a_turn(again)
 
     def _shown(
         self, worker: FunctionWorker, plan: Plan, *, stopped: bool, has_parts: bool
@@ -267,6 +278,15 @@ def sentence_of(error: BaseException) -> str:
     while isinstance(error, EmitLoopError) and error.__cause__ is not None:
         error = error.__cause__
     return str(error) or type(error).__name__
+
+
+def receiving(plan: Plan, ended: Ended, then: Callable[[], None] | None) -> Steps:
+    """Take what came of a plan into the session, and go on from there."""
+    if ended.error is not None:
+        raise ended.error
+    yield from plan.receive(ended.result) or ()
+    if then is not None:
+        then()
 
 
 #: Nothing is said before so many seconds, when too little is known.

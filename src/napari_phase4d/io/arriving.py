@@ -1,6 +1,6 @@
 """Frames that arrive while one records, in their order, each when it is whole.
 
-Nothing tells when a frame is whole, so that everything is looked at twice: a file, page or piece
+Hardly anything tells when a frame is whole, so that all is looked at twice: a file, page or piece
 is read once it has stayed as it is for a while, and can be read. Until then it is waited for. A
 camera that Micro-Manager drives gives them as files too, each as soon as it has come.
 """
@@ -182,6 +182,13 @@ class Arriving(ABC):
     def changed(self, index: int) -> float:
         """Return when what holds a frame last changed, by ``time.monotonic``."""
         return -math.inf
+
+    def wait(self, seconds: float) -> None:
+        """Wait until something may have come, at most so long."""
+        time.sleep(seconds)
+
+    def close(self) -> None:  # noqa: B027 - most have nothing to close
+        """Look at nothing any more; what was given out can be read again."""
 
     def poll(self) -> bool:
         """Look what is there; say whether there is more than before."""

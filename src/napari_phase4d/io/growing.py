@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import re
 import struct
+import time
 from collections import Counter
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -23,6 +25,7 @@ from napari_phase4d.io.arriving import (
     Calm,
     NotYetError,
 )
+from napari_phase4d.io.folder_events import FolderEvents
 from napari_phase4d.io.sequences import IMAGE_SUFFIXES, by_number, load_image, read_image
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_complete, read_tiff
 from napari_phase4d.io.video import Video, grey, quiet
@@ -30,6 +33,10 @@ from napari_phase4d.io.zarr_files import ZarrReader, is_zarr, read_zarr
 from napari_phase4d.recording import reader_of
 
 __all__ = ["arriving_at"]
+
+#: Where the system tells what is new in a folder, all its names are looked at all the same: after
+#: so many seconds, and as it takes a while in large folders, in so much of the time.
+SCAN_S, SHARE_OF_SCANNING = 1.0, 0.01
 
 
 def arriving_at(
@@ -124,7 +131,8 @@ def pattern_of(name: str) -> str:
 class FolderArriving(Arriving):
     """A folder into which one image a frame is written.
 
-    Their numbers say the order, and which never came. What has another name is no frame.
+    Their numbers say the order, and which never came. What has another name is no frame. Where the
+    system tells that a file was closed, it is whole; elsewhere it is once it has stayed as it is.
     """
 
     def __init__(self, path: Path, patience_s: float, settled_s: float | None = None) -> None:
@@ -134,11 +142,15 @@ class FolderArriving(Arriving):
         self._numbering: Numbering | None = None
         #: The file of each frame.
         self._files: dict[int, Path] = {}
+        self._last = -1
+        #: What the system tells, and whether that has been found to be all.
+        self._events: FolderEvents | None = None
+        self._told_all = False
+        self._next_scan = 0.0
 
     def look(self) -> int:
         """Look which files are there."""
-        with os.scandir(self.path) as entries:
-            names = {e.name for e in entries} - self._names
+        names = self._new_names()
         new = sorted((n for n in names if self._may_be_frame(n)), key=lambda n: by_number(Path(n)))
         self._names |= names
         if self._numbering is None:
@@ -150,7 +162,7 @@ class FolderArriving(Arriving):
             self._add(name)
         ahead = range(self.taken, self.taken + AHEAD)
         self._look_at(self._files[i] for i in ahead if i in self._files)
-        return max(self._files, default=-1) + 1
+        return self._last + 1
 
     def take(self, at_most: int) -> list[Arrival]:
         """Return the next frames; what counts them is settled when the first are asked for."""
@@ -169,12 +181,31 @@ class FolderArriving(Arriving):
     def read(self, index: int) -> NDArray[Any]:
         """Return a frame."""
         if index not in self._files:
+            self._told_all = False
+            self.look()  # before it is given up: it may not have been told
+        if index not in self._files:
             raise FileNotFoundError(self.label(index))
         path = self._files[index]
-        self._calm.check(path)
+        if self._events is None or not self._events.is_whole(path.name):
+            self._calm.check(path)
         frame = whole_image(path)
         self._calm.forget(path)
+        if self._events is not None:
+            self._events.forget(path.name)
         return frame
+
+    def wait(self, seconds: float) -> None:
+        """Wait until something happens in the folder, at most so long."""
+        if self._events is None:
+            super().wait(seconds)
+        else:
+            self._events.wait(seconds)
+
+    def close(self) -> None:
+        """Let the system tell no more; what came can still be read."""
+        if self._events is not None:
+            self._events.close()
+            self._events = None
 
     def changed(self, index: int) -> float:
         """Return when the file of a frame was last seen to change."""
@@ -193,6 +224,43 @@ class FolderArriving(Arriving):
         """Return the number of a frame as in the names of the files."""
         numbering = self._numbering
         return str(index if numbering is None else index + numbering.base)
+
+    def _new_names(self) -> set[str]:
+        """Return names that were not there before.
+
+        Those that the system tells are believed to be all as long as no other is found among all.
+        """
+        told = self._news()
+        if self._told_all and time.monotonic() < self._next_scan:
+            return self._usual(told)
+        began = time.monotonic()
+        with os.scandir(self.path) as entries:
+            names = {e.name for e in entries} - self._names
+        ended = time.monotonic()
+        meanwhile = self._news()
+        if names:
+            self._told_all = self._numbering is not None and names <= told | meanwhile
+        self._next_scan = ended + max(SCAN_S, (ended - began) / SHARE_OF_SCANNING)
+        return names | self._usual(meanwhile)
+
+    def _usual(self, told: set[str]) -> set[str]:
+        """Return names that are new and those of frames.
+
+        Others may be gone in a moment, as are names that files have until they are whole.
+        """
+        if self._numbering is None:
+            return set()
+        return {n for n in told if pattern_of(n) == self._numbering.pattern} - self._names
+
+    def _news(self) -> set[str]:
+        """Return the names of files that the system tells of, if it does."""
+        if self._events is not None and self._events.broken:
+            self.close()
+        if self._events is None:
+            self._told_all = False
+            with suppress(OSError):
+                self._events = FolderEvents(self.path)
+        return set() if self._events is None else self._events.news()
 
     def _may_be_frame(self, name: str) -> bool:
         """Say whether a file may be a frame, by its name."""
@@ -214,7 +282,7 @@ class FolderArriving(Arriving):
             return
         index = self._numbering.index(name)
         if index is None:
-            index = max(self._files, default=-1) + 1
+            index = self._last + 1
             late = index > 0 and by_number(Path(name)) < by_number(self._files[index - 1])
         else:
             late = index < self.taken
@@ -222,6 +290,7 @@ class FolderArriving(Arriving):
             self.notes.append(f"{name} came too late, and is left out")
             return
         self._files[index] = self.path / name
+        self._last = max(self._last, index)
 
 
 def of_usual_pattern(names: Sequence[str]) -> list[str]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -122,13 +123,14 @@ class LivePart(Step):
     def _show(self, view: LiveView) -> None:
         """Show what is newest."""
         told = f"<br>{view.line[:1].upper()}{view.line[1:]}." if view.line else ""
-        self.line.setText(f"{view.sentence}{told}")
+        headline = view.headline(time.monotonic())
+        self.line.setText(f"<b>● {headline}</b><br>{view.sentence}{told}")
         self._layers.show(view)
 
-    def _take(self, plan: Plan, outcome: Any) -> None:
+    def _take(self, plan: Plan, outcome: Any) -> Iterator[None]:
         """Let the results take the place of the newest frame."""
-        self._layers.remove()
-        plan.receive(outcome)
+        yield from self._layers.leaving()
+        yield from plan.receive(outcome) or ()
         self._layers.forget()
 
     def _ended(self, *_: object) -> None:

@@ -129,8 +129,11 @@ def take_down(viewer: Any, layers: Sequence[Any]) -> Steps:
     yield
 
 
-def arrange(viewer: Any, layers: Sequence[Any]) -> Steps:
-    """Show some hidden layers in a grid, each with its name, one colour bar for all, in steps."""
+def arrange(viewer: Any, layers: Sequence[Any], bar: int = 0) -> Steps:
+    """Show some hidden layers in a grid, each with its name, one colour bar for all, in steps.
+
+    The colour bar is that of the first layer, or of the one with that number.
+    """
     grid, layers = viewer.canvas.grid, in_order(viewer, layers)
     shape = tuple(grid.shape)
     if len(layers) > 1:
@@ -149,7 +152,7 @@ def arrange(viewer: Any, layers: Sequence[Any]) -> Steps:
         if layer in viewer.layers:
             show_name(layer, small=len(layers) > CROWD)
             yield
-            if number == 0:
+            if number == bar:
                 show_bar(layer, small=len(layers) > CROWD)
                 yield
     viewer.canvas.overlays.current_slice.visible = True

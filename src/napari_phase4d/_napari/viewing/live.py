@@ -2,15 +2,24 @@
 
 from __future__ import annotations
 
+import math
+import time
 from typing import Any
 
 import numpy as np
 import xarray as xr
+from napari.layers import Image
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session import LiveView
-from napari_phase4d._napari.turns import Steps
-from napari_phase4d._napari.viewing.grid import UNITS_OF_COLOURS, ViewState, arrange, say_unit
+from napari_phase4d._napari.turns import Steps, exhaust
+from napari_phase4d._napari.viewing.grid import (
+    UNITS_OF_COLOURS,
+    ViewState,
+    arrange,
+    say_unit,
+    take_down,
+)
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
     LayerTuple,
@@ -25,6 +34,8 @@ __all__ = ["LiveLayers"]
 
 #: Shares of pixels between which the contrast of unwrapped phase lies.
 SHARES = (0.001, 0.9995)
+#: While so many frames wait, pictures give way to them: one in so many seconds is shown.
+MANY, SELDOM_S = 8, 0.5
 
 
 class LiveLayers:
@@ -46,29 +57,41 @@ class LiveLayers:
         #: Contrast as it was set here; another one is the user's.
         self._limits: dict[str, tuple[float, float]] = {}
         self._before: ViewState | None = None
-        self._index, self._arranged = -1, False
+        self._index, self._begun, self._shown_s = -1, False, -math.inf
 
     def show(self, view: LiveView) -> None:
         """Show what is newest, if it is newer than what is shown."""
         if view.like is None or view.index <= self._index:
             return
-        if not self._arranged:
-            self._begin(view, view.like)
+        if not self._begun:
+            self._begun = True
+            self._presenter.turns.run(self._coming(view, view.like))
             return
-        self._index = view.index
-        for name, values in view.shown.items():
-            layer = self._layers[name]
+        now_s = time.monotonic()
+        if view.status.behind > MANY and now_s - self._shown_s < SELDOM_S:
+            return  # a later one comes
+        self._index, self._shown_s = view.index, now_s
+        for name, layer in self._layers.items():
             if layer in self._viewer.layers:  # and was not taken away by the user
+                values = view.shown[name]
                 layer.data = values[None]
                 self._widen(name, values)
 
     def remove(self) -> None:
         """Take the layers away."""
-        for layer in self._layers.values():
-            if layer in self._viewer.layers:
-                self._viewer.layers.remove(layer)
+        exhaust(self.leaving())
+
+    def leaving(self) -> Steps:
+        """Take the layers away, one a step."""
+        shown = [layer for layer in self._layers.values() if layer in self._viewer.layers]
+        yield from take_down(self._viewer, shown)
+        # The upper one first: where software draws, napari ends if one below it goes, unless names
+        # stand at both.
+        for layer in shown[::-1]:
+            self._viewer.layers.remove(layer)
+            yield
         self._layers, self._limits = {}, {}
-        self._index, self._arranged = -1, False
+        self._index, self._begun = -1, False
 
     def restore(self) -> None:
         """Show again what was shown before."""
@@ -81,37 +104,34 @@ class LiveLayers:
         """Forget what was shown before: something else takes its place."""
         self._before = None
 
-    def _begin(self, view: LiveView, like: xr.DataArray) -> None:
-        """Take the next step to the layers side by side; all at once would stall the window."""
-        missing = [name for name in view.shown if name not in self._layers]
-        if missing:
-            self._add(missing[0], like.copy(data=view.shown[missing[0]][None]))
-        else:
-            self._arrange()
+    def _coming(self, view: LiveView, like: xr.DataArray) -> Steps:
+        """Add the layers, hidden, in small steps, and show them side by side."""
+        self._before = ViewState.of(self._viewer)
+        self._presenter.hide_all()
+        times = span_of_times(self._viewer)
+        yield
+        for name, values in view.shown.items():
+            data, keywords, _ = live_layer(like.copy(data=values[None]), name, times)
+            colormap = keywords.pop("colormap")
+            # With other colours than its first ones, napari works them out again and again.
+            made = Image(data, **{**keywords, "visible": False})
+            yield
+            layer = self._layers[name] = self._viewer.add_layer(made)
+            self._limits[name] = tuple(layer.contrast_limits)
+            yield
+            layer.colormap = colormap
+            layer.events.contrast_limits.connect(keep_zero_black)
+            yield
+        yield from self._arranging()
 
-    def _add(self, name: str, stack: xr.DataArray) -> None:
-        """Add a layer; before the first one, hide what else this plugin shows."""
-        if not self._layers:
-            self._before = ViewState.of(self._viewer)
-            self._presenter.hide_all()
-        data, keywords, _ = live_layer(stack, name, span_of_times(self._viewer))
-        layer = self._viewer.add_image(data, **keywords)
-        layer.events.contrast_limits.connect(keep_zero_black)
-        if not self._layers:
-            self._viewer.reset_view(layers=[layer])
-        self._layers[name] = layer
-        self._limits[name] = tuple(layer.contrast_limits)
-
-    def _arrange(self) -> None:
-        """Show the layers side by side."""
-        self._arranged = True
+    def _arranging(self) -> Steps:
         layers = [layer for layer in self._layers.values() if layer in self._viewer.layers]
-        if layers:
-            self._presenter.turns.run(self._arranging(layers))
-
-    def _arranging(self, layers: list[Any]) -> Steps:
+        if not layers:
+            return
         # One colour bar is enough: that of phase whose contrast is not known beforehand.
-        yield from arrange(self._viewer, layers[::-1])
+        yield from arrange(self._viewer, layers, bar=len(layers) - 1)
+        # The one time of these layers is not that of the newest frame.
+        self._viewer.canvas.overlays.current_slice.visible = False
         say_unit(self._viewer, UNITS_OF_COLOURS["results"])
         self._viewer.canvas.overlays.scale_bar.visible = True
         self._viewer.reset_view(layers=layers)

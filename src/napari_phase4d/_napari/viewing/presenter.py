@@ -150,6 +150,8 @@ class Presenter:
         """Show what was still to come up when an earlier dock was closed."""
         if self._cut_short and self.session.outcome is not None:
             self.show_outcome()
+        elif self._cut_short and self.session.reconstruction is not None:
+            self.show_phase()
         self._cut_short = False
 
     def leave(self) -> None:
@@ -276,13 +278,19 @@ class Presenter:
         self.hide_all()
         self._show_as("")
         name = self._named = self.session.name
+        self.turns.run(self._phase_coming(data, name))
+
+    def _phase_coming(self, data: xr.Dataset, name: str) -> Steps:
         if self.holograms in self.viewer.layers:
             spread_over_angles(self.holograms, data["angle"].values)
+        yield
         if "amplitude" in data:
             amplitude = stack_layer(
                 data["amplitude"], f"amplitude, {name}", "amplitude", visible=False
             )
+            yield
             self.add(amplitude)
+            yield
         self._wrapped = self.adopted(data["phase"].data) or self.add(
             stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped")
         )

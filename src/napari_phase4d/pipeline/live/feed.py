@@ -12,7 +12,8 @@ from napari_phase4d.words import counted
 
 __all__ = ["Feed", "Listener", "LiveStatus"]
 
-#: Seconds between two looks at what is there, at least; a look may take a tenth of the time.
+#: Seconds between two looks at what is there where nothing tells of it; a look may take a tenth of
+#: the time.
 LOOK_S, SHARE_OF_LOOKING = 0.03, 0.1
 #: Seconds between two lines that say how far it is.
 LINE_S = 1.0
@@ -179,7 +180,7 @@ class Feed:
                 self.listener.heed(self.arriving)
                 return
             else:
-                time.sleep(LOOK_S)
+                self._rest()
 
     def _wanted(self, n_frames: int) -> int:
         """Return how many of so many frames are wanted."""
@@ -194,7 +195,13 @@ class Feed:
         """Look what is there, and wait a little."""
         self._poll()
         self.listener.heed(self.arriving)
-        time.sleep(LOOK_S)
+        self._rest()
+
+    def _rest(self) -> None:
+        """Wait for what comes next, but not before it is time for the next look."""
+        pause = min(LOOK_S, max(0.0, self._next_look - time.monotonic()))
+        time.sleep(pause)
+        self.arriving.wait(LOOK_S - pause)
 
     def _poll(self) -> None:
         """Look what is there, not too often where that takes a while, as in large folders."""

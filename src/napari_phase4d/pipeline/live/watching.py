@@ -196,6 +196,7 @@ def watch(
             written = write_files(outcome, out, Task(progress), form=form, source=print_of)
             kept.settle(written, outcome.recipe.recording, print_of)
         finally:
+            arriving.close()
             place.close()
     return outcome
 

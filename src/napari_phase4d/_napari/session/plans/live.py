@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import threading
-from collections.abc import Mapping
+import time
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -27,6 +29,7 @@ from napari_phase4d.pipeline import (
     shown_method,
     watch,
 )
+from napari_phase4d.plotting import phase_colours
 from napari_phase4d.task import CancelledCall, Task
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import as_path
@@ -36,6 +39,8 @@ __all__ = ["PATIENCE_S", "LiveView", "plan_watching"]
 #: Seconds without a new frame after which a recording is taken as complete.
 PATIENCE_S = 30.0
 WRAPPED = "wrapped"
+#: Seconds without a new frame after which it is said.
+QUIET_S = 2.0
 
 
 @dataclass(frozen=True)
@@ -46,6 +51,8 @@ class LiveView:
     ----------
     index : int
         The number of the newest frame; -1 before the first.
+    done_s : float
+        When its phase was there, by ``time.monotonic``.
     shown : dict of str to ndarray
         Its phase (angle, y, x), wrapped and by the method that is shown, by their ids.
     like : xarray.DataArray, optional
@@ -59,17 +66,34 @@ class LiveView:
     """
 
     index: int = -1
+    done_s: float = math.nan
     shown: Mapping[str, NDArray[np.float32]] = field(default_factory=dict)
     like: xr.DataArray | None = None
     status: LiveStatus = field(default_factory=LiveStatus)
     not_shown: int = 0
     line: str = ""
 
+    def headline(self, now_s: float) -> str:
+        """Say whether frames come, and how late the newest one is if it is shown now."""
+        if self.index < 0:
+            return "The first frames are looked at"
+        waited = now_s - self.done_s
+        if waited > QUIET_S:
+            return f"No new frame for {waited:.0f} s"
+        late = waited + self.status.delay_s  # NaN as long as nobody knows
+        shown = f", shown {late:.2f} s after it came" if late == late else ""
+        return f"Live: frame {self.index + 1}{shown}"
+
     @property
     def sentence(self) -> str:
         """How far it is, in one line."""
+        # What is told once a second may be older than the newest frame.
+        done, known = self.index + 1, self.status
+        status = replace(
+            known, seen=max(known.seen, done), done=max(known.done, done), delay_s=math.nan
+        )
         hidden = f"; {self.not_shown} not shown" if self.not_shown else ""
-        return f"{self.status.sentence}{hidden}"
+        return f"{status.sentence}{hidden}"
 
 
 class Newest:
@@ -99,10 +123,12 @@ class Newest:
     def put(self, index: int, results: Mapping[str, NDArray[np.float32]]) -> None:
         """Take the newest frame."""
         names = dict.fromkeys((WRAPPED, shown_method(results)))
-        shown = {name: results[name].copy() for name in names}
+        shown, now_s = {name: results[name].copy() for name in names}, time.monotonic()
         with self._lock:
             missed = self._now.not_shown + self._waits
-            self._now = replace(self._now, index=index, shown=shown, not_shown=missed)
+            self._now = replace(
+                self._now, index=index, done_s=now_s, shown=shown, not_shown=missed
+            )
             self._waits = self._changed = True
 
     def get_nowait(self) -> LiveView:
@@ -167,6 +193,7 @@ def plan_watching(
     newest = Newest()
 
     def work(task: Task) -> Outcome:
+        phase_colours(0.0, 1.0)  # loads the library of colours, which the first picture needs
         found = watch(
             source,
             recipe,
@@ -180,14 +207,16 @@ def plan_watching(
             stopped=stopped,
             **task.calls,
         )
+        assert found.recording is not None  # it was watched
+        found.recording.holograms[:1].compute()  # loads what reads it, which takes a while
         # As it lies there, so that what is made of it later does not go into that folder.
         return replace(read_outcome(out), recording=found.recording, recipe=found.recipe)
 
-    def receive(outcome: Outcome) -> None:
+    def receive(outcome: Outcome) -> Iterator[None]:
         if state.recording is not before[0] or state.reconstruction is not before[1]:
             msg = f"another recording was opened meanwhile; the results are in {out}: open that"
             raise ValueError(msg)
-        take_watched(state, outcome)
+        yield from taking_watched(state, outcome)
 
     name = as_path(source.folder if isinstance(source, FromCamera) else source).name
     return Plan(
@@ -199,13 +228,15 @@ def plan_watching(
     )
 
 
-def take_watched(state: State, outcome: Outcome) -> None:
-    """Take a recording that is complete, with its phase and results."""
+def taking_watched(state: State, outcome: Outcome) -> Iterator[None]:
+    """Take a recording that is complete, then its phase, then its results."""
     assert outcome.recording is not None  # it was watched
     state.set_recording(outcome.recording, recipe=outcome.recipe, kind="holograms")
+    yield
     data = outcome.reconstruction
     modest = [m for m in outcome.recipe.methods if METHODS[m].streams]
     state.leave_place(find_place(state.recipe, phase_needs(modest, data["phase"].shape)))
     state.set_reconstruction(data, state.recipe)
+    yield
     state.take_outcome(outcome)
     state.outcome_changed.emit()

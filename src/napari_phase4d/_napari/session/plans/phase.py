@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from queue import Empty
 from typing import Any, Protocol
@@ -59,7 +59,8 @@ class Plan:
         ``work(task)``; touches nothing but its own snapshot.
     receive : callable
         Takes the result into the session; to be called in the window's thread. It refuses a
-        result for what has changed since.
+        result for what has changed since. Where there is much to show it does so in steps, and
+        returns them.
     cancellable : bool
         Whether the work looks at whether it is to stop; if not, its result is just not waited for.
     gives_way : bool
@@ -75,7 +76,7 @@ class Plan:
 
     title: str
     work: Callable[[Task], Any]
-    receive: Callable[[Any], None]
+    receive: Callable[[Any], Iterator[None] | None]
     cancellable: bool = True
     gives_way: bool = False
     keeps_parts: bool = False
@@ -95,7 +96,8 @@ class Plan:
 
     def run(self) -> None:
         """Do the work here and now."""
-        self.receive(self.work(UNWATCHED))
+        for _ in self.receive(self.work(UNWATCHED)) or ():
+            pass
 
 
 #: Frames averaged for the spectrum on screen.
