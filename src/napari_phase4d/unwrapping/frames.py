@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.task import Watch
+from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.filters import (
     extent,
     fill_holes,
@@ -204,8 +204,8 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
         Unwrapped phase in radians.
     """
     edge = border_values(unwrapped)
-    level = float(np.median(edge))
-    noise = 1.4826 * float(np.median(np.abs(edge - level)))
+    level = median_of(edge)
+    noise = 1.4826 * median_of(np.abs(edge - level))
     height = gaussian(unwrapped, level)
     np.abs(height, out=height)
     threshold = max(SHARE_OF_PEAK * float(upper_quantile(height, PEAK)), DEVIATIONS * noise, 1e-3)
@@ -293,6 +293,10 @@ class Stack(Protocol):
         """Return one frame (y, x)."""
 
 
+#: Frames of each view that are followed before it is told how far that is.
+FRAMES_AT_A_TIME = 64
+
+
 def centre_of_mass_shifts(
     wrapped: Stack,
     masks: Stack,
@@ -333,19 +337,29 @@ def centre_of_mass_shifts(
     t0, a0 = first
 
     def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
+        watch.check()
         kept = shifts[before]
         proposed = centres[t0, a0] - centres[now]
         shifts[now] = next_shift(
             proposed, kept, lambda s: likeness(wrapped, masks, now, s, before, kept)
         )
-        watch.step()
 
-    watch.step()  # the boundary frame stays where it is
     for a in (*range(a0 + 1, n_angles), *range(a0 - 1, -1, -1)):
         visit((t0, a), (t0, a - 1 if a > a0 else a + 1))
-    for a in range(n_angles):
-        for t in (*range(t0 + 1, n_times), *range(t0 - 1, -1, -1)):
-            visit((t, a), (t - 1 if t > t0 else t + 1, a))
+    for _ in range(n_angles):
+        watch.step()  # the boundary frame stays where it is
+    outwards = [*range(t0 + 1, n_times), *range(t0 - 1, -1, -1)]
+    for start in range(0, len(outwards), FRAMES_AT_A_TIME):
+        some = outwards[start : start + FRAMES_AT_A_TIME]
+
+        def follow(a: int, some: list[int] = some) -> None:
+            for t in some:
+                visit((t, a), (t - 1 if t > t0 else t + 1, a))
+
+        # Each view follows from the boundary time by itself.
+        for _ in in_threads(follow, range(n_angles), watch.quiet(n_angles), wait=True):
+            for _ in some:
+                watch.step()
     return shifts
 
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
+from napari_phase4d.machine import cores
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, InMemory, ReadOnly, Stack, block_at, block_frames
 from napari_phase4d.task import on_all_cores
@@ -42,7 +43,7 @@ __all__ = [
 LARGEST = 1e5
 #: Times at which the usual amplitude is looked at.
 BRIGHTNESS_TIMES = 24
-#: Blocks that `KeptFrames` holds.
+#: Blocks that `KeptFrames` holds, or two for each thread.
 KEPT_BLOCKS = 8
 #: Work that looks at neighbouring frames too takes about so many pixels at a time, of all views,
 #: but so many frames if they have no more than four times the pixels, since what it needs of the
@@ -136,7 +137,7 @@ class Counted(ReadOnly):
 
 
 class KeptFrames:
-    """Single frames of a stack, of which a few blocks are held.
+    """Single frames of a stack, of which a few blocks are held; several threads may read them.
 
     Parameters
     ----------
@@ -152,18 +153,23 @@ class KeptFrames:
         self.shape = shape
         self._read = read
         self._blocks: OrderedDict[tuple[int, int], NDArray[Any]] = OrderedDict()
+        self._lock = threading.Lock()
 
     def __getitem__(self, frame: tuple[int, int]) -> NDArray[Any]:
         """Return frame (time, angle), shape (y, x)."""
         time, angle = frame
         block = block_at(self.shape, time)
         name = (block.start, angle)
-        if name not in self._blocks:
-            self._blocks[name] = self._read(block, slice(angle, angle + 1))
-        self._blocks.move_to_end(name)
-        if len(self._blocks) > KEPT_BLOCKS:
-            self._blocks.popitem(last=False)
-        found: NDArray[Any] = self._blocks[name][time - block.start, 0]
+        with self._lock:
+            frames = self._blocks.get(name)
+        if frames is None:
+            frames = self._read(block, slice(angle, angle + 1))
+        with self._lock:
+            self._blocks[name] = frames
+            self._blocks.move_to_end(name)
+            if len(self._blocks) > max(KEPT_BLOCKS, 2 * cores()):
+                self._blocks.popitem(last=False)
+        found: NDArray[Any] = frames[time - block.start, 0]
         return found
 
 
