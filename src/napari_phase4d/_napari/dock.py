@@ -34,7 +34,7 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
-from napari_phase4d._napari.turns import Afterwards, Collecting
+from napari_phase4d._napari.turns import Afterwards, Canvas, Collecting
 from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Section
@@ -109,6 +109,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._failed_unasked: list[str] = []
         self.jobs = Jobs(self, self.presenter.turns)
         self.presenter.turns.failed = lambda error: self.say(sentence_of(error), wrong=True)
+        self.presenter.turns.canvas = Canvas(self)
         # Before the steps, which look at what it shows.
         self.presenter.listen()
         parts = (self.session, self.jobs, self.presenter)

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import os
+import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -26,6 +29,8 @@ TELL_EVERY_MS = 100
 LOOK_AGAIN_MS = 10
 #: Work that was told to stop gets so long at the end of the program.
 LONGEST_END_MS = 3000
+#: Of work in threads; the window's thread has 0.
+NICENESS = 7
 
 
 @dataclass
@@ -138,6 +143,7 @@ class Jobs(QObject):  # type: ignore[misc]
         ended = Ended()
 
         def guarded() -> None:
+            give_way_to_the_window()
             # What comes of it is kept here: the worker's own signal for errors fails on PySide6.
             try:
                 ended.result = plan.work(Task(report, stop.is_set))
@@ -246,6 +252,17 @@ class Jobs(QObject):  # type: ignore[misc]
             # What has changed meanwhile can be tried again; a real error can't.
             again = isinstance(error, Changed) or not plan.gives_way
             self.idle.emit("" if again else plan.title)
+
+
+def give_way_to_the_window() -> None:
+    """Let this thread, and those that it starts, wait where the window has something to do.
+
+    On two cores, two threads of work make the window's own take twice its time. Only Linux tells
+    the threads of a program apart here.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
 #: Of all windows, for the end of the program.

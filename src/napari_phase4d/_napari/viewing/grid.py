@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from napari.utils import Colormap
 
-from napari_phase4d._napari.turns import Steps
+from napari_phase4d._napari.turns import UNSEEN, Steps
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, PHASE_COLOURS
 
 __all__ = [
@@ -119,11 +119,13 @@ def take_down(viewer: Any, layers: Sequence[Any]) -> Steps:
     shape = tuple(grid.shape)
     if grid.enabled and len(gone) > 1 and shape == AS_NEEDED:
         grid.shape = shape_for(sum(bool(la.visible) for la in viewer.layers))
-        yield
+        yield UNSEEN
     for layer in reversed(gone):
         hide_labels(layer)
+        if layer is gone[0]:  # without any, napari would build the grid anew, now and next time
+            grid.enabled = False
         layer.visible = False
-        yield
+        yield UNSEEN
     grid.enabled = False
     grid.shape = shape
     yield
@@ -137,10 +139,12 @@ def arrange(viewer: Any, layers: Sequence[Any]) -> Steps:
         if shape == AS_NEEDED:  # from the first layer on as it will be in the end
             others = sum(bool(la.visible) for la in viewer.layers if la not in layers)
             grid.shape = shape_for(len(layers) + others)
+        layers[0].visible = True  # and then the grid, which has its shape at once
+        yield UNSEEN
         grid.enabled = True
         yield
     for layer in layers:
-        if layer in viewer.layers:  # and not removed meanwhile
+        if layer in viewer.layers and not layer.visible:  # and not removed meanwhile
             layer.visible = True
             yield
     grid.shape = shape

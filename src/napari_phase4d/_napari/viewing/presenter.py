@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -14,7 +14,7 @@ from napari.utils import Colormap
 from psygnal import Signal
 
 from napari_phase4d._napari.session import Session
-from napari_phase4d._napari.turns import Steps, Turns, exhaust
+from napari_phase4d._napari.turns import UNSEEN, Steps, Turns, exhaust
 from napari_phase4d._napari.viewing.cells import OUTLINE, CellLayers, object_layer
 from napari_phase4d._napari.viewing.grid import (
     LINKED,
@@ -158,7 +158,7 @@ class Presenter:
             return
         self.listens, self._cut_short = False, self.turns.pending
         self.turns.stop()
-        self.turns.failed = None
+        self.turns.failed = self.turns.canvas = None
         self.session.part()
         self.showing_changed.disconnect()
         self.cells.came_up.disconnect()
@@ -217,6 +217,21 @@ class Presenter:
         added = self.viewer.add_image(data, **keywords)
         added.events.contrast_limits.connect(keep_zero_black)
         self._own.append(added)
+        return added
+
+    def _adding(self, layer: LayerTuple) -> Generator[bool, None, Any]:
+        """Add a hidden layer on top in steps, and return it."""
+        data, keywords, _ = layer
+        colormap = keywords["colormap"]
+        # With other colours than its first ones, napari works them out again and again.
+        made = Image(data, **{**keywords, "colormap": "gray", "visible": False})
+        yield UNSEEN
+        added = self.viewer.add_layer(made)
+        self._own.append(added)
+        yield UNSEEN
+        added.colormap = colormap
+        added.events.contrast_limits.connect(keep_zero_black)
+        yield UNSEEN
         return added
 
     def show_recording(self) -> None:
@@ -300,12 +315,9 @@ class Presenter:
             self._before = ViewState.of(self.viewer)
         self._show_as("")
         yield from self._hiding()
-        self._add_truth()  # it comes first in the grid
-        yield
-        layer = self._finished[method] = self.add(
-            stack_layer(result, name, "unwrapped", visible=False)
-        )
-        yield
+        yield from self._adding_truth()  # it comes first in the grid
+        layer = yield from self._adding(stack_layer(result, name, "unwrapped"))
+        self._finished[method] = layer
         layer.visible = True
 
     def drop_finished(self) -> None:
@@ -329,17 +341,15 @@ class Presenter:
             self._before = ViewState.of(self.viewer)
         self._show_as("results")
         yield from self._hiding()  # adding to a grid takes much longer
-        self._add_truth()
+        yield from self._adding_truth()
         if self._exact is not None and truth is not None:
             self._results[EXACT] = self._exact
-        yield
         comparison = outcome.comparison
         for method, result in comparison.results.items():
             layer = self._layer_of(result)  # if it came up as its method ended
             if layer is None:
                 name = str(comparison.table["method"][method])
-                layer = self.add(stack_layer(result, name, "unwrapped", visible=False))
-                yield
+                layer = yield from self._adding(stack_layer(result, name, "unwrapped"))
             self._results[method] = layer
         yield from self._side_by_side()
         self._arrived = self.current_frame()
@@ -376,13 +386,13 @@ class Presenter:
             exhaust(self._showing_wrapped(self.session.needed_reconstruction()))
         layer.visible = True
 
-    def _add_truth(self) -> None:
+    def _adding_truth(self) -> Steps:
         """Add the exact phase, hidden, where it is known and not shown yet."""
         truth, layer = self.session.truth, self._exact
         there = layer is not None and layer in self.viewer.layers
         if truth is None or (there and shows(layer, truth)):
             return
-        self._exact = self.add(stack_layer(truth, EXACT, "exact", visible=False))
+        self._exact = yield from self._adding(stack_layer(truth, EXACT, "exact"))
 
     @property
     def has_stayed(self) -> bool:
@@ -443,8 +453,7 @@ class Presenter:
         self._show_as("wrapped")
         if self._wrapped is None or self._wrapped not in self.viewer.layers:
             name = f"wrapped phase, {self.session.name}"
-            self._wrapped = self.add(stack_layer(data["phase"], name, "wrapped", visible=False))
-            yield
+            self._wrapped = yield from self._adding(stack_layer(data["phase"], name, "wrapped"))
         yield from self._together([self._wrapped])
 
     def _show_made(
@@ -470,8 +479,7 @@ class Presenter:
         if not same or any(layer not in self.viewer.layers for layer in layers):
             layers = []
             for name, stack in stacks:
-                layers.append(self.add(stack_layer(stack, name, kind, visible=False)))
-                yield
+                layers.append((yield from self._adding(stack_layer(stack, name, kind))))
             self._made[key] = (made_of, layers)
         yield from self._together(layers, layers[0].contrast_limits)
 
