@@ -242,7 +242,8 @@ class Collecting:
 
     Python looks through all objects whenever there are a quarter more of them, and napari does
     after every layer that is removed. Most are code and tables of libraries, which stay. What
-    was there before is looked through again after `end`.
+    was there before is looked through again after `end`. Measured with two results shown: 220 ms
+    of the window's thread without this, 25 to 50 ms with it.
     """
 
     #: How many windows ask for it.

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import dask.array as da
 import numpy as np
 import xarray as xr
 
@@ -53,6 +52,8 @@ def reconstruct_to_disk(
     watch = Watch(len(blocks), "reconstruct", task)
     each = ReconstructBlock(source, work, phase, amplitude)
     shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
+    import dask.array as da  # which takes a tenth of a second
+
     # The values do not count here: these are the axes and notes.
     empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
     each_share = [share for of_block in shares for share in of_block]
