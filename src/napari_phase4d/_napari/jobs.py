@@ -17,6 +17,7 @@ from typing import Any
 from napari.qt.threading import FunctionWorker, create_worker
 from psygnal import EmitLoopError
 from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
+from qtpy.QtWidgets import QWidget
 
 from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d._napari.turns import Turns
@@ -83,6 +84,8 @@ class Jobs(QObject):  # type: ignore[misc]
     def __init__(self, parent: QObject | None = None, turns: Turns | None = None) -> None:
         super().__init__(parent)
         self._turns = Turns() if turns is None else turns
+        #: What the user has pressed last, as far as it is known; what is wrong is said beside it.
+        self.asked_by: QWidget | None = None
         self._worker: FunctionWorker | None = None
         self._then: Callable[[], None] | None = None
         self._latest: tuple[int, int, str] | None = None

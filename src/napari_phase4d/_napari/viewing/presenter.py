@@ -40,11 +40,16 @@ from napari_phase4d._napari.viewing.layers import (
     stack_layer,
     thinned,
 )
-from napari_phase4d._napari.viewing.pointing import current_frame, go_to_frame, pixel_under_cursor
+from napari_phase4d._napari.viewing.pointing import (
+    current_frame,
+    go_to_frame,
+    pixel_under_cursor,
+)
 from napari_phase4d.analysis import Cells, difference, most_trusted
 from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
 from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.words import frame_in_words
 
 __all__ = ["Presenter"]
 
@@ -101,6 +106,8 @@ class Presenter:
         self._earlier: list[Any] = []
         self._setting_range = False
         self.listens = self._still = False
+        #: Whether the canvas says time and view; not before all is shown.
+        self._says_where = False
         #: Whether the dock was closed before all results had come up.
         self._cut_short = False
 
@@ -132,6 +139,7 @@ class Presenter:
             signal.connect(partial(self._unless_still, show))
         session.result_finished.connect(self.show_finished)
         self.viewer.dims.events.range.connect(self._keep_sliders)
+        self.viewer.dims.events.current_step.connect(self._say_where)
 
     def _unless_still(self, show: Callable[[], None]) -> None:
         if not self._still:
@@ -163,6 +171,7 @@ class Presenter:
         self.showing_changed.disconnect()
         self.cells.came_up.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
+        self.viewer.dims.events.current_step.disconnect(self._say_where)
 
     def _keep_sliders(self, event: Any = None) -> None:
         """Let the sliders reach over one recording, not over hidden layers of those before."""
@@ -404,8 +413,16 @@ class Presenter:
         self.showing = showing
         if self.shows_object:  # which lies over the wrapped phase alone
             self._object[1].visible = False
-        say_unit(self.viewer, UNITS_OF_COLOURS[showing])
+        self._says_where = False
+        say_unit(self.viewer, UNITS_OF_COLOURS[showing], "")
         self.showing_changed.emit()
+
+    def _say_where(self, event: Any = None) -> None:
+        """Say at which time and view the sliders are, before that is painted."""
+        data = self.session.reconstruction
+        if self._says_where and data is not None:
+            frame = frame_in_words(data["phase"], *self.current_frame())
+            say_unit(self.viewer, UNITS_OF_COLOURS[self.showing], frame)
 
     def show_margin(self) -> None:
         """Show where steps are too large, one layer for each dimension, side by side."""
@@ -530,6 +547,8 @@ class Presenter:
                 self._look_at(layers)
                 looked = True
                 yield
+        self._says_where = True
+        self._say_where()
 
     def _look_at(self, layers: list[Any]) -> None:
         """Let the canvas be filled with what is shown, or, in a grid of results, the object."""
