@@ -296,23 +296,30 @@ class Presenter:
         """Show the wrapped phase; the amplitude is added, hidden."""
         self.turns.finish()
         data = self.session.needed_reconstruction()
-        self._results, self._before = {}, None
-        self.hide_all()
+        self._results, self._before, self._named = {}, None, self.session.name
         self._show_as("")
-        name = self._named = self.session.name
+        self.turns.run(self._showing_phase(data, self.adopted(data["phase"].data)))
+
+    def _showing_phase(self, data: xr.Dataset, wrapped: Any | None) -> Steps:
+        name = self._named
+        yield from take_down(self.viewer, [la for la in self._hideable() if la is not wrapped])
         if self.holograms in self.viewer.layers:
             spread_over_angles(self.holograms, data["angle"].values)
+            yield UNSEEN
         if "amplitude" in data:
-            amplitude = stack_layer(
-                data["amplitude"], f"amplitude, {name}", "amplitude", visible=False
+            yield from self._adding(
+                stack_layer(data["amplitude"], f"amplitude, {name}", "amplitude")
             )
-            self.add(amplitude)
-        self._wrapped = self.adopted(data["phase"].data) or self.add(
-            stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped")
-        )
+        if wrapped is None:
+            wrapped = yield from self._adding(
+                stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped")
+            )
+        self._wrapped = wrapped
+        self._wrapped.visible = True
         self.viewer.canvas.overlays.scale_bar.visible = True
         self._keep_sliders()
         self._fit()
+        yield UNSEEN
         self.go_to(*next(iter(self.session.start_frames), (0, 0)))
 
     def show_finished(self, method: str, name: str, result: xr.DataArray) -> None:
@@ -582,8 +589,11 @@ class Presenter:
         self.turns.run(self._hiding())
 
     def _hiding(self) -> Steps:
-        own = [la for la in self.viewer.layers if is_own(la) and not is_own(la, "regions")]
-        return take_down(self.viewer, own)
+        return take_down(self.viewer, self._hideable())
+
+    def _hideable(self) -> list[Any]:
+        """Return the layers of this plugin, but for those of regions."""
+        return [la for la in self.viewer.layers if is_own(la) and not is_own(la, "regions")]
 
     def show_cells(self) -> None:
         """Show the cells that were found last, over the result that they are of."""
