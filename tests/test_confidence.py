@@ -202,7 +202,9 @@ def test_verdict_says_what_to_use() -> None:
     assert verdict.method == "directional-l1"
     assert verdict.frame is not None
     time, view = verdict.frame
-    assert f"disagree most at time {time}, view {view}" in verdict
+    seconds, degrees = (data["wrapped"][axis].values for axis in ("time", "angle"))
+    where = f"time {seconds[time]:.3g} s, angle {degrees[view]:g}°"
+    assert f"disagree most at {where}, on" in verdict
     turns = [np.round((r.values - data["phase"].values) / TURN) for r in found.results.values()]
     differ = (turns[0] != turns[2]) | (turns[1] != turns[2])
     counts = (differ & found.object_mask().values).sum((2, 3))

@@ -7,6 +7,7 @@ import os
 import re
 import sys
 import warnings
+from collections.abc import Sequence
 from numbers import Real
 from os import PathLike
 from pathlib import Path
@@ -28,6 +29,7 @@ __all__ = [
     "check_positive",
     "check_type",
     "counted",
+    "frame_in_words",
     "is_expected",
     "local_path",
     "printable",
@@ -35,6 +37,8 @@ __all__ = [
     "shown",
     "size_in_words",
     "time_in_words",
+    "view_in_words",
+    "views_are_numbered",
     "warn",
 ]
 
@@ -63,6 +67,64 @@ def time_in_words(seconds: float) -> str:
     if seconds < 90:
         return f"{max(seconds, 1):.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+def views_are_numbered(angles_deg: Sequence[float]) -> bool:
+    """Say whether views are only numbered, 0, 1, 2 ..., as they are until angles are given.
+
+    Examples
+    --------
+    >>> views_are_numbered([0, 1]), views_are_numbered([-7, 21])
+    (True, False)
+    """
+    return len(angles_deg) > 1 and list(angles_deg) == list(range(len(angles_deg)))
+
+
+def view_in_words(angles_deg: Sequence[float], number: int, what: str = "") -> str:
+    """Return a view's angle, or its number, counted from 1, where nobody has given angles.
+
+    ``what`` is said before an angle only.
+
+    Examples
+    --------
+    >>> view_in_words([-7, 21], 1), view_in_words([0, 1], 1)
+    ('21°', 'view 2')
+    >>> view_in_words([-7, 21], 0, "angle "), view_in_words([0, 1], 0, "angle ")
+    ('angle -7°', 'view 1')
+    """
+    if views_are_numbered(angles_deg):
+        return f"view {number + 1}"
+    return f"{what}{angles_deg[number]:.4g}°"
+
+
+def frame_in_words(stack: Any, time: int, angle: int) -> str:
+    """Return what is said of a frame of a stack by its numbers.
+
+    Parameters
+    ----------
+    stack : xarray.DataArray
+        Along an axis without coordinates, the number is said.
+    time, angle : int
+        Numbers from 0; that of an axis that the stack has not does not count.
+
+    Examples
+    --------
+    >>> import numpy as np, xarray as xr
+    >>> axes = {"time": [0, 35 / 6], "angle": [-7, 21]}
+    >>> frame_in_words(xr.DataArray(np.zeros((2, 2)), coords=axes, dims=("time", "angle")), 1, 1)
+    'time 5.83 s, angle 21°'
+    """
+    parts, placed = [], [axis for axis in stack.dims if axis in stack.coords]
+    if "time" in placed:
+        seconds = float(stack["time"].values[time])
+        parts.append(f"time {seconds:.0f} s" if abs(seconds) >= 1000 else f"time {seconds:.3g} s")
+    elif "time" in stack.dims:
+        parts.append(f"time {time}")
+    if "angle" in placed:
+        parts.append(view_in_words(stack["angle"].values.tolist(), angle, "angle "))
+    elif "angle" in stack.dims:
+        parts.append(f"view {angle + 1}")
+    return ", ".join(parts)
 
 
 def counted(number: object, what: str) -> str:

@@ -10,6 +10,7 @@ from qtpy.QtTest import QTest
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.session import StepState, step_states
+from napari_phase4d.words import frame_in_words
 
 pytestmark = pytest.mark.gui
 
@@ -35,7 +36,7 @@ def test_hovering_shows_the_frame_and_its_score(viewer, ready, qtbot) -> None:
     part = ready.unwrap.boundary
     part.map.frame_hovered.emit(4, 1)
     words = part.thumbnail.words.text()
-    assert "time 4 (0.667 s), angle 1°" in words
+    assert "time 4 (0.667 s), view 2" in words
     score = float(ready.session.scores.values[4, 1])
     assert f"Score {score:.3f}" in words
     assert "agree on about" in words
@@ -53,13 +54,15 @@ def test_start_is_the_star_until_the_user_clicks_and_again_by_a_button(
         assert part.start.text() == "Start: the safest frame, which is being looked for …"
     qtbot.waitUntil(lambda: session.scores is not None, timeout=60_000)
     best = tuple(int(i) for i in np.unravel_index(int(session.scores.values.argmax()), (6, 2)))
-    automatic = f"Start: safest frame, time {best[0]}, view {best[1]} (found automatically)."
+    words = frame_in_words(session.reconstruction["phase"], *best)
+    automatic = f"Start: safest frame, {words} (found automatically)."
     assert part.start.text() == automatic
     assert session.start_frames == (best,)
     other = (2, 1) if best != (2, 1) else (3, 1)
     click_cell(part.map, *other)
     assert session.recipe.boundary == (other,)
-    assert part.start.text() == f"Start: time {other[0]}, view {other[1]} (chosen)."
+    words = frame_in_words(session.reconstruction["phase"], *other)
+    assert part.start.text() == f"Start: {words} (chosen)."
     click("automatic")
     assert session.recipe.boundary == "auto"
     assert session.start_frames == (best,)
@@ -84,7 +87,8 @@ def test_a_run_says_its_start_and_renews_the_star(viewer, ready, click, qtbot, t
     qtbot.waitUntil(lambda: session.scores is not None, timeout=60_000)
     (started,) = session.start_frames
     click("run")
-    words = f"Start: safest frame, time {started[0]}, view {started[1]} (found automatically)."
+    frame = frame_in_words(session.reconstruction["phase"], *started)
+    words = f"Start: safest frame, {frame} (found automatically)."
     assert words in ready.status.text()
     assert session.outcome.recipe.boundary == (started,)
     for result in session.results.values():
@@ -109,7 +113,7 @@ def test_a_chosen_start_is_kept_and_noted_as_chosen(viewer, ready, click, tick_o
     tick_only("directional-l1")
     click_cell(ready.unwrap.boundary.map, 4, 1)
     click("run")
-    assert "Start: time 4, view 1 (chosen)." in ready.status.text()
+    assert "Start: time 0.667 s, view 2 (chosen)." in ready.status.text()
     assert ready.session.outcome.scores is None
     assert "boundary_found_by" not in ready.session.results["directional-l1"].attrs
     assert ready.session.recipe.boundary == ((4, 1),)

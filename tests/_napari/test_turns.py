@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import gc
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 from driving import let_settle
 from qtpy.QtCore import QTimer
+from qtpy.QtOpenGLWidgets import QOpenGLWidget
+from qtpy.QtWidgets import QVBoxLayout, QWidget
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.turns import Afterwards, Collecting, Turns
+from napari_phase4d._napari.turns import UNSEEN, Afterwards, Canvas, Collecting, Steps, Turns
 
 NINE = (
     "spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal",
@@ -61,6 +64,66 @@ def test_what_a_script_asks_for_comes_after_what_waits(qtbot: Any) -> None:
     assert gc.isenabled()
     qtbot.wait(30)
     assert done == ["a", "b", "c"]
+
+
+@pytest.mark.gui
+def test_the_canvas_is_painted_between_steps_where_there_is_something_new(qtbot: Any) -> None:
+    window, done = QWidget(), []
+    column = QVBoxLayout(window)
+
+    class Painted(QOpenGLWidget):
+        def paintEvent(self, event: Any) -> None:  # noqa: N802 - Qt's name
+            done.append("painted")
+
+    canvas, dock = Painted(), QWidget()
+    column.addWidget(canvas)
+    column.addWidget(dock)
+    window.resize(300, 300)
+    qtbot.addWidget(window)
+    window.show()
+    qtbot.waitUntil(lambda: "painted" in done)
+    qtbot.wait(50)
+    done.clear()
+    turns, beat = Turns(), QTimer()
+    beat.timeout.connect(lambda: done.append("beat"))
+    beat.start(0)
+
+    def changing() -> Steps:
+        for word, seen in (("a", None), ("b", UNSEEN), ("c", UNSEEN), ("d", None)):
+            done.append(word)
+            canvas.update()
+            yield seen
+        done.append("e")
+
+    turns.canvas = Canvas(dock)
+    with turns.unhurried():
+        turns.run(changing())
+    qtbot.waitUntil(lambda: not turns.pending)
+    qtbot.wait(50)
+    beat.stop()
+    told = [word for word in done if word != "beat"]
+    assert told == ["a", "painted", "b", "c", "d", "painted", "e", "painted"]
+    assert all(
+        "beat" in pair for pair in pairwise(done)
+    )  # neither steps nor pictures follow at once
+    assert canvas.updatesEnabled()
+    turns.run(changing())  # as a script does: all at once
+    assert canvas.updatesEnabled()
+
+
+@pytest.mark.gui
+def test_the_canvas_is_not_held_back_when_work_is_stopped(qtbot: Any) -> None:
+    window = QWidget()
+    canvas, dock = QOpenGLWidget(window), QWidget(window)
+    qtbot.addWidget(window)
+    window.show()
+    turns = Turns()
+    turns.canvas = Canvas(dock)
+    with turns.unhurried():
+        turns.run(iter([UNSEEN] * 1000))
+    qtbot.waitUntil(lambda: not canvas.updatesEnabled())
+    turns.stop()
+    assert canvas.updatesEnabled()
 
 
 @pytest.mark.gui

@@ -47,9 +47,18 @@ def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
     ):
         click(button)
         assert down(differing) == [name]
-        assert viewer.canvas.overlays.text.text == words
-        assert viewer.canvas.overlays.text.visible is bool(words)
+        frame, _, unit = viewer.canvas.overlays.text.text.partition("\n")
+        assert (frame[:5], unit) == ("time ", words)
+        assert viewer.canvas.overlays.text.visible
+        assert not viewer.canvas.overlays.current_slice.visible  # which knows no units
+    viewer.dims.set_current_step(0, 4)
+    viewer.dims.set_current_step(1, 1)
+    times = differing.session.reconstruction["time"].values
+    expected = f"time {times[4]:.3g} s, angle 21°\ncolours: phase in rad"
+    assert viewer.canvas.overlays.text.text == expected
     click("leave_grid")
+    assert viewer.canvas.overlays.text.text == ""
+    assert not viewer.canvas.overlays.text.visible
     assert down(differing) == []
     # A button whose view can't be shown does not stay down.
     differing.session.take_outcome(None)
@@ -64,6 +73,7 @@ def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, view
     text.text, text.visible = "cell 7, March", True
     click("side_by_side")
     assert (text.text, text.visible) == ("cell 7, March", True)
+    assert viewer.canvas.overlays.current_slice.visible  # so that time and view are said
 
 
 def test_the_difference_is_to_what_is_chosen(

@@ -34,10 +34,10 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
-from napari_phase4d._napari.turns import Afterwards, Collecting
+from napari_phase4d._napari.turns import Afterwards, Canvas, Collecting
 from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
-from napari_phase4d._napari.widgets.section import Section
+from napari_phase4d._napari.widgets.section import Beside, Section
 from napari_phase4d.holography import angles_unknown
 from napari_phase4d.pipeline import start_words, warm_up_elsewhere
 from napari_phase4d.unwrapping import left_out_advice
@@ -109,6 +109,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._failed_unasked: list[str] = []
         self.jobs = Jobs(self, self.presenter.turns)
         self.presenter.turns.failed = lambda error: self.say(sentence_of(error), wrong=True)
+        self.presenter.turns.canvas = Canvas(self)
         # Before the steps, which look at what it shows.
         self.presenter.listen()
         parts = (self.session, self.jobs, self.presenter)
@@ -176,11 +177,19 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.following.watch_regions(self.compare.region_drawn)
 
     def say(self, sentence: str, *, wrong: bool = False, passing: bool = False) -> None:
-        """Show one sentence at the foot of the dock; one in passing does not come back."""
+        """Show one sentence at the foot of the dock; one in passing does not come back.
+
+        What is wrong stands below what was pressed too, where the eye is.
+        """
         self._of_job = False
         if not wrong:
             self._said = "" if passing else sentence
         self.status.setText(f"⚠ {sentence}" if wrong else sentence)
+        pressed = self.jobs.asked_by
+        if wrong and pressed is not None and pressed.isVisible():
+            self.beside.say(f"⚠ {sentence}", pressed)
+        else:
+            self.beside.take_back()
         if self.status.property("wrong") is not wrong:
             self.status.setProperty("wrong", wrong)
             self.status.setStyleSheet(WRONG_STYLE if wrong else "")
@@ -314,6 +323,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         row.addWidget(self.progress)
         row.addWidget(self.cancel)
         column.addLayout(row)
+        self.beside = Beside(self)
+        self.beside.setStyleSheet(WRONG_STYLE)
         self.status = QLabel()
         self.status.setObjectName("status")
         self.status.setWordWrap(True)
@@ -450,7 +461,11 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def _unwrapped(self) -> None:
         self._failed_unasked = []
         outcome = self.session.needed_outcome()
-        start = start_words(outcome.recipe.start_frames, found=outcome.scores is not None)
+        start = start_words(
+            outcome.recipe.start_frames,
+            found=outcome.scores is not None,
+            of=self.session.needed_reconstruction()["phase"],
+        )
         found = next(iter(outcome.comparison.results.values())).attrs
         if advice := left_out_advice(found):
             self._go_on(4, f"⚠ {advice} by unticking it. {start}")

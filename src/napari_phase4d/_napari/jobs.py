@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import atexit
+import os
+import sys
 import threading
 import time
 import weakref
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -14,6 +17,7 @@ from typing import Any
 from napari.qt.threading import FunctionWorker, create_worker
 from psygnal import EmitLoopError
 from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
+from qtpy.QtWidgets import QWidget
 
 from napari_phase4d._napari.session import Changed, Plan
 from napari_phase4d._napari.turns import Steps, Turns
@@ -26,6 +30,8 @@ TELL_EVERY_MS = 100
 LOOK_AGAIN_MS = 10
 #: Work that was told to stop gets so long at the end of the program.
 LONGEST_END_MS = 3000
+#: Of work in threads; the window's thread has 0.
+NICENESS = 7
 
 
 @dataclass
@@ -78,6 +84,8 @@ class Jobs(QObject):  # type: ignore[misc]
     def __init__(self, parent: QObject | None = None, turns: Turns | None = None) -> None:
         super().__init__(parent)
         self._turns = Turns() if turns is None else turns
+        #: What the user has pressed last, as far as it is known; what is wrong is said beside it.
+        self.asked_by: QWidget | None = None
         self._worker: FunctionWorker | None = None
         self._then: Callable[[], None] | None = None
         self._latest: tuple[int, int, str] | None = None
@@ -138,6 +146,7 @@ class Jobs(QObject):  # type: ignore[misc]
         ended = Ended()
 
         def guarded() -> None:
+            give_way_to_the_window()
             # What comes of it is kept here: the worker's own signal for errors fails on PySide6.
             try:
                 ended.result = plan.work(Task(report, stop.is_set))
@@ -257,6 +266,17 @@ class Jobs(QObject):  # type: ignore[misc]
             # What has changed meanwhile can be tried again; a real error can't.
             again = isinstance(error, Changed) or not plan.gives_way
             self.idle.emit("" if again else plan.title)
+
+
+def give_way_to_the_window() -> None:
+    """Let this thread, and those that it starts, wait where the window has something to do.
+
+    On two cores, two threads of work make the window's own take twice its time. Only Linux tells
+    the threads of a program apart here.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError):
+            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
 
 
 #: Of all windows, for the end of the program.

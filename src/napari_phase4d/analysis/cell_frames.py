@@ -7,11 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import skimage
 from numpy.typing import NDArray
 from scipy import ndimage
-from skimage.filters import apply_hysteresis_threshold
-from skimage.morphology import h_maxima, reconstruction
-from skimage.segmentation import watershed
 
 from napari_phase4d.unwrapping import median_of, noise_of
 
@@ -62,7 +60,9 @@ class Rule:
         # What the noise leaves after smoothing, or how uneven the empty field is.
         left = max(noise / (2 * math.sqrt(math.pi) * SMOOTHING), unevenness(height[known]))
         high = self.threshold or max(THRESHOLD_RAD, DEVIATIONS * left)
-        above = apply_hysteresis_threshold(height, max(LOW * high, 4.5 * left), high)
+        above = skimage.filters.apply_hysteresis_threshold(
+            height, max(LOW * high, 4.5 * left), high
+        )
         above = without_holes(opened(above))
         labels, count = ndimage.label(above & ends_half_way(height, above))
         labels = labels.astype(np.int32)
@@ -144,6 +144,8 @@ def without_holes(mask: Mask) -> Mask:
 
 def cut_at_necks(labels: Labels, height: Image, smallest: float) -> Labels:
     """Cut blobs in two where they are narrow, or phase is low, between two wide parts."""
+    from skimage.morphology import h_maxima  # which takes a tenth of a second
+
     found = labels.copy()
     count = int(labels.max())
     for number, box in enumerate(ndimage.find_objects(labels), 1):
@@ -157,7 +159,7 @@ def cut_at_necks(labels: Labels, height: Image, smallest: float) -> Labels:
         markers, n = ndimage.label(h_maxima(depth, 0.1 * deepest))
         if n < 2:
             continue
-        parts = watershed(-depth, markers, mask=blob)
+        parts = skimage.segmentation.watershed(-depth, markers, mask=blob)
         widest = ndimage.maximum(depth, parts, np.arange(n + 1))
         parts = joined_over_wide_necks(parts, depth, widest, smallest, NECK)
         parts = cut_at_valleys(parts, markers, np.pad(height[box], 1), smallest)
@@ -181,6 +183,8 @@ def cut_at_valleys(parts: Labels, markers: Labels, height: Image, smallest: floa
     the gap, and have no neck then; but a valley leads through them. The dimple of a red blood cell
     is none: it has a rim all round, up to which it is filled.
     """
+    from skimage.morphology import reconstruction  # which takes a tenth of a second
+
     cut = parts.copy()
     for number in range(1, int(parts.max()) + 1):
         part = parts == number
@@ -191,7 +195,7 @@ def cut_at_valleys(parts: Labels, markers: Labels, height: Image, smallest: floa
         lid = np.full_like(low, low.max())
         lid[0], lid[-1], lid[:, 0], lid[:, -1] = low[0], low[-1], low[:, 0], low[:, -1]
         filled = reconstruction(lid, low, method="erosion")
-        found = watershed(-filled, inside, mask=part)
+        found = skimage.segmentation.watershed(-filled, inside, mask=part)
         levels = np.zeros(count + 1)
         for one in range(1, count + 1):
             levels[one] = np.quantile(filled[found == one], INNER)

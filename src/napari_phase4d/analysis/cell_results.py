@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from dask.array import map_blocks
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cells import find_cells, follow_cells
@@ -346,7 +345,9 @@ def region_with_cell(
     times = max(1, PART_BYTES // 4 // max(labels[0].size, 1))
     begins = range(0, labels.shape[0], times)
     lengths = tuple(min(times, labels.shape[0] - begin) for begin in begins)
-    moved = map_blocks(
+    import dask.array as da  # which takes a tenth of a second
+
+    moved = da.map_blocks(
         lambda block_id: block_of(region, ways[begins[block_id[0]] :][:times]),
         chunks=(lengths, *((n,) for n in labels.shape[1:])),
         dtype=bool,

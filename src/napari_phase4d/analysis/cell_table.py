@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import skimage
 import xarray as xr
 from numpy.typing import NDArray
 from scipy import ndimage
-from skimage.measure import regionprops_table
-from skimage.segmentation import expand_labels
 
 from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.optics import Optics
@@ -183,7 +182,7 @@ def cells_of_frame(
     if not len(numbers):
         return {"cell": numbers}
     # The optics blur the end of a cell: what lies just outside of it is part of its mass.
-    summed = np.where(known, expand_labels(labels, BLURRED), 0)
+    summed = np.where(known, skimage.segmentation.expand_labels(labels, BLURRED), 0)
     n_summed = np.bincount(summed.ravel())[numbers]
     empty = known & (ndimage.maximum_filter(labels, 2 * AWAY + 1) == 0)
     level = float(np.median(phase[empty])) if empty.any() else 0.0
@@ -204,7 +203,7 @@ def cells_of_frame(
         squared += (TURN * doubt[numbers]) ** 2
     centres = np.array(ndimage.center_of_mass(np.ones(labels.shape), inside, numbers))
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
-    props = regionprops_table(inside, properties=("label", "perimeter_crofton"))
+    props = skimage.measure.regionprops_table(inside, properties=("label", "perimeter_crofton"))
     return {
         "cell": numbers,
         "count": count,

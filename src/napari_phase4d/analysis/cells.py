@@ -14,11 +14,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import skimage
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 from scipy import ndimage
-from scipy.optimize import linear_sum_assignment
-from skimage.segmentation import watershed
 
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.axes import AXES
@@ -245,7 +244,7 @@ def split_as_before(now: Labels, blob: int, before: Labels, cells: NDArray[Any])
     if len(np.unique(markers)) <= 2:
         return
     depth = ndimage.distance_transform_edt(inside)
-    parts = watershed(-depth, markers, mask=inside)
+    parts = skimage.segmentation.watershed(-depth, markers, mask=inside)
     top = int(now.max())
     for extra in range(2, int(parts.max()) + 1):
         top += 1
@@ -468,6 +467,8 @@ def across(first: pd.DataFrame, other: pd.DataFrame) -> dict[int, int]:
     tracks = [np.unique(part[:, 0]).astype(int) for part in (one, two)]
     lengths = [np.bincount(view["track"].to_numpy(int)) for view in (first, other)]
     limit = REACH_ACROSS * diameter
+    from scipy.optimize import linear_sum_assignment  # which takes a tenth of a second
+
     cost = np.full((len(tracks[0]), len(tracks[1])), 10 * limit)
     for i, j in np.ndindex(*cost.shape):
         of_pair = (one[:, 0] == tracks[0][i]) & (two[:, 0] == tracks[1][j])

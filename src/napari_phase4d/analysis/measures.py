@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+import skimage
 import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from skimage.draw import polygon2mask
 
 from napari_phase4d.analysis.cell_table import path_scale, table_of_cells
 from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH
@@ -120,7 +120,7 @@ def polygon_mask(vertices_yx: ArrayLike, shape: tuple[int, int]) -> Mask:
             f"pixels) lies outside of the frame of {shape[0]} x {shape[1]} pixels"
         )
         raise ValueError(msg)
-    mask: Mask = polygon2mask(shape, corners)
+    mask: Mask = skimage.draw.polygon2mask(shape, corners)
     if not mask.any():
         msg = "there is no pixel of the frame in the polygon; draw a larger one"
         raise ValueError(msg)

@@ -12,6 +12,7 @@ from napari_phase4d.analysis.confidence import REFERENCE, Tally, turns_off
 from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
 from napari_phase4d.unwrapping import METHODS, Problem
+from napari_phase4d.words import frame_in_words
 
 __all__ = [
     "Verdict",
@@ -109,16 +110,15 @@ def verdict_on(
     values = tally.disagreement
     lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
     time, angle = np.unravel_index(int(np.argmax(values)), values.shape)
-    dims = problem.template.dims
-    named = {d: int(i) for d, i in (("time", time), ("angle", angle)) if d in dims}
+    where = frame_in_words(problem.template, int(time), int(angle))
     most = float(values.max(initial=0.0))
     found = Verdict(
         spoken(
             [
                 first_words(labels[best], doubt[best], len(results)),
-                where_words(named, most, len(results)),
+                where_words(where, most, len(results)),
                 better_words(None if own is None else np.nan_to_num(own), doubt[best]),
-                lost_words(lost, problem.lost().size),
+                lost_words(lost, problem.template, problem.lost().size),
             ]
         )
     )
@@ -163,14 +163,12 @@ def first_words(label: str, doubt: float, n: int) -> str:
     return f"Use {label}: {percent(doubt)} of the object is in doubt"
 
 
-def where_words(place: Mapping[str, int], most: float, n: int) -> str:
+def where_words(where: str, most: float, n: int) -> str:
     """Say where methods disagree most."""
     if n == 1:
         return "(run others to compare)."
     if most == 0:
         return "and all methods agree."
-    names = {"time": "time", "angle": "view"}
-    where = ", ".join(f"{names[dim]} {index}" for dim, index in place.items())
     at = f" at {where}" if where else ""
     return f"and methods disagree most{at}, on {percent(most)} of the object there."
 
@@ -182,11 +180,11 @@ def better_words(own: float | None, doubt: float) -> str:
     return f"{METHODS[REFERENCE].label} would leave {percent(own)} in doubt."
 
 
-def lost_words(lost: list[tuple[int, int]], n: int) -> str:
+def lost_words(lost: list[tuple[int, int]], stack: xr.DataArray, n: int) -> str:
     """Say which frames say nothing."""
     if not lost:
         return ""
-    first = f"time {lost[0][0]}, view {lost[0][1]}"
+    first = frame_in_words(stack, *lost[0])
     if len(lost) == 1:
         return f"The frame at {first} says nothing and is not to be used."
     return f"{len(lost)} of {n} frames say nothing and are not to be used, first {first}."

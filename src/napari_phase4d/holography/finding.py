@@ -24,8 +24,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
+import skimage
 from numpy.typing import NDArray
-from skimage.restoration import unwrap_phase
 
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
@@ -489,7 +489,7 @@ def evidence_of(field: Field) -> float:
     # Where there are no fringes the phase is noise, and may lie far off on either side.
     seen = np.zeros(flat.shape, dtype=bool)
     seen[inner] = np.abs(field[inner]) > DARK_SHARE * np.median(np.abs(field))
-    phase = unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
+    phase = skimage.restoration.unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
     phase = np.asarray(phase[seen])
     deviation = phase - np.median(phase)
     scale = float(deviation.std())

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.words import check_bool, check_number, shown
+from napari_phase4d.words import check_bool, check_number, shown, views_are_numbered
 
 __all__ = [
     "MAX_VIEWS",
@@ -376,8 +376,7 @@ def angles_unknown(lobes: Sequence[Lobe]) -> bool:
     >>> angles_unknown([Lobe((0.2, 0.2), 0.1, -7), Lobe((-0.2, 0.2), 0.1, 21)])
     False
     """
-    angles = [lobe.angle_deg for lobe in lobes]
-    return len(angles) > 1 and angles == list(range(len(angles)))
+    return views_are_numbered([lobe.angle_deg for lobe in lobes])
 
 
 def in_order_of_angle(lobes: Sequence[Lobe]) -> tuple[list[Lobe], list[float]]:

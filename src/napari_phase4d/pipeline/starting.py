@@ -23,6 +23,7 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
+from napari_phase4d.words import frame_in_words
 
 __all__ = [
     "FOUND_BY",
@@ -108,9 +109,17 @@ def noting_start(comparison: Comparison, scores: xr.DataArray | None) -> Compari
     return replace(comparison, results=results)
 
 
-def start_words(frames: Sequence[tuple[int, int]], *, found: bool) -> str:
-    """Say from which frames (time, angle) a run starts, and whether they were found or chosen."""
-    named = " and ".join(f"time {time}, view {view}" for time, view in frames)
+def start_words(
+    frames: Sequence[tuple[int, int]], *, found: bool, of: xr.DataArray | None = None
+) -> str:
+    """Say from which frames (time, angle) a run starts, and whether they were found or chosen.
+
+    They are said by their numbers, as settings have them, or by time and angle ``of`` a stack.
+    """
+    named = " and ".join(
+        f"time {time}, view {view}" if of is None else frame_in_words(of, time, view)
+        for time, view in frames
+    )
     if not found:
         return f"Start: {named} (chosen)."
     return f"Start: safest frame, {named} (found automatically)."

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.plotting.colours import phase_colours
+from napari_phase4d.words import view_in_words
 
 if TYPE_CHECKING:
     from matplotlib.colors import Colormap
@@ -84,7 +85,8 @@ def comparison_figure(
             if row == 0:
                 axis.set_title(title, fontsize=9)
             if column == 0:
-                label = f"{float(first['angle'][a]):g}°\n{time_label(first, t)}"
+                view = view_in_words(first["angle"].values.tolist(), a)
+                label = f"{view}\n{time_label(first, t)}"
                 axis.set_ylabel(label, fontsize=8)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
     return figure
@@ -241,8 +243,8 @@ def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
 
 def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
     """Return the angle of a row, or nothing where the stacks have different ones."""
-    angles = {float(stack["angle"][row]) for stack in stacks}
-    return f"{angles.pop():g}°" if len(angles) == 1 else ""
+    found = {view_in_words(stack["angle"].values.tolist(), row) for stack in stacks}
+    return found.pop() if len(found) == 1 else ""
 
 
 def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
@@ -392,7 +394,6 @@ def show_view(
     """Draw amplitude, wrapped and unwrapped phase of a view."""
     amplitude, height = data["amplitude"].values[0, view], unwrapped.values[0, view]
     low, high = np.nanquantile(height, (0.002, 0.998))
-    angle = float(data["angle"].values[view])
     pictures: list[tuple[str, NDArray[Any], dict[str, Any]]] = [
         (
             "amplitude",
@@ -414,7 +415,8 @@ def show_view(
         shown = axis.imshow(image, **scale)
         axis.set_title(name, fontsize=9)
         figure.colorbar(shown, ax=axis, shrink=0.8)
-    row[0].set_ylabel(f"view {view + 1} ({angle:g}°)", fontsize=9)
+    called = view_in_words(data["angle"].values.tolist(), view, f"view {view + 1}, ")
+    row[0].set_ylabel(called, fontsize=9)
 
 
 #: Name under which the truth is shown.

@@ -25,7 +25,7 @@ from napari_phase4d.io import write_table
 from napari_phase4d.plotting import colour_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS
-from napari_phase4d.words import counted
+from napari_phase4d.words import counted, view_in_words
 
 __all__ = ["CellsPart"]
 
@@ -374,6 +374,7 @@ class CellsPart(Step):
             return
         frame = self.presenter.current_frame()
         angle = float(cells.labels["angle"].values[frame[1]])
+        where = view_in_words(cells.labels["angle"].values.tolist(), frame[1])
         now = float(cells.labels["time"].values[frame[0]])
         times = np.asarray(cells.labels["time"].values, dtype=np.float64)
         if self._by_methods:
@@ -388,7 +389,7 @@ class CellsPart(Step):
         banded = error and len(curves) <= MOST_BANDS
         bands = {k: over_time(t, error, angle, times) for k, t in tables.items()} if banded else {}
         self.plot.show_traces(
-            [Panel(times, curves, f"time (s), at {angle:g}°", str(name), now, bands, colours)]
+            [Panel(times, curves, f"time (s), at {where}", str(name), now, bands, colours)]
         )
 
     def save_to(self, path: str | Path) -> None:

@@ -22,10 +22,11 @@ from napari_phase4d._napari.widgets.agreement import AgreementStrip
 from napari_phase4d._napari.widgets.section import LowTabs
 from napari_phase4d.analysis import best_known, most_trusted, order_verdict, steps_sentence
 from napari_phase4d.plotting import EXACT
+from napari_phase4d.words import frame_in_words
 
 __all__ = ["CompareStep"]
 
-NONE, KNOWN = "none", "known with the sample"
+NONE, KNOWN = "none", "of the sample"
 NO_REFERENCE = "less …"
 ON_DISK = (
     "These results lie on disk, where it takes longer than a run to see which to use: press "
@@ -130,7 +131,8 @@ class CompareStep(Step):
         if self.presenter.showing != "results":
             self.presenter.side_by_side()
         self.presenter.go_to(*frame)
-        self.said.emit(f"Time {frame[0]}, view {frame[1]}: here methods disagree most.")
+        words = frame_in_words(self.session.needed_reconstruction()["phase"], *frame)
+        self.said.emit(f"{words[0].upper()}{words[1:]}: here methods disagree most.")
 
     def _build_views(self) -> None:
         """Make one row of buttons, of which that is down whose pictures are on screen."""

@@ -39,6 +39,7 @@ from napari_phase4d.io import write_table
 from napari_phase4d.plotting import named_results
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.words import view_in_words, views_are_numbered
 
 __all__ = ["FiguresPart", "MeasurePart", "TracePart"]
 
@@ -250,12 +251,14 @@ class TracePart(Step):
     def _draw(self, found: Traces) -> None:
         """Draw curves."""
         time, angle = found.frame
+        angles = found.angles_deg.tolist()
+        numbered = views_are_numbered(angles)
         place = "mean of the region" if self._mask is not None else f"pixel {self._pixel}"
         panels = [
             Panel(
                 found.times_s,
                 found.over_time,
-                f"time (s), at {found.angles_deg[angle]:g}°",
+                f"time (s), at {view_in_words(angles, angle)}",
                 "phase (rad)",
                 float(found.times_s[time]),
             )
@@ -263,11 +266,11 @@ class TracePart(Step):
         if len(found.angles_deg) > 1:
             panels.append(
                 Panel(
-                    found.angles_deg,
+                    found.angles_deg + int(numbered),  # counted from 1, as everywhere on screen
                     found.over_angle,
-                    f"angle (°), at {found.times_s[time]:.3g} s",
+                    f"{'view' if numbered else 'angle (°)'}, at {found.times_s[time]:.3g} s",
                     "",
-                    float(found.angles_deg[angle]),
+                    float(found.angles_deg[angle]) + numbered,
                 )
             )
         self.plot.setToolTip(f"Phase of the {place}, by every method.")
@@ -294,8 +297,10 @@ def of_view(measured: pd.DataFrame, number: int) -> tuple[pd.DataFrame, str]:
     """Return the rows of one view by its number, and the view in words."""
     keys = [key for key in ("angle (deg)", "wavelength (um)") if key in measured]
     views = measured[keys].drop_duplicates()
-    view = views.iloc[min(number, len(views) - 1)]
-    words = f"{view.iloc[0]:g}°" + (f", {1000 * view.iloc[1]:g} nm" if len(view) > 1 else "")
+    number = min(number, len(views) - 1)
+    view, words = views.iloc[number], view_in_words(views["angle (deg)"].tolist(), number)
+    if len(view) > 1:
+        words += f", {1000 * view.iloc[1]:g} nm"
     return measured[(measured[keys] == view).all(axis=1)], words
 
 

@@ -121,7 +121,7 @@ class Step(QWidget):  # type: ignore[misc]
         button.setObjectName(name)
         button.setToolTip(tooltip)
         button.setAccessibleDescription(tooltip)
-        button.clicked.connect(lambda: self.guarded(clicked))
+        button.clicked.connect(lambda: self.guarded(clicked, button))
         return button
 
     def row(self, *widgets: QWidget) -> QHBoxLayout:
@@ -176,8 +176,12 @@ class Step(QWidget):  # type: ignore[misc]
 
         widget.changed.connect(changed)
 
-    def guarded(self, action: Callable[[], Any]) -> None:
-        """Run an action; what it shows comes up in steps, a wrong input becomes one sentence."""
+    def guarded(self, action: Callable[[], Any], pressed: QWidget | None = None) -> None:
+        """Run an action; what it shows comes up in steps, a wrong input becomes one sentence.
+
+        That stands below what was pressed, where it is given, also if a job fails later.
+        """
+        self.jobs.asked_by = pressed
         try:
             with self.presenter.turns.unhurried():
                 action()

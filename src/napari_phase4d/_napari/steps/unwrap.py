@@ -27,7 +27,7 @@ from napari_phase4d.unwrapping import (
     object_in,
     scores_sentence,
 )
-from napari_phase4d.words import size_in_words, time_in_words
+from napari_phase4d.words import size_in_words, time_in_words, view_in_words
 
 __all__ = ["UnwrapStep"]
 
@@ -260,12 +260,13 @@ class BoundaryPart(Step):
 
     def words_on_the_start(self) -> str:
         """Say which frame a run would start from, and who chose it."""
-        if self.session.reconstruction is None:
+        data = self.session.reconstruction
+        if data is None:
             return ""
         frames = self.session.start_frames
         if not frames:
             return "Start: the safest frame, which is being looked for …"
-        return start_words(frames, found=self.session.recipe.boundary == "auto")
+        return start_words(frames, found=self.session.recipe.boundary == "auto", of=data["phase"])
 
     def _clicked(self, time: int, angle: int, *, more: bool) -> None:
         """Start from the frame that was clicked on, or from that one too; show it."""
@@ -326,7 +327,7 @@ class BoundaryPart(Step):
         chosen = (time, angle) in self.session.start_frames
         lines = [
             f"<b>{'Start: ' if chosen else ''}time {time} ({float(phase['time'][time]):.3g} s), "
-            f"angle {float(phase['angle'][angle]):g}°</b>",
+            f"{view_in_words(phase['angle'].values.tolist(), angle, 'angle ')}</b>",
             words_on_score(self.session.scores, time, angle),
         ]
         frame = np.asarray(phase.data[time, angle])

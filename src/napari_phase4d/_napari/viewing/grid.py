@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from napari.utils import Colormap
 
-from napari_phase4d._napari.turns import Steps
+from napari_phase4d._napari.turns import UNSEEN, Steps
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, PHASE_COLOURS
 
 __all__ = [
@@ -45,6 +45,8 @@ UNITS_OF_COLOURS = {
     "": "",
     "wrapped": "",
 }
+#: What the words on a frame begin with.
+FRAME = "time "
 #: An object is where phase exceeds this share of its largest, and is shown with so much room.
 OBJECT_SHARE, ROOM = 0.1, 1.25
 
@@ -119,11 +121,13 @@ def take_down(viewer: Any, layers: Sequence[Any]) -> Steps:
     shape = tuple(grid.shape)
     if grid.enabled and len(gone) > 1 and shape == AS_NEEDED:
         grid.shape = shape_for(sum(bool(la.visible) for la in viewer.layers))
-        yield
+        yield UNSEEN
     for layer in reversed(gone):
         hide_labels(layer)
+        if layer is gone[0]:  # without any, napari would build the grid anew, now and next time
+            grid.enabled = False
         layer.visible = False
-        yield
+        yield UNSEEN
     grid.enabled = False
     grid.shape = shape
     yield
@@ -140,10 +144,12 @@ def arrange(viewer: Any, layers: Sequence[Any], bar: int = 0) -> Steps:
         if shape == AS_NEEDED:  # from the first layer on as it will be in the end
             others = sum(bool(la.visible) for la in viewer.layers if la not in layers)
             grid.shape = shape_for(len(layers) + others)
+        layers[0].visible = True  # and then the grid, which has its shape at once
+        yield UNSEEN
         grid.enabled = True
         yield
     for layer in layers:
-        if layer in viewer.layers:  # and not removed meanwhile
+        if layer in viewer.layers and not layer.visible:  # and not removed meanwhile
             layer.visible = True
             yield
     grid.shape = shape
@@ -155,7 +161,6 @@ def arrange(viewer: Any, layers: Sequence[Any], bar: int = 0) -> Steps:
             if number == bar:
                 show_bar(layer, small=len(layers) > CROWD)
                 yield
-    viewer.canvas.overlays.current_slice.visible = True
 
 
 def in_order(viewer: Any, layers: Sequence[Any]) -> list[Any]:
@@ -226,13 +231,35 @@ def show_bar(layer: Any, *, small: bool) -> None:
     layer.colorbar.visible = True
 
 
-def say_unit(viewer: Any, words: str) -> None:
-    """Say what the colours mean, unless the user's own words stand there, shown or not."""
-    text = viewer.canvas.overlays.text
-    if text.text not in UNITS_OF_COLOURS.values():
-        return
-    text.text, text.font_size, text.position = words, UNIT_FONT, "bottom_left"
-    text.visible = bool(words)
+def say_unit(viewer: Any, words: str, frame: str | None = None) -> None:
+    """Say what the colours mean and which frame it is, unless the user's own words stand there.
+
+    Parameters
+    ----------
+    viewer : napari.viewer.ViewerModel
+        On whose canvas.
+    words : str
+        One of `UNITS_OF_COLOURS`.
+    frame : str, optional
+        Time and view, "" where that is said later. None, or where the user's own words stand:
+        napari says it, without units.
+    """
+    text, by_napari = viewer.canvas.overlays.text, viewer.canvas.overlays.current_slice
+    ours = is_ours(text.text)
+    if frame or (frame is None and words):
+        by_napari.visible = frame is None or not ours
+    lines = "\n".join(line for line in (frame, words) if line)
+    if ours and text.text != lines:
+        text.text, text.font_size, text.position = lines, UNIT_FONT, "bottom_left"
+        text.visible = bool(lines)
+
+
+def is_ours(text: str) -> bool:
+    """Say whether `say_unit` has put something on the canvas, or nobody has."""
+    *frame, last = text.split("\n")
+    if not frame and last.startswith(FRAME):
+        return True
+    return last in UNITS_OF_COLOURS.values() and all(line.startswith(FRAME) for line in frame)
 
 
 def look_closer(viewer: Any, stack: Any) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
@@ -14,7 +14,7 @@ from napari.utils import Colormap
 from psygnal import Signal
 
 from napari_phase4d._napari.session import Session
-from napari_phase4d._napari.turns import Steps, Turns, exhaust
+from napari_phase4d._napari.turns import UNSEEN, Steps, Turns, exhaust
 from napari_phase4d._napari.viewing.cells import OUTLINE, CellLayers, object_layer
 from napari_phase4d._napari.viewing.grid import (
     LINKED,
@@ -40,11 +40,16 @@ from napari_phase4d._napari.viewing.layers import (
     stack_layer,
     thinned,
 )
-from napari_phase4d._napari.viewing.pointing import current_frame, go_to_frame, pixel_under_cursor
+from napari_phase4d._napari.viewing.pointing import (
+    current_frame,
+    go_to_frame,
+    pixel_under_cursor,
+)
 from napari_phase4d.analysis import Cells, difference, most_trusted
 from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
 from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.words import frame_in_words
 
 __all__ = ["Presenter"]
 
@@ -101,6 +106,8 @@ class Presenter:
         self._earlier: list[Any] = []
         self._setting_range = False
         self.listens = self._still = False
+        #: Whether the canvas says time and view; not before all is shown.
+        self._says_where = False
         #: Whether the dock was closed before all results had come up.
         self._cut_short = False
 
@@ -132,6 +139,7 @@ class Presenter:
             signal.connect(partial(self._unless_still, show))
         session.result_finished.connect(self.show_finished)
         self.viewer.dims.events.range.connect(self._keep_sliders)
+        self.viewer.dims.events.current_step.connect(self._say_where)
 
     def _unless_still(self, show: Callable[[], None]) -> None:
         if not self._still:
@@ -160,11 +168,12 @@ class Presenter:
             return
         self.listens, self._cut_short = False, self.turns.pending
         self.turns.stop()
-        self.turns.failed = None
+        self.turns.failed = self.turns.canvas = None
         self.session.part()
         self.showing_changed.disconnect()
         self.cells.came_up.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
+        self.viewer.dims.events.current_step.disconnect(self._say_where)
 
     def _keep_sliders(self, event: Any = None) -> None:
         """Let the sliders reach over one recording, not over hidden layers of those before."""
@@ -221,6 +230,21 @@ class Presenter:
         self._own.append(added)
         return added
 
+    def _adding(self, layer: LayerTuple) -> Generator[bool, None, Any]:
+        """Add a hidden layer on top in steps, and return it."""
+        data, keywords, _ = layer
+        colormap = keywords["colormap"]
+        # With other colours than its first ones, napari works them out again and again.
+        made = Image(data, **{**keywords, "colormap": "gray", "visible": False})
+        yield UNSEEN
+        added = self.viewer.add_layer(made)
+        self._own.append(added)
+        yield UNSEEN
+        added.colormap = colormap
+        added.events.contrast_limits.connect(keep_zero_black)
+        yield UNSEEN
+        return added
+
     def show_recording(self) -> None:
         """Show the frames of the recording, in the layer it came from or in a new one."""
         self.turns.finish()
@@ -274,29 +298,30 @@ class Presenter:
         """Show the wrapped phase; the amplitude is added, hidden."""
         self.turns.finish()
         data = self.session.needed_reconstruction()
-        self._results, self._before = {}, None
-        self.hide_all()
+        self._results, self._before, self._named = {}, None, self.session.name
         self._show_as("")
-        name = self._named = self.session.name
-        self.turns.run(self._phase_coming(data, name))
+        self.turns.run(self._showing_phase(data, self.adopted(data["phase"].data)))
 
-    def _phase_coming(self, data: xr.Dataset, name: str) -> Steps:
+    def _showing_phase(self, data: xr.Dataset, wrapped: Any | None) -> Steps:
+        name = self._named
+        yield from take_down(self.viewer, [la for la in self._hideable() if la is not wrapped])
         if self.holograms in self.viewer.layers:
             spread_over_angles(self.holograms, data["angle"].values)
-        yield
+            yield UNSEEN
         if "amplitude" in data:
-            amplitude = stack_layer(
-                data["amplitude"], f"amplitude, {name}", "amplitude", visible=False
+            yield from self._adding(
+                stack_layer(data["amplitude"], f"amplitude, {name}", "amplitude")
             )
-            yield
-            self.add(amplitude)
-            yield
-        self._wrapped = self.adopted(data["phase"].data) or self.add(
-            stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped")
-        )
+        if wrapped is None:
+            wrapped = yield from self._adding(
+                stack_layer(data["phase"], f"wrapped phase, {name}", "wrapped")
+            )
+        self._wrapped = wrapped
+        self._wrapped.visible = True
         self.viewer.canvas.overlays.scale_bar.visible = True
         self._keep_sliders()
         self._fit()
+        yield UNSEEN
         self.go_to(*next(iter(self.session.start_frames), (0, 0)))
 
     def show_finished(self, method: str, name: str, result: xr.DataArray) -> None:
@@ -308,12 +333,9 @@ class Presenter:
             self._before = ViewState.of(self.viewer)
         self._show_as("")
         yield from self._hiding()
-        self._add_truth()  # it comes first in the grid
-        yield
-        layer = self._finished[method] = self.add(
-            stack_layer(result, name, "unwrapped", visible=False)
-        )
-        yield
+        yield from self._adding_truth()  # it comes first in the grid
+        layer = yield from self._adding(stack_layer(result, name, "unwrapped"))
+        self._finished[method] = layer
         layer.visible = True
 
     def drop_finished(self) -> None:
@@ -337,17 +359,15 @@ class Presenter:
             self._before = ViewState.of(self.viewer)
         self._show_as("results")
         yield from self._hiding()  # adding to a grid takes much longer
-        self._add_truth()
+        yield from self._adding_truth()
         if self._exact is not None and truth is not None:
             self._results[EXACT] = self._exact
-        yield
         comparison = outcome.comparison
         for method, result in comparison.results.items():
             layer = self._layer_of(result)  # if it came up as its method ended
             if layer is None:
                 name = str(comparison.table["method"][method])
-                layer = self.add(stack_layer(result, name, "unwrapped", visible=False))
-                yield
+                layer = yield from self._adding(stack_layer(result, name, "unwrapped"))
             self._results[method] = layer
         yield from self._side_by_side()
         self._arrived = self.current_frame()
@@ -384,13 +404,13 @@ class Presenter:
             exhaust(self._showing_wrapped(self.session.needed_reconstruction()))
         layer.visible = True
 
-    def _add_truth(self) -> None:
+    def _adding_truth(self) -> Steps:
         """Add the exact phase, hidden, where it is known and not shown yet."""
         truth, layer = self.session.truth, self._exact
         there = layer is not None and layer in self.viewer.layers
         if truth is None or (there and shows(layer, truth)):
             return
-        self._exact = self.add(stack_layer(truth, EXACT, "exact", visible=False))
+        self._exact = yield from self._adding(stack_layer(truth, EXACT, "exact"))
 
     @property
     def has_stayed(self) -> bool:
@@ -402,8 +422,16 @@ class Presenter:
         self.showing = showing
         if self.shows_object:  # which lies over the wrapped phase alone
             self._object[1].visible = False
-        say_unit(self.viewer, UNITS_OF_COLOURS[showing])
+        self._says_where = False
+        say_unit(self.viewer, UNITS_OF_COLOURS[showing], "")
         self.showing_changed.emit()
+
+    def _say_where(self, event: Any = None) -> None:
+        """Say at which time and view the sliders are, before that is painted."""
+        data = self.session.reconstruction
+        if self._says_where and data is not None:
+            frame = frame_in_words(data["phase"], *self.current_frame())
+            say_unit(self.viewer, UNITS_OF_COLOURS[self.showing], frame)
 
     def show_margin(self) -> None:
         """Show where steps are too large, one layer for each dimension, side by side."""
@@ -451,8 +479,7 @@ class Presenter:
         self._show_as("wrapped")
         if self._wrapped is None or self._wrapped not in self.viewer.layers:
             name = f"wrapped phase, {self.session.name}"
-            self._wrapped = self.add(stack_layer(data["phase"], name, "wrapped", visible=False))
-            yield
+            self._wrapped = yield from self._adding(stack_layer(data["phase"], name, "wrapped"))
         yield from self._together([self._wrapped])
 
     def _show_made(
@@ -478,8 +505,7 @@ class Presenter:
         if not same or any(layer not in self.viewer.layers for layer in layers):
             layers = []
             for name, stack in stacks:
-                layers.append(self.add(stack_layer(stack, name, kind, visible=False)))
-                yield
+                layers.append((yield from self._adding(stack_layer(stack, name, kind))))
             self._made[key] = (made_of, layers)
         yield from self._together(layers, layers[0].contrast_limits)
 
@@ -530,6 +556,8 @@ class Presenter:
                 self._look_at(layers)
                 looked = True
                 yield
+        self._says_where = True
+        self._say_where()
 
     def _look_at(self, layers: list[Any]) -> None:
         """Let the canvas be filled with what is shown, or, in a grid of results, the object."""
@@ -563,8 +591,11 @@ class Presenter:
         self.turns.run(self._hiding())
 
     def _hiding(self) -> Steps:
-        own = [la for la in self.viewer.layers if is_own(la) and not is_own(la, "regions")]
-        return take_down(self.viewer, own)
+        return take_down(self.viewer, self._hideable())
+
+    def _hideable(self) -> list[Any]:
+        """Return the layers of this plugin, but for those of regions."""
+        return [la for la in self.viewer.layers if is_own(la) and not is_own(la, "regions")]
 
     def show_cells(self) -> None:
         """Show the cells that were found last, over the result that they are of."""

@@ -8,7 +8,7 @@ import numpy as np
 from qtpy.QtWidgets import QWidget
 
 from napari_phase4d._napari.widgets.boundary_map import BoundaryMap
-from napari_phase4d._napari.widgets.map_picture import MapPicture, angle_label
+from napari_phase4d._napari.widgets.map_picture import MapPicture
 from napari_phase4d._napari.widgets.paths import Frame, time_unit
 
 __all__ = ["AgreementStrip"]
@@ -26,7 +26,7 @@ class AgreementPicture(MapPicture):
         t, a = frame
         factor, unit = time_unit(self.times_s)
         where = f"Time {self.times_s[t] / factor:.4g} {unit} (frame {t})"
-        words = f"{where}, viewing angle {angle_label(self.angles_deg[a])}."
+        words = f"{where}, {self.view(a)}."
         if self.scores is not None:
             agreement = float(self.scores[t, a])
             if np.isnan(agreement):

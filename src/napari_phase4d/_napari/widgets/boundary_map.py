@@ -19,7 +19,7 @@ from qtpy.QtGui import (
 )
 from qtpy.QtWidgets import QSizePolicy, QToolTip, QWidget
 
-from napari_phase4d._napari.widgets.map_picture import GAP, MapPicture, angle_label
+from napari_phase4d._napari.widgets.map_picture import GAP, MapPicture
 from napari_phase4d._napari.widgets.paths import Frame, Grid
 from napari_phase4d.unwrapping import ORDERS
 
@@ -253,7 +253,7 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
     def _grid(self) -> Grid:
         """Return where the frames are: labels at the left and below, the legend above."""
         metrics = QFontMetricsF(self._font())
-        labels = (metrics.horizontalAdvance(angle_label(v)) for v in self._picture.angles_deg)
+        labels = (metrics.horizontalAdvance(words) for words in self._picture.labels)
         left = int(max(labels, default=0.0)) + 2 * GAP
         top = int(metrics.height()) + GAP
         width = max(self.width() - left - 2 * GAP, 1)

@@ -19,8 +19,9 @@ from napari_phase4d._napari.widgets.paths import (
     time_unit,
 )
 from napari_phase4d.plotting import safety_colours
+from napari_phase4d.words import view_in_words
 
-__all__ = ["GAP", "MapPicture", "angle_label"]
+__all__ = ["GAP", "MapPicture"]
 
 #: Space between the parts, in pixels.
 GAP = 4
@@ -78,12 +79,22 @@ class MapPicture:
             raise ValueError(msg)
         return t, a
 
+    def view(self, number: int) -> str:
+        """Say which view a row is."""
+        return view_in_words(self.angles_deg.tolist(), number, "viewing angle ")
+
+    @property
+    def labels(self) -> list[str]:
+        """What is written at the rows."""
+        angles = self.angles_deg.tolist()
+        return [view_in_words(angles, number) for number in range(len(angles))]
+
     def words_on(self, frame: Frame) -> str:
         """Say in words what is shown of a frame."""
         t, a = frame
         factor, unit = time_unit(self.times_s)
         time = f"Time {self.times_s[t] / factor:.4g} {unit} (frame {t})"
-        lines = [f"{time}, viewing angle {angle_label(self.angles_deg[a])}."]
+        lines = [f"{time}, {self.view(a)}."]
         if self.scores is not None:
             score = self.scores[t, a]
             known = f"{score:.2f} (0 unsafe, 1 safe)" if np.isfinite(score) else "not known"
@@ -140,10 +151,11 @@ class MapPicture:
         line = QFontMetricsF(painter.font()).height()
         every = max(1, int(np.ceil(0.85 * line / grid.cell[1])))
         align = Qt.AlignmentFlag.AlignRight | Qt.AlignmentFlag.AlignVCenter
+        labels = self.labels
         for a in range(0, grid.n_angles, every):
             _, y = grid.centre(0, a)
             place = QRectF(0, y - line / 2, grid.left - GAP, line)
-            painter.drawText(place, align, angle_label(self.angles_deg[a]))
+            painter.drawText(place, align, labels[a])
 
     def _paint_times(self, painter: QPainter, grid: Grid) -> None:
         """Write round times below the frames."""
@@ -256,11 +268,6 @@ def outline(grid: Grid, frame: Frame) -> QRectF:
     x, y = grid.centre(*frame)
     width, height = (max(length - 2, LEAST_OUTLINE) for length in grid.cell)
     return QRectF(x - width / 2, y - height / 2, width, height)
-
-
-def angle_label(angle_deg: float) -> str:
-    """Return an angle as it is written at the rows."""
-    return f"{angle_deg:.4g}°"
 
 
 #: First and second pass, as in the paper's Fig. 1; told apart by colour-blind people too.

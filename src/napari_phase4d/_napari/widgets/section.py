@@ -8,6 +8,7 @@ from qtpy.QtWidgets import (
     QBoxLayout,
     QHBoxLayout,
     QLabel,
+    QLayoutItem,
     QSizePolicy,
     QSplitter,
     QTabWidget,
@@ -16,7 +17,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
-__all__ = ["LowTabs", "Section", "Turning", "WheelGuard", "split"]
+__all__ = ["Beside", "LowTabs", "Section", "Turning", "WheelGuard", "split"]
 
 HEADING_HEIGHT = 25
 #: Qt's word for no limit of a size.
@@ -103,6 +104,46 @@ class Section(QWidget):  # type: ignore[misc]
         self.badge.setText(words)
         self.badge.setToolTip(tooltip)
         self.badge.setStyleSheet(f"color: {colour};")
+
+
+class Beside(QLabel):  # type: ignore[misc]
+    """A sentence that stands in the column of what it is about, below it."""
+
+    def __init__(self, parent: QWidget) -> None:
+        super().__init__(parent)
+        self.setObjectName("beside")
+        self.setWordWrap(True)
+        self.hide()
+
+    def say(self, sentence: str, pressed: QWidget) -> None:
+        """Say something of a widget below the row that it is in, if that is in a column."""
+        self.take_back()
+        parent = pressed.parentWidget()
+        while parent is not None and not isinstance(parent.layout(), QVBoxLayout):
+            parent = parent.parentWidget()
+        if parent is None:
+            return
+        column = parent.layout()
+        for place in range(column.count()):
+            if holds(column.itemAt(place), pressed):
+                column.insertWidget(place + 1, self)
+                self.setText(sentence)
+                self.show()
+                return
+
+    def take_back(self) -> None:
+        """Say nothing any more."""
+        self.hide()
+        self.clear()
+
+
+def holds(item: QLayoutItem, widget: QWidget) -> bool:
+    """Say whether an item of a layout is a widget, or holds it."""
+    own, inner = item.widget(), item.layout()
+    if own is not None:
+        return own is widget or bool(own.isAncestorOf(widget))
+    places = range(0 if inner is None else inner.count())
+    return any(holds(inner.itemAt(place), widget) for place in places)
 
 
 class Turning(QWidget):  # type: ignore[misc]

@@ -9,7 +9,6 @@ from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 
-import dask.array as da
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -408,6 +407,8 @@ class Live:
 
     def _axes(self, recording: Recording, shares: Sequence[float]) -> xr.Dataset:
         """Return phase and amplitude whose axes and notes alone count."""
+        import dask.array as da  # which takes a tenth of a second
+
         work = self._settled.work
         shape = work.stack_shape(len(shares))
         empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
-import dask.array as da
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -156,6 +155,8 @@ class ProblemOnDisk(Problem):
         self, stack: Stack, coords: dict[str, Any], boundaries: list[Boundary], name: str
     ) -> Problem:
         """Return the problem of wrapped phase that follows from this one's, see `Problem`."""
+        import dask.array as da  # which takes a tenth of a second
+
         # The values do not count here: these are the axes.
         empty = da.broadcast_to(da.zeros(1, dtype=np.float32), stack.shape)
         return ProblemOnDisk(

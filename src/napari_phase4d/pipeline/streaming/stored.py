@@ -14,7 +14,6 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-import dask.array as da
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
@@ -304,6 +303,8 @@ def reconstruct_to_disk(
     watch = Watch(len(blocks), "reconstruct", task)
     each = ReconstructBlock(source, work, phase, amplitude)
     shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
+    import dask.array as da  # which takes a tenth of a second
+
     # The values do not count here: these are the axes and notes.
     empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
     each_share = [share for of_block in shares for share in of_block]
