@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from typing import Any
 
 import numpy as np
@@ -107,3 +109,19 @@ def test_sliders_keep_to_the_present_recording(viewer, dock, qtbot) -> None:
     # A layer of the user counts in any case.
     viewer.add_image(np.zeros((3, 2, 50, 70)), name="mine")
     assert viewer.dims.range[3].stop >= 69
+
+
+SCRIPT = """
+import napari
+
+viewer = napari.Viewer()
+_, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+print(dock.isVisible())
+"""
+
+
+@pytest.mark.slow
+def test_a_script_that_ends_while_the_dock_is_open_ends_well() -> None:
+    command = [sys.executable, "-W", "ignore", "-c", SCRIPT]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
+    assert (done.returncode, done.stdout.strip()) == (0, "True"), done.stderr

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import atexit
 import sys
+import weakref
 from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -150,6 +153,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             show_warning(advice)
         self._catch_up()
         warm_up_elsewhere()
+        atexit.register(close_with_python, weakref.ref(self))
         # Layers would be kept until the dock is closed, also those that are removed.
         self._collecting = None if len(napari_viewer.layers) else Collecting()
 
@@ -510,6 +514,18 @@ class Followers:
         for step in self._steps:
             if hasattr(step, what):
                 getattr(step, what)()
+
+
+def close_with_python(dock: weakref.ref[Phase4DDock]) -> None:
+    """Close a dock that is still open when Python ends, as after a script without an event loop.
+
+    What is left then PyQt deletes in an order of its own; it may end the program with a crash if
+    something of that calls Python.
+    """
+    still_open = dock()
+    if still_open is not None:
+        with suppress(RuntimeError):  # Qt has deleted it already
+            still_open.close()
 
 
 def dropped_paths(event: QDropEvent) -> list[Path]:
