@@ -57,6 +57,8 @@ class LiveLayers:
         #: Contrast as it was set here; another one is the user's.
         self._limits: dict[str, tuple[float, float]] = {}
         self._before: ViewState | None = None
+        #: Whether the canvas said time and view before.
+        self._said_where = False
         self._index, self._begun, self._shown_s = -1, False, -math.inf
 
     def show(self, view: LiveView) -> None:
@@ -98,7 +100,9 @@ class LiveLayers:
         before, self._before = self._before, None
         if before is not None:
             before.restore(self._viewer)
-            say_unit(self._viewer, UNITS_OF_COLOURS[self._presenter.showing])
+            say_unit(self._viewer, UNITS_OF_COLOURS[self._presenter.showing], "")
+            self._presenter.says_where = self._said_where
+            self._presenter.say_where()
 
     def forget(self) -> None:
         """Forget what was shown before: something else takes its place."""
@@ -107,6 +111,7 @@ class LiveLayers:
     def _coming(self, view: LiveView, like: xr.DataArray) -> Steps:
         """Add the layers, hidden, in small steps, and show them side by side."""
         self._before = ViewState.of(self._viewer)
+        self._said_where, self._presenter.says_where = self._presenter.says_where, False
         self._presenter.hide_all()
         times = span_of_times(self._viewer)
         yield
@@ -132,7 +137,7 @@ class LiveLayers:
         yield from arrange(self._viewer, layers, bar=len(layers) - 1)
         # The one time of these layers is not that of the newest frame.
         self._viewer.canvas.overlays.current_slice.visible = False
-        say_unit(self._viewer, UNITS_OF_COLOURS["results"])
+        say_unit(self._viewer, UNITS_OF_COLOURS["results"], "")
         self._viewer.canvas.overlays.scale_bar.visible = True
         self._viewer.reset_view(layers=layers)
 

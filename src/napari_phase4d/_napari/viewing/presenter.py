@@ -107,7 +107,7 @@ class Presenter:
         self._setting_range = False
         self.listens = self._still = False
         #: Whether the canvas says time and view; not before all is shown.
-        self._says_where = False
+        self.says_where = False
         #: Whether the dock was closed before all results had come up.
         self._cut_short = False
 
@@ -139,7 +139,7 @@ class Presenter:
             signal.connect(partial(self._unless_still, show))
         session.result_finished.connect(self.show_finished)
         self.viewer.dims.events.range.connect(self._keep_sliders)
-        self.viewer.dims.events.current_step.connect(self._say_where)
+        self.viewer.dims.events.current_step.connect(self.say_where)
 
     def _unless_still(self, show: Callable[[], None]) -> None:
         if not self._still:
@@ -173,7 +173,7 @@ class Presenter:
         self.showing_changed.disconnect()
         self.cells.came_up.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
-        self.viewer.dims.events.current_step.disconnect(self._say_where)
+        self.viewer.dims.events.current_step.disconnect(self.say_where)
 
     def _keep_sliders(self, event: Any = None) -> None:
         """Let the sliders reach over one recording, not over hidden layers of those before."""
@@ -422,14 +422,14 @@ class Presenter:
         self.showing = showing
         if self.shows_object:  # which lies over the wrapped phase alone
             self._object[1].visible = False
-        self._says_where = False
+        self.says_where = False
         say_unit(self.viewer, UNITS_OF_COLOURS[showing], "")
         self.showing_changed.emit()
 
-    def _say_where(self, event: Any = None) -> None:
+    def say_where(self, event: Any = None) -> None:
         """Say at which time and view the sliders are, before that is painted."""
         data = self.session.reconstruction
-        if self._says_where and data is not None:
+        if self.says_where and data is not None:
             frame = frame_in_words(data["phase"], *self.current_frame())
             say_unit(self.viewer, UNITS_OF_COLOURS[self.showing], frame)
 
@@ -556,8 +556,8 @@ class Presenter:
                 self._look_at(layers)
                 looked = True
                 yield
-        self._says_where = True
-        self._say_where()
+        self.says_where = True
+        self.say_where()
 
     def _look_at(self, layers: list[Any]) -> None:
         """Let the canvas be filled with what is shown, or, in a grid of results, the object."""
