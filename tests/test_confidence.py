@@ -189,7 +189,7 @@ def test_a_slipped_object_is_said() -> None:
     trust = p4d.confidence(slipped, data["wrapped"])
     said = slip_warning(problem, trust)
     assert said.startswith("in 4 of 80 frames most of an object may be off by a cycle")
-    assert said.endswith("first at time 4, view 0")
+    assert said.endswith("first in frame (time 4, angle 0), counted from 0")
 
 
 @pytest.mark.thorough

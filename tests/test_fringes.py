@@ -33,7 +33,7 @@ def half(share: float) -> np.ndarray:
 @pytest.mark.parametrize("share", [0.1, 0.3, 0.5])
 def test_the_part_without_fringes_is_marked(share: float) -> None:
     rec = p4d.open_recording(hologram(half(share))[None])
-    with pytest.warns(UserWarning, match=r"\d+ % of view 0 shows no fringes"):
+    with pytest.warns(UserWarning, match=r"\d+ % of view 1 shows no fringes"):
         data = p4d.reconstruct(rec, LOBES)
     seen = fringe_mask(data).values[0, 0]
     edge = share * seen.shape[1]

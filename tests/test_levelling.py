@@ -82,7 +82,7 @@ def test_curvature_is_found_where_the_object_covers_more_than_the_empty_field() 
 def test_doubtful_curvature_is_refused_in_words_but_tilt_is_not() -> None:
     video = recorded([ellipsoid(0.85, (0, 0), 6.0)], curvature_rad=4.0)
     with pytest.raises(
-        ValueError, match=r"view 0 of .*; use a reference .* or background=\"tilt\""
+        ValueError, match=r"view 1 of .*; use a reference .* or background=\"tilt\""
     ):
         p4d.reconstruct(video, [LOBE], background="curvature")
     with warnings.catch_warnings():
@@ -116,7 +116,7 @@ def test_what_may_be_the_object_is_never_taken_off_in_silence(kind: float) -> No
 def test_curvature_that_is_left_is_measured_and_told() -> None:
     """12 rad at the corner; a tilt leaves 2.6 rad rms of them, less the middle behind the cell."""
     video = recorded([ellipsoid(0.1, (0.2, 0.1), 5.0)], curvature_rad=12.0)
-    with pytest.warns(UserWarning, match=r"curvature is left in view 0 \(2\.\d rad rms\)"):
+    with pytest.warns(UserWarning, match=r"curvature is left in view 1 \(2\.\d rad rms\)"):
         data = p4d.reconstruct(video, [LOBE])
     truth = curvature_on(data["phase"].shape[2:], 12.0).std()
     assert data.attrs["background_left_rad"] == [pytest.approx(truth, rel=0.1)]

@@ -124,10 +124,10 @@ def test_every_file_of_a_batch_has_its_own_star_also_when_resumed(tmp_path: Path
 def test_commands_take_auto_or_a_frame_and_say_which(phase_file: Path) -> None:
     line = ("run", phase_file, "--method", "temporal-angular", "--out", phase_file.parent / "out")
     for more in ((), ("--boundary", "auto")):
-        assert "Start: safest frame, time 7, view" in told(*line, *more)
+        assert "Start: safest frame, time 7, angle" in told(*line, *more)
         assert "(found automatically)" in told(*line, *more)
-    assert "Start: time 2, view 1 (chosen)." in told(*line, "--boundary", "2,1")
-    assert "time 7, view" in told("compare", *line[1:])
+    assert "Start: time 2, angle 1, counted from 0 (chosen)." in told(*line, "--boundary", "2,1")
+    assert "time 7, angle" in told("compare", *line[1:])
 
 
 def test_script_starts_from_the_same_frame(phase_file: Path) -> None:

@@ -276,7 +276,7 @@ def test_holograms_with_wrong_arguments(rec: p4d.Recording, call, sentence: str)
 
 
 def test_a_lobe_without_a_carrier_is_warned_of(rec: p4d.Recording) -> None:
-    with pytest.warns(UserWarning, match="next to nothing in view 0"):
+    with pytest.warns(UserWarning, match="next to nothing in view 1"):
         p4d.reconstruct(rec, [p4d.Lobe((0.02, 0.45), 0.03)])
 
 

@@ -514,5 +514,5 @@ def slip_words(slipped: Mask) -> str:
     time, angle = np.argwhere(slipped)[0]
     return (
         f"in {count} of {slipped.size} frames most of an object may be off by a cycle, "
-        f"first at time {time}, view {angle}"
+        f"first in frame (time {time}, angle {angle}), counted from 0"
     )

@@ -437,7 +437,7 @@ def background_advice(attrs: Mapping[str, Any]) -> str:
     if not much or background not in NEXT:
         return ""
     name, _, _, what = NEXT[background]
-    views = " and ".join(f"view {i} ({left:.1f} rad rms)" for i, left in much)
+    views = " and ".join(f"view {i + 1} ({left:.1f} rad rms)" for i, left in much)
     return f"{what} left in {views}: try background={name!r}"
 
 
@@ -452,7 +452,7 @@ def curvature_advice(attrs: Mapping[str, Any]) -> str:
     views = attrs.get("curvature_unsure", ())
     if not views:
         return ""
-    named = " and ".join(f"view {view}" for view in views)
+    named = " and ".join(f"view {view + 1}" for view in views)
     return (
         f"one corner of {named} does not look empty, so that the curvature taken off may be the "
         "object's: compare with background='tilt', or use a reference hologram"

@@ -149,7 +149,7 @@ class Corrections:
 def refusal(doubt: str, view: int, name: str) -> str:
     """Say why a curvature can't be fitted, and what to do."""
     return (
-        f"curvature can't be fitted to view {view} of {name}: {doubt}; use a reference "
+        f"curvature can't be fitted to view {view + 1} of {name}: {doubt}; use a reference "
         'hologram or background="tilt"'
     )
 

@@ -191,7 +191,7 @@ def fringe_advice(attrs: Mapping[str, Any]) -> str:
     """
     faint = [(i, v) for i, v in enumerate(attrs.get("fringe_visibility", ())) if 0 < v < FAINTEST]
     if faint:
-        views = " and ".join(f"view {i} ({value:.3f})" for i, value in faint)
+        views = " and ".join(f"view {i + 1} ({value:.3f})" for i, value in faint)
         return (
             f"The visibility of the fringes is next to nothing in {views}, so that its phase is "
             "noise; is its circle on a lobe of the spectrum?"
@@ -200,5 +200,5 @@ def fringe_advice(attrs: Mapping[str, Any]) -> str:
     much = [(i, percent) for i, percent in enumerate(percents) if percent > MUCH_PERCENT]
     if not much:
         return ""
-    views = " and ".join(f"{percent:.0f} % of view {i}" for i, percent in much)
+    views = " and ".join(f"{percent:.0f} % of view {i + 1}" for i, percent in much)
     return f"{views} shows no fringes: the phase there is noise"

@@ -117,9 +117,10 @@ def start_words(
     They are said by their numbers, as settings have them, or by time and angle ``of`` a stack.
     """
     named = " and ".join(
-        f"time {time}, view {view}" if of is None else frame_in_words(of, time, view)
+        f"time {time}, angle {view}" if of is None else frame_in_words(of, time, view)
         for time, view in frames
     )
+    named += ", counted from 0" if of is None else ""
     if not found:
         return f"Start: {named} (chosen)."
     return f"Start: safest frame, {named} (found automatically)."

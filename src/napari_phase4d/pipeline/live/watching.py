@@ -261,7 +261,7 @@ def found_sentence(settled: Settled) -> str:
     """Say what was found on the first frames."""
     n_views, (_, view) = len(settled.recipe.lobes), settled.recipe.start_frames[0]
     first = counted(settled.first.n_frames, "frame")
-    return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view}"
+    return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view + 1}"
 
 
 def fingerprint_of(path: Path, task: Task) -> Fingerprint:
