@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -15,6 +16,8 @@ from qtpy.QtWidgets import QWidget
 
 import napari_phase4d as p4d
 from helpers import wrap
+from napari_phase4d._napari.session import Plan
+from napari_phase4d.task import Task
 from test_left_out import plume
 
 pytestmark = pytest.mark.gui
@@ -50,6 +53,36 @@ def test_the_error_of_a_job_stands_there_too(ready: Any, click: Callable[[str], 
     ready.session.update(methods=("angular",))
     click("run")
     assert not ready.beside.isVisible()
+
+
+def test_what_is_pressed_while_a_job_runs_moves_no_words(ready: Any, qtbot: Any) -> None:
+    """A refusal stays while work goes on; the job's own error stands at what it was asked by."""
+    stop = threading.Event()
+
+    def work(task: Task) -> None:
+        for done in range(1000):
+            task.progress(done, 1000, "working")
+            if stop.wait(0.01):
+                break
+        msg = "the work came to nothing"
+        raise ValueError(msg)
+
+    run, find = (ready.findChild(QWidget, name) for name in ("run", "find_lobes"))
+    ready.jobs.asked_by = run
+    ready.jobs.start(Plan("Trying", work, lambda _: None))
+    ready.jobs.asked_by = None
+    ready.show_step(1)
+    qtbot.mouseClick(find, Qt.MouseButton.LeftButton)
+    assert "another job is still running" in ready.beside.text()
+    qtbot.waitUntil(lambda: "working" in ready.status.text(), timeout=5000)
+    qtbot.wait(300)  # progress is told three times meanwhile
+    assert ready.beside.isVisible()
+    assert 0 < gap_below(ready, "find_lobes") < 60
+    ready.show_step(3)
+    stop.set()
+    qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=5000)
+    assert ready.beside.text() == "⚠ the work came to nothing"
+    assert 0 < gap_below(ready, "run") < 60
 
 
 def test_much_that_object_only_leaves_out_is_said(

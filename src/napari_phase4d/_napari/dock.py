@@ -180,7 +180,14 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self.compare.reset_choices()
         self.following.watch_regions(self.compare.region_drawn)
 
-    def say(self, sentence: str, *, wrong: bool = False, passing: bool = False) -> None:
+    def say(
+        self,
+        sentence: str,
+        *,
+        wrong: bool = False,
+        passing: bool = False,
+        pressed: QWidget | None = None,
+    ) -> None:
         """Show one sentence at the foot of the dock; one in passing does not come back.
 
         What is wrong stands below what was pressed too, where the eye is.
@@ -189,10 +196,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         if not wrong:
             self._said = "" if passing else sentence
         self.status.setText(f"⚠ {sentence}" if wrong else sentence)
-        pressed = self.jobs.asked_by
         if wrong and pressed is not None and pressed.isVisible():
             self.beside.say(f"⚠ {sentence}", pressed)
-        else:
+        elif not passing:
             self.beside.take_back()
         if self.status.property("wrong") is not wrong:
             self.status.setProperty("wrong", wrong)
@@ -340,7 +346,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _listen(self) -> None:
         for step in self.steps:
-            step.failed.connect(lambda sentence: self.say(sentence, wrong=True))
+            step.failed.connect(self._refused)
             step.said.connect(self._say_last)
         self.lobes.settled.connect(lambda: self.show_step(2))
         self.jobs.started.connect(self._started)
@@ -387,6 +393,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
 
     def _started(self, title: str) -> None:
         self._next_words = ""
+        self.beside.take_back()
         self.progress.setRange(0, 0)
         self.progress.setVisible(True)
         self.cancel.setEnabled(True)
@@ -416,10 +423,14 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._next_words = ""
         self.say(f"{title}: cancelled.{kept}")
 
+    def _refused(self, sentence: str) -> None:
+        """Say what is wrong with what was just pressed."""
+        self.say(sentence, wrong=True, pressed=self.jobs.asked_by)
+
     def _failed(self, sentence: str) -> None:
         self._idle()
         self.presenter.drop_finished()
-        self.say(sentence, wrong=True)
+        self.say(sentence, wrong=True, pressed=self.jobs.job_asked_by)
         self._of_job = True  # no setting mends it
 
     def _finished(self, title: str) -> None:
@@ -525,6 +536,8 @@ def close_with_python(dock: weakref.ref[Phase4DDock]) -> None:
     still_open = dock()
     if still_open is not None:
         with suppress(RuntimeError):  # Qt has deleted it already
+            if not still_open.jobs.closed:
+                still_open.close_down()
             still_open.close()
 
 

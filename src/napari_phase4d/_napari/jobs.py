@@ -20,7 +20,7 @@ from qtpy.QtCore import QObject, QThreadPool, QTimer, Signal
 from qtpy.QtWidgets import QWidget
 
 from napari_phase4d._napari.session import Changed, Plan
-from napari_phase4d._napari.turns import Steps, Turns
+from napari_phase4d._napari.turns import Steps, Turns, exhaust
 from napari_phase4d.task import Cancelled, Task
 
 __all__ = ["GATES", "Ended", "Gate", "Jobs", "TimeLeft", "in_words", "sentence_of"]
@@ -84,8 +84,12 @@ class Jobs(QObject):  # type: ignore[misc]
     def __init__(self, parent: QObject | None = None, turns: Turns | None = None) -> None:
         super().__init__(parent)
         self._turns = Turns() if turns is None else turns
-        #: What the user has pressed last, as far as it is known; what is wrong is said beside it.
+        #: What the user has pressed, while that is heeded, and what was pressed for the job; what
+        #: is wrong is said beside it.
         self.asked_by: QWidget | None = None
+        self.job_asked_by: QWidget | None = None
+        #: What is left of taking a result into the session.
+        self._steps: Steps | None = None
         self._worker: FunctionWorker | None = None
         self._then: Callable[[], None] | None = None
         self._latest: tuple[int, int, str] | None = None
@@ -161,6 +165,7 @@ class Jobs(QObject):  # type: ignore[misc]
         self._worker, self._plan, self._then = worker, plan, then
         self._latest = None
         if not plan.gives_way:
+            self.job_asked_by = self.asked_by
             self.started.emit(plan.title)
             self._look.start()
         worker.start()
@@ -174,7 +179,14 @@ class Jobs(QObject):  # type: ignore[misc]
             self.idle.emit("")
 
     def close(self) -> None:
-        """Stop what is running and take no result any more: the window closes."""
+        """Stop what is running and take no result any more: the window closes.
+
+        A result of which a part is taken is taken whole.
+        """
+        steps, self._steps = self._steps, None
+        if steps is not None:
+            with suppress(Exception):  # the viewer may be gone already
+                exhaust(steps)
         self._gate.shut()
         self._worker = None
 
@@ -211,13 +223,16 @@ class Jobs(QObject):  # type: ignore[misc]
         """Take a result into the session, a step a turn, each once the last one is on screen."""
         if worker is not self._worker:  # something has begun meanwhile
             return
+        self._steps = steps
         try:
             with self._turns.unhurried():
                 if not self._turns.pending:
                     next(steps)
         except StopIteration:
+            self._steps = None
             self._shown(worker, plan, stopped=stopped, has_parts=has_parts)
         except Exception as error:
+            self._steps = None
             self._failed(worker, plan, error)
         else:
             again = partial(self._receive, worker, plan, steps, stopped, has_parts)

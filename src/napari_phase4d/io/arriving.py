@@ -1,8 +1,9 @@
 """Frames that arrive while one records, in their order, each when it is whole.
 
-Hardly anything tells when a frame is whole, so that all is looked at twice: a file, page or piece
-is read once it has stayed as it is for a while, and can be read. Until then it is waited for. A
-camera that Micro-Manager drives gives them as files too, each as soon as it has come.
+Where nothing tells when a frame is whole, all is looked at twice: a file, page or piece is read
+once it has stayed as it is for a while, and can be read. Until then it is waited for. Linux tells
+when a file of a folder was closed. A camera that Micro-Manager drives gives frames as files too,
+each as soon as it has come.
 """
 
 from __future__ import annotations
@@ -114,6 +115,10 @@ class Calm:
         self._seen.pop(path, None)
 
 
+#: Why a frame is given up of which there is no file.
+NEVER_CAME = "never came"
+
+
 class Arriving(ABC):
     """Frames that arrive, given out in their order; each once.
 
@@ -183,6 +188,10 @@ class Arriving(ABC):
         """Return when what holds a frame last changed, by ``time.monotonic``."""
         return -math.inf
 
+    def found_late(self, index: int) -> bool:
+        """Look once more for a frame before it is given up; say whether it is there after all."""
+        return False
+
     def wait(self, seconds: float) -> None:
         """Wait until something may have come, at most so long."""
         time.sleep(seconds)
@@ -225,10 +234,12 @@ class Arriving(ABC):
         except NotYetError as error:
             why = str(error)
         except FileNotFoundError:
-            why = "never came"
+            why = NEVER_CAME
         except (OSError, ValueError) as error:
             why = f"can't be read ({in_one_line(error)})"
         if now - max(since, self.changed(index)) < self.patience_s:
+            return None
+        if why == NEVER_CAME and self.found_late(index):
             return None
         if frame is not None:
             self.learn(frame)

@@ -19,8 +19,8 @@ __all__ = ["FolderEvents"]
 
 # Bits of the kernel's <linux/inotify.h>.
 MODIFIED, CLOSED, LEFT, CAME, MADE, DELETED = 0x2, 0x8, 0x40, 0x80, 0x100, 0x200
-OVERFLOWN, ENDED, IS_FOLDER = 0x4000, 0x8000, 0x40000000
-ASKED_FOR = MODIFIED | CLOSED | LEFT | CAME | MADE | DELETED
+RENAMED, OVERFLOWN, ENDED, IS_FOLDER = 0x800, 0x4000, 0x8000, 0x40000000
+ASKED_FOR = MODIFIED | CLOSED | LEFT | CAME | MADE | DELETED | RENAMED
 #: Number of the watch, bits, a number that joins two events, length of the name that follows.
 HEAD = struct.Struct("iIII")
 #: Bytes of events that are read at a time.
@@ -44,7 +44,7 @@ class FolderEvents:
     """
 
     def __init__(self, folder: Path) -> None:
-        #: Whether events were lost, or the folder is gone.
+        #: Whether events were lost, or the folder is gone or has another name.
         self.broken = False
         self._names: set[str] = set()
         self._whole: set[str] = set()
@@ -89,7 +89,7 @@ class FolderEvents:
     def _heed(self) -> None:
         """Take note of what has happened."""
         for bits, name in self._events():
-            if bits & (OVERFLOWN | ENDED):
+            if bits & (OVERFLOWN | ENDED | RENAMED):
                 self.broken = True
                 self._whole.clear()
             elif bits & (LEFT | DELETED):

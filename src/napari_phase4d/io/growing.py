@@ -181,9 +181,6 @@ class FolderArriving(Arriving):
     def read(self, index: int) -> NDArray[Any]:
         """Return a frame."""
         if index not in self._files:
-            self._told_all = False
-            self.look()  # before it is given up: it may not have been told
-        if index not in self._files:
             raise FileNotFoundError(self.label(index))
         path = self._files[index]
         if self._events is None or not self._events.is_whole(path.name):
@@ -193,6 +190,14 @@ class FolderArriving(Arriving):
         if self._events is not None:
             self._events.forget(path.name)
         return frame
+
+    def found_late(self, index: int) -> bool:
+        """Look through the whole folder for a frame of which the system may not have told."""
+        if index in self._files:
+            return False
+        self._told_all, self._next_scan = False, 0.0
+        self.look()
+        return index in self._files
 
     def wait(self, seconds: float) -> None:
         """Wait until something happens in the folder, at most so long."""

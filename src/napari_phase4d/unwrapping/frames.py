@@ -337,7 +337,6 @@ def centre_of_mass_shifts(
     t0, a0 = first
 
     def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
-        watch.check()
         kept = shifts[before]
         proposed = centres[t0, a0] - centres[now]
         shifts[now] = next_shift(
@@ -351,6 +350,7 @@ def centre_of_mass_shifts(
     outwards = [*range(t0 + 1, n_times), *range(t0 - 1, -1, -1)]
     for start in range(0, len(outwards), FRAMES_AT_A_TIME):
         some = outwards[start : start + FRAMES_AT_A_TIME]
+        watch.check()
 
         def follow(a: int, some: list[int] = some) -> None:
             for t in some:

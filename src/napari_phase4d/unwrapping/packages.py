@@ -124,7 +124,8 @@ class LentProblem(Problem):
     @property
     def amplitude(self) -> NDArray[np.float32] | None:
         """Amplitude of all frames as a share of its view's median, or None."""
-        share = super().amplitude
+        owner = self._owner
+        share = owner.once("amplitude", lambda: owner.amplitude)
         return None if share is None else read_only(share)
 
     @property

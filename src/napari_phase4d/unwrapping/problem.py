@@ -180,7 +180,9 @@ class Problem(SharedSteps):
     @property
     def given(self) -> Given:
         """The wrapped phase, 0 where it is not known, and the pixels that count."""
-        return Given(InMemory(self.wrapped), InMemory(self.usable))
+        if self._given is None:
+            self._given = Given(InMemory(self.wrapped), InMemory(self.usable))
+        return self._given
 
     @property
     def store(self) -> Store:
@@ -220,7 +222,7 @@ class Problem(SharedSteps):
 
     @property
     def amplitude(self) -> NDArray[np.float32] | None:
-        """Amplitude of all frames as a share of its view's median, or None."""
+        """Amplitude of all frames as a share of its view's median, or None; made anew."""
         return self.amplitude_of(Block(0, self.given.shape[0]))
 
     @property

@@ -123,9 +123,10 @@ class LivePart(Step):
     def _show(self, view: LiveView) -> None:
         """Show what is newest."""
         told = f"<br>{view.line[:1].upper()}{view.line[1:]}." if view.line else ""
-        headline = view.headline(time.monotonic())
+        now_s, shown = time.monotonic(), self._layers.show(view)
+        view = replace(view, not_shown=view.not_shown + self._layers.passed_over)
+        headline = view.headline(now_s, shown=shown)
         self.line.setText(f"<b>● {headline}</b><br>{view.sentence}{told}")
-        self._layers.show(view)
 
     def _take(self, plan: Plan, outcome: Any) -> Iterator[None]:
         """Let the results take the place of the newest frame."""

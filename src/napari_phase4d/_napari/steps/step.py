@@ -181,12 +181,15 @@ class Step(QWidget):  # type: ignore[misc]
 
         That stands below what was pressed, where it is given, also if a job fails later.
         """
-        self.jobs.asked_by = pressed
+        # What an action sets on the way is asked for by what was pressed too.
+        before, self.jobs.asked_by = self.jobs.asked_by, pressed or self.jobs.asked_by
         try:
             with self.presenter.turns.unhurried():
                 action()
         except (OSError, TypeError, ValueError, EmitLoopError) as error:
             self.failed.emit(sentence_of(error))
+        finally:
+            self.jobs.asked_by = before
 
 
 #: Share of saturated pixels that is worth a warning, and fringe contrast that is.

@@ -60,24 +60,29 @@ class LiveLayers:
         #: Whether the canvas said time and view before.
         self._said_where = False
         self._index, self._begun, self._shown_s = -1, False, -math.inf
+        #: Newest frames that were not shown, since many were waiting; and the last of them.
+        self.passed_over, self._passed = 0, -1
 
-    def show(self, view: LiveView) -> None:
-        """Show what is newest, if it is newer than what is shown."""
+    def show(self, view: LiveView) -> bool:
+        """Show what is newest, if it is newer than what is shown; say whether it is on screen."""
         if view.like is None or view.index <= self._index:
-            return
+            return True
         if not self._begun:
             self._begun = True
             self._presenter.turns.run(self._coming(view, view.like))
-            return
+            return True
         now_s = time.monotonic()
         if view.status.behind > MANY and now_s - self._shown_s < SELDOM_S:
-            return  # a later one comes
+            self.passed_over += view.index > self._passed
+            self._passed = view.index
+            return False  # a later one comes
         self._index, self._shown_s = view.index, now_s
         for name, layer in self._layers.items():
             if layer in self._viewer.layers:  # and was not taken away by the user
                 values = view.shown[name]
                 layer.data = values[None]
                 self._widen(name, values)
+        return True
 
     def remove(self) -> None:
         """Take the layers away."""
@@ -94,6 +99,7 @@ class LiveLayers:
             yield
         self._layers, self._limits = {}, {}
         self._index, self._begun = -1, False
+        self.passed_over, self._passed = 0, -1
 
     def restore(self) -> None:
         """Show again what was shown before."""

@@ -159,7 +159,9 @@ class Presenter:
         if self._cut_short and self.session.outcome is not None:
             self.show_outcome()
         elif self._cut_short and self.session.reconstruction is not None:
-            self.show_phase()
+            phase, layer = self.session.reconstruction["phase"], self._wrapped
+            if layer is None or layer not in self.viewer.layers or not shows(layer, phase):
+                self.show_phase()
         self._cut_short = False
 
     def leave(self) -> None:

@@ -73,16 +73,18 @@ class LiveView:
     not_shown: int = 0
     line: str = ""
 
-    def headline(self, now_s: float) -> str:
+    def headline(self, now_s: float, *, shown: bool = True) -> str:
         """Say whether frames come, and how late the newest one is if it is shown now."""
         if self.index < 0:
             return "The first frames are looked at"
         waited = now_s - self.done_s
+        if waited > QUIET_S and self.status.behind > 0:
+            return f"Frame {self.index + 2} is worked on, {self.status.behind} wait"
         if waited > QUIET_S:
             return f"No new frame for {waited:.0f} s"
         late = waited + self.status.delay_s  # NaN as long as nobody knows
-        shown = f", shown {late:.2f} s after it came" if late == late else ""
-        return f"Live: frame {self.index + 1}{shown}"
+        after = f", shown {late:.2f} s after it came" if shown and late == late else ""
+        return f"Live: frame {self.index + 1}{after}"
 
     @property
     def sentence(self) -> str:
