@@ -55,7 +55,7 @@ def test_start_is_the_star_until_the_user_clicks_and_again_by_a_button(
     qtbot.waitUntil(lambda: session.scores is not None, timeout=60_000)
     best = tuple(int(i) for i in np.unravel_index(int(session.scores.values.argmax()), (6, 2)))
     words = frame_in_words(session.reconstruction["phase"], *best)
-    automatic = f"Start: safest frame, {words} (found automatically)."
+    automatic = f"Start: {words} (found automatically)."
     assert part.start.text() == automatic
     assert session.start_frames == (best,)
     other = (2, 1) if best != (2, 1) else (3, 1)
@@ -88,7 +88,7 @@ def test_a_run_says_its_start_and_renews_the_star(viewer, ready, click, qtbot, t
     (started,) = session.start_frames
     click("run")
     frame = frame_in_words(session.reconstruction["phase"], *started)
-    words = f"Start: safest frame, {frame} (found automatically)."
+    words = f"Start: {frame} (found automatically)."
     assert words in ready.status.text()
     assert session.outcome.recipe.boundary == (started,)
     for result in session.results.values():

@@ -123,7 +123,8 @@ def start_words(
     named += ", counted from 0" if of is None else ""
     if not found:
         return f"Start: {named} (chosen)."
-    return f"Start: safest frame, {named} (found automatically)."
+    # In the window, the star and the words beside it say that it is the safest; a line is short.
+    return f"Start: {'safest frame, ' if of is None else ''}{named} (found automatically)."
 
 
 def start_sentence(recipe: Recipe, scores: xr.DataArray | None) -> str:
