@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 from driving import let_settle
-from qtpy.QtCore import QTimer
+from qtpy.QtCore import QEvent, QTimer
 from qtpy.QtOpenGLWidgets import QOpenGLWidget
-from qtpy.QtWidgets import QVBoxLayout, QWidget
+from qtpy.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.turns import UNSEEN, Afterwards, Canvas, Collecting, Steps, Turns
@@ -261,3 +261,23 @@ def test_a_step_may_stop_all_and_what_fails_in_a_turn_is_told(qtbot: Any) -> Non
         turns.run(failing())
         qtbot.waitUntil(lambda: not turns.pending)
     assert [str(error) for error in told] == ["the disk is gone"]
+
+
+def test_what_still_comes_up_ends_with_its_dock(viewer, dock, qtbot) -> None:
+    """Also where Qt deletes the dock before anybody has told it that its window closes."""
+    done: list[None] = []
+
+    def steps() -> Iterator[None]:
+        while True:
+            done.append(None)
+            yield
+
+    turns = dock.presenter.turns
+    with turns.unhurried():
+        turns.run(steps())
+    qtbot.waitUntil(lambda: len(done) > 2, timeout=5000)
+    dock.deleteLater()
+    QApplication.sendPostedEvents(dock, QEvent.Type.DeferredDelete.value)
+    before = len(done)
+    qtbot.wait(200)
+    assert (len(done), turns.pending) == (before, False)

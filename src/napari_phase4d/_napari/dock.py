@@ -112,7 +112,10 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._failed_unasked: list[str] = []
         self.jobs = Jobs(self, self.presenter.turns)
         self.presenter.turns.failed = lambda error: self.say(sentence_of(error), wrong=True)
-        self.presenter.turns.canvas = Canvas(self)
+        self.presenter.turns.canvas = canvas = Canvas(self)
+        turns = self.presenter.turns
+        # Its window may go before it is told so; another dock may have taken over by then.
+        self.destroyed.connect(lambda: turns.stop() if turns.canvas is canvas else None)
         # Before the steps, which look at what it shows.
         self.presenter.listen()
         parts = (self.session, self.jobs, self.presenter)
