@@ -45,7 +45,11 @@ def test_filters_give_the_bits_of_scipy(shape: tuple[int, int]) -> None:
 def test_ranks_are_those_of_numpy(shape: tuple[int, int]) -> None:
     for frame in frames(shape):
         for share in (0.995, 0.5, 0.1, 0.0, 1.0):
-            assert upper_quantile(frame, share) == np.quantile(frame, share)
+            exact = np.quantile(frame.astype(np.float64), share)
+            rounded = np.spacing(np.abs(frame).max())  # float32; NumPy before 2.4 is off by more
+            assert abs(upper_quantile(frame, share) - exact) <= rounded
+            if np.lib.NumpyVersion(np.__version__) >= "2.4.0":
+                assert upper_quantile(frame, share) == np.quantile(frame, share)
         assert middle(frame.ravel()) == np.median(frame)
         some = frame.ravel()[min(1, frame.size - 1) :]
         assert middle(some) == np.median(some)

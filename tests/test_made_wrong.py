@@ -17,14 +17,11 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import itoh_margin, residues, traces
+from stacks import without_attrs as bare
 from test_wrong_input import EXACT, OF_UNWRAPPED, OF_WRAPPED, WRAPPED, scaled, with_places
 
 N_Y, N_X = WRAPPED.sizes["y"], WRAPPED.sizes["x"]
 BY_UNIT = {"radian": 1.0, "degree": 180 / np.pi, "turn": 0.5 / np.pi}
-
-
-def bare(stack: xr.DataArray) -> xr.DataArray:
-    return stack.drop_attrs(deep=False)
 
 
 def other_kind(stack: xr.DataArray) -> xr.DataArray:

@@ -25,11 +25,12 @@ from napari_phase4d.analysis import (
 )
 from napari_phase4d.pipeline.streaming import Cluster
 from napari_phase4d.simulation import multiplexed_video, with_noise
+from stacks import without_attrs
 
 #: (time, angle, y, x), wrapped and exact, a peak of three turns.
 DATA = p4d.simulation.swimming_euglena((32, 40), 4, peak_rad=20)
 WRAPPED, EXACT = DATA["wrapped"], DATA["phase"]
-BARE = WRAPPED.drop_attrs(deep=False)
+BARE = without_attrs(WRAPPED)
 PLAIN = WRAPPED.values
 CELL = {"cell": np.ones((32, 40), bool)}
 OPTICS = p4d.Optics(wavelength_um=float(EXACT.attrs["wavelength_um"]))
@@ -143,7 +144,7 @@ RIGHT_WRAPPED: dict[str, Callable[[], Any]] = {
     "radians of angle, as they say": lambda: scaled(WRAPPED, "angle", np.pi / 180, "rad"),
     "falling y": lambda: WRAPPED.assign_coords(y=WRAPPED["y"].values[::-1]),
     "dates": lambda: with_places(
-        WRAPPED, "time", np.datetime64("2026-01-01") + np.arange(4) * np.timedelta64(1, "s")
+        WRAPPED, "time", np.datetime64("2026-01-01", "ns") + np.arange(4) * np.timedelta64(1, "s")
     ),
     "copied over unwrapped phase": lambda: EXACT.copy(data=PLAIN),
     "names swapped": lambda: WRAPPED.transpose("x", "angle", "y", "time"),
@@ -322,10 +323,10 @@ NO_SETTING: dict[str, tuple[Callable[[], Any], str]] = {
 #: Single calls -> the warning.
 DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
     "wrapped, of another program": (
-        lambda: measure(WRAPPED.drop_attrs(deep=False), CELL, OPTICS), "seems to be wrapped"
+        lambda: measure(BARE, CELL, OPTICS), "seems to be wrapped"
     ),
     "a path without its unit": (
-        lambda: measure(EXACT.drop_attrs(deep=False) * 100, CELL, OPTICS), "more than 50 turns"
+        lambda: measure(without_attrs(EXACT) * 100, CELL, OPTICS), "more than 50 turns"
     ),
     "pixels in nanometres": (
         lambda: measure(scaled(scaled(EXACT, "y", 1e3), "x", 1e3), CELL, OPTICS),

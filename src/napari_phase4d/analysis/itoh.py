@@ -237,4 +237,5 @@ def residues(wrapped: xr.DataArray | ArrayLike) -> xr.DataArray:
     loop = loop_sums(turns(-2), turns(-1))
     found = stack.transpose(..., "y", "x").isel(y=slice(None, -1), x=slice(None, -1))
     signs = found.copy(data=-loop.astype(np.int8)).transpose(*stack.dims)
-    return signs.drop_attrs(deep=False)  # a count, and no phase any more
+    signs.attrs = {}  # a count, and no phase any more
+    return signs
