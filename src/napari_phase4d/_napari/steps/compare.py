@@ -155,7 +155,7 @@ class CompareStep(Step):
             raise ValueError(msg)
         if self.presenter.showing != "results":
             self.presenter.side_by_side()
-        self.presenter.go_to(*frame)
+        self.presenter.go_soon_to(*frame)
         words = frame_in_words(self.session.needed_reconstruction()["phase"], *frame)
         self.said.emit(f"{words[0].upper()}{words[1:]}: here methods disagree most.")
 
