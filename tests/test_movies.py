@@ -18,8 +18,7 @@ from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.io import write_figure, write_movie
-from napari_phase4d.plotting import phase_colours
-from napari_phase4d.plotting.figures import comparison_figure, movie_frames, phase_limits
+from napari_phase4d.plotting import comparison_figure, movie_frames, phase_colours, phase_limits
 
 LIMITS = (0.0, 30.0)
 #: Video's 8 bits of brightness and colour difference cost up to 2 of 255 in the colours of phase

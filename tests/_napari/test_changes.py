@@ -177,7 +177,7 @@ def test_measure_plot_follows_the_angle(viewer, ready, click, qtbot) -> None:
 
 
 def test_results_of_another_run_are_not_replaced(ready, tmp_path) -> None:
-    from napari_phase4d._napari.steps.share import folder_without_results
+    from napari_phase4d._napari.session import folder_without_results
 
     assert folder_without_results(tmp_path) == tmp_path
     ready.session.find_lobes()

@@ -15,8 +15,7 @@ from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
 from qtpy.QtGui import QColor, QImage, QPalette, QWheelEvent
 from qtpy.QtWidgets import QApplication, QLabel, QScrollArea, QVBoxLayout, QWidget
 
-from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
-from napari_phase4d._napari.widgets.plot_parts import curve_styles, steady_limits
+from napari_phase4d._napari.widgets.curves import CurvePlot, Panel, curve_styles, steady_limits
 
 TIMES = np.arange(60) / 6
 ANGLES = np.array([-7.0, 21.0])

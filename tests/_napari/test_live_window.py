@@ -22,7 +22,7 @@ from test_dock_reopened import close
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.session import LiveView, StepState, step_states
-from napari_phase4d._napari.session.plans.live import Newest
+from napari_phase4d._napari.session.live_plans import Newest
 from napari_phase4d._napari.steps.live import WatchDialog
 from napari_phase4d._napari.viewing import live as live_viewing
 from napari_phase4d.pipeline import LiveStatus

@@ -13,7 +13,7 @@ from napari.layers import Layer
 from npe2 import PluginManifest
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.files import get_reader
+from napari_phase4d._napari.menus import get_reader
 from napari_phase4d.axes import AXES
 from napari_phase4d.io import write_phase
 

@@ -10,8 +10,7 @@ import pytest
 import tifffile
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.session import Plan
-from napari_phase4d._napari.steps.share import folder_without_results
+from napari_phase4d._napari.session import Plan, folder_without_results
 from napari_phase4d._napari.viewing.pointing import FRAME_COLUMNS, note_frame
 from napari_phase4d.io.tiff import has_colours
 from napari_phase4d.recording import Recording

@@ -12,7 +12,7 @@ import xarray as xr
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.latest import Latest
+from napari_phase4d._napari.jobs import Latest
 from napari_phase4d._napari.viewing.layers import OnDemand
 from napari_phase4d.analysis import itoh_margin
 from napari_phase4d.io.lazy import lazy_frames

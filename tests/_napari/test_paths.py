@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_phase4d._napari.widgets.paths import (
+from napari_phase4d._napari.widgets.map_picture import (
     Arrow,
     Grid,
     best_per_pixel,

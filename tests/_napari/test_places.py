@@ -80,7 +80,7 @@ def test_one_shot_without_the_right_layer_says_so(viewer, qtbot) -> None:
 
     viewer.add_image(np.zeros((8, 8)))
     menu_titles(viewer, "Layers", "Transform")
-    from napari_phase4d._napari.one_shot import unwrap_ta
+    from napari_phase4d._napari.menus import unwrap_ta
 
     unwrap_ta(viewer)
     said = [record.message for record in notification_manager.records]

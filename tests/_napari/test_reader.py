@@ -12,7 +12,7 @@ from npe2 import PluginManifest
 
 from format_cases import CASES
 from format_writers import INTERVAL_S, PIXEL_UM, noise
-from napari_phase4d._napari.files import get_reader
+from napari_phase4d._napari.menus import get_reader
 from napari_phase4d.io import READABLE_SUFFIXES
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from napari_phase4d._napari.files import write_stack
+from napari_phase4d._napari.menus import write_stack
 from napari_phase4d._napari.viewing import layers
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
 from napari_phase4d.axes import AXES

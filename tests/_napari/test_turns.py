@@ -178,6 +178,41 @@ def test_old_objects_are_looked_through_again_in_the_end() -> None:
             gc.freeze()
 
 
+def test_new_objects_are_looked_through_in_a_quiet_moment() -> None:
+    looked: list[int] = []
+
+    def note(phase: str, told: dict[str, int]) -> None:
+        if phase == "start" and told["generation"] == 2:
+            looked.append(1)
+
+    before, thresholds = gc.get_freeze_count(), (50, 2, 2)
+    kept, gc_before = [], gc.get_threshold()
+    gc.unfreeze()
+    gc.set_threshold(*thresholds)
+    gc.callbacks.append(note)
+    try:
+        collecting = Collecting()
+        gc.collect()
+        looked.clear()
+        while gc.get_count()[2] <= 3 * 2:
+            kept.append([[] for _ in range(60)])
+        assert not looked  # Python itself would have by now
+        collecting.in_quiet()
+        assert looked == [1]
+        collecting.in_quiet()  # nothing is new
+        assert looked == [1]
+        collecting.end()
+        assert gc.get_threshold() == thresholds
+        kept.append([[] for _ in range(10_000)])
+        assert len(looked) > 1
+    finally:
+        gc.callbacks.remove(note)
+        gc.set_threshold(*gc_before)
+        gc.unfreeze()
+        if before:
+            gc.freeze()
+
+
 @pytest.mark.gui
 @pytest.mark.thorough
 def test_nine_results_come_up_one_a_turn(viewer: Any, dock: Any, qtbot: Any, click: Any) -> None:

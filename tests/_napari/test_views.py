@@ -97,6 +97,19 @@ def test_the_sliders_go_to_where_methods_disagree(differing: Any, click: Any) ->
     assert "here methods disagree most" in differing.status.text()
 
 
+def test_they_move_there_in_a_turn_of_their_own(viewer: Any, dock: Any, qtbot: Any) -> None:
+    dock.session.set_phase(p4d.simulation.swimming_euglena(SHAPE, 12, peak_rad=30)["wrapped"])
+    dock.session.unwrap(METHODS)
+    moved: list[bool] = []
+    turns = dock.presenter.turns
+    viewer.dims.events.current_step.connect(lambda _: moved.append(turns.pending))
+    qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
+    qtbot.waitUntil(lambda: not turns.pending)
+    assert dock.presenter.current_frame() == dock.session.verdict.frame
+    assert moved
+    assert all(moved)
+
+
 def test_but_not_if_somebody_has_moved_them(dock: Any, qtbot: Any) -> None:
     dock.session.set_phase(p4d.simulation.swimming_euglena(SHAPE, 12, peak_rad=30)["wrapped"])
     dock.session.update(methods=METHODS)

@@ -12,7 +12,7 @@ from driving import answer_dialog
 from scipy import ndimage
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.one_shot import nanometres
+from napari_phase4d._napari.menus import nanometres
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, stack_of_layer
 from napari_phase4d.holography.lobes import pair_distance
 from napari_phase4d.simulation import at_wavelengths, multiplexed_video, step_phantom

@@ -453,6 +453,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         plan = self.session.quiet_plan(self._failed_unasked)
         if plan is not None:
             self.jobs.start(plan)
+        elif self._collecting is not None and not self.presenter.turns.pending:
+            self._collecting.in_quiet()
 
     def _recording_opened(self) -> None:
         self._failed_unasked = []

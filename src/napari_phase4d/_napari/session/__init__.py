@@ -1,29 +1,33 @@
 """The controller between the dock and the pipeline, without Qt."""
 
-from napari_phase4d._napari.session.opening import Opened
-from napari_phase4d._napari.session.plans import (
+from napari_phase4d._napari.session.cell_plans import (
     plan_cell_by_methods,
     plan_cells,
-    plan_confidence,
+    with_their_cells,
+)
+from napari_phase4d._napari.session.live_plans import LiveView, plan_watching
+from napari_phase4d._napari.session.opening import Opened
+from napari_phase4d._napari.session.phase_plans import (
+    Plan,
     plan_focus,
     plan_lobes,
-    plan_margin,
-    plan_measuring,
     plan_opening,
     plan_reconstruction,
+)
+from napari_phase4d._napari.session.result_plans import (
+    Masks,
+    MasksCall,
+    folder_without_results,
+    plan_confidence,
+    plan_margin,
+    plan_measuring,
     plan_saving,
     plan_scores,
     plan_truth,
     plan_unwrapping,
-    plan_watching,
-    with_their_cells,
 )
-from napari_phase4d._napari.session.plans.live import LiveView
-from napari_phase4d._napari.session.plans.phase import Plan
-from napari_phase4d._napari.session.plans.results import Masks, MasksCall
 from napari_phase4d._napari.session.session import Session
-from napari_phase4d._napari.session.state import Changed
-from napari_phase4d._napari.session.states import StepState, step_states
+from napari_phase4d._napari.session.state import Changed, StepState, step_states
 
 __all__ = [
     "Changed",
@@ -34,6 +38,7 @@ __all__ = [
     "Plan",
     "Session",
     "StepState",
+    "folder_without_results",
     "plan_cell_by_methods",
     "plan_cells",
     "plan_confidence",

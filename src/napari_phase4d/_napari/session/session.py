@@ -11,25 +11,26 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d._napari.session.plans import (
-    plan_cells,
-    plan_confidence,
-    plan_estimate,
+from napari_phase4d._napari.session.cell_plans import plan_cells
+from napari_phase4d._napari.session.live_plans import PATIENCE_S, plan_watching
+from napari_phase4d._napari.session.phase_plans import (
+    Plan,
     plan_focus,
     plan_lobes,
-    plan_margin,
-    plan_measuring,
     plan_noise,
     plan_reconstruction,
+    plan_spectrum,
+)
+from napari_phase4d._napari.session.result_plans import (
+    Masks,
+    plan_confidence,
+    plan_estimate,
+    plan_margin,
+    plan_measuring,
     plan_saving,
     plan_scores,
-    plan_spectrum,
     plan_unwrapping,
-    plan_watching,
 )
-from napari_phase4d._napari.session.plans.live import PATIENCE_S
-from napari_phase4d._napari.session.plans.phase import Plan
-from napari_phase4d._napari.session.plans.results import Masks
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.analysis import REFERENCE, Cells, CellSettings
 from napari_phase4d.holography import Focus, Lobe

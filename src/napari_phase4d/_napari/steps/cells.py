@@ -15,8 +15,7 @@ from qtpy.QtWidgets import QAbstractItemView, QFileDialog
 
 from napari_phase4d._napari.preferences import own_optics
 from napari_phase4d._napari.session import Plan, Session, plan_cell_by_methods, plan_cells
-from napari_phase4d._napari.steps.material import in_grid, increment_field, index_field
-from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.steps.step import Step, in_grid, increment_field, index_field
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
 from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.analysis import Cells, CellSettings, most_trusted

@@ -24,9 +24,8 @@ from qtpy.QtWidgets import (
 )
 
 from napari_phase4d._napari.preferences import own_optics
-from napari_phase4d._napari.session import LiveView, Plan, plan_watching
-from napari_phase4d._napari.session.plans.live import PATIENCE_S
-from napari_phase4d._napari.steps.share import folder_without_results
+from napari_phase4d._napari.session import LiveView, Plan, folder_without_results, plan_watching
+from napari_phase4d._napari.session.live_plans import PATIENCE_S
 from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.live import LiveLayers
 

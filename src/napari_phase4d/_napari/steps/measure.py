@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from qtpy.QtCore import QTimer
 from qtpy.QtWidgets import QFileDialog
 
-from napari_phase4d._napari.jobs import sentence_of
-from napari_phase4d._napari.latest import Latest
+from napari_phase4d._napari.jobs import Latest, sentence_of
 from napari_phase4d._napari.preferences import own_optics
 from napari_phase4d._napari.session import (
     Masks,
@@ -22,8 +21,7 @@ from napari_phase4d._napari.session import (
     plan_measuring,
     with_their_cells,
 )
-from napari_phase4d._napari.steps.material import in_grid, increment_field, index_field
-from napari_phase4d._napari.steps.step import Step
+from napari_phase4d._napari.steps.step import Step, in_grid, increment_field, index_field
 from napari_phase4d._napari.viewing.pointing import (
     frames_of_regions,
     is_region_layer,

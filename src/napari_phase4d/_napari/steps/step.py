@@ -1,4 +1,4 @@
-"""What all five steps of the dock have in common, and what they say of a recording or phase."""
+"""What all steps have in common: their form, how they say what is wrong, fields of several."""
 
 from __future__ import annotations
 
@@ -9,12 +9,14 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 import xarray as xr
+from magicgui.widgets import FloatSpinBox
 from psygnal import EmitLoopError
 from qtpy.QtCore import Signal
 from qtpy.QtWidgets import (
     QAbstractSpinBox,
     QComboBox,
     QFormLayout,
+    QGridLayout,
     QHBoxLayout,
     QLabel,
     QPushButton,
@@ -24,6 +26,7 @@ from qtpy.QtWidgets import (
 )
 
 from napari_phase4d._napari.jobs import Jobs, sentence_of
+from napari_phase4d._napari.preferences import own_refraction_increment
 from napari_phase4d._napari.session import Session
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import WheelGuard
@@ -41,6 +44,9 @@ __all__ = [
     "facts_of_reconstruction",
     "facts_of_recording",
     "focus_in_words",
+    "in_grid",
+    "increment_field",
+    "index_field",
 ]
 
 #: Letters that a drop-down list shows at least.
@@ -301,3 +307,59 @@ def focus_in_words(focus: Focus) -> str:
     if focus.at_the_end:
         words += " It lies at the end of the search: there may be none within it."
     return words
+
+
+#: Pixels that a field gets at least.
+NARROW = 90
+
+
+def increment_field(name: str) -> FloatSpinBox:
+    """Return a field for the refraction increment."""
+    field = FloatSpinBox(
+        name=name,
+        value=own_refraction_increment(),
+        min=0.01,
+        max=1,
+        step=0.01,
+        tooltip="Refraction increment: how much a gram of dry matter in a millilitre "
+        "raises the refractive index. 0.18 mL/g is usual for cells (Barer, Nature 169, "
+        "366, 1952); proteins have 0.185 (Barer & Joseph 1954) to 0.190 (Zhao et al. 2011).",
+    )
+    field.native.setSuffix(" mL/g")
+    field.native.setButtonSymbols(QAbstractSpinBox.ButtonSymbols.NoButtons)
+    return field
+
+
+def index_field(name: str) -> FloatSpinBox:
+    """Return a field for the refractive index of the object."""
+    field = FloatSpinBox(
+        name=name,
+        value=1,
+        min=1,
+        max=4,
+        step=0.01,
+        tooltip="Refractive index of the object, no unit; without it there is no height "
+        "and no volume.",
+    )
+    field.native.setDecimals(4)
+    field.native.setSpecialValueText("none")
+    field.native.setButtonSymbols(QAbstractSpinBox.ButtonSymbols.NoButtons)
+    return field
+
+
+def in_grid(step: Step, fields: Sequence[tuple[str, Any]]) -> None:
+    """Add fields with their names to a step, two in a row; those without a name need none."""
+    grid = QGridLayout()
+    grid.setSpacing(4)
+    for number, (words, field) in enumerate(fields):
+        row, side = divmod(number, 2)
+        if words:
+            label = step.label(words)
+            label.setToolTip(field.tooltip)
+            label.setBuddy(field.native)
+            field.native.setMinimumWidth(NARROW)
+            grid.addWidget(label, row, 2 * side)
+        grid.addWidget(field.native, row, 2 * side + 1)
+    grid.setColumnStretch(1, 1)
+    grid.setColumnStretch(3, 1)
+    step.column.addLayout(grid)

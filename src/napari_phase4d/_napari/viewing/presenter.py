@@ -660,6 +660,14 @@ class Presenter:
         """Move the sliders to a frame of the reconstruction."""
         go_to_frame(self.viewer, self.session.needed_reconstruction()["phase"], time, angle)
 
+    def go_soon_to(self, time: int, angle: int) -> None:
+        """Move the sliders in a turn of their own, where what goes on is unhurried."""
+        self.turns.run(self._going_to(time, angle))
+
+    def _going_to(self, time: int, angle: int) -> Steps:
+        self.go_to(time, angle)
+        yield
+
     def _go_to_start(self) -> None:
         """Move the sliders to the first frame, also where layers of before begin elsewhere."""
         if self.holograms in self._own:

@@ -1,8 +1,9 @@
-"""The map of frames: which are safe to start from, where to start, and the way from there."""
+"""Frames as a map: where to start and the way from there; how far methods agree over time."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,11 +20,10 @@ from qtpy.QtGui import (
 )
 from qtpy.QtWidgets import QSizePolicy, QToolTip, QWidget
 
-from napari_phase4d._napari.widgets.map_picture import GAP, MapPicture
-from napari_phase4d._napari.widgets.paths import Frame, Grid
+from napari_phase4d._napari.widgets.map_picture import GAP, Frame, Grid, MapPicture, time_unit
 from napari_phase4d.unwrapping import ORDERS
 
-__all__ = ["BoundaryMap"]
+__all__ = ["AgreementStrip", "BoundaryMap"]
 
 WIDTH = 360
 #: From this height on, in pixels, a screen has room for larger maps.
@@ -302,3 +302,46 @@ def is_ours(event: QKeyEvent) -> bool:
     """Return whether a key moves the cursor or clicks."""
     others = (Qt.Key.Key_Home, Qt.Key.Key_End)
     return event.key() in (*ARROW_KEYS, *others, *CLICK_KEYS)
+
+
+@dataclass
+class AgreementPicture(MapPicture):
+    """Frames in the colours of the share of the object on which all methods agree."""
+
+    with_times: bool = False
+    ends: tuple[str, str] = ("methods disagree", "agree")
+
+    def words_on(self, frame: Frame) -> str:
+        """Say in words what is shown of a frame."""
+        t, a = frame
+        factor, unit = time_unit(self.times_s)
+        where = f"Time {self.times_s[t] / factor:.4g} {unit} (frame {t})"
+        words = f"{where}, {self.view(a)}."
+        if self.scores is not None:
+            agreement = float(self.scores[t, a])
+            if np.isnan(agreement):
+                return f"{words}\nThis frame says nothing of the object.\nClick to go there."
+            words += f"\nMethods disagree on {100 * (1 - agreement):.3g} % of the object."
+        return f"{words}\nClick to go there."
+
+
+class AgreementStrip(BoundaryMap):
+    """Time to the right, one row a viewing angle; dark where methods disagree.
+
+    The colours are those of the map of frames to start from.
+
+    Signals
+    -------
+    frame_clicked(int, int, bool)
+        (time index, angle index) to go to.
+    """
+
+    heights = (13, 14, 54)
+    enlarged = 1.3
+    picture_class = AgreementPicture
+
+    def __init__(self, parent: QWidget | None = None) -> None:
+        super().__init__(parent)
+        self.setObjectName("agreement")
+        self.setAccessibleName("Agreement of the methods over time and viewing angle")
+        self.setAccessibleDescription("The arrow keys move over the frames, Enter goes to one.")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,25 +13,186 @@ from qtpy.QtCore import QEvent, QSize, Qt
 from qtpy.QtGui import QPalette, QShowEvent
 from qtpy.QtWidgets import QLabel, QStackedLayout, QWidget
 
-from napari_phase4d._napari.widgets.plot_parts import (
-    FONT_POINTS,
-    arrange_panels,
-    curve_styles,
-    finite_range,
-    paint_figure,
-    place_legend,
-    set_positions,
-    steady_limits,
-)
 from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.plotting import CURVE_COLOURS
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
+    from matplotlib.legend import Legend
     from matplotlib.lines import Line2D
 
-__all__ = ["CurvePlot", "Panel"]
+__all__ = ["CurvePlot", "Panel", "curve_styles", "steady_limits"]
+
+FONT_POINTS, LEGEND_POINTS = 8.0, 7.5
+DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)))
+#: Width of the last curve in points, and how much wider each before it is: where several
+#: coincide, each is still seen.
+THINNEST, THICKER = 1.2, 0.25
+#: Free space above and below the curves, as a share of their range.
+MARGIN = 0.12
+#: Limits stay as they are while the curves fill at least this share of them.
+WELL_FILLED = 0.45
+#: Space for ticks and words round the panels, and between two of them, in 1/96 inch.
+LEFT, RIGHT, BOTTOM, TOP = 54, 12, 38, 8
+BESIDE = 40
+#: Room that a tick takes with its number, in 1/96 inch.
+WIDTH_OF_TICK, HEIGHT_OF_TICK = 40, 32
+#: So few positions (viewing angles) each get their number.
+EACH_WRITTEN = 3
+#: Free space at the sides, as a share of the range.
+SIDE = 0.03
+#: A panel is at least so large, in 1/96 inch.
+LEAST_PANEL = 20
+#: The legend may take this share of the height.
+MOST_LEGEND = 0.4
+
+
+def curve_styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
+    """Return colour, dashes and width of each curve, by the order of the names."""
+    n_colours = len(CURVE_COLOURS)
+    return {
+        name: {
+            "color": CURVE_COLOURS[i % n_colours],
+            "linestyle": DASHES[i // n_colours % len(DASHES)],
+            "linewidth": THINNEST + THICKER * (len(names) - 1 - i),
+        }
+        for i, name in enumerate(names)
+    }
+
+
+def finite_range(arrays: Iterable[NDArray[np.float64]]) -> tuple[float, float] | None:
+    """Return the lowest and highest finite value; None if there is none."""
+    every = [a[np.isfinite(a)] for a in arrays]
+    values = np.concatenate(every) if every else np.zeros(0)
+    return (float(values.min()), float(values.max())) if values.size else None
+
+
+def steady_limits(
+    shown: tuple[float, float] | None, before: tuple[float, float] | None
+) -> tuple[float, float]:
+    """Return the limits of an axis that do not jump with every change of the curves.
+
+    Parameters
+    ----------
+    shown : (float, float) or None
+        Lowest and highest value to be shown; None if there is none.
+    before : (float, float) or None
+        Limits up to now, kept while the values lie within them and fill them well.
+    """
+    if shown is None:
+        return before or (0.0, 1.0)
+    low, high = shown
+    if before is not None:
+        fills = (high - low) >= WELL_FILLED * (before[1] - before[0])
+        if before[0] <= low and high <= before[1] and fills:
+            return before
+    # A constant gets some room too.
+    room = MARGIN * (high - low) or 0.05 * max(abs(low), 1.0)
+    return low - room, high + room
+
+
+def place_legend(figure: Figure, lines: Sequence[Line2D]) -> Legend | None:
+    """Put a legend at the top in as many columns as fit; None if it would take too much room.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        Its other legends are removed.
+    lines : sequence of Line2D
+        One a name.
+    """
+    for legend in list(figure.legends):
+        legend.remove()
+    for columns in range(len(lines), 0, -1):
+        legend = figure.legend(
+            handles=list(lines),
+            loc="upper center",
+            ncols=columns,
+            fontsize=LEGEND_POINTS,
+            frameon=False,
+            handlelength=1.6,
+            handletextpad=0.5,
+            columnspacing=1.0,
+            labelspacing=0.2,
+            borderaxespad=0.2,
+            borderpad=0.2,
+        )
+        box = legend.get_window_extent()
+        if box.height > MOST_LEGEND * figure.bbox.height:
+            legend.remove()
+            return None
+        if box.width <= figure.bbox.width:
+            return legend
+        legend.remove()
+    return None
+
+
+def arrange_panels(figure: Figure) -> None:
+    """Spread the panels, side by side, over the room that the legend leaves."""
+    unit = figure.dpi / 96
+    total_width, total_height = figure.bbox.width / unit, figure.bbox.height / unit
+    top = TOP + sum(legend.get_window_extent().height / unit for legend in figure.legends)
+    words_between = any(axes.get_ylabel() for axes in figure.axes[1:])
+    beside = LEFT if words_between else BESIDE
+    columns = len(figure.axes)
+    width = (total_width - LEFT - RIGHT - (columns - 1) * beside) / columns
+    width = max(width, LEAST_PANEL)
+    height = max(total_height - top - BOTTOM, LEAST_PANEL)
+    left, bottom = LEFT / total_width, BOTTOM / total_height
+    figure.subplots_adjust(
+        left=left,
+        bottom=bottom,
+        right=max(1 - RIGHT / total_width, left + 0.05),
+        top=max(1 - top / total_height, bottom + 0.05),
+        wspace=beside / width,
+    )
+    for axes in figure.axes:
+        # Fixed places are quicker to draw, and no long number pushes words out of the picture.
+        axes.xaxis.set_label_coords(0.5, -(BOTTOM - 16) / height)
+        axes.yaxis.set_label_coords(-(LEFT - 16) / width, 0.5)
+        set_ticks(axes.xaxis, width / WIDTH_OF_TICK + 1)
+        set_ticks(axes.yaxis, height / HEIGHT_OF_TICK + 1)
+
+
+def set_ticks(axis: Axis, most: float) -> None:
+    """Let an axis have about ``most`` intervals between round numbers."""
+    from matplotlib.ticker import MaxNLocator
+
+    axis.set_major_locator(MaxNLocator(nbins=int(np.clip(most, 3, 7)), steps=[1, 2, 5, 10]))
+
+
+def set_positions(axes: Axes, x: NDArray[np.float64]) -> None:
+    """Fit the horizontal axis to the positions, and write each of them where they are few."""
+    low, high = finite_range([x]) or (0.0, 1.0)
+    # A single point gets some room.
+    room = SIDE * (high - low) or 0.5
+    axes.set_xlim(low - room, high + room)
+    if 0 < x.size <= EACH_WRITTEN:
+        axes.set_xticks(x)
+
+
+def paint_figure(figure: Figure, foreground: str, background: str) -> None:
+    """Give everything but the curves these two colours."""
+    figure.set_facecolor(background)
+    for axes in figure.axes:
+        paint_axes(axes, foreground)
+    for legend in figure.legends:
+        for text in legend.get_texts():
+            text.set_color(foreground)
+
+
+def paint_axes(axes: Axes, foreground: str) -> None:
+    """Give frame, ticks and words of one panel a colour."""
+    axes.set_facecolor("none")
+    for spine in axes.spines.values():
+        spine.set_edgecolor(foreground)
+    axes.tick_params(colors=foreground)
+    axes.xaxis.label.set_color(foreground)
+    axes.yaxis.label.set_color(foreground)
+
 
 NOTHING = "Move the mouse over a result."
 SIZE, LEAST_SIZE = (360, 200), (280, 140)

@@ -17,9 +17,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d._napari.session.plans.phase import Plan
-from napari_phase4d._napari.session.state import Changed, State
-from napari_phase4d._napari.session.states import phase_is_stale
+from napari_phase4d._napari.session.phase_plans import Plan
+from napari_phase4d._napari.session.state import Changed, State, phase_is_stale
 from napari_phase4d.analysis import (
     REFERENCE,
     Comparison,
@@ -29,7 +28,7 @@ from napari_phase4d.analysis import (
     measure,
     most_trusted,
 )
-from napari_phase4d.io import write_table
+from napari_phase4d.io import OME_TIFF, write_table
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.pipeline import (
     Outcome,
@@ -48,6 +47,7 @@ from napari_phase4d.unwrapping import score_boundaries, scores_of_some
 __all__ = [
     "Masks",
     "MasksCall",
+    "folder_without_results",
     "optics_of",
     "plan_confidence",
     "plan_estimate",
@@ -443,3 +443,19 @@ def plan_saving(state: State, folder: str | Path, regions: pd.DataFrame | None =
         return written
 
     return Plan(f"Saving to {folder}", work, lambda _: None)
+
+
+def folder_without_results(folder: Path, recording: str = "") -> Path:
+    """Return a folder, or a new one in it where results of another run would be replaced.
+
+    So too where it holds the frames of the recording, which results would be taken for.
+    """
+    is_input = bool(recording) and folder.resolve() == Path(recording).resolve()
+    if (
+        not is_input
+        and not any(folder.glob(f"*{OME_TIFF}"))
+        and not (folder / "recipe.json").exists()
+    ):
+        return folder
+    names = (folder / f"results_{number}" for number in itertools.count(1))
+    return next(name for name in names if not name.exists())

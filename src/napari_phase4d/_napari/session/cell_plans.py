@@ -10,8 +10,8 @@ import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d._napari.session.plans.phase import Plan
-from napari_phase4d._napari.session.plans.results import optics_of
+from napari_phase4d._napari.session.phase_plans import Plan
+from napari_phase4d._napari.session.result_plans import optics_of
 from napari_phase4d._napari.session.state import Changed, State
 from napari_phase4d.analysis import (
     Cells,

@@ -16,7 +16,7 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
-from napari_phase4d._napari.session.plans.phase import Plan
+from napari_phase4d._napari.session.phase_plans import Plan
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.io import FromCamera
 from napari_phase4d.optics import Optics
