@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from napari_phase4d.benchmark.cases import GROUPS, SUITE_VERSION
 from napari_phase4d.benchmark.scoring import summary_of
 from napari_phase4d.io import write_figure, write_table
 from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.later import pd
 from napari_phase4d.pipeline import program_version
 from napari_phase4d.words import counted, local_path
 

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.benchmark.cases import GROUPS, SUITE_VERSION, Case, cases, checked_groups
+from napari_phase4d.later import pd, xr
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.unwrapping import METHODS, methods_for
 from napari_phase4d.words import sentence_of
@@ -169,7 +168,7 @@ def area_under_curve(
     n = int(astray.sum())
     if n < ENOUGH or n == len(astray):
         return float("nan")
-    ranks = rankdata(np.nan_to_num(doubt, nan=1.0))
+    ranks = scipy.stats.rankdata(np.nan_to_num(doubt, nan=1.0))
     return float((ranks[astray].sum() - n * (n + 1) / 2) / (n * (len(astray) - n)))
 
 

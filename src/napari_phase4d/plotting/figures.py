@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
+from napari_phase4d.later import xr
 from napari_phase4d.plotting.colours import phase_colours
 from napari_phase4d.words import view_in_words
 
