@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pint
-import xarray as xr
 from napari.layers import Image
 
 from napari_phase4d._napari.session.opening import open_anything
@@ -36,6 +35,7 @@ from napari_phase4d.io import (
 )
 from napari_phase4d.io.results import is_result
 from napari_phase4d.io.sequences import by_number
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import CELLS, EUGLENA, cells_sample, euglena_sample, yeast_sample

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from napari.layers import Image
 from napari.qt.threading import create_worker
 from napari.utils.notifications import show_error, show_info
@@ -28,6 +27,7 @@ from napari_phase4d._napari.viewing.layers import (
     stack_of_layer,
 )
 from napari_phase4d.holography import find_lobes, reconstruct
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, unwrap

@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from magicgui.widgets import ComboBox
 from napari.layers import Image
 from qtpy.QtCore import Qt
@@ -21,6 +20,7 @@ from napari_phase4d._napari.viewing.layers import METADATA_KEY, lazy_of, stack_o
 from napari_phase4d._napari.widgets.agreement import AgreementStrip
 from napari_phase4d._napari.widgets.section import LowTabs
 from napari_phase4d.analysis import best_known, most_trusted, order_verdict, steps_sentence
+from napari_phase4d.later import xr
 from napari_phase4d.plotting import EXACT
 from napari_phase4d.words import frame_in_words
 

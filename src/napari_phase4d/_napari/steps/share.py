@@ -8,7 +8,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
 from magicgui.widgets import FloatSpinBox
 from qtpy.QtGui import QGuiApplication
 from qtpy.QtWidgets import QFileDialog
@@ -18,6 +17,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.viewing.pointing import table_of_regions
 from napari_phase4d.analysis import in_memory
 from napari_phase4d.io import OME_TIFF, write_figure, write_movie
+from napari_phase4d.later import xr
 from napari_phase4d.plotting import (
     EXACT,
     comparison_figure,

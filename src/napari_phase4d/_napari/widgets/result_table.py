@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import pandas as pd
 from qtpy.QtCore import Qt
 from qtpy.QtGui import QColor, QGuiApplication, QKeyEvent, QKeySequence
 from qtpy.QtWidgets import (
@@ -15,6 +14,8 @@ from qtpy.QtWidgets import (
     QTableWidgetItem,
     QWidget,
 )
+
+from napari_phase4d.later import pd
 
 __all__ = ["ResultTable"]
 
