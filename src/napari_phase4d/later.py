@@ -7,7 +7,11 @@ scikit-image load their own parts in this way: ``import scipy`` and ``scipy.ndim
 
 from __future__ import annotations
 
+import functools
 import importlib
+import threading
+from collections.abc import Callable
+from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -15,7 +19,10 @@ if TYPE_CHECKING:
     import tifffile
     import xarray as xr
 
-__all__ = ["pd", "tifffile", "xr"]
+__all__ = ["load_ahead", "pd", "tifffile", "xr"]
+
+#: What almost everything that is done with a recording takes.
+NEEDED_SOON = ("numba", "xarray", "scipy.fft", "scipy.ndimage", "scipy.special", "tifffile")
 
 
 class Library:
@@ -56,3 +63,29 @@ if not TYPE_CHECKING:  # so that type checkers see the libraries themselves
     pd = Library("pandas")
     tifffile = Library("tifffile")
     xr = Library("xarray")
+
+
+@functools.cache
+def load_ahead(then: Callable[[], object]) -> threading.Thread:
+    """Load in a thread, once, what is needed soon, so that the first click does not wait for it.
+
+    Parameters
+    ----------
+    then : callable
+        What to do in that thread when all is there.
+
+    Returns
+    -------
+    threading.Thread
+        It ends by itself, after about half a second.
+    """
+
+    def work() -> None:
+        for name in NEEDED_SOON:
+            with suppress(ImportError):  # what needs it will say so
+                importlib.import_module(name)
+        then()
+
+    thread = threading.Thread(target=work, name="loading ahead")
+    thread.start()
+    return thread
