@@ -20,6 +20,7 @@ ALLOWED = {
     "axes": set(),
     "machine": set(),
     "compiling": set(),
+    "later": set(),
     "optics": set(),
     "phasors": set(),
     "task": set(),
@@ -71,9 +72,15 @@ INNER = {
     "__init__": set(),
 }
 #: Modules that import nothing of ours, so that every room may use them.
-LEAVES = {"axes", "compiling", "machine", "words"}
+LEAVES = {"axes", "compiling", "later", "machine", "words"}
 #: The place where stacks come in imports leaves only, so that every room above may ask it.
 INTAKE = "stacks"
+#: Libraries that take from 5 to 300 ms to load, of what naming, asking and opening do without.
+HEAVY = {
+    "PIL", "dask.array", "h5py", "imageio", "matplotlib", "numba", "pandas", "scipy.fft",
+    "scipy.ndimage", "scipy.optimize", "scipy.special", "skimage.measure", "tifffile", "xarray",
+    "zarr",
+}  # fmt: skip
 GUI = {"napari", "qtpy", "magicgui", "superqt", "PyQt6", "PySide6", "PyQt5", "PySide2"}
 
 
@@ -179,15 +186,43 @@ def test_importing_the_package_loads_neither_qt_nor_napari() -> None:
     assert found.stdout.strip() == "[]"
 
 
-def test_importing_the_package_is_light() -> None:
-    code = (
-        "import sys, napari_phase4d; "
-        "print(sorted(set(sys.modules) & {'numpy', 'scipy', 'skimage', 'xarray', 'pandas'}))"
-    )
+def loaded_by(code: str) -> set[str]:
+    """Return the modules that a new Python has loaded after some code."""
     found = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        [sys.executable, "-c", f"{code}\nimport sys\nprint(*sys.modules)"],
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    return set(found.stdout.splitlines()[-1].split())
+
+
+def test_importing_the_package_is_light() -> None:
+    light = loaded_by("import napari_phase4d")
+    assert not light & {"numpy", "scipy", "skimage", "xarray", "pandas", "importlib.metadata"}
+
+
+@pytest.mark.parametrize("code", [
+    "import napari_phase4d as p4d; [getattr(p4d, name) for name in p4d.__all__]",
+    "from napari_phase4d.cli.app import app; app(['--help'], standalone_mode=False)",
+    "from napari_phase4d._napari.session import Session; Session()",
+])  # fmt: skip
+def test_naming_what_there_is_loads_nothing_heavy(code: str) -> None:
+    assert not loaded_by(code) & HEAVY
+
+
+def test_a_library_is_loaded_once_for_all_threads() -> None:
+    code = (
+        "import threading, napari_phase4d.later as later\n"
+        "kinds, start = [], threading.Barrier(8)\n"
+        "def ask():\n"
+        "    start.wait()\n"
+        "    kinds.append(later.xr.DataArray)\n"
+        "threads = [threading.Thread(target=ask) for _ in range(8)]\n"
+        "[thread.start() for thread in threads]; [thread.join() for thread in threads]\n"
+        "import xarray; assert kinds == 8 * [xarray.DataArray], kinds\n"
+        "import pickle; assert pickle.loads(pickle.dumps(later.xr)).Dataset is xarray.Dataset\n"
+        "assert 'DataArray' in dir(later.xr)"
     )
-    assert found.stdout.strip() == "[]"
+    assert "xarray" in loaded_by(code)
 
 
 def test_every_public_name_exists() -> None:

@@ -18,7 +18,6 @@ The chain, in the order of use:
 from __future__ import annotations
 
 import importlib
-from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -96,6 +95,8 @@ if not TYPE_CHECKING:  # else type checkers would take every name for one of the
     def __getattr__(name: str) -> Any:
         """Load a public name from its home when it is first asked for."""
         if name == "__version__":
+            from importlib import metadata  # which takes as long as all the rest
+
             return metadata.version("napari-phase4d")
         if name == "simulation":
             return importlib.import_module("napari_phase4d.simulation")

@@ -6,8 +6,9 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, TypeVar
 
-import xarray as xr
 from numpy.typing import NDArray
+
+from napari_phase4d.later import xr
 
 __all__ = ["AXES", "PLAIN_AXES", "UNITS", "WAVELENGTH", "coordinate", "in_full"]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import inspect
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -20,6 +21,8 @@ HERE = Path(__file__).parent
 #: What lets a loop work on several pixels at once: a division by zero gives infinity, and sums may
 #: be taken in another order, always the same on one machine.
 VECTORIZED = {"error_model": "numpy", "fastmath": {"reassoc", "nsz", "contract"}}
+#: Held while numba is told of a function, so that threads don't tell it of one twice.
+FORMING = threading.RLock()
 
 
 def compiled(function: F) -> F:
@@ -28,12 +31,12 @@ def compiled(function: F) -> F:
     Compiled functions leave the interpreter's lock, so that frames can be worked on in threads.
     Where nothing can be compiled, the function stays as it is.
     """
-    return compiled_with(function, {})
+    return cast("F", WhenCalled(function, {}))
 
 
 def vectorized(function: F) -> F:
     """Do the same with a loop over pixels that does not depend on the order of its sums."""
-    return compiled_with(function, VECTORIZED)
+    return cast("F", WhenCalled(function, VECTORIZED))
 
 
 def unchecked(function: F) -> F:
@@ -41,15 +44,59 @@ def unchecked(function: F) -> F:
 
     A loop that is to raise an error there works on one number at a time.
     """
-    return compiled_with(function, {"error_model": "numpy"})
+    return cast("F", WhenCalled(function, {"error_model": "numpy"}))
 
 
-def compiled_with(function: F, options: dict[str, Any]) -> F:
+class WhenCalled:
+    """A function that numba is told of when it is first called, also by a compiled one.
+
+    There are a hundred of them in modules that every window and every command loads, and numba
+    itself takes a third of a second to load.
+
+    Parameters
+    ----------
+    function : callable
+        As it is written.
+    options : dict
+        Those of numba.
+    """
+
+    def __init__(self, function: Callable[..., Any], options: dict[str, Any]) -> None:
+        functools.update_wrapper(self, function)
+        self._options = options
+        self._form: Any = None
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call what it was compiled to."""
+        return (self._form or self.form())(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        """Return what numba knows of it."""
+        return getattr(self.form(), name)
+
+    def __reduce__(self) -> str:
+        """Let it be sent to other processes, by its name, as functions are."""
+        return str(self.__qualname__)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """What a compiled function that calls this one takes it for; the name is numba's."""
+        return self.form()._numba_type_
+
+    def form(self) -> Any:
+        """Return numba's form of it, or where nothing can be compiled the function itself."""
+        with FORMING:
+            if self._form is None:
+                self._form = compiled_with(self.__wrapped__, self._options)
+        return self._form
+
+
+def compiled_with(function: Callable[..., Any], options: dict[str, Any]) -> Any:
     """Compile a function with some options of numba, if anything can be compiled here."""
     if not can_compile():
         return function
     drop_outdated(room_of(function))
-    return cast("F", jitted(function, options))
+    return jitted(function, options)
 
 
 def jitted(function: Callable[..., Any], options: dict[str, Any]) -> Any:

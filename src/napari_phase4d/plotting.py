@@ -10,10 +10,10 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
+from napari_phase4d.later import xr
 from napari_phase4d.words import view_in_words
 
 if TYPE_CHECKING:

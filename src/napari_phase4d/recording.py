@@ -9,10 +9,10 @@ from typing import Any, Protocol
 from weakref import WeakValueDictionary
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import PLAIN_AXES, coordinate
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.words import check_type, warn
 

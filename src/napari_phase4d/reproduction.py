@@ -12,12 +12,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-
-import pandas as pd
-import xarray as xr
+from typing import TypeAlias
 
 from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.io import write_figure, write_movie, write_table
+from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import PAPER_METHODS, Recipe, run
 from napari_phase4d.plotting import comparison_figure, movie_frames, phase_limits
 from napari_phase4d.sample import euglena_sample
@@ -48,7 +47,7 @@ FIG_2_FRAMES = ((0, 0), (0, 5), (11, 0), (11, 5))
 #: The frames of Fig. 4: the thin one, and a thick one from both angles.
 FIG_4_FRAMES = ((0, 0), (0, 1), (30, 0), (30, 1))
 
-Stacks = dict[str, xr.DataArray]
+Stacks: TypeAlias = "dict[str, xr.DataArray]"
 
 
 @dataclass(frozen=True)

@@ -13,10 +13,10 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, in_full
+from napari_phase4d.later import xr
 from napari_phase4d.machine import free_memory
 from napari_phase4d.words import size_in_words
 

@@ -125,3 +125,31 @@ def test_a_script_that_ends_while_the_dock_is_open_ends_well() -> None:
     command = [sys.executable, "-W", "ignore", "-c", SCRIPT]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
     assert (done.returncode, done.stdout.strip()) == (0, "Phase4DDock"), done.stderr
+
+
+STARTING = """
+import sys, time
+import napari
+from qtpy.QtWidgets import QApplication
+
+viewer = napari.Viewer()
+QApplication.processEvents()
+of_napari = set(sys.modules)
+viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+QApplication.processEvents()
+print(*sorted({"h5py", "matplotlib", "pandas", "scipy.fft", "scipy.ndimage", "scipy.special",
+               "tifffile", "xarray", "zarr"} & (set(sys.modules) - of_napari)))
+end = time.monotonic() + 60
+while "xarray" not in sys.modules and time.monotonic() < end:
+    QApplication.processEvents()
+print("xarray" in sys.modules)
+"""
+
+
+@pytest.mark.slow
+def test_the_dock_opens_before_what_it_does_not_show_is_loaded() -> None:
+    command = [sys.executable, "-W", "ignore", "-c", STARTING]
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    heavy, ahead = done.stdout.splitlines()[-2:]
+    assert heavy == ""
+    assert ahead == "True"  # before it is clicked at

@@ -42,6 +42,7 @@ from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Beside, Section
 from napari_phase4d.holography import angles_unknown
+from napari_phase4d.later import load_ahead
 from napari_phase4d.pipeline import start_words, warm_up_elsewhere
 from napari_phase4d.unwrapping import left_out_advice
 
@@ -155,7 +156,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         if advice := binding_advice(sys.version_info[:3], qtpy.PYSIDE_VERSION):
             show_warning(advice)
         self._catch_up()
-        warm_up_elsewhere()
+        # The window is painted first.
+        QTimer.singleShot(QUIET_AFTER_MS, partial(load_ahead, warm_up_elsewhere))
         atexit.register(close_with_python, weakref.ref(self))
         # Layers would be kept until the dock is closed, also those that are removed.
         self._collecting = None if len(napari_viewer.layers) else Collecting()

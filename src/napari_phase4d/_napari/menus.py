@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 import pint
-import xarray as xr
 from napari.layers import Image
 from napari.qt.threading import create_worker
 from napari.utils.notifications import show_error, show_info
@@ -48,6 +47,7 @@ from napari_phase4d.io import (
 )
 from napari_phase4d.io.results import is_result
 from napari_phase4d.io.sequences import by_number
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording

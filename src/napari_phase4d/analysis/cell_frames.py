@@ -7,9 +7,9 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 import skimage
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.unwrapping import median_of, noise_of
 
@@ -55,7 +55,7 @@ class Rule:
             return np.zeros(phase.shape, dtype=np.int32)
         noise = noise_of(filled, None if known.all() else known)
         values = filled.ravel() if known.all() else filled[known]
-        height = ndimage.gaussian_filter(filled - level_of(values), SMOOTHING)
+        height = scipy.ndimage.gaussian_filter(filled - level_of(values), SMOOTHING)
         height[~known] = 0
         # What the noise leaves after smoothing, or how uneven the empty field is.
         left = max(noise / (2 * math.sqrt(math.pi) * SMOOTHING), unevenness(height[known]))
@@ -64,7 +64,7 @@ class Rule:
             height, max(LOW * high, 4.5 * left), high
         )
         above = without_holes(opened(above))
-        labels, count = ndimage.label(above & ends_half_way(height, above))
+        labels, count = scipy.ndimage.label(above & ends_half_way(height, above))
         labels = labels.astype(np.int32)
         if self.split and count:
             labels = cut_at_necks(labels, height, self.smallest)
@@ -94,7 +94,7 @@ def level_of(values: NDArray[np.floating]) -> float:
     low, high = np.quantile(values, (0.001, 0.999))
     bins = int(np.clip((high - low) / 0.05, 8, 4096))
     counts, edges = np.histogram(values, bins, (low, max(high, low + 1e-3)))
-    smooth = ndimage.gaussian_filter1d(counts.astype(float), 1.5)
+    smooth = scipy.ndimage.gaussian_filter1d(counts.astype(float), 1.5)
     middle = float(edges[int(np.argmax(smooth))] + (edges[1] - edges[0]) / 2)
     near = values[np.abs(values - middle) < 0.3]
     return median_of(near) if near.size else middle
@@ -106,7 +106,7 @@ def ends_half_way(height: Image, blobs: Mask) -> Mask:
     Smoothing and the optics blur the end of a cell to both sides of it: what is far below the
     phase a few pixels further in lies outside.
     """
-    near = ndimage.maximum_filter(height, 2 * RIM + 1)
+    near = scipy.ndimage.maximum_filter(height, 2 * RIM + 1)
     return without_holes(blobs & (height > RISEN * near)) & blobs
 
 
@@ -133,7 +133,7 @@ def without_holes(mask: Mask) -> Mask:
 
     Like `scipy.ndimage.binary_fill_holes`, which goes round and round until nothing changes.
     """
-    outside, count = ndimage.label(~mask)
+    outside, count = scipy.ndimage.label(~mask)
     keeps = np.ones(count + 1, dtype=bool)
     for side in (outside[0], outside[-1], outside[:, 0], outside[:, -1]):
         keeps[side] = False
@@ -148,19 +148,21 @@ def cut_at_necks(labels: Labels, height: Image, smallest: float) -> Labels:
 
     found = labels.copy()
     count = int(labels.max())
-    for number, box in enumerate(ndimage.find_objects(labels), 1):
+    for number, box in enumerate(scipy.ndimage.find_objects(labels), 1):
         if box is None:
             continue
         blob = np.pad(labels[box] == number, 1)
-        depth = ndimage.gaussian_filter(ndimage.distance_transform_edt(blob), 1.0) * blob
+        depth = (
+            scipy.ndimage.gaussian_filter(scipy.ndimage.distance_transform_edt(blob), 1.0) * blob
+        )
         if peaks_of(depth, blob) < 2:  # most of them: one cell, for sure
             continue
         deepest = float(depth.max())
-        markers, n = ndimage.label(h_maxima(depth, 0.1 * deepest))
+        markers, n = scipy.ndimage.label(h_maxima(depth, 0.1 * deepest))
         if n < 2:
             continue
         parts = skimage.segmentation.watershed(-depth, markers, mask=blob)
-        widest = ndimage.maximum(depth, parts, np.arange(n + 1))
+        widest = scipy.ndimage.maximum(depth, parts, np.arange(n + 1))
         parts = joined_over_wide_necks(parts, depth, widest, smallest, NECK)
         parts = cut_at_valleys(parts, markers, np.pad(height[box], 1), smallest)
         inner = parts[1:-1, 1:-1]
@@ -172,8 +174,8 @@ def cut_at_necks(labels: Labels, height: Image, smallest: float) -> Labels:
 
 def peaks_of(depth: Image, blob: Mask) -> int:
     """Return how many summits there are, high and low ones."""
-    summits = blob & (depth == ndimage.maximum_filter(depth, 3))
-    return int(ndimage.label(summits, np.ones((3, 3)))[1])
+    summits = blob & (depth == scipy.ndimage.maximum_filter(depth, 3))
+    return int(scipy.ndimage.label(summits, np.ones((3, 3)))[1])
 
 
 def cut_at_valleys(parts: Labels, markers: Labels, height: Image, smallest: float) -> Labels:
@@ -188,7 +190,7 @@ def cut_at_valleys(parts: Labels, markers: Labels, height: Image, smallest: floa
     cut = parts.copy()
     for number in range(1, int(parts.max()) + 1):
         part = parts == number
-        inside, count = ndimage.label(part & (markers > 0))
+        inside, count = scipy.ndimage.label(part & (markers > 0))
         if count < 2:
             continue
         low = np.where(part, height, 0)

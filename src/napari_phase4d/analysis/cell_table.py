@@ -6,13 +6,12 @@ import math
 from typing import Any
 
 import numpy as np
-import pandas as pd
+import scipy
 import skimage
-import xarray as xr
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.axes import WAVELENGTH
+from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import wavelengths_of
@@ -184,7 +183,7 @@ def cells_of_frame(
     # The optics blur the end of a cell: what lies just outside of it is part of its mass.
     summed = np.where(known, skimage.segmentation.expand_labels(labels, BLURRED), 0)
     n_summed = np.bincount(summed.ravel())[numbers]
-    empty = known & (ndimage.maximum_filter(labels, 2 * AWAY + 1) == 0)
+    empty = known & (scipy.ndimage.maximum_filter(labels, 2 * AWAY + 1) == 0)
     level = float(np.median(phase[empty])) if empty.any() else 0.0
     height = np.where(known, phase - level, 0.0)
     sums = np.bincount(inside.ravel(), height.ravel())[numbers]
@@ -192,7 +191,7 @@ def cells_of_frame(
     count = counts[numbers]
     noise = noise_of(height.astype(np.float32), known)
     squared = (n_summed * error_of_mean(height, empty, n_summed, noise)) ** 2
-    rim = inside * (ndimage.grey_erosion(inside, 2 * RIM + 1) != inside)
+    rim = inside * (scipy.ndimage.grey_erosion(inside, 2 * RIM + 1) != inside)
     of_rim = np.bincount(rim.ravel(), height.ravel(), counts.size)[numbers]
     squared += (RIM_SHARE * of_rim) ** 2
     touching = np.bincount(summed.ravel(), (height * at_contact(summed)).ravel(), counts.size)
@@ -201,7 +200,7 @@ def cells_of_frame(
         off = 1 - np.nan_to_num(trust)
         doubt = np.bincount(inside.ravel(), np.where(off > 1 - SURE, off, 0).ravel(), counts.size)
         squared += (TURN * doubt[numbers]) ** 2
-    centres = np.array(ndimage.center_of_mass(np.ones(labels.shape), inside, numbers))
+    centres = np.array(scipy.ndimage.center_of_mass(np.ones(labels.shape), inside, numbers))
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     props = skimage.measure.regionprops_table(inside, properties=("label", "perimeter_crofton"))
     return {
@@ -210,7 +209,7 @@ def cells_of_frame(
         "sum": sums,
         "mass": masses,
         "error": np.sqrt(squared),
-        "largest": ndimage.maximum(height, inside, numbers),
+        "largest": scipy.ndimage.maximum(height, inside, numbers),
         "y": centres[:, 0],
         "x": centres[:, 1],
         "perimeter": props["perimeter_crofton"],
@@ -220,10 +219,12 @@ def cells_of_frame(
 
 def at_contact(labels: Labels) -> NDArray[np.bool_]:
     """Return the pixels near to where cells touch: which of them they belong to is a choice."""
-    highest = ndimage.maximum_filter(labels, 3)
-    lowest = ndimage.minimum_filter(np.where(labels > 0, labels, np.iinfo(np.int32).max), 3)
+    highest = scipy.ndimage.maximum_filter(labels, 3)
+    lowest = scipy.ndimage.minimum_filter(np.where(labels > 0, labels, np.iinfo(np.int32).max), 3)
     line = (labels > 0) & (highest != lowest)
-    found: NDArray[np.bool_] = ndimage.binary_dilation(line, iterations=CONTACT) & (labels > 0)
+    found: NDArray[np.bool_] = scipy.ndimage.binary_dilation(line, iterations=CONTACT) & (
+        labels > 0
+    )
     return found
 
 

@@ -13,14 +13,13 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import pandas as pd
+import scipy
 import skimage
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.axes import AXES
+from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import check_rising, checked_labels, unwrapped_stack
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
@@ -239,11 +238,11 @@ def split_as_before(now: Labels, blob: int, before: Labels, cells: NDArray[Any])
     inside = now == blob
     markers = np.zeros_like(now)
     for number, cell in enumerate(cells, 1):
-        core = ndimage.binary_erosion((before == cell) & inside, iterations=2)
+        core = scipy.ndimage.binary_erosion((before == cell) & inside, iterations=2)
         markers[core] = number
     if len(np.unique(markers)) <= 2:
         return
-    depth = ndimage.distance_transform_edt(inside)
+    depth = scipy.ndimage.distance_transform_edt(inside)
     parts = skimage.segmentation.watershed(-depth, markers, mask=inside)
     top = int(now.max())
     for extra in range(2, int(parts.max()) + 1):
@@ -467,8 +466,6 @@ def across(first: pd.DataFrame, other: pd.DataFrame) -> dict[int, int]:
     tracks = [np.unique(part[:, 0]).astype(int) for part in (one, two)]
     lengths = [np.bincount(view["track"].to_numpy(int)) for view in (first, other)]
     limit = REACH_ACROSS * diameter
-    from scipy.optimize import linear_sum_assignment  # which takes a tenth of a second
-
     cost = np.full((len(tracks[0]), len(tracks[1])), 10 * limit)
     for i, j in np.ndindex(*cost.shape):
         of_pair = (one[:, 0] == tracks[0][i]) & (two[:, 0] == tracks[1][j])
@@ -478,7 +475,7 @@ def across(first: pd.DataFrame, other: pd.DataFrame) -> dict[int, int]:
         apart = float(np.median(off[of_pair]))
         if apart < limit and share > TOGETHER:
             cost[i, j] = apart + float(np.median(grown[of_pair])) - 0.1 * limit * share
-    rows, found = linear_sum_assignment(cost)
+    rows, found = scipy.optimize.linear_sum_assignment(cost)
     return {
         int(tracks[1][j]): int(tracks[0][i])
         for i, j in zip(rows, found, strict=True)

@@ -7,8 +7,6 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
 
-import pandas as pd
-import xarray as xr
 from numpy.typing import ArrayLike
 
 from napari_phase4d.analysis.confidence import (
@@ -22,6 +20,7 @@ from napari_phase4d.analysis.confidence import (
 )
 from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
+from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import Measured, measured
 from napari_phase4d.stack import stack_of
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack

@@ -9,12 +9,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
+import scipy
 from numpy.typing import ArrayLike, NDArray
-from scipy import ndimage
 
 from napari_phase4d.analysis.differences import DOUBTFUL
 from napari_phase4d.axes import in_full
+from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
@@ -471,7 +471,7 @@ class Count:
 
 def slips(inside: Mask, wrong: list[Mask]) -> list[bool]:
     """Say for each mask of doubt whether most of an object of the frame lies in it."""
-    labels, count = ndimage.label(inside)
+    labels, count = scipy.ndimage.label(inside)
     if not count:
         return [False] * len(wrong)
     size = np.bincount(labels.ravel(), minlength=count + 1)[1:]

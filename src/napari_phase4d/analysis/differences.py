@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, in_full
+from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import (
     KIND,

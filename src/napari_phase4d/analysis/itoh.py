@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.later import xr
 from napari_phase4d.stack import in_memory, parts_over_time
 from napari_phase4d.stacks import check_rising, unwrapped_stack, wavelengths_of, wrapped_stack
 from napari_phase4d.unwrapping import both_ends, frames_among, loop_sums, views_by_light

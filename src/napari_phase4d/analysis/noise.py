@@ -7,11 +7,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-import pandas as pd
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
+from napari_phase4d.later import pd, xr
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 
@@ -240,17 +239,17 @@ def empty_field(phase: Image) -> Mask:
     known = np.isfinite(phase)
     unit = np.where(known, np.exp(1j * np.where(known, phase, 0)), 0)
     counts, edges = np.histogram(phase[known], BINS, (-np.pi, np.pi))
-    peak = int(ndimage.uniform_filter1d(counts.astype(float), 5, mode="wrap").argmax())
+    peak = int(scipy.ndimage.uniform_filter1d(counts.astype(float), 5, mode="wrap").argmax())
     unit = unit * np.exp(-0.5j * (edges[peak] + edges[peak + 1]))
-    smooth = ndimage.gaussian_filter(unit.real, SMOOTHING) + 1j * ndimage.gaussian_filter(
-        unit.imag, SMOOTHING
-    )
+    smooth = scipy.ndimage.gaussian_filter(
+        unit.real, SMOOTHING
+    ) + 1j * scipy.ndimage.gaussian_filter(unit.imag, SMOOTHING)
     near = np.abs(np.angle(smooth)) < FLAT_RAD
     smooth *= np.exp(-1j * np.angle(smooth[near].sum())) if near.any() else 1
-    flat = ndimage.binary_erosion(
+    flat = scipy.ndimage.binary_erosion(
         known & (np.abs(np.angle(smooth)) < FLAT_RAD), iterations=RIM, border_value=1
     )
-    labels, count = ndimage.label(flat)
+    labels, count = scipy.ndimage.label(flat)
     joined = np.zeros(count + 1, dtype=bool)
     for line in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
         joined[line] = True

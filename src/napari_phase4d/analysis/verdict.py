@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.confidence import REFERENCE, Tally, turns_off
 from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
+from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import METHODS, Problem
 from napari_phase4d.words import frame_in_words
 

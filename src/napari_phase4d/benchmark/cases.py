@@ -8,10 +8,10 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.holography import Lobe, reconstruct
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation import (
     FAULTS,

@@ -10,15 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.benchmark.cases import GROUPS, SUITE_VERSION, Case, cases, checked_groups
 from napari_phase4d.io import write_figure, write_table
 from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import program_version
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.unwrapping import METHODS, methods_for
@@ -179,7 +178,7 @@ def area_under_curve(
     n = int(astray.sum())
     if n < ENOUGH or n == len(astray):
         return float("nan")
-    ranks = rankdata(np.nan_to_num(doubt, nan=1.0))
+    ranks = scipy.stats.rankdata(np.nan_to_num(doubt, nan=1.0))
     return float((ranks[astray].sum() - n * (n + 1) / 2) / (n * (len(astray) - n)))
 
 

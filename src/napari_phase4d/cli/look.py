@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Annotated
 
 import numpy as np
-import pandas as pd
 import typer
-import xarray as xr
 from rich.markup import escape
 from rich.table import Table
 
@@ -28,6 +26,7 @@ from napari_phase4d.holography import (
     reconstruct,
 )
 from napari_phase4d.io import check_figure, write_figure
+from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import free_memory
 from napari_phase4d.pipeline import (
     DEFAULT_METHODS,

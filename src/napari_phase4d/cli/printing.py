@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-import xarray as xr
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import Progress
@@ -24,6 +22,7 @@ from napari_phase4d.holography import (
     reconstruction_advice,
 )
 from napari_phase4d.io import write_figure
+from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import Outcome, Recipe, start_sentence
 from napari_phase4d.plotting import comparison_figure, named_results, telling_frames
 from napari_phase4d.task import ProgressCall

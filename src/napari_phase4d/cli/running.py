@@ -12,7 +12,6 @@ from typing import Annotated, Any
 
 import numpy as np
 import typer
-import xarray as xr
 from numpy.typing import NDArray
 from rich.markup import escape
 
@@ -64,6 +63,7 @@ from napari_phase4d.cli.printing import (
     write_picture,
 )
 from napari_phase4d.io import holds_phase, open_phase
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     Outcome,

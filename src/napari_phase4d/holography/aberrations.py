@@ -21,9 +21,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.polynomial import legendre
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.holography.emptyfield import fitted, joined_to_the_border, mode_phase, wrapped
 
@@ -328,7 +328,7 @@ class Look:
         """Judge a surface (y, x) on the coarse grid."""
         rest = wrapped(self.phase - surface)
         rest = wrapped(rest - level_of(rest, self.outer))
-        smooth = ndimage.uniform_filter(rest, 3)
+        smooth = scipy.ndimage.uniform_filter(rest, 3)
         near = self.lit & reached(np.abs(smooth) < EXPLAINED_RAD, self.lit)
         close = np.where(near, 1 - (smooth / EXPLAINED_RAD) ** 2, 0)
         ends = sum(bool(near[end].mean() > END_EXPLAINED) for end in self._ends)

@@ -29,8 +29,8 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import gammaincinv
 
 from napari_phase4d.holography.lobes import MAX_VIEWS, pair_distance
 from napari_phase4d.holography.spectrum import PLAIN, Half, Peak, Spectrum, half_plane
@@ -384,7 +384,9 @@ def clues_of(
     coarse, (ky, kx), pooled = coarser(half, shape)
     frames = len(spectra) * pooled
     # What is noise is the mean of so many exponentials.
-    floor = float(np.quantile(coarse, 0.1)) * frames / float(gammaincinv(frames, 0.1))
+    floor = (
+        float(np.quantile(coarse, 0.1)) * frames / float(scipy.special.gammaincinv(frames, 0.1))
+    )
     carriers = [peak.carrier for peak in peaks]
     profiles = [
         profile(coarse, distance, near == i)

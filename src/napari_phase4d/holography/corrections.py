@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import PLAIN_AXES
@@ -24,6 +23,7 @@ from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
 from napari_phase4d.holography.quality import is_noise
+from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.task import Task, Watch, in_threads
 

@@ -7,9 +7,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
+import scipy
 from numpy.typing import NDArray
-from scipy.special import erfc
 
 from napari_phase4d.holography.lobes import Lobe
 
@@ -30,7 +29,7 @@ def disk(rho: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def smooth_disk(rho: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return a disk with a Gaussian-blurred edge, 1/2 at the radius."""
-    soft: NDArray[np.float64] = 0.5 * erfc((rho - 1) / (EDGE * np.sqrt(2)))
+    soft: NDArray[np.float64] = 0.5 * scipy.special.erfc((rho - 1) / (EDGE * np.sqrt(2)))
     return np.where(rho < 1 + 4 * EDGE, soft, 0.0)
 
 

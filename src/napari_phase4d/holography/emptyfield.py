@@ -12,8 +12,8 @@ import math
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import parts_of
@@ -117,7 +117,7 @@ def joined_to_the_border(near: NDArray[np.bool_]) -> NDArray[np.bool_]:
     Inside a thick object the phase comes back to that of the background at every turn; the
     object's steep rim keeps those places apart from it.
     """
-    labels, _ = ndimage.label(near)
+    labels, _ = scipy.ndimage.label(near)
     edges = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     joined = np.zeros(labels.max() + 1, dtype=bool)
     joined[edges] = True

@@ -23,7 +23,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-import scipy.fft
+import scipy
 import skimage
 from numpy.typing import NDArray
 

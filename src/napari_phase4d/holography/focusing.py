@@ -21,11 +21,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.refocusing import PixelSize, Propagator, check_light, pixel_sides
+from napari_phase4d.later import xr
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 
 __all__ = ["FOCUS_METRICS", "FOCUS_OBJECTS", "Focus", "autofocus", "depth_of_focus_um"]
@@ -299,11 +300,9 @@ def prominence(scores: NDArray[np.float64]) -> float:
 
 def refined(cost: Callable[[float], float], distances: NDArray[np.float64], best: int) -> float:
     """Return the distance of least cost between the neighbours of the best plane."""
-    from scipy.optimize import minimize_scalar
-
     low, high = distances[max(best - 1, 0)], distances[min(best + 1, len(distances) - 1)]
     step = float(distances[1] - distances[0])
-    found = minimize_scalar(
+    found = scipy.optimize.minimize_scalar(
         cost, bounds=(low, high), method="bounded", options={"xatol": EXACT_SHARE * step}
     )
     return float(found.x)

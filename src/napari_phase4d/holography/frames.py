@@ -11,7 +11,6 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
@@ -28,6 +27,7 @@ from napari_phase4d.holography.focusing import Focus
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import LostFrames
 from napari_phase4d.holography.refocusing import Propagator
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.phasors import to_polar
 from napari_phase4d.recording import BrokenFrameError, Recording
@@ -328,7 +328,7 @@ class Preview:
         return phase
 
 
-Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
+Stack = TypeVar("Stack", "xr.Dataset", "xr.DataArray")
 
 
 def lobe_note(lobe: Lobe) -> dict[str, object]:

@@ -6,12 +6,12 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.axes import AXES
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.later import xr
 
 __all__ = [
     "fringe_advice",
@@ -108,7 +108,7 @@ def shows_fringes(field: NDArray[np.complex64]) -> NDArray[np.bool_]:
     bright = float(np.quantile(size, BRIGHT))
     if bright == 0:
         return np.zeros(field.shape, dtype=bool)
-    local = ndimage.uniform_filter(size, WINDOW // 2)
+    local = scipy.ndimage.uniform_filter(size, WINDOW // 2)
     seen: NDArray[np.bool_] = local >= DARK * bright
     if not seen.all():
         alike = np.minimum(*(alike_along(field, size, axis) for axis in (0, 1)))
@@ -136,8 +136,8 @@ def alike_along(
     n = field.shape[axis]
     there = field.take(np.minimum(np.arange(n) + APART, n - 1), axis)
     product = field.conj() * there
-    mean = [ndimage.uniform_filter(part, WINDOW) for part in (product.real, product.imag)]
-    power = ndimage.uniform_filter(size * np.abs(there), WINDOW)
+    mean = [scipy.ndimage.uniform_filter(part, WINDOW) for part in (product.real, product.imag)]
+    power = scipy.ndimage.uniform_filter(size * np.abs(there), WINDOW)
     alike: NDArray[np.float32] = np.hypot(*mean) / np.maximum(power, np.finfo(np.float32).tiny)
     return alike
 

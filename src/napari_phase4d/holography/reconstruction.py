@@ -8,7 +8,6 @@ from numbers import Real
 from typing import Any, Literal
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.background import background_advice, curvature_advice
@@ -40,6 +39,7 @@ from napari_phase4d.holography.lobes import (
 )
 from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads

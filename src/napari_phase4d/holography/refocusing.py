@@ -15,10 +15,10 @@ from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
-import scipy.fft
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
 
+from napari_phase4d.later import xr
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 

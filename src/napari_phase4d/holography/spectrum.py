@@ -7,14 +7,13 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
-import scipy.fft
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.lobes import canonical, pair_distance
 from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
+from napari_phase4d.later import xr
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_type
@@ -301,7 +300,7 @@ def ring_median(half: Half, shape: tuple[int, int]) -> Half:
     ring = position.astype(int)
     # A few hundred of a ring's pixels give its median well enough; large frames have thousands.
     thin = (slice(None, None, max(1, shape[0] // 256)), slice(None, None, max(1, shape[1] // 256)))
-    median = np.asarray(ndimage.median(half[thin], ring[thin], np.arange(ring.max() + 1)))
+    median = np.asarray(scipy.ndimage.median(half[thin], ring[thin], np.arange(ring.max() + 1)))
     known = np.flatnonzero(np.isfinite(median))
     levels: Half = np.interp(position - 0.5, known, median[known])
     return np.maximum(levels, np.finfo(float).tiny)
@@ -312,7 +311,9 @@ def local_maxima(half: Half, shape: tuple[int, int]) -> NDArray[np.bool_]:
     # One column more than the main lobe on the left shows maxima at kx = 0 whole.
     mirrored = half[(-np.arange(shape[0])) % shape[0]][:, MAIN_LOBE:0:-1]
     padded = np.concatenate([mirrored, half], axis=1)
-    highest = ndimage.maximum_filter(padded, size=2 * MAIN_LOBE + 1, mode=("wrap", "nearest"))
+    highest = scipy.ndimage.maximum_filter(
+        padded, size=2 * MAIN_LOBE + 1, mode=("wrap", "nearest")
+    )
     maxima: NDArray[np.bool_] = (padded == highest)[:, MAIN_LOBE:]
     return maxima
 

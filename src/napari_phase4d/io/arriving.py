@@ -21,11 +21,11 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Stamp, WrongFrameError, in_one_line, stamp_of
 from napari_phase4d.io.video import Video, colour_sentence, grey
+from napari_phase4d.later import tifffile
 from napari_phase4d.words import as_path, shown
 
 __all__ = [

@@ -10,11 +10,11 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io.atomic import UnreadableError
+from napari_phase4d.later import xr
 from napari_phase4d.stacks import wavelength_coordinate, wavelengths_of
 from napari_phase4d.task import THREADS, UNWATCHED, Task, Watch
 

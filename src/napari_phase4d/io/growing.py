@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from napari_phase4d.io.arriving import (
@@ -30,6 +29,7 @@ from napari_phase4d.io.sequences import IMAGE_SUFFIXES, by_number, load_image, r
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_complete, read_tiff
 from napari_phase4d.io.video import Video, grey, quiet
 from napari_phase4d.io.zarr_files import ZarrReader, is_zarr, read_zarr
+from napari_phase4d.later import tifffile
 from napari_phase4d.recording import reader_of
 
 __all__ = ["arriving_at"]

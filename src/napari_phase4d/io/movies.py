@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
@@ -22,6 +21,7 @@ from napari_phase4d.words import local_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+    from PIL import Image
 
 __all__ = ["check_figure", "write_figure", "write_movie"]
 
@@ -118,6 +118,7 @@ def writer_for(path: Path) -> Callable[[Path, Iterator[Frame], float, Watch], No
 
 def write_gif(path: Path, frames: Iterator[Frame], rate: float, watch: Watch) -> None:
     """Write an animated GIF."""
+    from PIL import Image
 
     def images() -> Iterator[Image.Image]:
         for frame in frames:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 
 from napari_phase4d.axes import PLAIN_AXES
 from napari_phase4d.io.raw import RawLayout
@@ -31,6 +30,7 @@ from napari_phase4d.io.video import (
     colour_sentence,
     memory_lacks,
 )
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (

@@ -7,11 +7,9 @@ import uuid
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
-import tifffile
-import xarray as xr
 
 from napari_phase4d.axes import AXES, PLAIN_AXES, coordinate
 from napari_phase4d.io.atomic import written_whole
@@ -37,12 +35,10 @@ from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, read_tiff
 from napari_phase4d.io.video import Video, check_fits, quiet
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
+from napari_phase4d.later import pd, tifffile, xr
 from napari_phase4d.stacks import in_units, looks_wrapped
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import as_numbers, as_path, check_positive, local_path, shown
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = [
     "holds_phase",

@@ -13,12 +13,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Unsound, WrongFrameError, lazy_frames
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described
 from napari_phase4d.io.video import Video, colour_sentence, grey, quiet
+from napari_phase4d.later import tifffile
 from napari_phase4d.recording import one_frame
 
 __all__ = [

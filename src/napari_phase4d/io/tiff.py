@@ -11,7 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import tifffile
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import (
@@ -35,6 +34,7 @@ from napari_phase4d.io.video import (
     grey,
     quiet,
 )
+from napari_phase4d.later import tifffile
 
 __all__ = ["TIFF_SUFFIXES", "check_complete", "check_described", "read_tiff", "tiff_parts"]
 

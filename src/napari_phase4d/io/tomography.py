@@ -5,13 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import h5py
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES
 from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import on_grid_of, pixel_um, unwrapped_stack, wavelengths_of
 from napari_phase4d.words import as_numbers, check_type, counted, local_path, warn
@@ -243,6 +242,8 @@ def write_sinogram(path: str | Path, data: xr.Dataset) -> Path:
     TypeError, ValueError
         If it is no sinogram, or the name has another ending.
     """
+    import h5py
+
     path = local_path(path)
     if path.suffix.lower() not in ("", ".h5", ".hdf5"):
         msg = f"a sinogram is written as .h5, but the name is {path.name}"

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
@@ -30,6 +29,7 @@ from napari_phase4d.io.describing import (
     view_names,
 )
 from napari_phase4d.io.lazy import in_one_line
+from napari_phase4d.later import xr
 from napari_phase4d.recording import reader_of, remember_reader
 from napari_phase4d.task import UNWATCHED, Task, on_all_cores
 

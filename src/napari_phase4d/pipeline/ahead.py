@@ -10,11 +10,11 @@ import time
 from collections.abc import Sequence
 
 import numpy as np
-import xarray as xr
 
 from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.holography import Lobe, power_spectrum, reconstruct
 from napari_phase4d.holography.emptyfield import count_near
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import reconstruct_by, unwrap_by
 from napari_phase4d.recording import Recording

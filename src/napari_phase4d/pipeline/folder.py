@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any, Literal, get_args
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 
 from napari_phase4d.analysis import Comparison
 from napari_phase4d.io import (
@@ -20,6 +18,7 @@ from napari_phase4d.io import (
     write_table,
 )
 from napari_phase4d.io.zarr_results import note_zarr_result, path_of
+from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline.places import temporary_folder
 from napari_phase4d.pipeline.provenance import Fingerprint, provenance_of, with_provenance
 from napari_phase4d.pipeline.recipe import Recipe

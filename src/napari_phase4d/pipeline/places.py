@@ -13,11 +13,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import psutil
-import xarray as xr
 
 from napari_phase4d.analysis import REFERENCE, Comparison, compare_on
 from napari_phase4d.holography import Demodulator, Lobe
 from napari_phase4d.io.atomic import remove_folder
+from napari_phase4d.later import xr
 from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming import (

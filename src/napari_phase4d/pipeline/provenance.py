@@ -15,9 +15,8 @@ from importlib import metadata
 from pathlib import Path
 from typing import Any
 
-import xarray as xr
-
 from napari_phase4d.io import PROGRAM, address_of, parts_beside
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.pipeline.starting import FOUND_BY

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Cells, Comparison, cells_in, compare, most_trusted
@@ -26,6 +25,7 @@ from napari_phase4d.holography import (
     reconstruct_frames,
 )
 from napari_phase4d.io import open_recording
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline.places import Place, needs_of, phase_needs, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe

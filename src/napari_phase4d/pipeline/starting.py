@@ -13,11 +13,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison
 from napari_phase4d.io import address_of, open_input
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import xarray as xr
 
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.ellipsoids import (
     Ellipsoid,

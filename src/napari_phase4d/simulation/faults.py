@@ -6,9 +6,9 @@ from collections.abc import Callable, Mapping
 from types import MappingProxyType
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.later import xr
 from napari_phase4d.simulation.ellipsoids import wrap
 
 __all__ = ["FAULTS", "LOSES_FRAME", "with_fault"]

@@ -11,9 +11,9 @@ from itertools import pairwise
 from types import MappingProxyType
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.ellipsoids import check_asked, with_exact_phase
 

@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.fft
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import WAVELENGTH
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.simulation.ellipsoids import check_optics

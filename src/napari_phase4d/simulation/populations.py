@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.cells import EUGLENA_ANGLES_DEG, FRAME_RATE_HZ
 from napari_phase4d.simulation.ellipsoids import (

@@ -6,9 +6,9 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-import xarray as xr
 
 from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.ellipsoids import check_asked, with_exact_phase, wrap
 from napari_phase4d.stacks import KIND, WRAPPED, wavelength_coordinate, wavelengths_of

@@ -8,10 +8,10 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import UNITS, WAVELENGTH
+from napari_phase4d.later import xr
 from napari_phase4d.words import warn
 
 __all__ = [

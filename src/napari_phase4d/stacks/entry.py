@@ -5,11 +5,11 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import xarray as xr
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.axes import AXES, PLAIN_AXES
+from napari_phase4d.later import xr
 from napari_phase4d.stacks.coordinates import (
     check_rising,
     factor_to,
@@ -380,7 +380,7 @@ def doubt_mask(labels: xr.DataArray, name: str) -> None:
         numbers = np.unique(frame[frame > 0])
         if numbers.size != 1:
             return
-        pieces, _ = ndimage.label(frame > 0)
+        pieces, _ = scipy.ndimage.label(frame > 0)
         split.append(int(np.count_nonzero(np.bincount(pieces.ravel())[1:] >= LEAST_PIXELS)) > 1)
     if split and all(split):
         warn(

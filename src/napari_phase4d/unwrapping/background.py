@@ -6,8 +6,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.phasors import parts_of, phasors, turned
@@ -398,7 +398,9 @@ def smooth_parts(parts: Image, weights: Image, out: Image) -> None:
 
 def filled(level: NDArray[np.float64], known: Mask) -> NDArray[np.float64]:
     """Take unknown levels from the nearest known frame."""
-    nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
+    nearest = scipy.ndimage.distance_transform_edt(
+        ~known, return_distances=False, return_indices=True
+    )
     found: NDArray[np.float64] = level[tuple(nearest)]
     return found
 

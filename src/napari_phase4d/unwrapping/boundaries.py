@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.later import xr
 from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
 from napari_phase4d.task import (
     UNWATCHED,

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Limits, Stack, block_at, blocks_of, limits_of
@@ -246,8 +246,8 @@ def quality(wrapped: Numbers, turns: Turns, mask: NDArray[np.bool_], size: int) 
     """
     phase = np.where(mask, wrapped + TURN * turns, 0.0)
     width = 2 * size + 1
-    mean = ndimage.uniform_filter(phase, width, mode="constant")
-    whole = ndimage.minimum_filter(mask, width, mode="constant", cval=0)
+    mean = scipy.ndimage.uniform_filter(phase, width, mode="constant")
+    whole = scipy.ndimage.minimum_filter(mask, width, mode="constant", cval=0)
     found: Numbers = -np.abs(width**2 * (mean - phase))
     found[found > -FLAT] = np.nan
     found[~whole] = WORST

@@ -10,8 +10,8 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.task import Watch, in_threads
@@ -121,7 +121,7 @@ def nearest_turns(
     numbers, place = np.unique(parts[mask], return_inverse=True)
     labels = np.zeros(parts.shape, dtype=np.int32)
     labels[mask] = place + 1
-    medians = ndimage.median(difference, labels, np.arange(1, len(numbers) + 1))
+    medians = scipy.ndimage.median(difference, labels, np.arange(1, len(numbers) + 1))
     return np.append(0, np.round(medians)).astype(np.int32)[labels]
 
 

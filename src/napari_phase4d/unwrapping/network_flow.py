@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
 
 from napari_phase4d.stack import Block, Limits, Stack, Temporary
 from napari_phase4d.task import Task, Watch
@@ -105,16 +105,14 @@ def by_linear_program(tail: Whole, head: Whole, cost: Whole, supply: Whole) -> W
     The constraints of a flow are totally unimodular, so that the vertex which the simplex method
     finds is whole-numbered.
     """
-    from scipy.optimize import linprog
-
     n = len(tail)
     ones, arcs = np.ones(n), np.arange(n)
-    out = sparse.coo_array((ones, (tail, arcs)), shape=(len(supply), n))
-    into = sparse.coo_array((ones, (head, arcs)), shape=(len(supply), n))
+    out = scipy.sparse.coo_array((ones, (tail, arcs)), shape=(len(supply), n))
+    into = scipy.sparse.coo_array((ones, (head, arcs)), shape=(len(supply), n))
     balance = (out - into).tocsc()
-    found = linprog(
+    found = scipy.optimize.linprog(
         np.tile(cost, 2),
-        A_eq=sparse.hstack([balance, -balance]).tocsc(),
+        A_eq=scipy.sparse.hstack([balance, -balance]).tocsc(),
         b_eq=supply,
         bounds=(0, None),
         method="highs-ds",

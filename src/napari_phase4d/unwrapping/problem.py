@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, in_full
+from napari_phase4d.later import xr
 from napari_phase4d.machine import cores
 from napari_phase4d.stack import (
     Block,

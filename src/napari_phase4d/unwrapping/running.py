@@ -6,9 +6,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.later import xr
 from napari_phase4d.stack import Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task

@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack
 from napari_phase4d.task import Task, Watch, nothing, watched
@@ -502,8 +502,8 @@ def medians_of(said: Votes) -> tuple[Turns, Turns]:
 
 def rim_of(mask: Mask) -> Mask:
     """Mark the border of the frames, or of the object in them."""
-    cross = ndimage.generate_binary_structure(2, 1)[None, None]
-    inner = ndimage.binary_erosion(mask, cross, border_value=0)
+    cross = scipy.ndimage.generate_binary_structure(2, 1)[None, None]
+    inner = scipy.ndimage.binary_erosion(mask, cross, border_value=0)
     rim: Mask = mask & ~inner
     return rim
 

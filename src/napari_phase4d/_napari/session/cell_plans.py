@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import TypeAlias
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.phase_plans import Plan
@@ -25,6 +24,7 @@ from napari_phase4d.analysis import (
     with_empty_field,
 )
 from napari_phase4d.axes import AXES
+from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.task import UNWATCHED, Task
 
@@ -32,7 +32,7 @@ __all__ = ["plan_cell_by_methods", "plan_cells", "with_their_cells"]
 
 
 #: A mask of a frame, or of all frames.
-Region = NDArray[np.bool_] | xr.DataArray
+Region: TypeAlias = "NDArray[np.bool_] | xr.DataArray"
 
 
 def plan_cells(

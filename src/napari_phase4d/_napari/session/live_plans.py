@@ -13,12 +13,12 @@ from queue import Empty
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.phase_plans import Plan
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.io import FromCamera
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     LiveStatus,

@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import xarray as xr
+from typing import Any, TypeAlias
 
 from napari_phase4d.io import RawLayout, open_input, open_recording
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome, Recipe, holds_outcome, open_by, read_outcome
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import (
@@ -28,7 +27,7 @@ from napari_phase4d.sample import (
 __all__ = ["Opened", "TruthCall", "open_anything", "open_recipe"]
 
 #: Gives the exact phase on the grid of a reconstruction; ValueError where it is not known.
-TruthCall = Callable[[xr.DataArray], xr.DataArray]
+TruthCall: TypeAlias = "Callable[[xr.DataArray], xr.DataArray]"
 
 
 @dataclass(frozen=True)

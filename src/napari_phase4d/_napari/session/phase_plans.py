@@ -7,9 +7,6 @@ from dataclasses import dataclass, replace
 from queue import Empty
 from typing import Any, Protocol
 
-import pandas as pd
-import xarray as xr
-
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
 from napari_phase4d._napari.session.state import State
 from napari_phase4d.analysis import noise_figures
@@ -24,6 +21,7 @@ from napari_phase4d.holography import (
     power_spectrum,
 )
 from napari_phase4d.io import RawLayout
+from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import find_place, focus_by, needs_of, reconstruct_by
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import UNWATCHED, Task

@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-import xarray as xr
-
 from napari_phase4d.analysis import REFERENCE, with_wavelength
 from napari_phase4d.holography import pair_distance, recalibrated
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
 
 __all__ = ["checked_frames", "moved_frames", "recalibrate"]
 
-Stack = TypeVar("Stack", xr.Dataset, xr.DataArray)
+Stack = TypeVar("Stack", "xr.Dataset", "xr.DataArray")
 
 
 def recalibrate(state: State, recording: Recording) -> None:

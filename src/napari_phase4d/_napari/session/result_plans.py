@@ -10,11 +10,9 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.phase_plans import Plan
@@ -29,6 +27,7 @@ from napari_phase4d.analysis import (
     most_trusted,
 )
 from napari_phase4d.io import OME_TIFF, write_table
+from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.pipeline import (
     Outcome,
@@ -60,7 +59,7 @@ __all__ = [
 ]
 
 #: A method, what it is called, and its result.
-Part = tuple[str, str, xr.DataArray]
+Part: TypeAlias = "tuple[str, str, xr.DataArray]"
 #: Numbers the runs whose results lie on disk.
 RUNS = itertools.count(1)
 
@@ -215,7 +214,7 @@ def plan_estimate(state: State) -> Plan:
     return Plan("Estimating the time", work, receive, gives_way=True)
 
 
-Judged = tuple[dict[str, xr.DataArray], dict[str, str], str, Comparison]
+Judged: TypeAlias = "tuple[dict[str, xr.DataArray], dict[str, str], str, Comparison]"
 
 
 def plan_truth(state: State, truth: xr.DataArray | None) -> Plan:
@@ -310,7 +309,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
 
 
 #: Regions by name, as masks (y, x), (time, y, x) or (time, angle, y, x).
-Masks = Mapping[str, NDArray[np.bool_] | xr.DataArray]
+Masks: TypeAlias = "Mapping[str, NDArray[np.bool_] | xr.DataArray]"
 #: ``masks(task)`` makes them, which may take a while.
 MasksCall = Callable[[Task], Masks]
 

@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.cell_plans import plan_cells
@@ -35,6 +33,7 @@ from napari_phase4d._napari.session.state import State
 from napari_phase4d.analysis import REFERENCE, Cells, CellSettings
 from napari_phase4d.holography import Focus, Lobe
 from napari_phase4d.io import FromCamera
+from napari_phase4d.later import pd, xr
 from napari_phase4d.scripting import as_python
 from napari_phase4d.task import UNWATCHED
 

@@ -7,8 +7,6 @@ from dataclasses import replace
 from enum import Enum
 from typing import Any
 
-import pandas as pd
-import xarray as xr
 from psygnal import Signal
 
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
@@ -16,6 +14,7 @@ from napari_phase4d._napari.session.recalibrating import checked_frames, moved_f
 from napari_phase4d.analysis import REFERENCE, Cells, Comparison
 from napari_phase4d.holography import BACKGROUND_ORDERS, Focus, FoundLobes, Lobe, first_seen
 from napari_phase4d.io import RawLayout
+from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
 from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS, best_frame

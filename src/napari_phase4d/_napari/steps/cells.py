@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox
 from napari.layers import Labels
 from qtpy.QtWidgets import QAbstractItemView, QFileDialog
@@ -21,6 +20,7 @@ from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.analysis import Cells, CellSettings, most_trusted
 from napari_phase4d.holography import pair_distance
 from napari_phase4d.io import write_table
+from napari_phase4d.later import pd
 from napari_phase4d.plotting import colour_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS

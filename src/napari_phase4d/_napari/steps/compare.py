@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from magicgui.widgets import ComboBox, FloatSpinBox
 from napari.layers import Image
 from qtpy.QtCore import Qt
@@ -38,6 +37,7 @@ from napari_phase4d.analysis import (
     steps_sentence,
 )
 from napari_phase4d.io import write_figure, write_movie
+from napari_phase4d.later import xr
 from napari_phase4d.plotting import (
     EXACT,
     comparison_figure,

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
-import xarray as xr
 from magicgui.widgets import ComboBox
 from qtpy.QtCore import QElapsedTimer, QTimer, Signal
 
@@ -25,6 +24,7 @@ from napari_phase4d.holography import (
     lobe_warnings,
     pair_distance,
 )
+from napari_phase4d.later import xr
 from napari_phase4d.recording import Recording
 
 __all__ = ["LobesStep"]

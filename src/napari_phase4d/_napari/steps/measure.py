@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 from magicgui.widgets import CheckBox, ComboBox
 from napari.layers import Shapes
 from numpy.typing import NDArray
@@ -34,6 +33,7 @@ from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d._napari.widgets.section import split
 from napari_phase4d.analysis import Traces, most_trusted, traces_of
 from napari_phase4d.io import write_table
+from napari_phase4d.later import pd
 from napari_phase4d.plotting import named_results
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS

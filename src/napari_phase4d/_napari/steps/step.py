@@ -7,8 +7,6 @@ from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from magicgui.widgets import FloatSpinBox
 from psygnal import EmitLoopError
 from qtpy.QtCore import Signal
@@ -32,6 +30,7 @@ from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import WheelGuard
 from napari_phase4d.analysis import noise_sentence
 from napari_phase4d.holography import Focus, first_seen, fringe_contrast, reconstruction_advice
+from napari_phase4d.later import pd, xr
 from napari_phase4d.recording import Recording
 from napari_phase4d.words import counted, size_in_words
 

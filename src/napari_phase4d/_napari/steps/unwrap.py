@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from magicgui.widgets import CheckBox, ComboBox, FloatSpinBox, SpinBox
 from qtpy.QtCore import Qt, Signal
 from qtpy.QtWidgets import (
@@ -26,6 +25,7 @@ from napari_phase4d._napari.steps.step import Step
 from napari_phase4d._napari.widgets.boundary_map import BoundaryMap
 from napari_phase4d._napari.widgets.section import WheelGuard
 from napari_phase4d._napari.widgets.view_strip import Thumbnail
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline import PAPER_METHODS, phase_needs, start_words
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import (

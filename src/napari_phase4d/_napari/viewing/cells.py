@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from napari.layers import Labels, Points, Tracks
 from napari.utils import Colormap, DirectLabelColormap
 from numpy.typing import NDArray
@@ -18,6 +17,7 @@ from napari_phase4d._napari.viewing.layers import layer_tuple, places_of_views, 
 from napari_phase4d.analysis import Cells, copied_labels
 from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io import step_of
+from napari_phase4d.later import xr
 from napari_phase4d.plotting import OBJECT_COLOUR, colour_of
 from napari_phase4d.unwrapping import METHODS, object_in
 

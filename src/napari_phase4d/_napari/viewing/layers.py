@@ -8,13 +8,13 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.axes import AXES, UNITS, WAVELENGTH
 from napari_phase4d.holography import first_seen
 from napari_phase4d.io import PROGRAM, open_recording, step_of
+from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.plotting import phase_colours, safety_colours

@@ -7,7 +7,6 @@ import time
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from napari.layers import Image
 from numpy.typing import NDArray
 
@@ -28,6 +27,7 @@ from napari_phase4d._napari.viewing.layers import (
 )
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d.axes import AXES
+from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["LiveLayers"]

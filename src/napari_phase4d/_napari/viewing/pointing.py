@@ -6,14 +6,13 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-import pandas as pd
-import xarray as xr
 from napari.layers import Labels, Shapes
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, places_of_views
 from napari_phase4d.analysis import polygon_mask, region_masks
 from napari_phase4d.io import step_of
+from napari_phase4d.later import pd, xr
 
 __all__ = [
     "Following",

@@ -8,7 +8,6 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-import xarray as xr
 from napari.layers import Image
 from napari.utils import Colormap
 from psygnal import Signal
@@ -46,6 +45,7 @@ from napari_phase4d._napari.viewing.pointing import (
     pixel_under_cursor,
 )
 from napari_phase4d.analysis import Cells, difference, most_trusted
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
 from napari_phase4d.unwrapping import METHODS

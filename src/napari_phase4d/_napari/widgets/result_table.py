@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-import pandas as pd
 from qtpy.QtCore import Qt
 from qtpy.QtGui import QColor, QGuiApplication, QKeyEvent, QKeySequence
 from qtpy.QtWidgets import (
@@ -15,6 +14,8 @@ from qtpy.QtWidgets import (
     QTableWidgetItem,
     QWidget,
 )
+
+from napari_phase4d.later import pd
 
 __all__ = ["ResultTable"]
 
@@ -65,7 +66,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
     def __init__(self, name: str, parent: QWidget | None = None) -> None:
         super().__init__(0, 0, parent)
         self.setObjectName(name)
-        self.frame = pd.DataFrame()
+        self._frame: pd.DataFrame | None = None
         self.setAccessibleName(name.replace("_", " "))
         self.setTabKeyNavigation(False)  # Tab leaves the table; arrows go through it
         self.verticalHeader().setVisible(False)
@@ -74,6 +75,11 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         self.setEditTriggers(QAbstractItemView.EditTrigger.NoEditTriggers)
         self.horizontalHeader().sortIndicatorChanged.connect(self._make_room)
         self.setHorizontalScrollMode(QAbstractItemView.ScrollMode.ScrollPerPixel)
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """What is shown; pandas is not loaded to show nothing."""
+        return pd.DataFrame() if self._frame is None else self._frame
 
     def show_frame(
         self,
@@ -96,7 +102,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         colours : sequence of str, optional
             Colour of a square at the beginning of each row.
         """
-        self.frame = frame
+        self._frame = frame
         known: Mapping[str, tuple[str, ...]] = headings or {
             str(name): (on_screen(str(name)), str(name)) for name in frame.columns
         }
@@ -135,7 +141,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
 
     def clear_rows(self) -> None:
         """Show nothing."""
-        self.frame = pd.DataFrame()
+        self._frame = None
         self.setRowCount(0)
 
     def copy(self) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 from qtpy.QtCore import QPointF, QRectF, QSize, Qt
 from qtpy.QtGui import (
@@ -26,6 +25,7 @@ from qtpy.QtGui import (
 from qtpy.QtWidgets import QGraphicsScene, QGraphicsView, QSizePolicy, QWidget
 
 from napari_phase4d.holography import Lobe, StrayTerm, stray_terms
+from napari_phase4d.later import xr
 
 __all__ = ["VIEW_COLORS", "PlaneView", "paint_marks", "view_color"]
 

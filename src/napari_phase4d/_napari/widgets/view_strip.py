@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from functools import cache
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 from qtpy.QtCore import QPointF, QRectF, QSize, Qt
 from qtpy.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPixmap
 from qtpy.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
-from scipy import ndimage
 
 from napari_phase4d._napari.widgets.spectrum_picture import VIEW_COLORS, view_color
 from napari_phase4d.plotting import OBJECT_COLOUR
@@ -157,7 +157,7 @@ def outline_image(mask: NDArray[np.bool_], size: QSize) -> QImage:
     rows = np.arange(size.height()) * mask.shape[0] // max(size.height(), 1)
     columns = np.arange(size.width()) * mask.shape[1] // max(size.width(), 1)
     sampled = mask[np.ix_(rows, columns)]
-    rim = sampled & ~ndimage.binary_erosion(sampled, border_value=1)
+    rim = sampled & ~scipy.ndimage.binary_erosion(sampled, border_value=1)
     image = QImage(size, QImage.Format.Format_ARGB32)
     image.fill(Qt.GlobalColor.transparent)
     for y, x in np.argwhere(rim):

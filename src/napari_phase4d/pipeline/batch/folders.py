@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 import psutil
-import xarray as xr
 
 from napari_phase4d.io import PROGRAM
 from napari_phase4d.io.atomic import put_in_place, remove_folder, written_whole
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline.provenance import (
     Fingerprint,
     Hashing,

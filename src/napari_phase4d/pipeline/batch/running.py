@@ -11,12 +11,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import xarray as xr
+from typing import Any
 
 from napari_phase4d.analysis import most_trusted
 from napari_phase4d.io import write_table
+from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline.batch.folders import (
     alone,
     asked_for,
@@ -43,9 +42,6 @@ from napari_phase4d.words import (
     local_path,
     sentence_of,
 )
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = ["run_batch"]
 
@@ -112,8 +108,6 @@ class Summary:
     @property
     def table(self) -> pd.DataFrame:
         """One row a file, numbered from 1."""
-        import pandas as pd
-
         index = pd.RangeIndex(1, len(self._rows) + 1, name="number")
         table = pd.DataFrame(self._rows, columns=list(COLUMNS), index=index)
         return table.astype(dict.fromkeys(COUNTS, "Int64"))
@@ -134,8 +128,6 @@ class Summary:
         self._rows[number] |= {"status": status, **known}
         found = self._folders[number] / OF_FILE
         if status in (DONE, COMPLETE) and facts.get("cells") is not None and found.exists():
-            import pandas as pd
-
             cells = pd.read_csv(found)
             cells.insert(0, "file", self._rows[number]["file"])
             self._cells[number] = cells
@@ -148,8 +140,6 @@ class Summary:
                 left.unlink()
         write_table(self.out / TABLE, self.table)
         if self._cells:
-            import pandas as pd
-
             every = pd.concat([self._cells[number] for number in sorted(self._cells)])
             write_table(self.out / CELLS, every.set_index("file"))
 
@@ -189,8 +179,6 @@ def readable(name: str) -> str:
 
 def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
     """Return what the summary says of a run, from what was written of it."""
-    import pandas as pd
-
     phase = outcome.reconstruction["phase"]
     results = outcome.comparison.results
     best = most_trusted(results)

@@ -10,11 +10,11 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cells import check_follower
 from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
+from napari_phase4d.later import xr
 from napari_phase4d.machine import cores
 from napari_phase4d.pipeline.folder import checked_form, write_files
 from napari_phase4d.pipeline.guarding import result_folder

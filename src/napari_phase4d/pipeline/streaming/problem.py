@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline.streaming.stored import Shelf
 from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from numpy.typing import NDArray
 
 from napari_phase4d.holography import FrameReconstructor
@@ -29,6 +28,7 @@ from napari_phase4d.io.zarr_results import (
     path_of,
     set_length,
 )
+from napari_phase4d.later import xr
 from napari_phase4d.pipeline.starting import FrameSource
 from napari_phase4d.pipeline.streaming.workers import Workers
 from napari_phase4d.stack import (

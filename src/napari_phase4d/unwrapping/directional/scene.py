@@ -12,8 +12,8 @@ from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.phasors import turned
@@ -236,7 +236,7 @@ class Scene:
         empty = self.frames.read_empty(block)
         found = np.empty(empty.shape, dtype=np.int32)
         for frame in np.ndindex(*empty.shape[:2]):
-            labels, _ = ndimage.label(empty[frame])
+            labels, _ = scipy.ndimage.label(empty[frame])
             found[frame] = labels - 1
         return moved(found, self.shifts[block.start : block.stop])
 

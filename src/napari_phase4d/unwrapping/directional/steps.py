@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
@@ -101,7 +101,7 @@ def without_tears(wrapped: Stack, turns: Whole) -> Whole:
     for side in (1, -1):
         for level in range(int((side * turns).max()), 0, -1):
             part = kept[box]
-            labels, count = ndimage.label(side * part >= level)
+            labels, count = scipy.ndimage.label(side * part >= level)
             torn, edge = np.zeros(count + 1), np.zeros(count + 1)
             for axis in (0, 1):
                 head, tail = ends_along(axis, 2)

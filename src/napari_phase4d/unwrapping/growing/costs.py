@@ -10,8 +10,8 @@ import itertools
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.growing.rows import (
@@ -298,5 +298,5 @@ def incoherence(wrapped: Phase, mask: Mask | None, axis: int) -> NDArray[np.floa
 
 def mean_over_window(values: NDArray[np.float32]) -> NDArray[np.float32]:
     """Return the mean over a window round every place."""
-    mean: NDArray[np.float32] = ndimage.uniform_filter(values, WINDOW, mode="nearest")
+    mean: NDArray[np.float32] = scipy.ndimage.uniform_filter(values, WINDOW, mode="nearest")
     return mean

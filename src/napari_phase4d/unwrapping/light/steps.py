@@ -20,8 +20,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.frames import border_of, unwrap_frame
@@ -305,7 +305,7 @@ def unwrapped_where_smooth(wrapped: Image, steps: Steps, known: Mask) -> Image:
     smooth = smooth_pixels(steps, known)
     if not smooth.any():
         return wrapped
-    labels, count = ndimage.label(smooth)
+    labels, count = scipy.ndimage.label(smooth)
     labels = labels.astype(np.int32)
     unwrapped, _ = unwrap_frame(wrapped, smooth)
     every = np.arange(1, count + 1)
@@ -315,14 +315,14 @@ def unwrapped_where_smooth(wrapped: Image, steps: Steps, known: Mask) -> Image:
     edge = labels == ground + 1
     edge &= border_of(labels.shape) if at_border.any() else smooth
     level = np.rint(np.median(unwrapped[edge]) / TURN)
-    lift = -np.rint(np.asarray(ndimage.median(unwrapped, labels, every)) / TURN)
+    lift = -np.rint(np.asarray(scipy.ndimage.median(unwrapped, labels, every)) / TURN)
     joined, turns = joined_parts(wrapped, unwrapped, labels, count)
     led_to = joined == joined[ground]
     lift[led_to] = (turns - turns[ground])[led_to] - level
     whole = np.concatenate([[0.0], lift]).astype(np.float32)[labels]
     found = unwrapped + TURN * whole
     # What is not smooth lies nearest to the smooth pixel next to it.
-    rows, columns = ndimage.distance_transform_edt(
+    rows, columns = scipy.ndimage.distance_transform_edt(
         ~smooth, return_distances=False, return_indices=True
     )
     beside = wrapped + TURN * np.rint((found[rows, columns] - wrapped) / TURN)

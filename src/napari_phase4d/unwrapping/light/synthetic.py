@@ -12,8 +12,8 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, limits_of
 from napari_phase4d.task import Task
@@ -442,13 +442,13 @@ def chance_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> I
 def chance_of_frame(group: Group, phases: Image, known: NDArray[np.bool_]) -> Image:
     """Return the chance that the counts of all views of a frame are right."""
     chance = np.ones(phases.shape[1:], dtype=np.float32)
-    weight = np.maximum(ndimage.uniform_filter(known.astype(np.float32), BOX), 1e-6)
+    weight = np.maximum(scipy.ndimage.uniform_filter(known.astype(np.float32), BOX), 1e-6)
     for coarse, fine in pairwise(group.ladder):
         scale = np.float32(coarse.wavelength_um / fine.wavelength_um)
         off = (scale * coarse.phase(phases) - fine.phase(phases)) / np.float32(2 * np.pi)
         off = np.where(known, off, np.float32(0))
         noise = noise_between(coarse, fine) * group.noise
-        mean = ndimage.uniform_filter(off, BOX) / weight
+        mean = scipy.ndimage.uniform_filter(off, BOX) / weight
         left = np.hypot(noise * np.sqrt(SHARED) / BOX, STAYS)
         chance *= likely(mean, left, 1.0) * likely(off - mean, np.hypot(noise, STAYS), LONERS)
     return np.where(known, chance, np.float32(0))
