@@ -85,7 +85,7 @@ class Environment:
         following = self.combination.dependencies == "next"
         napari = (NEXT_NAPARI if following else NAPARI).format(self.combination.qt.lower())
         if self.combination.dependencies != "lowest":
-            uv(*install, f"{wheel}[{','.join(EXTRAS)}]", napari)
+            uv(*install, f"{wheel}[{','.join(EXTRAS)}]", napari, *self._left_out())
             uv(*tools, "--group", f"{self.source / 'pyproject.toml'}:test-schemas")
         else:
             pins = self._lowest(napari)
@@ -94,6 +94,14 @@ class Environment:
             uv(*tools, "--constraints", self._of_ours(pins))
         compiling = [self.python, "-W", "ignore", "-c", WARM_UP]
         subprocess.run(compiling, cwd=self.folder, check=True, capture_output=True, text=True)
+
+    def _left_out(self) -> list[str]:
+        """Return what pyproject.toml says of versions of this binding that its tests can't use."""
+        text = (self.source / "pyproject.toml").read_text(encoding="utf-8")
+        lines = tomllib.loads(text)["dependency-groups"]["test"]
+        return [
+            x for x in lines if isinstance(x, str) and normal(x) == normal(self.combination.qt)
+        ]
 
     def _lowest(self, napari: str) -> Path:
         """Write the lowest versions that pyproject.toml allows, of what it names itself."""
