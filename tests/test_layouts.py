@@ -38,6 +38,13 @@ def test_random_layouts_are_right_or_in_doubt(found) -> None:
     assert sum(bool(lobes.doubts_of_views) for lobes in right) <= 0.15 * LAYOUTS
 
 
+@pytest.mark.parametrize("seed", [200138, 200428, 202247])
+def test_structure_of_a_strong_lobe_takes_no_part_of_it_away(seed: int) -> None:
+    """Weak peaks in a view's lobe hid where it ends, and its beat was taken instead."""
+    case = layout(seed)
+    assert case.found_by(p4d.find_lobes(case.rec, len(case.carriers)))
+
+
 def test_doubt_comes_with_another_choice_of_as_many_views(found) -> None:
     for _, lobes in found:
         assert 0 < lobes.chance <= 1

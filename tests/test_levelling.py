@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+import sys
 import warnings
 
 import numpy as np
@@ -9,12 +11,15 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from helpers import wrap
+from helpers import ROOT, wrap
 from napari_phase4d.holography import Lobe, reconstruction_advice
 from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import FrameTilt
 from napari_phase4d.simulation import multiplexed_video
+
+sys.path.append(str(ROOT / "benchmarks"))
+from levelling import OTHER_SHAPES, SHAPES, Shape, bent, seen, truth
 
 SIDE = 256
 CARRIER = (0.21, 0.19)
@@ -113,6 +118,46 @@ def test_what_may_be_the_object_is_never_taken_off_in_silence(kind: float) -> No
     assert wrong  # it is not a test of what is right
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("shapes", [SHAPES, OTHER_SHAPES], ids=["fitted", "others"])
+def test_curvature_of_random_objects_is_right_or_told(shapes: dict[str, Shape]) -> None:
+    """Half of them near the middle, the others anywhere; an eighth of the words are needless."""
+    small, needless, silent = 0, 0, 0
+    for case in (bent(seed, shapes) for seed in range(50000, 50070)):
+        refused, off, doubted = case.outcome()
+        if case.cover <= 0.85:
+            silent += off and not (refused or doubted)
+        if case.cover <= 0.25 and not (refused or off):
+            small += 1
+            needless += doubted
+    assert silent == 0
+    assert needless <= 0.25 * small
+
+
+@pytest.mark.parametrize("rad", [0.0, 6.0])
+def test_empty_field_and_small_objects_are_no_cause_for_words(rad: float) -> None:
+    for cover, place in ((0.1, (0.0, 0.0)), (0.25, (0.0, 0.0)), (0.1, (0.3, 0.4))):
+        for peak in (0.0, 2.0, 8.0):
+            video = recorded([ellipsoid(cover, place, peak)], curvature_rad=rad)
+            data = p4d.reconstruct(video, [LOBE], background="curvature")  # warnings are errors
+            assert "curvature_unsure" not in data.attrs
+
+
+@pytest.mark.parametrize("cover", [0.5, 0.75])
+def test_a_hill_that_bends_like_a_field_is_told(cover: float) -> None:
+    """It was taken off in silence, 0.8 rad rms of it; so its foot is not fitted either."""
+    field = seen("hill", cover, "corner", 3.0, 4.0)
+    fit = Surface("powers", 2, field.shape).fit(field)
+    assert fit.doubt or fit.unsure or np.std(fit.surface - truth(field.shape, 4.0)) < 0.3
+
+
+def test_the_soft_foot_of_an_object_does_not_bend_the_surface() -> None:
+    """It was 0.26 rad off, and is 0.11."""
+    field = seen("hill", 0.5, "off", 3.0, 12.0)
+    surface = Surface("powers", 2, field.shape).fit(field).surface
+    assert np.std(surface - truth(field.shape, 12.0)) < 0.15
+
+
 def test_curvature_that_is_left_is_measured_and_told() -> None:
     """12 rad at the corner; a tilt leaves 2.6 rad rms of them, less the middle behind the cell."""
     video = recorded([ellipsoid(0.1, (0.2, 0.1), 5.0)], curvature_rad=12.0)
@@ -131,8 +176,12 @@ def test_higher_orders_that_are_left_are_told() -> None:
     y, x = np.meshgrid(*(np.linspace(-1, 1, SIDE),) * 2, indexing="ij")
     coma = 5 * (y**2 + x**2) * x
     video = recorded([coma + ellipsoid(0.1, (0.2, 0.1), 5.0)])
-    with pytest.warns(UserWarning, match="aberrations are left .* try background='polynomial'"):
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
         p4d.reconstruct(video, [LOBE], background="curvature")
+    words = "".join(str(each.message) for each in said)
+    assert re.search("aberrations are left .* try background='polynomial'", words)
+    assert "may be the object's" in words  # what bends otherwise than the surface may be a cell
 
 
 @pytest.mark.parametrize("cover", [0.1, 0.25])

@@ -14,15 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.aberrations import (
-    LOOK_PIXELS,
-    Judgement,
-    Look,
-    curved_starts,
-    refined,
-    surface_of,
-    terms_at,
-)
+from napari_phase4d.holography.aberrations import surface_of, terms_at
 from napari_phase4d.holography.emptyfield import (
     ENOUGH_BACKGROUND,
     fitted,
@@ -30,6 +22,16 @@ from napari_phase4d.holography.emptyfield import (
     mode_phase,
     solved,
     wrapped,
+)
+from napari_phase4d.holography.surfaces import (
+    LEAST_SIDE,
+    LOOK_PIXELS,
+    Judgement,
+    Look,
+    curved_starts,
+    may_be_the_object,
+    refined,
+    tightened,
 )
 from napari_phase4d.task import nothing
 
@@ -211,13 +213,31 @@ class Surface:
     ) -> tuple[NDArray[np.float64], str, bool]:
         """Return the coefficients that explain most of a view, and what speaks against them.
 
-        Last, whether one corner is not explained.
+        Last, whether they may be the object's.
         """
         look = Look(mean)
         terms = self.terms_seen(look.step)
+        found, best, off = self._most_explaining(mean, unit, first, look, check)
+        found = tightened(found, look, terms)
+        surface = np.tensordot(found, terms, 1)
+        return found, doubt_of(best, off), may_be_the_object(look, surface, best)
+
+    def _most_explaining(
+        self,
+        mean: NDArray[np.complex64],
+        unit: NDArray[np.complexfloating],
+        first: NDArray[np.float64],
+        look: Look,
+        check: Callable[[], None],
+    ) -> tuple[NDArray[np.float64], Judgement, float]:
+        """Return the coefficients that explain most, how much that is, and how far others are.
+
+        Last, by how many radians rms others differ that explain nearly as much.
+        """
+        terms = self.terms_seen(look.step)
         best = look.judged(np.tensordot(first, terms, 1))
         if best.share > CLEAR_SHARE:
-            return first, doubt_of(best, 0.0), best.ends < best.of_ends
+            return first, best, 0.0
         found, tries = first, [(best, first)]
         for start in self._curved(unit, look.step):
             check()
@@ -229,7 +249,7 @@ class Surface:
             best, found = most, refined(other, fine.phase, self.terms, fine.outer, fine.lit)
         rivals = [each for judged, each in tries if judged.share > RIVAL_SHARE * best.share]
         off = [float(np.std(np.tensordot(each - found, terms, 1))) for each in rivals]
-        return found, doubt_of(best, max(off, default=0.0)), best.ends < best.of_ends
+        return found, best, max(off, default=0.0)
 
     def terms_seen(self, step: int) -> NDArray[np.float64]:
         """Return the terms on every so-manieth row and column, (term, y, x)."""
@@ -260,7 +280,7 @@ class Fit:
     doubt : str
         Why it is likely to be the object's surface; empty if nothing speaks for that.
     unsure : bool
-        Whether one corner of the view does not look empty, so that it may be the object's.
+        Whether too little of the view is surely empty, so that it may be the object's.
     """
 
     surface: NDArray[np.float32]
@@ -359,8 +379,6 @@ NEXT: dict[str, tuple[str, str, int, str]] = {
 
 #: From so many radians rms on it is worth another try.
 MUCH_LEFT_RAD = 0.3
-#: A view with fewer pixels on a side shows too little to tell.
-LEAST_SIDE = 24
 
 
 @dataclass(frozen=True)
@@ -454,6 +472,6 @@ def curvature_advice(attrs: Mapping[str, Any]) -> str:
         return ""
     named = " and ".join(f"view {view + 1}" for view in views)
     return (
-        f"one corner of {named} does not look empty, so that the curvature taken off may be the "
-        "object's: compare with background='tilt', or use a reference hologram"
+        f"the curvature taken off {named} may be the object's, as too little is surely empty: "
+        "record a hologram without cells as the reference, or compare with background='tilt'"
     )

@@ -46,6 +46,10 @@ EDGES = np.arange(5, 60)
 INSIDE, NEAR = 5, 4
 #: A mean over fewer pixels says nothing.
 ENOUGH = 4
+#: Peaks with less than this share of a peak's power take no part of its lobe away.
+OWN_SHARE = 0.1
+#: How far from the difference of two carriers their beat may be seen, in pixels of the spectrum.
+BEAT_PIXELS = 4.2
 #: Variance of the logarithm of power that is noise: pi^2 / 6.
 LOG_VARIANCE = np.pi**2 / 6
 #: Power within so many rings of the carrier is not scattered; farther than so many not counted.
@@ -63,16 +67,33 @@ LEAST_APART = 0.06
 #: Sets of n - 1 views that are tried with one more.
 KEPT = 600
 
-#: What the clues count, in the order of `Clues.table`. They were fitted, but for the last three,
-#: which few of the simulated recordings need.
+#: What the clues count, in the order of `Clues.table`. They were fitted, but for the last, which
+#: few of the simulated recordings need.
 WEIGHTS = np.array(
-    [10.3, -1.5, 2.49, 2.27, 1.0, 0.32, 1.89, -7.86, -3.9, -0.9, -2.02, -0.89, 0, -1.0, -4.0]
+    [
+        13.09,
+        -3.22,
+        5.15,
+        3.17,
+        -0.99,
+        0.86,
+        3.34,
+        -18.93,
+        -6.69,
+        -4.72,
+        3.33,
+        -1.88,
+        -3.3,
+        -4.03,
+        -4.0,
+    ]
 )
-#: The same for the number of views: of those clues, and what `Clues.tally` adds.
+#: The same for the number of views: of those clues, and what `Clues.tally` adds. No weight has
+#: the sign that its clue can't have.
 COUNT_WEIGHTS = np.array(
     [
-        *(2.83, -0.94, 0.26, 0.47, 0.14, 0.64, 0.67, -2.03, -0.11, -5.49, -4.33),
-        *(0.26, -1.59, -0.98, 2.63, -0.29, 1.57, -0.43, -3.13, 1.02, 0.95, 0.15),
+        *(5.09, -1.52, 0.61, 0.6, 0.0, 0.57, 0.91, -0.93, -0.81, -9.09, -4.73),
+        *(0.0, -2.07, -1.43, 0.0, -0.62, 1.56, -0.73, -2.79, 0.09, 1.61, -0.26),
     ]
 )
 
@@ -373,7 +394,7 @@ def clues_of(
     Parameters
     ----------
     peaks : sequence of Peak
-        Candidates.
+        Candidates, the strongest first.
     half : ndarray of shape (y, x // 2 + 1)
         Mean power on the half plane kx >= 0.
     spectra : sequence of ndarray of the same shape
@@ -388,10 +409,7 @@ def clues_of(
         float(np.quantile(coarse, 0.1)) * frames / float(scipy.special.gammaincinv(frames, 0.1))
     )
     carriers = [peak.carrier for peak in peaks]
-    profiles = [
-        profile(coarse, distance, near == i)
-        for i, (distance, near) in enumerate(nearest(carriers, ky, kx))
-    ]
+    profiles = [profile(coarse, distance, own) for distance, own in owned(peaks, carriers, ky, kx)]
     total, count, logs = (np.array(values) for values in zip(*profiles, strict=True))
     radius = (np.arange(RINGS) + 0.5) * RING
     scattered = np.maximum(total - floor * count, 0) * (np.arange(RINGS) < FAR)
@@ -407,7 +425,7 @@ def clues_of(
             [[pair_distance(a, b) for b in carriers] for a in [(0.0, 0.0), *carriers]]
         ),
         ghost=np.array([peak.ghost for peak in peaks]),
-        beat=beat_table(carriers, max(3 / min(shape), 0.006)),
+        beat=beat_table(carriers, max(BEAT_PIXELS / min(shape), 0.006)),
     )
 
 
@@ -428,18 +446,23 @@ def coarser(half: Half, shape: tuple[int, int]) -> tuple[Half, tuple[Values, Val
     return pooled / (heights * widths), (middle_y, middle_x), pool_y * pool_x
 
 
-def nearest(
-    carriers: Sequence[tuple[float, float]], ky: Values, kx: Values
-) -> list[tuple[Values, Indices]]:
-    """Return for each carrier the distance of every frequency, and which carrier is nearest.
+def owned(
+    peaks: Sequence[Peak], carriers: Sequence[tuple[float, float]], ky: Values, kx: Values
+) -> list[tuple[Values, NDArray[np.bool_]]]:
+    """Return for each peak the distance of every frequency, and which of them it is nearest to.
 
-    The nearest is -1 where zero is nearer than any carrier or its conjugate.
+    Only zero and peaks that are not much weaker compete with it: those are mostly structure of
+    its own lobe, and would cut the lobe off before the pupil's edge. Strongest peaks come first.
     """
     distances = [
         np.minimum(*(distance_to(side, ky, kx) for side in (k, (-k[0], -k[1])))) for k in carriers
     ]
-    near = np.argmin([distance_to((0.0, 0.0), ky, kx), *distances], axis=0) - 1
-    return [(distance, near) for distance in distances]
+    nearest = list(itertools.accumulate([distance_to((0.0, 0.0), ky, kx), *distances], np.minimum))
+    rivals = [sum(other.power >= OWN_SHARE * peak.power for other in peaks) for peak in peaks]
+    return [
+        (distance, distance <= nearest[count])
+        for distance, count in zip(distances, rivals, strict=True)
+    ]
 
 
 def distance_to(carrier: tuple[float, float], ky: Values, kx: Values) -> Values:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from napari_phase4d.axes import PLAIN_AXES
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.background import (
-    MUCH_LEFT_RAD,
     BetterSurface,
     Fit,
     Surface,
@@ -117,9 +116,7 @@ def fitted_views(
         left = better.leaves(means[view], fit.surface)
         if background == "curvature" and fit.doubt and not left.explained:
             raise ValueError(refusal(fit.doubt, view, name))
-        # Aberrations of a higher degree bend a corner too, and are told of then.
-        told = left.explained and left.rad > MUCH_LEFT_RAD
-        return replace(fit, unsure=fit.unsure and not told), left.rad
+        return fit, left.rad
 
     return list(in_threads(fitted, range(len(means)), watch))
 

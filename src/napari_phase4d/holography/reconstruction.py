@@ -163,8 +163,8 @@ def reconstruct(
         If more than 0.3 rad rms of the background are left in a view where a surface of a higher
         degree would take them off. ``attrs["background_left_rad"]`` says what is left.
     UserWarning
-        If the background is "curvature" and one corner of a view does not look empty, so that what
-        was fitted may be the object's. ``attrs["curvature_unsure"]`` names the views.
+        If the background is "curvature" and too little of a view is surely empty field, so that
+        what was fitted may be the object's. ``attrs["curvature_unsure"]`` names the views.
     UserWarning
         If more than 5 % of a view show no fringes in most frames, so that their phase is noise;
         `napari_phase4d.holography.fringe_mask` marks them.
