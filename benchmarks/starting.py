@@ -11,6 +11,7 @@ from collections.abc import Iterator
 
 STARTS = 5
 START = """
+import time
 import napari
 from qtpy.QtWidgets import QApplication
 viewer = napari.Viewer()
@@ -19,7 +20,7 @@ while not any(w.windowHandle() is not None and w.windowHandle().isExposed()
               for w in QApplication.topLevelWidgets()):
     QApplication.processEvents()
 QApplication.processEvents()
-print("ready", flush=True)
+print("ready", time.process_time(), flush=True)
 """
 DOCK = 'viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")'
 
@@ -29,17 +30,29 @@ def start_lines() -> Iterator[str]:
     scripts = (START.format(dock=""), START.format(dock=DOCK))
     for script in scripts:
         seconds_to_start(script)
-    times = [[seconds_to_start(script) for script in scripts] for _ in range(STARTS)]
-    alone, both = (statistics.median(column) for column in zip(*times, strict=True))
-    yield "| from the start of Python to a painted window | median (s) | goal |"
-    yield "|---|---|---|"
-    yield f"| napari alone | {alone:.1f} | |"
-    yield f"| napari with the dock | {both:.1f} | |"
-    yield f"| what the dock adds | {both - alone:.1f} | < 1.5 |"
+    alone, both = [], []
+    for _ in range(STARTS):
+        alone.append(seconds_to_start(scripts[0]))
+        both.append(seconds_to_start(scripts[1]))
+    (wall, cpu), (wall_both, cpu_both) = medians(alone), medians(both)
+    yield (
+        "| from the start of Python to a painted window | median (s) "
+        "| of it computing, in all threads (s) | goal |"
+    )
+    yield "|---|---|---|---|"
+    yield f"| napari alone | {wall:.2f} | {cpu:.2f} | |"
+    yield f"| napari with the dock | {wall_both:.2f} | {cpu_both:.2f} | |"
+    yield f"| what the dock adds | {wall_both - wall:.2f} | {cpu_both - cpu:.2f} | ≤ 0.6 |"
 
 
-def seconds_to_start(script: str) -> float:
-    """Return the seconds until a script says that it is ready."""
+def medians(starts: list[tuple[float, float]]) -> tuple[float, float]:
+    """Return the medians of both columns."""
+    wall, cpu = zip(*starts, strict=True)
+    return statistics.median(wall), statistics.median(cpu)
+
+
+def seconds_to_start(script: str) -> tuple[float, float]:
+    """Return the seconds until a script says that it is ready, and those that it computed."""
     # As for a user, modules are kept as byte code.
     environment = {k: v for k, v in os.environ.items() if k != "PYTHONDONTWRITEBYTECODE"}
     began = time.perf_counter()
@@ -51,10 +64,10 @@ def seconds_to_start(script: str) -> float:
         text=True,
     ) as process:
         assert process.stdout is not None
-        ready = any(line.strip() == "ready" for line in process.stdout)
+        words = next((line.split() for line in process.stdout if line.startswith("ready")), None)
         seconds = time.perf_counter() - began
         process.kill()
-    if not ready:
+    if words is None:
         msg = "napari did not start"
         raise RuntimeError(msg)
-    return seconds
+    return seconds, float(words[1])

@@ -7,12 +7,14 @@ import sys
 from typing import Any
 
 import numpy as np
+import pint
 import pytest
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
+from napari_phase4d._napari.dock import Units
 
 pytestmark = pytest.mark.gui
 
@@ -129,7 +131,7 @@ def test_a_script_that_ends_while_the_dock_is_open_ends_well() -> None:
 
 STARTING = """
 import sys, time
-import napari
+import napari, numpy, pint
 from qtpy.QtWidgets import QApplication
 
 viewer = napari.Viewer()
@@ -140,9 +142,12 @@ QApplication.processEvents()
 print(*sorted({"h5py", "matplotlib", "pandas", "scipy.fft", "scipy.ndimage", "scipy.special",
                "tifffile", "xarray", "zarr"} & (set(sys.modules) - of_napari)))
 end = time.monotonic() + 60
-while "xarray" not in sys.modules and time.monotonic() < end:
+registry = pint.get_application_registry()
+while type(registry.get()) is pint.registry.LazyRegistry and time.monotonic() < end:
     QApplication.processEvents()
-print("xarray" in sys.modules)
+print("xarray" in sys.modules, type(registry.get()).__name__)
+layer = viewer.add_image(numpy.zeros((2, 2)), units=("um", "um"))
+print(layer.units[0] == registry.micrometer)
 """
 
 
@@ -150,6 +155,14 @@ print("xarray" in sys.modules)
 def test_the_dock_opens_before_what_it_does_not_show_is_loaded() -> None:
     command = [sys.executable, "-W", "ignore", "-c", STARTING]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
-    heavy, ahead = done.stdout.splitlines()[-2:]
+    heavy, ahead, same_unit = done.stdout.splitlines()[-3:]
     assert heavy == ""
-    assert ahead == "True"  # before it is clicked at
+    assert (ahead, same_unit) == ("True UnitRegistry", "True")  # before it is clicked at
+
+
+def test_units_that_are_in_use_are_not_changed(qapp: QApplication) -> None:
+    registry, units = pint.get_application_registry(), Units()
+    metre, before = registry.metre, registry.get()
+    units.read_ahead()
+    assert registry.get() is before
+    assert registry.metre == metre

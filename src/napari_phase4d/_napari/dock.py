@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import atexit
+import functools
 import sys
 import weakref
 from collections.abc import Sequence
@@ -11,10 +12,12 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pint
 import qtpy
 from napari.utils.notifications import show_warning
 from napari.viewer import Viewer
-from qtpy.QtCore import QEvent, QObject, QSize, QTimer
+from pint.registry import LazyRegistry
+from qtpy.QtCore import QEvent, QObject, QSize, QTimer, Signal
 from qtpy.QtGui import QDragEnterEvent, QDropEvent, QShowEvent
 from qtpy.QtWidgets import (
     QFrame,
@@ -157,7 +160,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             show_warning(advice)
         self._catch_up()
         # The window is painted first.
-        QTimer.singleShot(QUIET_AFTER_MS, partial(load_ahead, warm_up_elsewhere))
+        QTimer.singleShot(QUIET_AFTER_MS, get_ready)
         atexit.register(close_with_python, weakref.ref(self))
         # Layers would be kept until the dock is closed, also those that are removed.
         self._collecting = None if len(napari_viewer.layers) else Collecting()
@@ -532,6 +535,41 @@ class Followers:
         for step in self._steps:
             if hasattr(step, what):
                 getattr(step, what)()
+
+
+class Units(QObject):  # type: ignore[misc]
+    """Reads in a thread the units of which napari needs some for the first layer.
+
+    pint takes a third of a second for it, in which the window would stand still.
+    """
+
+    read = Signal(object)
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.read.connect(self._take)
+
+    def read_ahead(self) -> None:
+        """Read them, in a thread."""
+        self.read.emit(pint.UnitRegistry(on_redefinition="raise"))
+
+    def _take(self, registry: pint.UnitRegistry[Any]) -> None:
+        """Let napari have them, unless somebody has needed units meanwhile."""
+        # Those of two registries can't be compared, so that none may be in use.
+        if isinstance(pint.get_application_registry().get(), LazyRegistry):  # type: ignore[no-untyped-call]
+            pint.set_application_registry(registry)  # type: ignore[no-untyped-call]
+
+
+@functools.cache
+def get_ready() -> None:
+    """Begin, once, with what the first click would wait for otherwise."""
+    units = Units()
+
+    def work() -> None:
+        warm_up_elsewhere()
+        units.read_ahead()
+
+    load_ahead(work)
 
 
 def close_with_python(dock: weakref.ref[Phase4DDock]) -> None:
