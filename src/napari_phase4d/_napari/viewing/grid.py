@@ -225,7 +225,7 @@ def font_of_names(viewer: Any, layers: Sequence[Any]) -> float:
     columns = shape_for(max(1, len(layers)))[1]
     room = viewer.canvas.size[1] / columns - BESIDE
     longest = max((len(layer.name) for layer in layers), default=1)
-    fits = room // (LETTER * longest)  # napari draws the box behind for whole points
+    fits = room // (LETTER * longest)
     return float(np.clip(fits, LEAST_FONT, NAME_FONT[len(layers) > CROWD]))
 
 
