@@ -14,12 +14,14 @@ import numpy as np
 import pandas as pd
 import pytest
 from driving import answer_dialog, let_settle
+from napari.components import ViewerModel
 from qtpy.QtCore import Qt
 from qtpy.QtGui import QGuiApplication
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.viewing.grid import ViewState
+from napari_phase4d._napari.viewing.grid import ViewState, font_of_names
 from napari_phase4d.analysis import measure, polygon_mask
+from napari_phase4d.unwrapping import METHODS
 
 pytestmark = pytest.mark.gui
 
@@ -33,6 +35,20 @@ def compared(ready) -> Any:
 
 def shown(viewer: Any) -> list[str]:
     return [layer.name for layer in viewer.layers if layer.visible]
+
+
+@pytest.mark.parametrize(("width", "size"), [(512, 7.0), (900, 8.0), (300, 6.0)])
+def test_long_names_get_letters_that_fit_their_cells(qapp: Any, width: int, size: float) -> None:
+    viewer = ViewerModel()
+    viewer.canvas.size = (600, width)
+    names = [METHODS[m].label for m in list(METHODS)[:9]]
+    layers = [viewer.add_image(np.zeros((4, 4)), name=f"confidence in {n}") for n in names]
+    assert "confidence in Temporal" in viewer.layers
+    assert font_of_names(viewer, layers) == pytest.approx(size, abs=0.1)
+    for layer in layers:
+        layer.name = layer.name.removeprefix("confidence in ")
+    assert font_of_names(viewer, layers) == pytest.approx(8, abs=0.1)
+    assert font_of_names(viewer, layers[:4]) == pytest.approx(10, abs=0.1)
 
 
 @pytest.mark.thorough

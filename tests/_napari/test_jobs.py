@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import sys
 import threading
 import time
 from collections.abc import Iterator
@@ -11,9 +13,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from qtpy.QtCore import Qt, QTimer
+from qtpy.QtCore import Qt, QThreadPool, QTimer
 
 import napari_phase4d as p4d
+from napari_phase4d._napari.jobs import NICENESS
 from napari_phase4d._napari.session import Plan, plan_reconstruction, plan_unwrapping
 from napari_phase4d.task import UNWATCHED, Task, Watch
 
@@ -41,6 +44,29 @@ def test_change_while_a_job_runs_is_said_and_nothing_mixed(viewer, ready, qtbot)
     qtbot.waitUntil(lambda: not ready.jobs.running, timeout=10_000)
     assert "has changed meanwhile" in ready.status.text()
     assert len(viewer.layers) == count
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells threads apart")
+def test_work_gives_way_and_the_threads_of_others_do_not(dock, qtbot) -> None:
+    """Qt's threads are lent to other plugins, which have nothing to do with our work."""
+    pool, nice = QThreadPool.globalInstance(), {"work": [], "others": []}
+    together = threading.Barrier(pool.maxThreadCount() + 1, timeout=10)
+
+    def note(whose: str) -> None:
+        nice[whose].append(os.getpriority(os.PRIO_PROCESS, threading.get_native_id()))
+
+    def other() -> None:
+        note("others")
+        together.wait()  # so that each has a thread
+
+    dock.jobs.start(Plan("Noting", lambda _: note("work"), lambda _: None))
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=10_000)
+    for _ in range(pool.maxThreadCount()):
+        pool.start(other)
+    together.wait()
+    own = os.getpriority(os.PRIO_PROCESS, threading.get_native_id())
+    assert nice["work"] == [NICENESS]
+    assert nice["others"] == [own] * pool.maxThreadCount()
 
 
 def slow_plan(started: threading.Event, ended: list[str]) -> Plan:

@@ -150,14 +150,13 @@ class Jobs(QObject):  # type: ignore[misc]
         ended = Ended()
 
         def guarded() -> None:
-            give_way_to_the_window()
             # What comes of it is kept here: the worker's own signal for errors fails on PySide6.
             try:
                 ended.result = plan.work(Task(report, stop.is_set))
             except Exception as error:
                 ended.error = error
 
-        worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
+        worker = create_worker(giving_way, guarded, _start_thread=False, _ignore_errors=True)
         gate = self._gate
         worker.returned.connect(
             lambda _: None if gate.closed else self._returned(worker, plan, ended)
@@ -283,15 +282,23 @@ class Jobs(QObject):  # type: ignore[misc]
             self.idle.emit("" if again else plan.title)
 
 
-def give_way_to_the_window() -> None:
-    """Let this thread, and those that it starts, wait where the window has something to do.
+def giving_way(work: Callable[[], None]) -> None:
+    """Do work in a thread that waits, as do those that it starts, where the window has to do.
 
     On two cores, two threads of work make the window's own take twice its time. Only Linux tells
-    the threads of a program apart here.
+    the threads of a program apart here. Qt's threads are lent to other plugins too, and nobody
+    may take the waiting back: so it is a thread of its own, for which Qt's waits.
     """
-    if sys.platform == "linux":
-        with suppress(OSError):
-            os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
+
+    def nicely() -> None:
+        if sys.platform == "linux":
+            with suppress(OSError):
+                os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), NICENESS)
+        work()
+
+    thread = threading.Thread(target=nicely, name="Phase 4D", daemon=True)
+    thread.start()
+    thread.join()
 
 
 #: Of all windows, for the end of the program.

@@ -267,8 +267,8 @@ class Collecting:
         if not self._theirs:
             if Collecting.asked == 0:
                 Collecting.thresholds = gc.get_threshold()
-                young, middle, old = Collecting.thresholds
-                gc.set_threshold(young, middle, self.most_patience * old)
+                new, young, old = Collecting.thresholds
+                gc.set_threshold(new, young, self.most_patience * old)
             Collecting.asked += 1
             gc.freeze()
 

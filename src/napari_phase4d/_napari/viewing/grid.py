@@ -33,6 +33,10 @@ CROWD = 6
 #: Size of a name in points; width and height of a colour bar in pixels, and of its numbers in
 #: points: first the usual ones, then the small ones.
 NAME_FONT = (10.0, 8.0)
+#: A name that its cell is too narrow for gets smaller letters, but never smaller than that.
+LEAST_FONT = 6.0
+#: Pixels beside a name, and width of a letter in pixels for each point of the font.
+BESIDE, LETTER = 24.0, 0.95
 COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 110.0), (6.0, 52.0)), (8.0, 6.0)
 UNIT_FONT = 9.0
 #: What is shown together -> what its colours mean.
@@ -154,9 +158,10 @@ def arrange(viewer: Any, layers: Sequence[Any], bar: int = 0) -> Steps:
             yield
     grid.shape = shape
     yield
+    size = font_of_names(viewer, layers)
     for number, layer in enumerate(layers):
         if layer in viewer.layers:
-            show_name(layer, small=len(layers) > CROWD)
+            show_name(layer, size)
             yield
             if number == bar:
                 show_bar(layer, small=len(layers) > CROWD)
@@ -215,9 +220,18 @@ def hide_labels(layer: Any) -> None:
         layer.colorbar.visible = False
 
 
-def show_name(layer: Any, *, small: bool) -> None:
-    """Show a layer's name."""
-    layer.name_overlay.font_size = NAME_FONT[small]
+def font_of_names(viewer: Any, layers: Sequence[Any]) -> float:
+    """Return the size of letters with which the longest name fits its cell, in points."""
+    columns = shape_for(max(1, len(layers)))[1]
+    room = viewer.canvas.size[1] / columns - BESIDE
+    longest = max((len(layer.name) for layer in layers), default=1)
+    fits = room // (LETTER * longest)
+    return float(np.clip(fits, LEAST_FONT, NAME_FONT[len(layers) > CROWD]))
+
+
+def show_name(layer: Any, size: float) -> None:
+    """Show a layer's name in letters of that many points."""
+    layer.name_overlay.font_size = size
     layer.name_overlay.visible = True
 
 
