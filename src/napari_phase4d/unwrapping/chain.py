@@ -24,6 +24,7 @@ from napari_phase4d.unwrapping.alone import (
     Framewise,
     Turns,
     lifted_turns,
+    written_alone,
 )
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import coherence
@@ -62,6 +63,10 @@ ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 class Chained(Framewise, Protocol):
     """What the paper's methods ask of a problem."""
+
+    @property
+    def shared(self) -> bool:
+        """Whether other methods start from the frames that are unwrapped one by one as well."""
 
     @property
     def boundaries(self) -> list[Boundary]:
@@ -106,8 +111,11 @@ def spatial_2d(
     Returns
     -------
     list of (float, float)
-        Smallest and largest phase of every block, radians.
+        Smallest and largest phase of every block, radians; none where nobody asks for them.
     """
+    if reliability == "herraez" and not problem.finds_mask and not problem.shared:
+        written_alone(problem, result, task)
+        return []
     turns, mask = problem.alone(task), problem.counted(task)
     if reliability != "herraez":
         turns = lifted_turns(problem, mask, coherence, task)
