@@ -45,6 +45,7 @@ __all__ = [
     "lifted_turns",
     "object_in",
     "with_turns",
+    "write_block",
     "written_alone",
 ]
 
@@ -155,20 +156,27 @@ class FinishBlock:
 
     def __call__(self, block: Block) -> Limits:
         """Do a block; return its smallest and largest phase."""
-        wrapped, usable = self.given.read(block)
+        wrapped, mask, usable = self.given.read_marked(block, self.mask)
         unwrapped = room_in(self.result, block, np.float32)
-        turns, mask = self.turns.read(block), self.mask.read(block)
-        limits = finished_phase(wrapped, turns, mask, unwrapped)
-        if self.given.usable is None and not usable.all():
-            limits = limits_of(self.given.without_lost(unwrapped, usable))
-        self.result.write(block, unwrapped)
-        return limits
+        limits = finished_phase(wrapped, self.turns.read(block), mask, unwrapped)
+        return write_block(self.given, self.result, block, unwrapped, usable, limits)
+
+
+def write_block(
+    given: Given, result: Stack, block: Block, unwrapped: Phase, usable: Mask, limits: Limits
+) -> Limits:
+    """Write a block of a result, lost frames as NaN; return its limits without these."""
+    if given.usable is None and not usable.all():
+        limits = limits_of(given.without_lost(unwrapped, usable))
+    result.write(block, unwrapped)
+    return limits
 
 
 def with_turns(wrapped: Phase, turns: Turns, mask: Mask) -> Phase:
     """Return wrapped phase plus whole turns inside the mask, 0 outside."""
     unwrapped: Phase = np.empty(wrapped.shape, np.float32)
-    finished_phase(wrapped, turns, mask, unwrapped)
+    for frame in np.ndindex(*wrapped.shape[:-2]):
+        write_phase(wrapped[frame], turns[frame], mask[frame], unwrapped[frame])
     return unwrapped
 
 
@@ -438,7 +446,7 @@ class FindBlock:
         centres = np.empty((*wrapped.shape[:2], 2))
         shares = np.zeros(wrapped.shape[:2])
         for frame in np.ndindex(*wrapped.shape[:2]):
-            finished_phase(wrapped[frame], turns[frame], usable[frame], unwrapped)
+            write_phase(wrapped[frame], turns[frame], usable[frame], unwrapped)
             found[frame] = object_mask(unwrapped)
             if self.finds_mask:
                 shares[frame] = smooth_share_left_out(unwrapped, found[frame])

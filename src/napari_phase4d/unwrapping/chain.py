@@ -17,13 +17,15 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in
+from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in, widest
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
     FinishBlock,
     Framewise,
+    Mask,
     Turns,
     lifted_turns,
+    write_block,
     written_alone,
 )
 from napari_phase4d.unwrapping.given import Given
@@ -141,6 +143,8 @@ def chained(
     chain = Chain(problem.given, mask, shifts, problem.boundaries, split)
     for dim in order:
         message = f"unwrapping along {dim}"
+        if dim == "angle" and dim == order[-1]:
+            return problem.each(AlongAngle(chain, before, result, finishes=True), message, task)
         after = problem.store.temporary(f"along_{dim}", shape, "int16")
         if dim == "angle":
             problem.each(AlongAngle(chain, before, after), message, task)
@@ -210,14 +214,15 @@ class Chain:
     boundaries: list[Boundary]
     split: bool
 
-    def read(self, block: Block, turns: Stack, angles: slice = ALL) -> list[list[Maps]]:
-        """Return what is known of the frames of a block, by time and angle."""
-        wrapped = self.given.read(block, angles)[0]
+    def read(
+        self, block: Block, turns: Stack, angles: slice = ALL
+    ) -> tuple[list[list[Maps]], Mask]:
+        """Return what is known of the frames of a block, by time and angle; what counts at all."""
+        wrapped, mask, usable = self.given.read_marked(block, self.mask, angles)
         shifts = self.shifts[block.start : block.stop, angles].tolist()
-        of_times = zip(
-            wrapped, turns.read(block, angles), self.mask.read(block, angles), shifts, strict=True
-        )
-        return [[Maps(*frame) for frame in zip(*of_time, strict=True)] for of_time in of_times]
+        of_times = zip(wrapped, turns.read(block, angles), mask, shifts, strict=True)
+        maps = [[Maps(*frame) for frame in zip(*of_time, strict=True)] for of_time in of_times]
+        return maps, usable
 
 
 @dataclass(frozen=True)
@@ -230,21 +235,29 @@ class AlongAngle:
         What all passes need.
     initial, result : Stack
         Turns of the initial method, and where those of the result go.
+    finishes : bool, optional
+        Whether the result is the unwrapped phase itself. Default False: its turns.
     """
 
     chain: Chain
     initial: Stack
     result: Stack
+    finishes: bool = False
 
-    def __call__(self, block: Block) -> None:
-        """Do a block."""
-        chain = self.chain
-        found = room_in(self.result, block, np.int16)
-        for i, maps in enumerate(chain.read(block, self.initial)):
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest number."""
+        chain, limits = self.chain, []
+        found = room_in(self.result, block, np.float32 if self.finishes else np.int16)
+        every, usable = chain.read(block, self.initial)
+        for i, maps in enumerate(every):
             starts = starts_on("angle", block.start + i, chain.boundaries)
-            line = Line(len(maps), maps.__getitem__, found[i].__setitem__)
+            line = Line(len(maps), maps.__getitem__, found[i].__setitem__, phase=self.finishes)
             unwrap_line(line, starts, split=chain.split)
+            limits.append((float(found[i].min()), float(found[i].max())))
+        if self.finishes:
+            return write_block(chain.given, self.result, block, found, usable, widest(limits))
         self.result.write(block, found)
+        return widest(limits)
 
 
 def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> None:
@@ -340,7 +353,7 @@ class MapsOfAngle:
         if self._block is None or k not in self._block.times:
             self._block = block_at(self._chain.given.shape, k)
             angle = slice(self._angle, self._angle + 1)
-            self._held = self._chain.read(self._block, self._initial, angle)
+            self._held, _ = self._chain.read(self._block, self._initial, angle)
         return self._held[k - self._block.start][0]
 
     def write(self, k: int, turns: Turns) -> None:

@@ -95,6 +95,14 @@ class Given:
         known = is_known(wrapped)
         return np.where(known, wrapped, np.float32(0)), known
 
+    def read_marked(
+        self, block: Block, marks: Stack, angles: slice = ALL
+    ) -> tuple[NDArray[np.float32], NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return what `read` does and, between the two, what is marked; read but once for all."""
+        wrapped, usable = self.read(block, angles)
+        marked = usable if isinstance(marks, Counted) else marks.read(block, angles)
+        return wrapped, marked, usable
+
     def of_views(self, views: tuple[int, ...]) -> Given:
         """Return some views of it."""
         usable = None if self.usable is None else ViewsOf(self.usable, views)
