@@ -6,7 +6,7 @@ phase is the wrapped phase plus these.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -28,6 +28,7 @@ from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
 
 __all__ = [
+    "ALL_USABLE",
     "FindBlock",
     "FinishBlock",
     "Found",
@@ -51,6 +52,8 @@ __all__ = [
 
 TURN = np.float32(2 * np.pi)
 ALL = slice(None)
+#: Name of whether all pixels count, among what a problem shares.
+ALL_USABLE = "all usable"
 
 Phase = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -76,6 +79,9 @@ class Framewise(Protocol):
     @property
     def finds_mask(self) -> bool:
         """Whether the object is what is to be unwrapped."""
+
+    def once(self, name: str, work: Callable[[], R]) -> R:
+        """Return what ``work()`` returned when it was first asked for by this name."""
 
     def blocks(self) -> list[Block]:
         """Cut the frames into blocks."""
@@ -228,7 +234,8 @@ def each_alone(problem: Framewise, task: Task) -> Stack:
     """Unwrap all frames one by one, and return their turns, lifted to each other."""
     turns = problem.store.temporary("alone", problem.given.shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns)
-    borders = problem.each(unwrap, "2-D unwrapping", task)
+    borders, whole = zip(*problem.each(unwrap, "2-D unwrapping", task), strict=True)
+    problem.once(ALL_USABLE, lambda: all(whole))  # on disk another look at all of it would be long
     return Lifted(turns, lift_of(borders, problem.first))
 
 
@@ -283,11 +290,11 @@ def lifted_turns(
     shape = problem.given.shape
     turns = problem.store.temporary("ordered", shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns, mask, costs_of)
-    borders = problem.each(unwrap, "2-D unwrapping", task)
+    borders = [border for border, _ in problem.each(unwrap, "2-D unwrapping", task)]
     return Lifted(turns, lift_of(borders, problem.first))
 
 
-def lift_of(borders: list[NDArray[np.float64]], first: tuple[int, int]) -> Turns:
+def lift_of(borders: Sequence[NDArray[np.float64]], first: tuple[int, int]) -> Turns:
     """Return the turns that bring the borders of all frames together."""
     border = np.concatenate(borders)
     lift: Turns = np.round((border_medians(border, first) - border) / TURN).astype(np.int16)
@@ -315,8 +322,14 @@ class UnwrapBlock:
     mask: Stack | None = None
     costs_of: CostsOf = second_differences
 
-    def __call__(self, block: Block) -> NDArray[np.float64]:
-        """Do a block; return the level of each frame's border, shape (time, angle)."""
+    def __call__(self, block: Block) -> tuple[NDArray[np.float64], bool]:
+        """Do a block.
+
+        Returns
+        -------
+        ndarray of shape (time, angle), bool
+            The level of each frame's border; whether all pixels count.
+        """
         wrapped, mask = self.given.read(block)
         if self.mask is not None:
             mask = self.mask.read(block)
@@ -326,10 +339,11 @@ class UnwrapBlock:
             turns[frame], border[frame] = turns_of_frame(
                 wrapped[frame], mask[frame], self.costs_of, work
             )
-        if not mask.all():
+        whole = bool(mask.all())
+        if not whole:
             turns[~mask] = 0
         self.turns.write(block, turns)
-        return border
+        return border, whole
 
 
 def turns_round_0(border: NDArray[np.float64]) -> Turns:
@@ -354,7 +368,7 @@ class PhaseBlock:
     result: Stack
 
     def __call__(self, block: Block) -> NDArray[np.float64]:
-        """Do a block; return the level of each frame's border as `UnwrapBlock` does."""
+        """Do a block; return the level of each frame's border, shape (time, angle)."""
         wrapped, usable = self.given.read(block)
         work, unwrapped = Workspace(), room_in(self.result, block, np.float32)
         border = np.empty(wrapped.shape[:2])
