@@ -17,6 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.axes import AXES
 from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in, widest
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
@@ -135,8 +136,12 @@ def chained(
     split: bool = True,
 ) -> list[Limits]:
     """Apply the building block along one dimension after the other (steps 3 and 4)."""
-    before, mask = problem.alone(task), problem.counted(task)
     shape = problem.given.shape
+    # Along a single frame there is nothing to follow.
+    order = tuple(dim for dim in order if shape[AXES.index(dim)] > 1)
+    if not order:
+        return spatial_2d(problem, result, task)
+    before, mask = problem.alone(task), problem.counted(task)
     shifts = np.zeros((*shape[:2], 2), dtype=np.intp)
     if registration:
         shifts = problem.shifts(**task.calls)

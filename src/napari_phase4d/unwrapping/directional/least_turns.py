@@ -47,18 +47,26 @@ def graph_of_pairs(first: Index, second: Index, n: int) -> tuple[Index, Index, I
     place : ndarray of int, shape (2 pairs,)
         Number of the arc of each pair from first to second, then of those from second to first.
     """
-    tail = np.concatenate([first, second])
-    order = np.argsort(tail, kind="stable")
-    place = np.empty(len(tail), dtype=np.int32)
-    place[order] = np.arange(len(tail), dtype=np.int32)
-    head = np.concatenate([second, first])[order].astype(np.int32)
     start = np.zeros(n + 1, dtype=np.int32)
-    start[1:] = np.cumsum(np.bincount(tail, minlength=n))
-    pairs = len(first)
-    reverse = np.empty(len(tail), dtype=np.int32)
-    reverse[place[:pairs]] = place[pairs:]
-    reverse[place[pairs:]] = place[:pairs]
+    start[1:] = np.cumsum(np.bincount(first, minlength=n) + np.bincount(second, minlength=n))
+    place, head, reverse = (np.empty(2 * len(first), dtype=np.int32) for _ in range(3))
+    place_arcs(first, second, start[:-1].copy(), place, head, reverse)
     return start, head, reverse, place
+
+
+@compiled
+def place_arcs(
+    first: Index, second: Index, free: Index, place: Index, head: Index, reverse: Index
+) -> None:
+    """Put arcs in order, of each node in the order that they are given in."""
+    pairs = len(first)
+    for k in range(2 * pairs):
+        tail, other = (first[k], second[k]) if k < pairs else (second[k - pairs], first[k - pairs])
+        place[k] = free[tail]
+        head[free[tail]] = other
+        free[tail] += 1
+    for k in range(pairs):
+        reverse[place[k]], reverse[place[pairs + k]] = place[pairs + k], place[k]
 
 
 @compiled
@@ -234,10 +242,12 @@ class LeastTurns:
         self.held = regions.held
         self.limit: Limit | None = None
         self.weight = regions.edges.weight.astype(np.float64)
-        pair = regions.edges.first.astype(np.int64) * regions.n + regions.edges.second
-        pairs, self.pair = np.unique(pair, return_inverse=True)
-        self.first = (pairs // regions.n).astype(np.int32)
-        self.second = (pairs % regions.n).astype(np.int32)
+        first, second = regions.edges.first, regions.edges.second
+        # Edges are sorted by their regions.
+        begins = np.append(True, (first[1:] != first[:-1]) | (second[1:] != second[:-1]))
+        begins = begins[: len(first)]
+        self.pair = np.cumsum(begins, dtype=np.int32) - np.int32(1)
+        self.first, self.second = first[begins], second[begins]
         self.free = (self.first != self.held) & (self.second != self.held)
         self.graph = graph_of_pairs(self.first[self.free], self.second[self.free], regions.n)
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,10 +27,10 @@ from napari_phase4d.unwrapping.directional.groups import (
     Index,
     Runs,
     Whole,
+    columns_of,
     grouped,
     join,
     merged_edges,
-    no_edges,
     root_of,
     runs_between,
     weight_of,
@@ -42,8 +43,9 @@ __all__ = ["FIELD_SHARE", "FIRM", "Regions", "find_regions"]
 FIELD_SHARE = 0.05
 #: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
 FIRM = -0.268
-#: Edges that are collected before those that ask for the same are put together.
-MANY_EDGES = 2_000_000
+#: Edges that are collected before those that ask for the same are put together. Nearly all of
+#: these lie within some frames, so that older ones need not be looked at again before the end.
+MANY_EDGES = 300_000
 
 
 @dataclass(frozen=True)
@@ -174,7 +176,9 @@ class Joining:
         self._n = 0
         self._base = np.zeros(scene.shape[0], dtype=np.int64)
         self._fields = np.full((*scene.shape[:2], 3), -1, dtype=np.int64)
+        #: Edges of the last frames, and those that have been put together.
         self._edges: list[Edges] = []
+        self._older: list[Edges] = []
         #: The start's first time; the last time so far and the steps to the one after.
         self._first: Frame | None = None
         self._last: tuple[Frame, Opinion | None] | None = None
@@ -204,11 +208,13 @@ class Joining:
         if forward:
             self._last = found.last, found.later
         if sum(len(edges) for edges in self._edges) > MANY_EDGES:
-            self._edges = [self._together()]
+            first, second, turns, *rest = columns_of(self._edges)
+            turns += resolved(self._parent, self._offset, first)
+            turns -= resolved(self._parent, self._offset, second)
+            self._older.append(merged_edges(first, second, turns, *rest))
 
     def regions(self, groups: Stack, relative: Stack) -> Regions:
         """Return what has been joined."""
-        edges = self._together()
         region = np.empty(self._n, dtype=np.int32)
         offset = self._offset[: self._n]
         n = number_roots(self._parent[: self._n], offset, region)
@@ -217,12 +223,22 @@ class Joining:
             at, turns, n = n, 0, n + 1
         else:
             at, turns = int(region[held[0]]), int(offset[held[0]] + held[1])
-        of_others = region[others[:, 0]], offset[others[:, 0]] + others[:, 1]
+        count = len(others)
+        self._edges = [*self._older, *self._edges]
+        self._older.clear()
+        first, second, turns_, *rest = columns_of(self._edges)
+        turns_ += offset[first] - offset[second]
+        ties = (
+            np.full(count, at, dtype=np.int32),
+            region[others[:, 0]],
+            turns - (offset[others[:, 0]] + others[:, 1]),
+        )
         edges = merged_edges(
-            np.concatenate([region[edges.first], np.full(len(others), at, dtype=np.int32)]),
-            np.concatenate([region[edges.second], of_others[0]]),
-            np.concatenate([edges.turns, turns - of_others[1]]),
-            *with_ties(edges, len(others)),
+            *(
+                np.concatenate(both)
+                for both in zip((region[first], region[second], turns_), ties, strict=True)
+            ),
+            *with_ties(rest, count),
         )
         sizes = np.concatenate(self._sizes)
         return Regions(
@@ -280,14 +296,6 @@ class Joining:
             )
         )
 
-    def _together(self) -> Edges:
-        """Return the edges so far, between roots; those that ask for the same as one."""
-        columns = [vars(edges).values() for edges in [no_edges(), *self._edges]]
-        first, second, turns, *rest = (np.concatenate(c) for c in zip(*columns, strict=True))
-        turns = turns + resolved(self._parent, self._offset, first)
-        turns = turns - resolved(self._parent, self._offset, second)
-        return merged_edges(first, second, turns, *rest)
-
     def _islands(self) -> tuple[tuple[int, int] | None, Whole]:
         """Return group and turns of the island that is held, and those of the other fields."""
         fields = self._fields.reshape(-1, 3)
@@ -337,17 +345,12 @@ def resolved(parent: Index, offset: Index, ids: Index) -> Index:
     return turns
 
 
-def with_ties(edges: Edges, count: int) -> tuple[Whole, Whole, NDArray[np.float32]]:
-    """Return what edges cost, with as many more as hold the empty field of every frame level.
+def with_ties(columns: list[NDArray[Any]], count: int) -> Iterator[NDArray[Any]]:
+    """Yield what edges cost, with as many more as hold the empty field of every frame level.
 
     The level of a frame hangs on its own empty field then, not on its neighbours; but not
     beyond doubt, since a plateau inside a cell may be taken for the field.
     """
     cost = int(np.round(PARTS * weight_of(np.array([FIRM]))[0]))
-    firm = np.full(count, cost, dtype=np.int64)
-    rough = np.full(count, FIRM, dtype=np.float32)
-    return (
-        np.concatenate([edges.weight, firm]),
-        np.concatenate([edges.ground, firm]),
-        np.concatenate([edges.rough, rough]),
-    )
+    for column, firm in zip(columns, (cost, cost, FIRM), strict=True):
+        yield np.concatenate([column, np.full(count, firm, dtype=column.dtype)])
