@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -224,22 +223,17 @@ class Joining:
         else:
             at, turns = int(region[held[0]]), int(offset[held[0]] + held[1])
         count = len(others)
-        self._edges = [*self._older, *self._edges]
+        parts = [between(part, region, offset) for part in (*self._older, *self._edges)]
         self._older.clear()
-        first, second, turns_, *rest = columns_of(self._edges)
-        turns_ += offset[first] - offset[second]
-        ties = (
-            np.full(count, at, dtype=np.int32),
-            region[others[:, 0]],
-            turns - (offset[others[:, 0]] + others[:, 1]),
+        self._edges.clear()
+        parts.append(
+            ties_between(
+                np.full(count, at, dtype=np.int32),
+                region[others[:, 0]],
+                turns - (offset[others[:, 0]] + others[:, 1]),
+            )
         )
-        edges = merged_edges(
-            *(
-                np.concatenate(both)
-                for both in zip((region[first], region[second], turns_), ties, strict=True)
-            ),
-            *with_ties(rest, count),
-        )
+        edges = merged_edges(*columns_of(parts))
         sizes = np.concatenate(self._sizes)
         return Regions(
             n,
@@ -345,12 +339,20 @@ def resolved(parent: Index, offset: Index, ids: Index) -> Index:
     return turns
 
 
-def with_ties(columns: list[NDArray[Any]], count: int) -> Iterator[NDArray[Any]]:
-    """Yield what edges cost, with as many more as hold the empty field of every frame level.
+def between(edges: Edges, region: Index, offset: Index) -> Edges:
+    """Return edges between groups as edges between their regions."""
+    turns = edges.turns + offset[edges.first] - offset[edges.second]
+    ends = region[edges.first], region[edges.second]
+    return Edges(*ends, turns, edges.weight, edges.ground, edges.rough)
+
+
+def ties_between(first: Index, second: Index, turns: Whole) -> Edges:
+    """Return edges that hold the empty field of every frame level.
 
     The level of a frame hangs on its own empty field then, not on its neighbours; but not
     beyond doubt, since a plateau inside a cell may be taken for the field.
     """
     cost = int(np.round(PARTS * weight_of(np.array([FIRM]))[0]))
-    for column, firm in zip(columns, (cost, cost, FIRM), strict=True):
-        yield np.concatenate([column, np.full(count, firm, dtype=column.dtype)])
+    firm = np.full(len(first), cost, dtype=np.int64)
+    rough = np.full(len(first), FIRM, dtype=np.float32)
+    return Edges(first, second, turns.astype(np.int32), firm, firm, rough)
