@@ -292,6 +292,18 @@ def test_object_mask_is_the_objects_shadow() -> None:
     assert object_mask(everywhere).all()  # no single object: nothing is left out
 
 
+def test_a_field_that_drifts_is_lifted_the_same_alone_and_among_other_methods() -> None:
+    noise = np.random.default_rng(0).normal(0, 0.3, (30, 2, 20, 24))
+    drift = np.linspace(-9, 30, 30)[:, None, None, None]
+    phase = np.angle(np.exp(1j * (noise + drift))).astype(np.float32)
+    for boundary in ((0, 0), (17, 1)):
+        alone = p4d.unwrap(phase, "spatial-2d", boundary)
+        among = p4d.compare(phase, ["spatial-2d", "temporal"], boundary).results["spatial-2d"]
+        np.testing.assert_array_equal(alone, among)
+        steps = np.diff(alone.values.mean(axis=(2, 3)), axis=0)
+        np.testing.assert_allclose(steps, 39 / 29, atol=0.2)
+
+
 def test_level_of_the_border_is_followed_from_frame_to_frame() -> None:
     drift = 0.9 * np.arange(10)[:, None] + np.array([0.0, 0.5])
     wrapped = np.angle(np.exp(1j * drift))

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from io import BufferedReader, FileIO
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -46,10 +47,11 @@ __all__ = [
 ]
 
 ALL = slice(None)
-#: Frames in a block at most: one file on disk holds so many.
-BLOCK_FRAMES = 8
-#: Pixels, of all views, in a block at most, unless one frame has more.
-BLOCK_PIXELS = 4 * 2**20
+#: A block has so many frames at most: one file on disk holds so many. Of small frames there are
+#: more in a block, since a file takes the time of many pixels.
+BLOCK_FRAMES, SMALL_FRAMES = 8, 16
+#: Pixels, of all views, in a block at most, unless one frame has more; in one of small frames.
+BLOCK_PIXELS, SMALL_PIXELS = 4 * 2**20, 2**20
 
 
 @dataclass(frozen=True)
@@ -87,8 +89,9 @@ class Block:
 
 def block_frames(shape: Sequence[int]) -> int:
     """Return how many frames a block of a stack (time, angle, y, x) has."""
-    fitting = BLOCK_PIXELS // max(math.prod(shape[1:]), 1)
-    return max(1, min(BLOCK_FRAMES, fitting, shape[0]))
+    frame = max(math.prod(shape[1:]), 1)
+    small = min(SMALL_FRAMES, SMALL_PIXELS // frame)
+    return max(1, min(max(small, min(BLOCK_FRAMES, BLOCK_PIXELS // frame)), shape[0]))
 
 
 def blocks_of(shape: Sequence[int], frames: int = 0) -> list[Block]:
@@ -279,38 +282,35 @@ class FileStack:
         """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
         first, last, _ = angles.indices(self.shape[1])
         frames = (last - first, *self.shape[2:])
-        if last - first == self.shape[1]:
-            return self._read(self._place(block.start, 0), (len(block), *frames))
-        return np.stack([self._read(self._place(t, first), frames) for t in block.times])
-
-    def _read(self, start: int, shape: tuple[int, ...]) -> NDArray[Any]:
-        """Return numbers from somewhere in the file."""
-        flat = np.fromfile(self.path, self.dtype, math.prod(shape), offset=start)
-        return flat.reshape(shape)
+        found = np.empty((len(block), *frames), self.dtype)
+        with self.path.open("rb", 0) as file:
+            if last - first == self.shape[1]:
+                read_all(file, self._place(block.start, 0), found)
+            else:
+                for time, one in zip(block.times, found, strict=True):
+                    read_all(file, self._place(time, first), one)
+        return found
 
     def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
         """Write the frames of a block, or some of its views."""
         first, last, _ = angles.indices(self.shape[1])
-        if last - first == self.shape[1]:
-            self._write(self._place(block.start, 0), values)
-            return
-        for time, frames in zip(block.times, values, strict=True):
-            self._write(self._place(time, first), frames)
-
-    def _write(self, start: int, values: NDArray[Any]) -> None:
+        whole: Any = np.ascontiguousarray(values, self.dtype)
+        # Unlike ``tofile`` this says when the disk is full.
         with self.path.open("r+b") as file:
-            file.seek(start)
-            # Unlike ``tofile`` this says when the disk is full.
-            whole: Any = np.ascontiguousarray(values, self.dtype)
-            file.write(whole.data)
+            if last - first == self.shape[1]:
+                file.seek(self._place(block.start, 0))
+                file.write(whole.data)
+                return
+            for time, frames in zip(block.times, whole, strict=True):
+                file.seek(self._place(time, first))
+                file.write(frames.data)
 
     def read_pixels(self, pixels: Block) -> NDArray[Any]:
         """Return some pixels at all times, shape (time, pixel)."""
         found = np.empty((self.shape[0], len(pixels)), self.dtype)
         with self.path.open("rb") as file:
             for time, row in enumerate(found):
-                file.seek(self._place(time, 0) + pixels.start * found.itemsize)
-                file.readinto(row.data)
+                read_all(file, self._place(time, 0) + pixels.start * found.itemsize, row)
         return found
 
     def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
@@ -325,6 +325,24 @@ class FileStack:
         """Return where in the file a frame begins."""
         frame = math.prod(self.shape[2:]) * np.dtype(self.dtype).itemsize
         return (time * self.shape[1] + angle) * frame
+
+
+def read_all(file: FileIO | BufferedReader, start: int, out: NDArray[Any]) -> None:
+    """Read numbers from somewhere in a file into an array in order.
+
+    Raises
+    ------
+    OSError
+        If the file ends before.
+    """
+    file.seek(start)
+    rest = out.reshape(-1).view(np.uint8)
+    while rest.size:
+        count = file.readinto(rest.data)
+        if not count:
+            msg = f"{file.name} is cut short"
+            raise OSError(msg)
+        rest = rest[count:]
 
 
 # ---- stacks that come in --------------------------------------------------------------------

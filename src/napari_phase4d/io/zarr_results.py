@@ -83,18 +83,20 @@ def new_array(
     """Return a new array of a group, a chunk of which holds so many frames of one view.
 
     Of the packers, zstd makes phase smallest, to about 80 %; lz4 is the quickest, and a third
-    quicker still where whole bytes are sorted before and not bits.
+    quicker still where whole bytes are sorted before and not bits. None at all ("") takes less
+    than half of its time.
     """
     from zarr.codecs import BloscCodec, Crc32cCodec
 
     sorted_by = "shuffle" if packer == "lz4" else "bitshuffle"
+    packed = [BloscCodec(cname=packer, clevel=1, shuffle=sorted_by)] if packer else []
     return group.create_array(
         ARRAY,
         shape=shape,
         chunks=(min(frames, shape[0]), 1, *shape[2:]),
         dtype=np.dtype(dtype).newbyteorder("="),
         # The sum is checked first: Blosc crashes on what is cut short.
-        compressors=[BloscCodec(cname=packer, clevel=1, shuffle=sorted_by), Crc32cCodec()],
+        compressors=[*packed, Crc32cCodec()],
         dimension_names=NAMES,
         config=ALL_CHUNKS,
     )
@@ -300,7 +302,9 @@ def one_line(error: Exception) -> str:
     return f"{type(error).__name__}: {in_one_line(error)}"
 
 
-def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
+def create_blocks(
+    group: Path, shape: tuple[int, ...], frames: int, *, packed: bool = True
+) -> Path:
     """Make an empty float32 stack (time, angle, y, x) on disk.
 
     Parameters
@@ -311,6 +315,8 @@ def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
         Shape of the stack.
     frames : int
         Frames in a block. A file holds one; different ones may be written at the same time.
+    packed : bool, optional
+        Whether to pack it: what is noisy everywhere becomes a tenth smaller or so. Default True.
 
     Returns
     -------
@@ -321,7 +327,7 @@ def create_blocks(group: Path, shape: tuple[int, ...], frames: int) -> Path:
 
     # Chunks of single frames take twice as long to write; the packer keeps up with the work.
     top = zarr.create_group(group, zarr_format=3)
-    new_array(top, shape, np.float32, frames=frames, packer="lz4")
+    new_array(top, shape, np.float32, frames=frames, packer="lz4" if packed else "")
     return group / ARRAY
 
 

@@ -207,7 +207,8 @@ def sample_of(stack: xr.DataArray) -> NDArray[Any]:
     parts = []
     for number in chosen:
         place = dict(zip(frames, np.unravel_index(number, shape), strict=True))
-        parts.append(np.asarray(stack.isel(place).data).ravel())
+        at = tuple(place.get(str(axis), slice(None)) for axis in stack.dims)
+        parts.append(np.asarray(stack.data[at]).ravel())
     return finite_of(np.concatenate(parts))
 
 

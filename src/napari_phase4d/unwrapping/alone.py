@@ -6,7 +6,7 @@ phase is the wrapped phase plus these.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, Store, limits_of, room_in
-from napari_phase4d.task import Task
+from napari_phase4d.task import Task, on_all_cores
 from napari_phase4d.unwrapping.frames import (
     border_medians,
     centre,
@@ -24,10 +24,11 @@ from napari_phase4d.unwrapping.frames import (
     turns_of_frame,
     unwrap_frame,
 )
-from napari_phase4d.unwrapping.given import Given
+from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
 
 __all__ = [
+    "ALL_USABLE",
     "FindBlock",
     "FinishBlock",
     "Found",
@@ -45,10 +46,14 @@ __all__ = [
     "lifted_turns",
     "object_in",
     "with_turns",
+    "write_block",
+    "written_alone",
 ]
 
 TURN = np.float32(2 * np.pi)
 ALL = slice(None)
+#: Name of whether all pixels count, among what a problem shares.
+ALL_USABLE = "all usable"
 
 Phase = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -74,6 +79,12 @@ class Framewise(Protocol):
     @property
     def finds_mask(self) -> bool:
         """Whether the object is what is to be unwrapped."""
+
+    def once(self, name: str, work: Callable[[], R]) -> R:
+        """Return what ``work()`` returned when it was first asked for by this name."""
+
+    def blocks(self) -> list[Block]:
+        """Cut the frames into blocks."""
 
     def each(
         self,
@@ -151,20 +162,27 @@ class FinishBlock:
 
     def __call__(self, block: Block) -> Limits:
         """Do a block; return its smallest and largest phase."""
-        wrapped, usable = self.given.read(block)
+        wrapped, mask, usable = self.given.read_marked(block, self.mask)
         unwrapped = room_in(self.result, block, np.float32)
-        turns, mask = self.turns.read(block), self.mask.read(block)
-        limits = finished_phase(wrapped, turns, mask, unwrapped)
-        if self.given.usable is None and not usable.all():
-            limits = limits_of(self.given.without_lost(unwrapped, usable))
-        self.result.write(block, unwrapped)
-        return limits
+        limits = finished_phase(wrapped, self.turns.read(block), mask, unwrapped)
+        return write_block(self.given, self.result, block, unwrapped, usable, limits)
+
+
+def write_block(
+    given: Given, result: Stack, block: Block, unwrapped: Phase, usable: Mask, limits: Limits
+) -> Limits:
+    """Write a block of a result, lost frames as NaN; return its limits without these."""
+    if given.usable is None and not usable.all():
+        limits = limits_of(given.without_lost(unwrapped, usable))
+    result.write(block, unwrapped)
+    return limits
 
 
 def with_turns(wrapped: Phase, turns: Turns, mask: Mask) -> Phase:
     """Return wrapped phase plus whole turns inside the mask, 0 outside."""
     unwrapped: Phase = np.empty(wrapped.shape, np.float32)
-    finished_phase(wrapped, turns, mask, unwrapped)
+    for frame in np.ndindex(*wrapped.shape[:-2]):
+        write_phase(wrapped[frame], turns[frame], mask[frame], unwrapped[frame])
     return unwrapped
 
 
@@ -175,15 +193,20 @@ def finished_phase(wrapped: Phase, turns: Turns, mask: Mask, out: Phase) -> Limi
     """
     lows, highs = [], []
     for frame in np.ndindex(*wrapped.shape[:-2]):
-        add_in_mask(
-            as_loops_take(wrapped[frame], np.float32),
-            as_loops_take(turns[frame]),
-            as_loops_take(mask[frame], np.bool_),
-            out[frame],
-        )
+        write_phase(wrapped[frame], turns[frame], mask[frame], out[frame])
         lows.append(out[frame].min())
         highs.append(out[frame].max())
     return float(min(lows)), float(max(highs))
+
+
+def write_phase(wrapped: Phase, turns: Turns, mask: Mask, out: Phase) -> None:
+    """Write wrapped phase plus whole turns inside the mask of a frame, 0 outside."""
+    add_in_mask(
+        as_loops_take(wrapped, np.float32),
+        as_loops_take(turns),
+        as_loops_take(mask, np.bool_),
+        out,
+    )
 
 
 def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
@@ -211,8 +234,24 @@ def each_alone(problem: Framewise, task: Task) -> Stack:
     """Unwrap all frames one by one, and return their turns, lifted to each other."""
     turns = problem.store.temporary("alone", problem.given.shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns)
-    borders = problem.each(unwrap, "2-D unwrapping", task)
+    borders, whole = zip(*problem.each(unwrap, "2-D unwrapping", task), strict=True)
+    problem.once(ALL_USABLE, lambda: all(whole))  # on disk another look at all of it would be long
     return Lifted(turns, lift_of(borders, problem.first))
+
+
+def written_alone(problem: Framewise, result: Stack, task: Task) -> None:
+    """Unwrap all frames one by one straight into a result in memory.
+
+    That is for where nobody needs their turns afterwards. What frames are to be lifted by is known
+    only when all are unwrapped. So each is written as if its border lay in the turn round 0, as
+    that of most recordings does, and those that have drifted further are lifted where they are.
+    """
+    borders = problem.each(PhaseBlock(problem.given, result), "2-D unwrapping", task)
+    further = lift_of(borders, problem.first) - turns_round_0(np.concatenate(borders))
+    if further.any():
+        turns = Lifted(TurnsIn(problem.given, result), further)
+        lift = FinishBlock(problem.given, turns, Counted(problem.given), result)
+        on_all_cores(lift, [b for b in problem.blocks() if further[b.start : b.stop].any()])
 
 
 def found_in(
@@ -251,11 +290,11 @@ def lifted_turns(
     shape = problem.given.shape
     turns = problem.store.temporary("ordered", shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns, mask, costs_of)
-    borders = problem.each(unwrap, "2-D unwrapping", task)
+    borders = [border for border, _ in problem.each(unwrap, "2-D unwrapping", task)]
     return Lifted(turns, lift_of(borders, problem.first))
 
 
-def lift_of(borders: list[NDArray[np.float64]], first: tuple[int, int]) -> Turns:
+def lift_of(borders: Sequence[NDArray[np.float64]], first: tuple[int, int]) -> Turns:
     """Return the turns that bring the borders of all frames together."""
     border = np.concatenate(borders)
     lift: Turns = np.round((border_medians(border, first) - border) / TURN).astype(np.int16)
@@ -283,8 +322,14 @@ class UnwrapBlock:
     mask: Stack | None = None
     costs_of: CostsOf = second_differences
 
-    def __call__(self, block: Block) -> NDArray[np.float64]:
-        """Do a block; return the level of each frame's border, shape (time, angle)."""
+    def __call__(self, block: Block) -> tuple[NDArray[np.float64], bool]:
+        """Do a block.
+
+        Returns
+        -------
+        ndarray of shape (time, angle), bool
+            The level of each frame's border; whether all pixels count.
+        """
         wrapped, mask = self.given.read(block)
         if self.mask is not None:
             mask = self.mask.read(block)
@@ -294,10 +339,89 @@ class UnwrapBlock:
             turns[frame], border[frame] = turns_of_frame(
                 wrapped[frame], mask[frame], self.costs_of, work
             )
-        if not mask.all():
+        whole = bool(mask.all())
+        if not whole:
             turns[~mask] = 0
         self.turns.write(block, turns)
+        return border, whole
+
+
+def turns_round_0(border: NDArray[np.float64]) -> Turns:
+    """Return the turns that bring levels of borders, in radians, into the turn round 0."""
+    turns: Turns = -np.round(border / TURN).astype(np.int16)
+    return turns
+
+
+@dataclass(frozen=True)
+class PhaseBlock:
+    """Unwraps each frame of a block and writes its phase, its border in the turn round 0.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase, and the pixels that count.
+    result : Stack
+        Where unwrapped phase goes.
+    """
+
+    given: Given
+    result: Stack
+
+    def __call__(self, block: Block) -> NDArray[np.float64]:
+        """Do a block; return the level of each frame's border, shape (time, angle)."""
+        wrapped, usable = self.given.read(block)
+        work, unwrapped = Workspace(), room_in(self.result, block, np.float32)
+        border = np.empty(wrapped.shape[:2])
+        for frame in np.ndindex(*border.shape):
+            turns, border[frame] = turns_of_frame(
+                wrapped[frame], usable[frame], second_differences, work
+            )
+            turns += turns_round_0(border[frame])
+            write_phase(wrapped[frame], turns, usable[frame], unwrapped[frame])
+        self.result.write(block, unwrapped)
         return border
+
+
+@dataclass(frozen=True)
+class TurnsIn(ReadOnly):
+    """The turns in unwrapped phase.
+
+    Parameters
+    ----------
+    given : Given
+        Wrapped phase.
+    unwrapped : Stack
+        It and whole turns.
+    """
+
+    given: Given
+    unwrapped: Stack
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack (time, angle, y, x)."""
+        return self.given.shape
+
+    def read(self, block: Block, angles: slice = ALL) -> Turns:
+        """Return the turns of a block."""
+        wrapped, _ = self.given.read(block, angles)
+        turns: Turns = np.empty(wrapped.shape, np.int16)
+        for frame in np.ndindex(*wrapped.shape[:2]):
+            turns_between(
+                as_loops_take(wrapped[frame]),
+                as_loops_take(self.unwrapped.read(block, angles)[frame]),
+                turns[frame],
+            )
+        return turns
+
+
+@compiled
+def turns_between(wrapped: Phase, unwrapped: Phase, out: Turns) -> None:
+    """Write the turns from wrapped to unwrapped phase."""
+    turn = np.float32(2 * np.pi)
+    for y in range(len(out)):
+        for x in range(out.shape[1]):
+            out[y, x] = np.int16(np.rint((unwrapped[y, x] - wrapped[y, x]) / turn))
 
 
 @dataclass(frozen=True)
@@ -336,7 +460,7 @@ class FindBlock:
         centres = np.empty((*wrapped.shape[:2], 2))
         shares = np.zeros(wrapped.shape[:2])
         for frame in np.ndindex(*wrapped.shape[:2]):
-            finished_phase(wrapped[frame], turns[frame], usable[frame], unwrapped)
+            write_phase(wrapped[frame], turns[frame], usable[frame], unwrapped)
             found[frame] = object_mask(unwrapped)
             if self.finds_mask:
                 shares[frame] = smooth_share_left_out(unwrapped, found[frame])

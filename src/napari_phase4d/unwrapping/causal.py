@@ -269,19 +269,22 @@ class Causal:
     def _alone(self, given: Given, each: Each) -> Batch:
         """Unwrap each frame by itself, and find the object, as `each_alone` does."""
         turns = empty(given, np.int16)
-        lifted = Lifted(turns, self._levels.lift(each(UnwrapBlock(given, turns))))
+        borders, whole = zip(*each(UnwrapBlock(given, turns)), strict=True)
+        lifted = Lifted(turns, self._levels.lift([*borders]))
         found = empty(given, bool)
         mask: Stack = found if self.finds_mask else Counted(given)
         done = each(FindBlock(given, lifted, found, self.finds_mask))
         centres, shares = (np.concatenate([part[i] for part in done]) for i in (0, 1))
         self._left_out.append(shares)
-        self.all_usable = self.all_usable and bool(given.read(each.all)[1].all())
+        self.all_usable = self.all_usable and all(whole)
         return Batch(given, lifted, mask, found, centres)
 
     def _by_coherence(self, batch: Batch, each: Each) -> Stack:
         """Return the turns of each frame by itself in another order, as `lifted_turns` does."""
         turns = empty(batch.given, np.int16)
-        borders = each(UnwrapBlock(batch.given, turns, batch.mask, coherence))
+        borders = [
+            border for border, _ in each(UnwrapBlock(batch.given, turns, batch.mask, coherence))
+        ]
         return Lifted(turns, self._ordered.lift(borders))
 
     def _turns(self, method: str, batch: Batch, shifts: NDArray[np.intp], each: Each) -> Stack:

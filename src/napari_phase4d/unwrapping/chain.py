@@ -17,13 +17,17 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in
+from napari_phase4d.axes import AXES
+from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in, widest
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
     FinishBlock,
     Framewise,
+    Mask,
     Turns,
     lifted_turns,
+    write_block,
+    written_alone,
 )
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import coherence
@@ -62,6 +66,10 @@ ORDERS: Mapping[str, tuple[str, ...]] = MappingProxyType(
 
 class Chained(Framewise, Protocol):
     """What the paper's methods ask of a problem."""
+
+    @property
+    def shared(self) -> bool:
+        """Whether other methods start from the frames that are unwrapped one by one as well."""
 
     @property
     def boundaries(self) -> list[Boundary]:
@@ -106,8 +114,11 @@ def spatial_2d(
     Returns
     -------
     list of (float, float)
-        Smallest and largest phase of every block, radians.
+        Smallest and largest phase of every block, radians; none where nobody asks for them.
     """
+    if reliability == "herraez" and not problem.finds_mask and not problem.shared:
+        written_alone(problem, result, task)
+        return []
     turns, mask = problem.alone(task), problem.counted(task)
     if reliability != "herraez":
         turns = lifted_turns(problem, mask, coherence, task)
@@ -125,14 +136,20 @@ def chained(
     split: bool = True,
 ) -> list[Limits]:
     """Apply the building block along one dimension after the other (steps 3 and 4)."""
-    before, mask = problem.alone(task), problem.counted(task)
     shape = problem.given.shape
+    # Along a single frame there is nothing to follow.
+    order = tuple(dim for dim in order if shape[AXES.index(dim)] > 1)
+    if not order:
+        return spatial_2d(problem, result, task)
+    before, mask = problem.alone(task), problem.counted(task)
     shifts = np.zeros((*shape[:2], 2), dtype=np.intp)
     if registration:
         shifts = problem.shifts(**task.calls)
     chain = Chain(problem.given, mask, shifts, problem.boundaries, split)
     for dim in order:
         message = f"unwrapping along {dim}"
+        if dim == "angle" and dim == order[-1]:
+            return problem.each(AlongAngle(chain, before, result, finishes=True), message, task)
         after = problem.store.temporary(f"along_{dim}", shape, "int16")
         if dim == "angle":
             problem.each(AlongAngle(chain, before, after), message, task)
@@ -202,14 +219,15 @@ class Chain:
     boundaries: list[Boundary]
     split: bool
 
-    def read(self, block: Block, turns: Stack, angles: slice = ALL) -> list[list[Maps]]:
-        """Return what is known of the frames of a block, by time and angle."""
-        wrapped = self.given.read(block, angles)[0]
+    def read(
+        self, block: Block, turns: Stack, angles: slice = ALL
+    ) -> tuple[list[list[Maps]], Mask]:
+        """Return what is known of the frames of a block, by time and angle; what counts at all."""
+        wrapped, mask, usable = self.given.read_marked(block, self.mask, angles)
         shifts = self.shifts[block.start : block.stop, angles].tolist()
-        of_times = zip(
-            wrapped, turns.read(block, angles), self.mask.read(block, angles), shifts, strict=True
-        )
-        return [[Maps(*frame) for frame in zip(*of_time, strict=True)] for of_time in of_times]
+        of_times = zip(wrapped, turns.read(block, angles), mask, shifts, strict=True)
+        maps = [[Maps(*frame) for frame in zip(*of_time, strict=True)] for of_time in of_times]
+        return maps, usable
 
 
 @dataclass(frozen=True)
@@ -222,21 +240,29 @@ class AlongAngle:
         What all passes need.
     initial, result : Stack
         Turns of the initial method, and where those of the result go.
+    finishes : bool, optional
+        Whether the result is the unwrapped phase itself. Default False: its turns.
     """
 
     chain: Chain
     initial: Stack
     result: Stack
+    finishes: bool = False
 
-    def __call__(self, block: Block) -> None:
-        """Do a block."""
-        chain = self.chain
-        found = room_in(self.result, block, np.int16)
-        for i, maps in enumerate(chain.read(block, self.initial)):
+    def __call__(self, block: Block) -> Limits:
+        """Do a block; return its smallest and largest number."""
+        chain, limits = self.chain, []
+        found = room_in(self.result, block, np.float32 if self.finishes else np.int16)
+        every, usable = chain.read(block, self.initial)
+        for i, maps in enumerate(every):
             starts = starts_on("angle", block.start + i, chain.boundaries)
-            line = Line(len(maps), maps.__getitem__, found[i].__setitem__)
+            line = Line(len(maps), maps.__getitem__, found[i].__setitem__, phase=self.finishes)
             unwrap_line(line, starts, split=chain.split)
+            limits.append((float(found[i].min()), float(found[i].max())))
+        if self.finishes:
+            return write_block(chain.given, self.result, block, found, usable, widest(limits))
         self.result.write(block, found)
+        return widest(limits)
 
 
 def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> None:
@@ -332,7 +358,7 @@ class MapsOfAngle:
         if self._block is None or k not in self._block.times:
             self._block = block_at(self._chain.given.shape, k)
             angle = slice(self._angle, self._angle + 1)
-            self._held = self._chain.read(self._block, self._initial, angle)
+            self._held, _ = self._chain.read(self._block, self._initial, angle)
         return self._held[k - self._block.start][0]
 
     def write(self, k: int, turns: Turns) -> None:

@@ -87,30 +87,29 @@ def dilate_erode(
     t0, a0 = problem.first
     limits: dict[int, Limits] = {}
 
-    def write(block: Block, wrapped: Phase, inside: Mask, turns: Turns) -> None:
-        unwrapped = with_turns(wrapped, turns, inside)
-        unwrapped = problem.given.without_lost(unwrapped, problem.given.read(block)[1])
+    def write(block: Block, wrapped: Phase, inside: Mask, usable: Mask, turns: Turns) -> None:
+        unwrapped = problem.given.without_lost(with_turns(wrapped, turns, inside), usable)
         result.write(block, unwrapped)
         limits[block.start] = limits_of(unwrapped)
         watch.step()
 
     def on(block: Block, trails: list[Trail], *, forward: bool) -> list[Trail]:
-        wrapped, inside = problem.given.read(block)[0], mask.read(block)
+        wrapped, inside, usable = problem.given.read_marked(block, mask)
         turns = np.zeros(wrapped.shape, dtype=np.int32)
         times = range(len(block)) if forward else range(len(block) - 1, -1, -1)
         trails = rule.through(times, trails, wrapped, inside, turns)
-        write(block, wrapped, inside, turns)
+        write(block, wrapped, inside, usable, turns)
         return trails
 
     watch.check()
     first = block_at(shape, t0)
-    wrapped, inside = problem.given.read(first)[0], mask.read(first)
+    wrapped, inside, usable = problem.given.read_marked(first, mask)
     turns = np.zeros(wrapped.shape, dtype=np.int32)
     row = t0 - first.start
     trails = rule.across(a0, wrapped[row], inside[row], turns[row])
     ahead = rule.through(range(row + 1, len(first)), trails, wrapped, inside, turns)
     behind = rule.through(range(row - 1, -1, -1), trails, wrapped, inside, turns)
-    write(first, wrapped, inside, turns)
+    write(first, wrapped, inside, usable, turns)
     for block in (b for b in blocks if b.start > first.start):
         ahead = on(block, ahead, forward=True)
     for block in (b for b in reversed(blocks) if b.start < first.start):

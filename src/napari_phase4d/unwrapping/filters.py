@@ -34,7 +34,9 @@ __all__ = [
 Frame = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 
-#: Every so-manieth number is sorted to find about where a rank lies, and so many of these to
+Bits = NDArray[np.int32] | NDArray[np.int64]
+
+#: Every so-manieth number is looked at to find about where a rank lies, and so many of these to
 #: either side of it are looked at closely.
 SAMPLE, MARGIN = 64, 24
 #: So many numbers are looked at together for whether any lies near.
@@ -117,17 +119,72 @@ def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
     """
     last = numbers.size - 1
     if numbers.size > 4 * MARGIN * SAMPLE:
-        some = np.sort(numbers[::SAMPLE])
+        some = ordered_bits(numbers[::SAMPLE])
         about = rank // SAMPLE
-        low = some[about - MARGIN] if about >= MARGIN else np.float32(-np.inf)
-        high = some[about + MARGIN] if about + MARGIN < some.size else np.float32(np.inf)
+        low, high = np.float32(-np.inf), np.float32(np.inf)
+        if about >= MARGIN:
+            low, _ = numbers_at(some, about - MARGIN, numbers.dtype)
+        if about + MARGIN < some.size:
+            high, _ = numbers_at(some, about + MARGIN, numbers.dtype)
         near = np.empty(numbers.size, np.float32)
         below, count = listed_between(np.ascontiguousarray(numbers), low, high, near)
         if below <= rank and min(rank + 1, last) < below + count:
             numbers, rank = near[:count], rank - below
-            last = count - 1
-    found = np.sort(numbers)
-    return found[rank], found[min(rank + 1, last)]
+    return numbers_at(ordered_bits(numbers), rank, numbers.dtype)
+
+
+def ordered_bits(numbers: NDArray[np.floating[Any]]) -> Bits:
+    """Return the bits of numbers (n,), none of them NaN, as whole numbers in the same order."""
+    bits = np.ascontiguousarray(numbers).view(f"i{numbers.itemsize}")
+    return turn_negative(bits, np.empty_like(bits))
+
+
+def numbers_at(bits: Bits, rank: int, dtype: Any) -> tuple[Any, Any]:
+    """Return the number of a rank and the one after it, by what `ordered_bits` gave."""
+    pair = np.empty(2, bits.dtype)
+    select(bits, rank, pair)
+    low, high = turn_negative(pair, pair).view(dtype)
+    return low, high
+
+
+@compiled
+def turn_negative(bits: Bits, out: Bits) -> Bits:
+    """Turn the order of negative floating-point numbers round, or back."""
+    most = np.iinfo(bits.dtype).max
+    for k in range(len(bits)):
+        out[k] = bits[k] ^ most if bits[k] < 0 else bits[k]
+    return out
+
+
+@compiled
+def select(numbers: Bits, rank: int, pair: Bits) -> None:
+    """Write the number of a rank and the one after it; after the last one comes itself.
+
+    The range that it lies in is halved again and again: counting how many are no larger does many
+    numbers at a time, where sorting waits at every second comparison for what comes out of it.
+    """
+    low, high = numbers.min(), numbers.max()
+    largest = high
+    while low < high:
+        half = (low & high) + ((low ^ high) >> 1)
+        if count_to(numbers, numbers.dtype.type(half)) > rank:
+            high = half
+        else:
+            low = half + 1
+    pair[0] = pair[1] = low
+    if count_to(numbers, pair[0]) == rank + 1 and rank + 1 < len(numbers):
+        pair[1] = largest
+        for k in range(len(numbers)):
+            pair[1] = numbers[k] if pair[0] < numbers[k] < pair[1] else pair[1]
+
+
+@compiled
+def count_to(numbers: Bits, largest: Any) -> int:
+    """Return how many numbers are no larger than this."""
+    count = np.int32(0)
+    for k in range(len(numbers)):
+        count += np.int32(numbers[k] <= largest)
+    return int(count)
 
 
 @compiled
@@ -466,7 +523,7 @@ def add_row(row: Mask, out: Mask) -> bool:
     return some
 
 
-#: Among fewer numbers all are partitioned.
+#: Fewer numbers are looked at all at once.
 FEW = 4096
 
 
@@ -476,11 +533,10 @@ def median_of(values: NDArray[np.floating[Any]]) -> float:
     It takes a third of the time: of many only what lies near the median of some is sorted out.
     """
     if 0 < values.size < FEW:
-        upper = values.size // 2
-        lower = upper if values.size % 2 else upper - 1
-        ordered = np.partition(values, (lower, upper, -1))
-        last = float(ordered[-1])  # where a NaN would be
-        return float((ordered[lower] + ordered[upper]) / 2) if last == last else last
+        if np.isnan(values).any():
+            return float("nan")
+        low, high = numbers_at(ordered_bits(values), (values.size - 1) // 2, values.dtype)
+        return float(low if values.size % 2 else (low + high) / 2)
     some = np.sort(values[:: values.size // (FEW // 4)])
     low, high = some[int(0.45 * some.size)], some[int(0.55 * some.size)]
     above = values >= low

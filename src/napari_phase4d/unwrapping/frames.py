@@ -129,9 +129,28 @@ def border_values(frame: NDArray[Number]) -> NDArray[Number]:
     """Return the pixels at the border of a frame."""
     if min(frame.shape) <= 2 * BORDER:
         return frame.ravel()
-    rows = frame[BORDER:-BORDER]
-    pieces = (frame[:BORDER], frame[-BORDER:], rows[:, :BORDER], rows[:, -BORDER:])
-    return np.concatenate([piece.ravel() for piece in pieces])
+    height, width = frame.shape
+    out = np.empty(2 * BORDER * (height + width - 2 * BORDER), frame.dtype)
+    list_border(np.require(frame, None, ["C", "W"]), BORDER, out)
+    return out
+
+
+@compiled
+def list_border(frame: NDArray[Any], wide: int, out: NDArray[Any]) -> None:
+    """Write the border of a frame, so many pixels wide."""
+    height, width = frame.shape
+    count = 0
+    for y in range(height):
+        row = frame[y]
+        if wide <= y < height - wide:
+            for x in range(wide):
+                out[count + x] = row[x]
+                out[count + wide + x] = row[width - wide + x]
+            count += 2 * wide
+        else:
+            for x in range(width):
+                out[count + x] = row[x]
+            count += width
 
 
 def border_phase(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> NDArray[np.float32]:

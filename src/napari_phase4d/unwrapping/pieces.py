@@ -46,6 +46,8 @@ class Piece:
 
 def thickness(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
     """Return the peak phase (99th percentile inside the mask) of one map, in radians."""
+    if mask.all():
+        return float(upper_quantile(unwrapped, 0.99))
     return float(upper_quantile(unwrapped[mask], 0.99)) if mask.any() else 0.0
 
 
@@ -132,22 +134,36 @@ class Line:
         Returns what is known of a map by its number.
     write : callable
         ``write(k, turns)`` takes a finished map.
+    phase : bool, optional
+        Whether it takes the unwrapped phase instead of the turns. Default False.
     """
 
     def __init__(
-        self, n: int, read: Callable[[int], Maps], write: Callable[[int, Turns], Any]
+        self,
+        n: int,
+        read: Callable[[int], Maps],
+        write: Callable[[int, Any], Any],
+        *,
+        phase: bool = False,
     ) -> None:
         self.n = n
         self.read = read
         self._write = write
+        self._phase = phase
         #: Peak phase of every map of the result.
         self.profile = np.zeros(n)
 
     def write(self, k: int, maps: Maps, turns: Turns, *, peak: bool) -> None:
         """Take a finished map; note its peak."""
-        self._write(k, turns)
+        if not self._phase:
+            self._write(k, turns)
+        if not (self._phase or peak):
+            return
+        unwrapped = with_turns(maps.wrapped, turns, maps.mask)
+        if self._phase:
+            self._write(k, unwrapped)
         if peak:
-            self.profile[k] = thickness(with_turns(maps.wrapped, turns, maps.mask), maps.mask)
+            self.profile[k] = thickness(unwrapped, maps.mask)
 
 
 def unwrap_line(

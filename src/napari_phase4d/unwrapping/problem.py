@@ -124,6 +124,8 @@ class Problem(SharedSteps):
     amplitude : DataArray, array_like or None, optional
         Amplitude of the field, of the phase's shape; where it fades, the phase is less trusted by
         methods that can tell.
+    shared : bool, optional
+        Whether several methods are run on it, so that what they start from is kept. Default True.
 
     Raises
     ------
@@ -133,6 +135,8 @@ class Problem(SharedSteps):
 
     #: Whether all of it is held in memory.
     held = True
+    #: Whether several methods are run on it.
+    shared = True
 
     def __init__(
         self,
@@ -140,8 +144,11 @@ class Problem(SharedSteps):
         boundary: Boundary | Sequence[Boundary] = (0, 0),
         mask: xr.DataArray | ArrayLike | None = None,
         amplitude: xr.DataArray | ArrayLike | None = None,
+        *,
+        shared: bool = True,
     ) -> None:
         super().__init__()
+        self.shared = shared
         self._given: Given | None = None
         self.template = as_stack(phase)
         values = in_full(self.template)

@@ -112,6 +112,7 @@ def unwrap(
         boundary,
         without_masked(phase, mask),
         amplitude,
+        shared=False,
     )
     found = run_method(problem, method, task, method_options)
     if advice := left_out_advice(found.attrs):

@@ -16,6 +16,7 @@ from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest
 from napari_phase4d.stacks import KIND
 from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
+from napari_phase4d.unwrapping.alone import ALL_USABLE
 from napari_phase4d.unwrapping.given import (
     Given,
     all_known,
@@ -31,7 +32,7 @@ R = TypeVar("R")
 T = TypeVar("T")
 
 #: Beginnings of the names of what stays when the shelf is cleared: maps that are whole, numbers.
-LASTING = ("confidence of", "tally", "lost", "brightness", "all usable")
+LASTING = ("confidence of", "tally", "lost", "brightness", ALL_USABLE)
 
 
 class ProblemOnDisk(Problem):
@@ -106,7 +107,7 @@ class ProblemOnDisk(Problem):
         def look() -> bool:
             return all(self.each(KnownBlock(self.given), "looking for gaps", UNWATCHED))
 
-        return self.once("all usable", look)
+        return self.once(ALL_USABLE, look)
 
     def blocks(self) -> list[Block]:
         """Cut the frames into blocks as they lie on disk."""
@@ -171,7 +172,8 @@ class ProblemOnDisk(Problem):
 
     def result_stack(self, method: str) -> Stack:
         """Return a new stack on disk for the result of a method."""
-        return self._shelf.new(method, self._stored.shape)
+        # What is 0 outside of the object is packed to a fraction.
+        return self._shelf.new(method, self._stored.shape, packed=self.finds_mask)
 
     def finished(
         self,

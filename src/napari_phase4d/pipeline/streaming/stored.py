@@ -168,11 +168,11 @@ class Shelf:
             self._open()
         return self._scratch
 
-    def new(self, name: str, shape: tuple[int, ...]) -> Stored:
-        """Return an empty stack that will have this name."""
+    def new(self, name: str, shape: tuple[int, ...], *, packed: bool = True) -> Stored:
+        """Return an empty stack that will have this name; packed if that makes it much smaller."""
         group = self.scratch / f"{name}{OME_ZARR}"
         shutil.rmtree(group, ignore_errors=True)
-        return Stored(create_blocks(group, shape, block_frames(shape)), shape)
+        return Stored(create_blocks(group, shape, block_frames(shape), packed=packed), shape)
 
     def growing(self, name: str, shape: tuple[int, ...]) -> GrowingStack:
         """Return a stack of frames (angle, y, x) to which some are added as they come."""
@@ -298,7 +298,7 @@ def reconstruct_to_disk(
     """
     recording = source.recording
     shape = work.stack_shape(recording.n_frames)
-    phase, amplitude = shelf.new("wrapped", shape), shelf.new("amplitude", shape)
+    phase, amplitude = (shelf.new(name, shape, packed=False) for name in ("wrapped", "amplitude"))
     blocks = blocks_of(shape)
     watch = Watch(len(blocks), "reconstruct", task)
     each = ReconstructBlock(source, work, phase, amplitude)

@@ -47,18 +47,26 @@ def graph_of_pairs(first: Index, second: Index, n: int) -> tuple[Index, Index, I
     place : ndarray of int, shape (2 pairs,)
         Number of the arc of each pair from first to second, then of those from second to first.
     """
-    tail = np.concatenate([first, second])
-    order = np.argsort(tail, kind="stable")
-    place = np.empty(len(tail), dtype=np.int32)
-    place[order] = np.arange(len(tail), dtype=np.int32)
-    head = np.concatenate([second, first])[order].astype(np.int32)
     start = np.zeros(n + 1, dtype=np.int32)
-    start[1:] = np.cumsum(np.bincount(tail, minlength=n))
-    pairs = len(first)
-    reverse = np.empty(len(tail), dtype=np.int32)
-    reverse[place[:pairs]] = place[pairs:]
-    reverse[place[pairs:]] = place[:pairs]
+    start[1:] = np.cumsum(np.bincount(first, minlength=n) + np.bincount(second, minlength=n))
+    place, head, reverse = (np.empty(2 * len(first), dtype=np.int32) for _ in range(3))
+    place_arcs(first, second, start[:-1].copy(), place, head, reverse)
     return start, head, reverse, place
+
+
+@compiled
+def place_arcs(
+    first: Index, second: Index, free: Index, place: Index, head: Index, reverse: Index
+) -> None:
+    """Put arcs in order, of each node in the order that they are given in."""
+    pairs = len(first)
+    for k in range(2 * pairs):
+        tail, other = (first[k], second[k]) if k < pairs else (second[k - pairs], first[k - pairs])
+        place[k] = free[tail]
+        head[free[tail]] = other
+        free[tail] += 1
+    for k in range(pairs):
+        reverse[place[k]], reverse[place[pairs + k]] = place[pairs + k], place[k]
 
 
 @compiled
@@ -233,20 +241,20 @@ class LeastTurns:
         self.check = check
         self.held = regions.held
         self.limit: Limit | None = None
-        self.weight = regions.edges.weight.astype(np.float64)
-        pair = regions.edges.first.astype(np.int64) * regions.n + regions.edges.second
-        pairs, self.pair = np.unique(pair, return_inverse=True)
-        self.first = (pairs // regions.n).astype(np.int32)
-        self.second = (pairs % regions.n).astype(np.int32)
+        first, second = regions.edges.first, regions.edges.second
+        # Edges are sorted by their regions.
+        begins = np.append(True, (first[1:] != first[:-1]) | (second[1:] != second[:-1]))
+        begins = begins[: len(first)]
+        self.pair = np.cumsum(begins, dtype=np.int32) - np.int32(1)
+        self.first, self.second = first[begins], second[begins]
         self.free = (self.first != self.held) & (self.second != self.held)
         self.graph = graph_of_pairs(self.first[self.free], self.second[self.free], regions.n)
 
     def start(self) -> tuple[NDArray[np.int32], Turns]:
         """Return the part of each region, and turns to start with: heaviest edges first."""
         edges = self.regions.edges
-        parts, turns, _ = grow_list(
-            edges.first, edges.second, edges.turns, -self.weight, self.regions.n
-        )
+        costs = -edges.weight.astype(np.float64)
+        parts, turns, _ = grow_list(edges.first, edges.second, edges.turns, costs, self.regions.n)
         # The island that is held is to have none.
         level = turns[self.held] + self.regions.held_turns
         return parts, turns.astype(np.int64) - level
@@ -267,15 +275,12 @@ class LeastTurns:
                 up = -up
         return turns
 
-    def residual(self, turns: Turns) -> Turns:
-        """Return by how many turns each edge is off."""
-        edges = self.regions.edges
-        return (turns[edges.second] - turns[edges.first] - edges.turns).astype(np.int64)
-
     def cost(self, turns: Turns) -> float:
         """Return the cost of some turns."""
-        steps = (self.weight * np.abs(self.residual(turns))).sum()
-        return float(steps + self.beyond(turns).sum())
+        edges = self.regions.edges
+        steps = np.empty(len(edges))
+        costs_of_edges(edges.first, edges.second, edges.turns, edges.weight, turns, steps)
+        return float(steps.sum() + self.beyond(turns).sum())
 
     def beyond(self, turns: Turns) -> Numbers:
         """Return what each region pays beyond its limit."""
@@ -287,10 +292,14 @@ class LeastTurns:
 
     def best_move(self, turns: Turns, up: int) -> NDArray[np.bool_]:
         """Return the regions whose move by ``up`` (1 or -1) makes the cost smallest."""
-        n, weight, off = self.regions.n, self.weight, self.residual(turns)
-        now = self.summed(weight * np.abs(off))
-        second_moves = self.summed(weight * np.abs(off + up)) - now
-        first_moves = self.summed(weight * np.abs(off - up)) - now
+        n, edges = self.regions.n, self.regions.edges
+        now, second_moves, first_moves = np.zeros((3, len(self.first)))
+        add_moves(
+            edges.first, edges.second, edges.turns, edges.weight, self.pair, turns, up,
+            now, second_moves, first_moves,
+        )  # fmt: skip
+        second_moves -= now
+        first_moves -= now
         # What moving costs a region by itself: its limit, and its steps, each of which is shared
         # out so that the rest is what only one of its two ends pays.
         alone = np.where(self.first == self.held, second_moves, -first_moves)
@@ -304,6 +313,32 @@ class LeastTurns:
         moving[self.held] = False
         return moving
 
-    def summed(self, of_steps: Numbers) -> Numbers:
-        """Return the sum over the steps of each pair of regions."""
-        return np.bincount(self.pair, of_steps, len(self.first)).astype(np.float64)
+
+@compiled
+def costs_of_edges(
+    first: Index, second: Index, asked: Index, weight: Turns, turns: Turns, out: Numbers
+) -> None:
+    """Write what every edge costs, by the turns of the regions."""
+    for k in range(len(out)):
+        out[k] = np.float64(weight[k]) * abs(turns[second[k]] - turns[first[k]] - asked[k])
+
+
+@compiled
+def add_moves(
+    first: Index,
+    second: Index,
+    asked: Index,
+    weight: Turns,
+    pair: Index,
+    turns: Turns,
+    up: int,
+    now: Numbers,
+    second_moves: Numbers,
+    first_moves: Numbers,
+) -> None:
+    """Add up the cost of the edges of each pair of regions, now and after one of them moves."""
+    for k in range(len(first)):
+        off, each = turns[second[k]] - turns[first[k]] - asked[k], np.float64(weight[k])
+        now[pair[k]] += each * abs(off)
+        second_moves[pair[k]] += each * abs(off + up)
+        first_moves[pair[k]] += each * abs(off - up)

@@ -26,10 +26,10 @@ from napari_phase4d.unwrapping.directional.groups import (
     Index,
     Runs,
     Whole,
+    columns_of,
     grouped,
     join,
     merged_edges,
-    no_edges,
     root_of,
     runs_between,
     weight_of,
@@ -42,8 +42,9 @@ __all__ = ["FIELD_SHARE", "FIRM", "Regions", "find_regions"]
 FIELD_SHARE = 0.05
 #: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
 FIRM = -0.268
-#: Edges that are collected before those that ask for the same are put together.
-MANY_EDGES = 2_000_000
+#: Edges that are collected before those that ask for the same are put together. Nearly all of
+#: these lie within some frames, so that older ones need not be looked at again before the end.
+MANY_EDGES = 300_000
 
 
 @dataclass(frozen=True)
@@ -174,7 +175,9 @@ class Joining:
         self._n = 0
         self._base = np.zeros(scene.shape[0], dtype=np.int64)
         self._fields = np.full((*scene.shape[:2], 3), -1, dtype=np.int64)
+        #: Edges of the last frames, and those that have been put together.
         self._edges: list[Edges] = []
+        self._older: list[Edges] = []
         #: The start's first time; the last time so far and the steps to the one after.
         self._first: Frame | None = None
         self._last: tuple[Frame, Opinion | None] | None = None
@@ -204,11 +207,13 @@ class Joining:
         if forward:
             self._last = found.last, found.later
         if sum(len(edges) for edges in self._edges) > MANY_EDGES:
-            self._edges = [self._together()]
+            first, second, turns, *rest = columns_of(self._edges)
+            turns += resolved(self._parent, self._offset, first)
+            turns -= resolved(self._parent, self._offset, second)
+            self._older.append(merged_edges(first, second, turns, *rest))
 
     def regions(self, groups: Stack, relative: Stack) -> Regions:
         """Return what has been joined."""
-        edges = self._together()
         region = np.empty(self._n, dtype=np.int32)
         offset = self._offset[: self._n]
         n = number_roots(self._parent[: self._n], offset, region)
@@ -217,13 +222,18 @@ class Joining:
             at, turns, n = n, 0, n + 1
         else:
             at, turns = int(region[held[0]]), int(offset[held[0]] + held[1])
-        of_others = region[others[:, 0]], offset[others[:, 0]] + others[:, 1]
-        edges = merged_edges(
-            np.concatenate([region[edges.first], np.full(len(others), at, dtype=np.int32)]),
-            np.concatenate([region[edges.second], of_others[0]]),
-            np.concatenate([edges.turns, turns - of_others[1]]),
-            *with_ties(edges, len(others)),
+        count = len(others)
+        parts = [between(part, region, offset) for part in (*self._older, *self._edges)]
+        self._older.clear()
+        self._edges.clear()
+        parts.append(
+            ties_between(
+                np.full(count, at, dtype=np.int32),
+                region[others[:, 0]],
+                turns - (offset[others[:, 0]] + others[:, 1]),
+            )
         )
+        edges = merged_edges(*columns_of(parts))
         sizes = np.concatenate(self._sizes)
         return Regions(
             n,
@@ -280,14 +290,6 @@ class Joining:
             )
         )
 
-    def _together(self) -> Edges:
-        """Return the edges so far, between roots; those that ask for the same as one."""
-        columns = [vars(edges).values() for edges in [no_edges(), *self._edges]]
-        first, second, turns, *rest = (np.concatenate(c) for c in zip(*columns, strict=True))
-        turns = turns + resolved(self._parent, self._offset, first)
-        turns = turns - resolved(self._parent, self._offset, second)
-        return merged_edges(first, second, turns, *rest)
-
     def _islands(self) -> tuple[tuple[int, int] | None, Whole]:
         """Return group and turns of the island that is held, and those of the other fields."""
         fields = self._fields.reshape(-1, 3)
@@ -337,17 +339,20 @@ def resolved(parent: Index, offset: Index, ids: Index) -> Index:
     return turns
 
 
-def with_ties(edges: Edges, count: int) -> tuple[Whole, Whole, NDArray[np.float32]]:
-    """Return what edges cost, with as many more as hold the empty field of every frame level.
+def between(edges: Edges, region: Index, offset: Index) -> Edges:
+    """Return edges between groups as edges between their regions."""
+    turns = edges.turns + offset[edges.first] - offset[edges.second]
+    ends = region[edges.first], region[edges.second]
+    return Edges(*ends, turns, edges.weight, edges.ground, edges.rough)
+
+
+def ties_between(first: Index, second: Index, turns: Whole) -> Edges:
+    """Return edges that hold the empty field of every frame level.
 
     The level of a frame hangs on its own empty field then, not on its neighbours; but not
     beyond doubt, since a plateau inside a cell may be taken for the field.
     """
     cost = int(np.round(PARTS * weight_of(np.array([FIRM]))[0]))
-    firm = np.full(count, cost, dtype=np.int64)
-    rough = np.full(count, FIRM, dtype=np.float32)
-    return (
-        np.concatenate([edges.weight, firm]),
-        np.concatenate([edges.ground, firm]),
-        np.concatenate([edges.rough, rough]),
-    )
+    firm = np.full(len(first), cost, dtype=np.int64)
+    rough = np.full(len(first), FIRM, dtype=np.float32)
+    return Edges(first, second, turns.astype(np.int32), firm, firm, rough)
