@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -129,10 +130,14 @@ def look_at_a_pixel(viewer: Any, dock: Any, click: Any, qtbot: Any) -> None:
     plot = dock.compare.trace.plot
     qtbot.waitUntil(lambda: plot.has_curves, timeout=5000)
     _, angle = dock.presenter.current_frame()
-    lines = {line.get_label(): line for line in plot.figure.axes[0].get_lines()}
-    for name, method in (("2-D", "spatial-2d"), ("T/A", "temporal-angular")):
+
+    def shown(name: str, method: str) -> bool:  # the curves of the pixel before come up first
+        lines = {line.get_label(): line for line in plot.figure.axes[0].get_lines()}
         expected = dock.session.results[method].values[:, angle, 44, 41]
-        np.testing.assert_array_equal(lines[name].get_ydata(), expected)
+        return np.array_equal(lines[name].get_ydata(), expected)
+
+    for name, method in (("2-D", "spatial-2d"), ("T/A", "temporal-angular")):
+        qtbot.waitUntil(partial(shown, name, method), timeout=5000)
 
 
 def measure_a_drawn_region(viewer: Any, dock: Any, click: Any, qtbot: Any) -> None:
