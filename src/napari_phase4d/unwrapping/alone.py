@@ -6,7 +6,7 @@ phase is the wrapped phase plus these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
@@ -333,17 +333,23 @@ class UnwrapBlock:
         wrapped, mask = self.given.read(block)
         if self.mask is not None:
             mask = self.mask.read(block)
-        work, turns = Workspace(), room_in(self.turns, block, np.int16)
-        border = np.empty(wrapped.shape[:2])
-        for frame in np.ndindex(*border.shape):
-            turns[frame], border[frame] = turns_of_frame(
-                wrapped[frame], mask[frame], self.costs_of, work
-            )
+        turns, border = room_in(self.turns, block, np.int16), np.empty(wrapped.shape[:2])
+        for frame, own, level in each_of_block(wrapped, mask, self.costs_of):
+            turns[frame], border[frame] = own, level
         whole = bool(mask.all())
         if not whole:
             turns[~mask] = 0
         self.turns.write(block, turns)
         return border, whole
+
+
+def each_of_block(
+    wrapped: Phase, mask: Mask, costs_of: CostsOf
+) -> Iterator[tuple[tuple[int, ...], NDArray[np.int32], float]]:
+    """Yield the place of each frame, its turns until the next one, and its border's level."""
+    work = Workspace()
+    for frame in np.ndindex(*wrapped.shape[:2]):
+        yield frame, *turns_of_frame(wrapped[frame], mask[frame], costs_of, work)
 
 
 def turns_round_0(border: NDArray[np.float64]) -> Turns:
@@ -370,12 +376,9 @@ class PhaseBlock:
     def __call__(self, block: Block) -> NDArray[np.float64]:
         """Do a block; return the level of each frame's border, shape (time, angle)."""
         wrapped, usable = self.given.read(block)
-        work, unwrapped = Workspace(), room_in(self.result, block, np.float32)
-        border = np.empty(wrapped.shape[:2])
-        for frame in np.ndindex(*border.shape):
-            turns, border[frame] = turns_of_frame(
-                wrapped[frame], usable[frame], second_differences, work
-            )
+        unwrapped, border = room_in(self.result, block, np.float32), np.empty(wrapped.shape[:2])
+        for frame, turns, level in each_of_block(wrapped, usable, second_differences):
+            border[frame] = level
             turns += turns_round_0(border[frame])
             write_phase(wrapped[frame], turns, usable[frame], unwrapped[frame])
         self.result.write(block, unwrapped)

@@ -154,28 +154,22 @@ def merged_edges(
     for start, stop in pairwise(starts):
         some = np.flatnonzero((lower >= start) & (lower < stop) & (first != second))
         columns: tuple[Any, ...] = (first, second, turns, weight, ground, rough)
-        parts.append(sorted_edges(*(column[some] for column in columns)))
+        parts.append(sorted_edges(Edges(*(column[some] for column in columns))))
     return Edges(*columns_of(parts))
 
 
-def sorted_edges(
-    first: Index,
-    second: Index,
-    turns: Index,
-    weight: Whole,
-    ground: Whole,
-    rough: NDArray[np.float32],
-) -> Edges:
+def sorted_edges(edges: Edges) -> Edges:
     """Do some of it, none of which leads from a region to itself."""
-    if not len(first):
-        return no_edges()
+    if not len(edges):
+        return edges
+    first, second, turns = edges.first, edges.second, edges.turns
     swapped = first > second
     a, b = np.where(swapped, second, first).astype(np.int64), np.where(swapped, first, second)
-    turns = np.where(swapped, -turns, turns).astype(np.int64)
+    asked = np.where(swapped, -turns, turns).astype(np.int64)
     n = int(b.max()) + 1
-    lowest = int(turns.min())
-    span = int(turns.max()) - lowest + 1
-    key = (a * n + b) * span + (turns - lowest)
+    lowest = int(asked.min())
+    span = int(asked.max()) - lowest + 1
+    key = (a * n + b) * span + (asked - lowest)
     order = np.argsort(key, kind="stable")
     key = key[order]
     begins = np.flatnonzero(np.append(True, key[1:] != key[:-1]))
@@ -184,9 +178,9 @@ def sorted_edges(
         (pair // n).astype(np.int32),
         (pair % n).astype(np.int32),
         (key[begins] % span + lowest).astype(np.int32),
-        np.add.reduceat(weight[order], begins),
-        np.add.reduceat(ground[order], begins),
-        np.minimum.reduceat(rough[order], begins),
+        np.add.reduceat(edges.weight[order], begins),
+        np.add.reduceat(edges.ground[order], begins),
+        np.minimum.reduceat(edges.rough[order], begins),
     )
 
 

@@ -244,11 +244,8 @@ class LeastTurns:
         first, second = regions.edges.first, regions.edges.second
         # Edges are sorted by their regions.
         begins = np.append(True, (first[1:] != first[:-1]) | (second[1:] != second[:-1]))
-        begins = begins[: len(first)]
-        self.pair = np.cumsum(begins, dtype=np.int32) - np.int32(1)
-        self.first, self.second = first[begins], second[begins]
-        self.free = (self.first != self.held) & (self.second != self.held)
-        self.graph = graph_of_pairs(self.first[self.free], self.second[self.free], regions.n)
+        free = begins[: len(first)] & (first != self.held) & (second != self.held)
+        self.graph = graph_of_pairs(first[free], second[free], regions.n)
 
     def start(self) -> tuple[NDArray[np.int32], Turns]:
         """Return the part of each region, and turns to start with: heaviest edges first."""
@@ -293,22 +290,14 @@ class LeastTurns:
     def best_move(self, turns: Turns, up: int) -> NDArray[np.bool_]:
         """Return the regions whose move by ``up`` (1 or -1) makes the cost smallest."""
         n, edges = self.regions.n, self.regions.edges
-        now, second_moves, first_moves = np.zeros((3, len(self.first)))
-        add_moves(
-            edges.first, edges.second, edges.turns, edges.weight, self.pair, turns, up,
-            now, second_moves, first_moves,
-        )  # fmt: skip
-        second_moves -= now
-        first_moves -= now
-        # What moving costs a region by itself: its limit, and its steps, each of which is shared
-        # out so that the rest is what only one of its two ends pays.
-        alone = np.where(self.first == self.held, second_moves, -first_moves)
-        own = self.beyond(turns + up) - self.beyond(turns)
-        own = own + np.bincount(self.first, first_moves, n) + np.bincount(self.second, alone, n)
         start, head, reverse, place = self.graph
-        pairs = len(place) // 2
-        capacity = np.zeros(2 * pairs)
-        capacity[place[:pairs]] = np.maximum(first_moves + second_moves, 0)[self.free]
+        of_first, of_second, capacity = np.zeros(n), np.zeros(n), np.zeros(len(place))
+        weigh_moves(
+            edges.first, edges.second, edges.turns, edges.weight, turns, up, self.held, place,
+            of_first, of_second, capacity,
+        )  # fmt: skip
+        own = self.beyond(turns + up) - self.beyond(turns)
+        own = own + of_first + of_second
         moving = sink_side(start, head, reverse, capacity, np.maximum(own, 0), np.maximum(-own, 0))
         moving[self.held] = False
         return moving
@@ -324,21 +313,38 @@ def costs_of_edges(
 
 
 @compiled
-def add_moves(
+def weigh_moves(
     first: Index,
     second: Index,
     asked: Index,
     weight: Turns,
-    pair: Index,
     turns: Turns,
     up: int,
-    now: Numbers,
-    second_moves: Numbers,
-    first_moves: Numbers,
+    held: int,
+    place: Index,
+    of_first: Numbers,
+    of_second: Numbers,
+    capacity: Numbers,
 ) -> None:
-    """Add up the cost of the edges of each pair of regions, now and after one of them moves."""
-    for k in range(len(first)):
-        off, each = turns[second[k]] - turns[first[k]] - asked[k], np.float64(weight[k])
-        now[pair[k]] += each * abs(off)
-        second_moves[pair[k]] += each * abs(off + up)
-        first_moves[pair[k]] += each * abs(off - up)
+    """Add up what moving each region costs by itself, and write what it costs pairs.
+
+    What moving costs a region by itself are its steps, each of which is shared out so that the
+    rest is what only one of its two ends pays. Edges of a pair of regions follow each other.
+    """
+    k, pair = 0, 0
+    while k < len(first):
+        a, b = first[k], second[k]
+        now, first_moves, second_moves = 0.0, 0.0, 0.0
+        while k < len(first) and first[k] == a and second[k] == b:
+            off, each = turns[b] - turns[a] - asked[k], np.float64(weight[k])
+            now += each * abs(off)
+            second_moves += each * abs(off + up)
+            first_moves += each * abs(off - up)
+            k += 1
+        second_moves -= now
+        first_moves -= now
+        of_first[a] += first_moves
+        of_second[b] += second_moves if a == held else -first_moves
+        if a != held and b != held:
+            capacity[place[pair]] = max(first_moves + second_moves, 0.0)
+            pair += 1
