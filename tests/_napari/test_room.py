@@ -9,7 +9,8 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from qtpy.QtCore import QPoint, Qt
+from napari.layers import Labels
+from qtpy.QtCore import QPoint, Qt, QTimer
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QSplitter, QWidget
 
@@ -101,6 +102,30 @@ def test_the_object_is_seen_before_a_run(cell: Any, click: Any, viewer: Any) -> 
     click("show_object")
     newest = [la for la in viewer.layers if la.name.startswith("object in") and la.visible]
     assert [la.data.shape for la in newest] == [(3, 2, 80, 100)]
+
+
+def test_the_outline_comes_up_in_turns(cell: Any, viewer: Any, qtbot: Any) -> None:
+    shown: list[list[str]] = []
+    beat = QTimer()
+    beat.timeout.connect(
+        lambda: shown.append([la.name for la in viewer.layers if isinstance(la, Labels)])
+    )
+    beat.start(0)
+    cell.unwrap.outline.click()
+    assert cell.presenter.turns.pending
+    assert not any(isinstance(la, Labels) for la in viewer.layers)
+    qtbot.waitUntil(lambda: not cell.presenter.turns.pending)
+    beat.stop()
+    assert [] in shown  # the window went on before there was a layer
+    assert cell.presenter.shows_object
+    assert cell.unwrap.outline.isChecked()
+    (layer,) = [la for la in viewer.layers if isinstance(la, Labels)]
+    colours = layer.colormap.map(np.array([0, 1], np.uint8))
+    np.testing.assert_allclose(colours[0], 0)
+    np.testing.assert_allclose(255 * colours[1], [0x2E, 0xE6, 0x6B, 255], atol=0.5)
+    cell.unwrap.outline.click()
+    assert not cell.presenter.shows_object
+    assert not cell.unwrap.outline.isChecked()
 
 
 def test_the_thumbnail_has_the_outline_where_only_the_object_counts(cell: Any, click: Any) -> None:

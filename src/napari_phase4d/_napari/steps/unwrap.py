@@ -115,11 +115,13 @@ class UnwrapStep(Step):
 
     def _show_object(self) -> None:
         """Show or hide the outline of the object; the button says which it is."""
+        wanted = self.outline.isChecked()
         try:
-            self.presenter.show_object(wanted=self.outline.isChecked())
-        finally:
+            self.presenter.show_object(wanted=wanted)
+        except ValueError:
             self._mark_outline()
-        if self.presenter.shows_object:
+            raise
+        if wanted:
             frame = self.presenter.current_frame()
             phase = self.session.needed_reconstruction()["phase"]
             is_all = object_in(np.asarray(phase.data[frame])).all()

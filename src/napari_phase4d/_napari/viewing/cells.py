@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 from napari.layers import Labels, Points, Tracks
-from napari.utils import Colormap, DirectLabelColormap
+from napari.utils import Colormap, CyclicLabelColormap, DirectLabelColormap
 from numpy.typing import NDArray
 from psygnal import Signal
 
@@ -193,8 +193,9 @@ def object_layer(phase: xr.DataArray, name: str) -> dict[str, Any]:
         lambda f: object_in(f[0, 0]).astype(np.uint8)[None, None], dtype="u1"
     )
     kept = keywords_of(phase.copy(data=found), name, "object")
-    table: dict[int | None, str] = {None: "transparent", 1: OBJECT_COLOUR}
-    return {**kept, "data": shown(found), "colormap": DirectLabelColormap(color_dict=table)}
+    # For colours by a table napari compiles for half a second, but not for these.
+    colours = CyclicLabelColormap(colors=["transparent", OBJECT_COLOUR])
+    return {**kept, "data": shown(found), "colormap": colours}
 
 
 def keywords_of(cells: xr.DataArray, name: str, kind: str = "cells") -> dict[str, Any]:

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from napari.layers import Image
+from napari.layers import Image, Labels
 from napari.utils import Colormap
 from psygnal import Signal
 
@@ -388,23 +388,29 @@ class Presenter:
     def show_object(self, *, wanted: bool) -> None:
         """Show or hide the outline of what is taken for the object, over the wrapped phase."""
         self.turns.finish()
-        of, layer = self._object
-        there = layer is not None and layer in self.viewer.layers
-        if not wanted:
-            if there:
-                layer.visible = False
-            return
-        phase = self.session.needed_reconstruction()["phase"]
-        if not there or of is not phase.data:
-            layer = self.viewer.add_labels(**object_layer(phase, f"object in {self.session.name}"))
-            layer.contour = OUTLINE
+        if wanted:
+            self.turns.run(self._showing_object(self.session.needed_reconstruction()))
+        elif self.shows_object:
+            self._object[1].visible = False
+
+    def _showing_object(self, data: xr.Dataset) -> Steps:
+        phase, (of, layer) = data["phase"], self._object
+        if layer is None or layer not in self.viewer.layers or of is not phase.data:
+            keywords = object_layer(phase, f"object in {self.session.name}")
+            yield UNSEEN
+            made = Labels(**{**keywords, "visible": False})
+            made.contour = OUTLINE
+            layer = self.viewer.add_layer(made)
             self._own.append(layer)
             self._object = (phase.data, layer)
             # Its tools to paint with would only be in the way.
             self.viewer.layers.selection.active = None
+            yield UNSEEN
         if self._wrapped not in self.viewer.layers or not self._wrapped.visible:
-            exhaust(self._showing_wrapped(self.session.needed_reconstruction()))
+            yield from self._showing_wrapped(data)
+            yield
         layer.visible = True
+        self.showing_changed.emit()
 
     def _adding_truth(self) -> Steps:
         """Add the exact phase, hidden, where it is known and not shown yet."""
