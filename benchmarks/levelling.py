@@ -197,8 +197,8 @@ def levelling() -> None:
     heading("Curvature over all of them", columns)
     for cover, counts in wrong.items():
         line(f"{100 * cover:.0f}%", *counts)
-    random_objects("shapes that the clues were fitted to", SHAPES, range(30000, 30700))
-    random_objects("other shapes", OTHER_SHAPES, range(40000, 40700))
+    random_objects("shapes that the clues were fitted to", SHAPES, range(30000, 30350))
+    random_objects("other shapes", OTHER_SHAPES, range(40000, 40350))
 
 
 def random_objects(words: str, shapes: dict[str, Shape], seeds: range) -> None:

@@ -59,7 +59,7 @@ __all__ = ["FoundLobes", "find_lobes"]
 #: Frames that the spectrum is made of at most, and the memory that their transforms may take.
 MAX_FRAMES, MAX_BYTES = 16, 512 * 2**20
 #: A choice of views, or their number, with less of a chance than this is in doubt.
-SURE = 0.95
+SURE = 0.96
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3

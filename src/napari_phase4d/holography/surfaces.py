@@ -300,7 +300,7 @@ FEW_PIXELS, FEW_EDGE_PIXELS = 60, 10
 ODDS = np.array([-0.754, -2.209, 0.607, -0.522, -1.465, 1.145, -0.519])
 NO_ODDS = -1.068
 #: A chance above this is told.
-MAY_BE = 0.08
+MAY_BE = 0.065
 
 
 def may_be_the_object(look: Look, surface: Array, first: Judgement) -> bool:
