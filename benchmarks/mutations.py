@@ -65,7 +65,7 @@ MUTATIONS = (
              "(centre + np.arange(m) + 1 - m // 2) / n - k",
              ("test_windows", "test_holography")),
     Mutation("window's edge", "holography/demodulation.py",
-             "0.5 * erfc((rho - 1)", "0.5 * erfc((rho - 0.9)", ("test_windows",)),
+             "0.5 * scipy.special.erfc((rho - 1)", "0.5 * scipy.special.erfc((rho - 0.9)", ("test_windows",)),
     Mutation("shift of the spectrum's axis", "holography/spectrum.py",
              "scipy.fft.fftshift(scipy.fft.fftfreq(width))", "scipy.fft.fftfreq(width)",
              ("test_spectrum",)),
