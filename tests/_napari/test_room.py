@@ -128,6 +128,37 @@ def test_the_outline_comes_up_in_turns(cell: Any, viewer: Any, qtbot: Any) -> No
     assert not cell.unwrap.outline.isChecked()
 
 
+def test_the_button_says_what_is_shown_however_fast_it_is_pressed(
+    cell: Any, qtbot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    button, turns = cell.unwrap.outline, cell.presenter.turns
+    button.click()
+    button.click()  # while the first one is at work
+    assert not button.isChecked()
+    assert not cell.presenter.shows_object
+    # Of phase that comes meanwhile there is none.
+    button.click()
+    cell.session.set_phase(phase_of_a_cell((80, 100), 3))
+    assert cell.session.reconstruction["phase"].shape == (3, 2, 80, 100)
+    qtbot.waitUntil(lambda: not turns.pending)
+    assert button.isChecked() == cell.presenter.shows_object
+    # Where a turn fails, there is none either, and the window says why.
+    if cell.presenter.shows_object:
+        button.click()
+    told: list[Exception] = []
+    monkeypatch.setattr(turns, "failed", told.append)
+
+    def no_room(*given: object, **options: object) -> None:
+        msg = "no room"
+        raise RuntimeError(msg)
+
+    monkeypatch.setattr("napari_phase4d._napari.viewing.presenter.Labels", no_room)
+    button.click()
+    qtbot.waitUntil(lambda: not turns.pending)
+    assert [str(error) for error in told] == ["no room"]
+    assert not button.isChecked()
+
+
 def test_the_thumbnail_has_the_outline_where_only_the_object_counts(cell: Any, click: Any) -> None:
     def greens() -> int:
         image = cell.unwrap.boundary.thumbnail.picture.pixmap().toImage()

@@ -74,9 +74,14 @@ class Turns:
             exhaust(steps)
 
     def finish(self) -> None:
-        """Do at once all that waits."""
+        """Do at once all that waits; what fails of it is no fault of who asks."""
         while self._waiting and not self._stepping:
-            self._step()
+            try:
+                self._step()
+            except Exception as error:
+                if self.failed is None:
+                    raise
+                self.failed(error)
         if not self._waiting:
             self._paint()
             self._collect_again()

@@ -117,15 +117,16 @@ class UnwrapStep(Step):
         """Show or hide the outline of the object; the button says which it is."""
         wanted = self.outline.isChecked()
         try:
-            self.presenter.show_object(wanted=wanted)
+            self.presenter.show_object(wanted=wanted, then=self._say_outline)
         except ValueError:
             self._mark_outline()
             raise
-        if wanted:
-            frame = self.presenter.current_frame()
-            phase = self.session.needed_reconstruction()["phase"]
-            is_all = object_in(np.asarray(phase.data[frame])).all()
-            self.said.emit(WHOLE_FIELD if is_all else ROUND_THE_OBJECT)
+
+    def _say_outline(self, data: xr.Dataset) -> None:
+        """Say what the line is that has come up."""
+        frame = self.presenter.current_frame()
+        is_all = object_in(np.asarray(data["phase"].data[frame])).all()
+        self.said.emit(WHOLE_FIELD if is_all else ROUND_THE_OBJECT)
 
     def _mark_outline(self) -> None:
         self.outline.setChecked(self.presenter.shows_object)

@@ -385,18 +385,39 @@ class Presenter:
         layer = self._object[1]
         return layer is not None and layer in self.viewer.layers and layer.visible
 
-    def show_object(self, *, wanted: bool) -> None:
-        """Show or hide the outline of what is taken for the object, over the wrapped phase."""
+    def show_object(
+        self, *, wanted: bool, then: Callable[[xr.Dataset], None] | None = None
+    ) -> None:
+        """Show or hide the outline of what is taken for the object, over the wrapped phase.
+
+        ``then(data)`` is called when it is on screen, round the object of ``data``. Whatever
+        comes of it, `showing_changed` says so.
+        """
         self.turns.finish()
         if wanted:
-            self.turns.run(self._showing_object(self.session.needed_reconstruction()))
-        elif self.shows_object:
+            data = self.session.needed_reconstruction()
+            self.turns.run(self._showing_object(data, self.session.name, then))
+            return
+        if self.shows_object:
             self._object[1].visible = False
+        self.showing_changed.emit()
 
-    def _showing_object(self, data: xr.Dataset) -> Steps:
+    def _showing_object(
+        self, data: xr.Dataset, name: str, then: Callable[[xr.Dataset], None] | None
+    ) -> Steps:
+        try:
+            yield from self._bringing_object(data, name)
+        except Exception:
+            self.showing_changed.emit()
+            raise
+        self.showing_changed.emit()
+        if then is not None:
+            then(data)
+
+    def _bringing_object(self, data: xr.Dataset, name: str) -> Steps:
         phase, (of, layer) = data["phase"], self._object
         if layer is None or layer not in self.viewer.layers or of is not phase.data:
-            keywords = object_layer(phase, f"object in {self.session.name}")
+            keywords = object_layer(phase, f"object in {name}")
             yield UNSEEN
             made = Labels(**{**keywords, "visible": False})
             made.contour = OUTLINE
@@ -410,7 +431,6 @@ class Presenter:
             yield from self._showing_wrapped(data)
             yield
         layer.visible = True
-        self.showing_changed.emit()
 
     def _adding_truth(self) -> Steps:
         """Add the exact phase, hidden, where it is known and not shown yet."""
