@@ -12,6 +12,7 @@ from napari_phase4d.unwrapping.filters import (
     extent,
     fill_holes,
     gaussian,
+    median_of,
     middle,
     remove_specks,
     running_mean,
@@ -53,6 +54,9 @@ def test_ranks_are_those_of_numpy(shape: tuple[int, int]) -> None:
         assert middle(frame.ravel()) == np.median(frame)
         some = frame.ravel()[min(1, frame.size - 1) :]
         assert middle(some) == np.median(some)
+        foreign = frame.astype(">f4")
+        assert upper_quantile(foreign, 0.5) == upper_quantile(frame, 0.5)
+        assert median_of(foreign.ravel()) == np.median(frame)
 
 
 @pytest.mark.parametrize("shape", SHAPES)

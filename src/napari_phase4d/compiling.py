@@ -67,7 +67,7 @@ class WhenCalled:
         self._form: Any = None
 
     def __call__(self, *arguments: Any) -> Any:
-        """Call what it was compiled to."""
+        """Call what it was compiled to; numbers and arrays go by their place, not by name."""
         return (self._form or self.form())(*arguments)
 
     def __getattr__(self, name: str) -> Any:

@@ -245,6 +245,7 @@ def written_alone(problem: Framewise, result: Stack, task: Task) -> None:
     That is for where nobody needs their turns afterwards. What frames are to be lifted by is known
     only when all are unwrapped. So each is written as if its border lay in the turn round 0, as
     that of most recordings does, and those that have drifted further are lifted where they are.
+    Lifting reads what it writes, so it is not for workers, which may do a block twice.
     """
     borders = problem.each(PhaseBlock(problem.given, result), "2-D unwrapping", task)
     further = lift_of(borders, problem.first) - turns_round_0(np.concatenate(borders))
@@ -408,11 +409,12 @@ class TurnsIn(ReadOnly):
     def read(self, block: Block, angles: slice = ALL) -> Turns:
         """Return the turns of a block."""
         wrapped, _ = self.given.read(block, angles)
+        unwrapped = self.unwrapped.read(block, angles)
         turns: Turns = np.empty(wrapped.shape, np.int16)
         for frame in np.ndindex(*wrapped.shape[:2]):
             turns_between(
                 as_loops_take(wrapped[frame]),
-                as_loops_take(self.unwrapped.read(block, angles)[frame]),
+                as_loops_take(unwrapped[frame]),
                 turns[frame],
             )
         return turns

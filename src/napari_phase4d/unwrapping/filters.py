@@ -118,6 +118,7 @@ def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
         From 0 to n - 1; after the last one comes itself.
     """
     last = numbers.size - 1
+    numbers = native(numbers)
     if numbers.size > 4 * MARGIN * SAMPLE:
         some = ordered_bits(numbers[::SAMPLE])
         about = rank // SAMPLE
@@ -131,6 +132,11 @@ def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
         if below <= rank and min(rank + 1, last) < below + count:
             numbers, rank = near[:count], rank - below
     return numbers_at(ordered_bits(numbers), rank, numbers.dtype)
+
+
+def native(numbers: NDArray[Any]) -> NDArray[Any]:
+    """Return numbers in the byte order of this machine, in which their bits can be looked at."""
+    return numbers.astype(numbers.dtype.newbyteorder("="), copy=False)
 
 
 def ordered_bits(numbers: NDArray[np.floating[Any]]) -> Bits:
@@ -535,6 +541,7 @@ def median_of(values: NDArray[np.floating[Any]]) -> float:
     if 0 < values.size < FEW:
         if np.isnan(values).any():
             return float("nan")
+        values = native(values)
         low, high = numbers_at(ordered_bits(values), (values.size - 1) // 2, values.dtype)
         return float(low if values.size % 2 else (low + high) / 2)
     some = np.sort(values[:: values.size // (FEW // 4)])

@@ -27,7 +27,7 @@ from napari_phase4d.sample import (
 __all__ = ["Opened", "TruthCall", "open_anything", "open_recipe"]
 
 #: Gives the exact phase on the grid of a reconstruction; ValueError where it is not known.
-TruthCall: TypeAlias = "Callable[[xr.DataArray], xr.DataArray]"
+TruthCall: TypeAlias = Callable[["xr.DataArray"], "xr.DataArray"]
 
 
 @dataclass(frozen=True)

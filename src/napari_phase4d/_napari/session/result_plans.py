@@ -309,7 +309,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
 
 
 #: Regions by name, as masks (y, x), (time, y, x) or (time, angle, y, x).
-Masks: TypeAlias = "Mapping[str, NDArray[np.bool_] | xr.DataArray]"
+Masks: TypeAlias = Mapping[str, "NDArray[np.bool_] | xr.DataArray"]
 #: ``masks(task)`` makes them, which may take a while.
 MasksCall = Callable[[Task], Masks]
 
