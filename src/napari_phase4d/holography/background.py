@@ -449,29 +449,50 @@ def background_advice(attrs: Mapping[str, Any]) -> str:
     attrs : mapping
         The notes of a reconstruction.
     """
-    background = attrs.get("background")
-    lefts: Sequence[float] = attrs.get("background_left_rad", ())
-    much = [(i, left) for i, left in enumerate(lefts) if left > MUCH_LEFT_RAD]
-    if not much or background not in NEXT:
+    much = much_left(attrs)
+    if not much:
         return ""
-    name, _, _, what = NEXT[background]
-    views = " and ".join(f"view {i + 1} ({left:.1f} rad rms)" for i, left in much)
-    return f"{what} left in {views}: try background={name!r}"
+    name, _, _, what = NEXT[attrs["background"]]
+    views = " and ".join(f"view {view + 1} ({left:.1f} rad rms)" for view, left in much.items())
+    doubted = [view for view in attrs.get("curvature_unsure", ()) if view in much]
+    if not doubted:
+        return f"{what} left in {views}: try background={name!r}"
+    return (
+        f"{what} left in {views}, or the curvature taken off {named(doubted)} may be the "
+        f"object's: try background={name!r}, and if the field round the object is not flat with "
+        "it, record a hologram without cells as the reference"
+    )
+
+
+def much_left(attrs: Mapping[str, Any]) -> dict[int, float]:
+    """Return how much is left, in the views where a better surface would take much of it off."""
+    lefts: Sequence[float] = attrs.get("background_left_rad", ())
+    if attrs.get("background") not in NEXT:
+        return {}
+    return {view: left for view, left in enumerate(lefts) if left > MUCH_LEFT_RAD}
+
+
+def named(views: Sequence[int]) -> str:
+    """Return views in words, counted from 1."""
+    return " and ".join(f"view {view + 1}" for view in views)
 
 
 def curvature_advice(attrs: Mapping[str, Any]) -> str:
     """Say in which views the curvature that was taken off may be the object's; empty if in none.
+
+    Where a higher order would take off what is left, `background_advice` says so.
 
     Parameters
     ----------
     attrs : mapping
         The notes of a reconstruction.
     """
-    views = attrs.get("curvature_unsure", ())
+    much = much_left(attrs)
+    views = [view for view in attrs.get("curvature_unsure", ()) if view not in much]
     if not views:
         return ""
-    named = " and ".join(f"view {view + 1}" for view in views)
     return (
-        f"the curvature taken off {named} may be the object's, as too little is surely empty: "
-        "record a hologram without cells as the reference, or compare with background='tilt'"
+        f"the curvature taken off {named(views)} may be the object's, as too little is surely "
+        "empty: record a hologram without cells as the reference, or compare with "
+        "background='tilt'"
     )

@@ -68,7 +68,9 @@ LEAST_APART = 0.06
 KEPT = 600
 
 #: What the clues count, in the order of `Clues.table`. They were fitted, but for the last, which
-#: few of the simulated recordings need.
+#: few of the simulated recordings need. Each is fitted next to clues that say much the same, and
+#: what two of them count twice goes off one: so the views' power next to the strongest, and how
+#: much their widths differ, have the sign that they would not have alone.
 WEIGHTS = np.array(
     [
         13.09,
@@ -88,8 +90,8 @@ WEIGHTS = np.array(
         -4.0,
     ]
 )
-#: The same for the number of views: of those clues, and what `Clues.tally` adds. No weight has
-#: the sign that its clue can't have.
+#: The same for the number of views: of those clues, and what `Clues.tally` adds. Fitted to fewer
+#: recordings, these were held to the sign that a clue has alone: what would have the other is 0.
 COUNT_WEIGHTS = np.array(
     [
         *(5.09, -1.52, 0.61, 0.6, 0.0, 0.57, 0.91, -0.93, -0.81, -9.09, -4.73),

@@ -58,7 +58,8 @@ __all__ = ["FoundLobes", "find_lobes"]
 
 #: Frames that the spectrum is made of at most, and the memory that their transforms may take.
 MAX_FRAMES, MAX_BYTES = 16, 512 * 2**20
-#: A choice of views, or their number, with less of a chance than this is in doubt.
+#: A choice of views, or their number, with less of a chance than this is in doubt. Of 19 wrong
+#: ones among 2,100 it finds 16; 0.98 finds no more.
 SURE = 0.96
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42

@@ -40,7 +40,8 @@ Mask = NDArray[np.bool_]
 
 #: A field is judged on about so many pixels.
 LOOK_PIXELS = 4000
-#: So many pixels along the border are not judged: there the lobe's window joins opposite sides.
+#: So many pixels of a view along its border are not judged: there the lobe's window joins opposite
+#: sides.
 BLURRED = 3
 #: Below this share of the median amplitude there are no fringes to judge.
 DARK_SHARE = 0.3
@@ -280,20 +281,24 @@ def square_slopes(unit: NDArray[np.complexfloating]) -> tuple[Array, tuple[Array
 
 # ---- whether it may be the object's ---------------------------------------------------------
 
-#: A view with fewer pixels on a side shows too little to tell.
+#: A view with fewer pixels on a side, or a coarse look at it, shows too little to tell.
 LEAST_SIDE = 24
 #: What a surface leaves of an empty field, in radians, averaged over so many pixels each way.
 EMPTY_RAD, VERY_EMPTY_RAD, AVERAGED = 0.08, 0.05, 5
-#: Rows along the border in which that is looked for, inside of those that are blurred.
-BORDER_ROWS = 2
+#: Rows of the coarse look along the border in which that is looked for, and those outside of them
+#: that are left out. These hold `BLURRED` and more: the clues were fitted so.
+BORDER_ROWS, LEFT_OUT = 2, 3
 #: Where single pixels deviate by more than this (rad), noise hides what a smooth object leaves.
-#: Then a surface that bends by less than so many radians rms is let pass, since it takes little
-#: off, and of a field that is rougher than so many radians the corners alone are asked.
-NOISY_RAD, LEAST_BEND_RAD, ROUGH_RAD = 0.04, 0.15, 0.065
+#: Then a surface that bends by less than so many radians rms is let pass if more than this share
+#: of the border is empty: it takes little off, but where an object bends against the field, that
+#: is just what is wrong. Of a field rougher than so many radians the corners alone are asked.
+NOISY_RAD, LEAST_BEND_RAD, EMPTY_BORDER, ROUGH_RAD = 0.04, 0.15, 0.9, 0.065
 #: Pixels within this of the surface are its core.
 CORE_RAD = 0.2
 #: Fewer pixels than this show no field, or no edge.
 FEW_PIXELS, FEW_EDGE_PIXELS = 60, 10
+#: The surface explained no more of the fields that the clues were fitted to.
+MOST_EXPLAINED = 0.98
 #: What the clues add to the logarithm of the odds that a surface is off by more than 0.3 rad, in
 #: the order of `odds_of_object`. Fitted to 2100 objects of twelve shapes that cover 10 to 92 %
 #: of a bent field.
@@ -317,7 +322,7 @@ def may_be_the_object(look: Look, surface: Array, first: Judgement) -> bool:
         object's if it leaves an end of the view unexplained.
     """
     judged, noisy = look.judged(surface), pixel_noise(look, surface) > NOISY_RAD
-    if noisy and bend_of(surface) < LEAST_BEND_RAD:
+    if noisy and bend_of(surface) < LEAST_BEND_RAD and empty_border(judged) > EMPTY_BORDER:
         return False
     if min(surface.shape) < LEAST_SIDE or (noisy and roughness(judged) > ROUGH_RAD):
         return first.ends < first.of_ends
@@ -355,11 +360,7 @@ def odds_of_object(judged: Judgement) -> float:
     near, rest = judged.near, judged.rest
     if near.sum() < FEW_PIXELS:
         return math.inf
-    share = scipy.ndimage.uniform_filter(near.astype(np.float64), AVERAGED)
-    mean = scipy.ndimage.uniform_filter(np.where(near, rest, 0.0), AVERAGED) / np.maximum(
-        share, 1e-6
-    )
-    empty, very = (near & (np.abs(mean) < limit) for limit in (EMPTY_RAD, VERY_EMPTY_RAD))
+    empty, very = (emptiest(judged, limit) for limit in (EMPTY_RAD, VERY_EMPTY_RAD))
     along = border_rows(near.shape)
     explained = float(near[along].mean())
     clues = [
@@ -367,11 +368,25 @@ def odds_of_object(judged: Judgement) -> float:
         log_odds(min(float(empty[along].mean()) / max(explained, 0.02), 1.0)),
         log_odds(float(empty.sum() / near.sum())),
         math.log(max(slope_at_edge(near, rest), 0.5)),
-        math.log(1.03 - float(near.mean())),
+        math.log(1.03 - min(float(near.mean()), MOST_EXPLAINED)),
         float(judged.of_ends - judged.ends),
         math.log(max(float(np.std(smooth_part(rest, near)[near])), 0.01)),
     ]
     return NO_ODDS + float(np.dot(ODDS, clues))
+
+
+def emptiest(judged: Judgement, limit_rad: float) -> Mask:
+    """Mark the explained pixels round which less than a limit is left on average."""
+    near = judged.near
+    share = scipy.ndimage.uniform_filter(near.astype(np.float64), AVERAGED)
+    total = scipy.ndimage.uniform_filter(np.where(near, judged.rest, 0.0), AVERAGED)
+    found: Mask = near & (np.abs(total / np.maximum(share, 1e-6)) < limit_rad)
+    return found
+
+
+def empty_border(judged: Judgement) -> float:
+    """Return which share of the border is empty."""
+    return float(emptiest(judged, EMPTY_RAD)[border_rows(judged.near.shape)].mean())
 
 
 def log_odds(share: float) -> float:
@@ -380,18 +395,18 @@ def log_odds(share: float) -> float:
 
 
 def border_rows(shape: tuple[int, ...]) -> Mask:
-    """Mark the rows along the border of a view that are not blurred."""
+    """Mark the rows of a coarse look that lie along the border."""
     within = [np.minimum(np.arange(n), np.arange(n)[::-1]) for n in shape]
     to_border = np.minimum.outer(*within)
-    found: Mask = (to_border >= BLURRED) & (to_border < BLURRED + BORDER_ROWS)
+    found: Mask = (to_border >= LEFT_OUT) & (to_border < LEFT_OUT + BORDER_ROWS)
     return found
 
 
 def slope_at_edge(near: Mask, rest: Array) -> float:
     """Return how steep what is left is where explained pixels end, in radians per half a view."""
     edge = near & ~scipy.ndimage.binary_erosion(near)
-    edge[: BLURRED + 1] = edge[-BLURRED - 1 :] = False
-    edge[:, : BLURRED + 1] = edge[:, -BLURRED - 1 :] = False
+    edge[: LEFT_OUT + 1] = edge[-LEFT_OUT - 1 :] = False
+    edge[:, : LEFT_OUT + 1] = edge[:, -LEFT_OUT - 1 :] = False
     if edge.sum() <= FEW_EDGE_PIXELS:
         return 0.0
     along = [wrapped(step) * n / 2 for step, n in zip(np.gradient(rest), rest.shape, strict=True)]
