@@ -7,11 +7,11 @@ scikit-image load their own parts in this way: ``import scipy`` and ``scipy.ndim
 
 from __future__ import annotations
 
-import functools
 import importlib
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -65,26 +65,33 @@ if not TYPE_CHECKING:  # so that type checkers see the libraries themselves
     xr = Library("xarray")
 
 
-@functools.cache
-def load_ahead(then: Callable[[], object]) -> threading.Thread:
-    """Load in a thread, once, what is needed soon, so that the first click does not wait for it.
+def load_ahead(
+    then: Sequence[Callable[[], object]], closed: Callable[[], bool]
+) -> threading.Thread:
+    """Load in a thread what is needed soon, so that the first click does not wait for it.
 
     Parameters
     ----------
-    then : callable
-        What to do in that thread when all is there.
+    then : sequence of callable
+        What to do in that thread when all is there. Where one fails, what needs it will say so.
+    closed : callable
+        Whether there will be no click any more; what is left is left out then.
 
     Returns
     -------
     threading.Thread
-        It ends by itself, after about half a second.
+        It ends by itself, after about a second.
     """
+    loads: list[Callable[[], object]] = [
+        partial(importlib.import_module, name) for name in NEEDED_SOON
+    ]
 
     def work() -> None:
-        for name in NEEDED_SOON:
-            with suppress(ImportError):  # what needs it will say so
-                importlib.import_module(name)
-        then()
+        for do in (*loads, *then):
+            if closed():
+                return
+            with suppress(Exception):
+                do()
 
     thread = threading.Thread(target=work, name="loading ahead")
     thread.start()

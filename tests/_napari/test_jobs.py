@@ -203,3 +203,27 @@ def test_an_error_in_a_later_step_is_said_and_the_rest_left_out(dock, qtbot) -> 
     qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
     assert told == ["first"]
     assert dock.status.text() == "⚠ the second step can't be"
+
+
+def test_work_is_done_where_the_system_has_no_more_threads(dock, qtbot, monkeypatch) -> None:
+    start, got = threading.Thread.start, []
+
+    def refusing(thread: threading.Thread) -> None:
+        if thread.name == "Phase 4D":
+            msg = "can't start new thread"
+            raise RuntimeError(msg)
+        start(thread)
+
+    monkeypatch.setattr(threading.Thread, "start", refusing)
+    dock.jobs.start(Plan("Counting", lambda _: 3, got.append))
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=10_000)
+    assert got == [3]
+
+
+def test_work_that_ends_the_program_ends_as_a_job_that_failed(dock, qtbot) -> None:
+    def leave(_: Task) -> None:
+        sys.exit(3)
+
+    dock.jobs.start(Plan("Leaving", leave, lambda _: None))
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=10_000)
+    assert "SystemExit(3)" in dock.status.text()

@@ -316,3 +316,13 @@ def test_what_still_comes_up_ends_with_its_dock(viewer, dock, qtbot) -> None:
     before = len(done)
     qtbot.wait(200)
     assert (len(done), turns.pending) == (before, False)
+
+
+@pytest.mark.gui
+def test_turns_that_go_with_work_left_let_python_look_for_garbage(qtbot: Any) -> None:
+    turns = Turns()
+    with turns.unhurried():
+        turns.run(noting([], "a"))
+    assert not gc.isenabled()
+    del turns
+    assert gc.isenabled()

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import asyncio
 import atexit
 import functools
 import sys
+import threading
 import weakref
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -160,7 +162,9 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             show_warning(advice)
         self._catch_up()
         # The window is painted first.
-        QTimer.singleShot(QUIET_AFTER_MS, get_ready)
+        self._gone = threading.Event()
+        self.destroyed.connect(self._gone.set)
+        QTimer.singleShot(QUIET_AFTER_MS, partial(get_ready, self._gone.is_set))
         atexit.register(close_with_python, weakref.ref(self))
         # Layers would be kept until the dock is closed, also those that are removed.
         self._collecting = None if len(napari_viewer.layers) else Collecting()
@@ -241,6 +245,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def close_down(self) -> None:
         """Stop what is running and let go of the viewer."""
         self._quiet.stop()
+        self._gone.set()
         self.jobs.close()
         self.following.stop()
         self.followers.stop()
@@ -550,26 +555,39 @@ class Units(QObject):  # type: ignore[misc]
         self.read.connect(self._take)
 
     def read_ahead(self) -> None:
-        """Read them, in a thread."""
-        self.read.emit(pint.UnitRegistry(on_redefinition="raise"))
+        """Read them, in a thread, if nobody has before."""
+        if self._missing():
+            self.read.emit(pint.UnitRegistry(on_redefinition="raise"))
 
     def _take(self, registry: pint.UnitRegistry[Any]) -> None:
         """Let napari have them, unless somebody has needed units meanwhile."""
         # Those of two registries can't be compared, so that none may be in use.
-        if isinstance(pint.get_application_registry().get(), LazyRegistry):  # type: ignore[no-untyped-call]
+        if self._missing():
             pint.set_application_registry(registry)  # type: ignore[no-untyped-call]
 
+    @staticmethod
+    def _missing() -> bool:
+        return isinstance(pint.get_application_registry().get(), LazyRegistry)  # type: ignore[no-untyped-call]
 
-@functools.cache
-def get_ready() -> None:
-    """Begin, once, with what the first click would wait for otherwise."""
-    units = Units()
 
-    def work() -> None:
-        warm_up_elsewhere()
-        units.read_ahead()
+#: Of the program: Qt objects may not end in a thread.
+units = functools.cache(Units)
 
-    load_ahead(work)
+
+def get_ready(closed: Callable[[], bool]) -> None:
+    """Begin, unless the dock has closed, with what the first click would wait for otherwise."""
+    if not closed():
+        load_ahead((units().read_ahead, start_loop, warm_up_elsewhere), closed)
+
+
+def start_loop() -> None:
+    """Start the thread of Zarr that reads and writes for all plugins.
+
+    Work that gives way would start it else, and it would give way from then on.
+    """
+    from zarr.core.sync import sync
+
+    sync(asyncio.sleep(0))
 
 
 def close_with_python(dock: weakref.ref[Phase4DDock]) -> None:

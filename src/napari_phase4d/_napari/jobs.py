@@ -41,6 +41,19 @@ class Ended:
     result: Any = None
     error: Exception | None = None
 
+    def do(self, work: Callable[[Task], Any], task: Task) -> None:
+        """Do the work, and keep what comes of it.
+
+        The worker's own signal for errors fails on PySide6.
+        """
+        try:
+            self.result = work(task)
+        except Exception as error:
+            self.error = error
+        except BaseException as error:  # as SystemExit, of which nobody would hear in a thread
+            msg = f"the work gave up with {error!r} before it was done; the log may say why"
+            self.error = RuntimeError(msg)
+
 
 class Gate:
     """Whether results are still wanted; it outlives the Qt object that it belongs to."""
@@ -149,14 +162,8 @@ class Jobs(QObject):  # type: ignore[misc]
 
         ended = Ended()
 
-        def guarded() -> None:
-            # What comes of it is kept here: the worker's own signal for errors fails on PySide6.
-            try:
-                ended.result = plan.work(Task(report, stop.is_set))
-            except Exception as error:
-                ended.error = error
-
-        worker = create_worker(giving_way, guarded, _start_thread=False, _ignore_errors=True)
+        work = partial(ended.do, plan.work, Task(report, stop.is_set))
+        worker = create_worker(giving_way, work, _start_thread=False, _ignore_errors=True)
         gate = self._gate
         worker.returned.connect(
             lambda _: None if gate.closed else self._returned(worker, plan, ended)
@@ -287,7 +294,8 @@ def giving_way(work: Callable[[], None]) -> None:
 
     On two cores, two threads of work make the window's own take twice its time. Only Linux tells
     the threads of a program apart here. Qt's threads are lent to other plugins too, and nobody
-    may take the waiting back: so it is a thread of its own, for which Qt's waits.
+    may take the waiting back: so it is a thread of its own, for which Qt's waits. Where there can
+    be none, Qt's does the work, and does not give way.
     """
 
     def nicely() -> None:
@@ -297,7 +305,11 @@ def giving_way(work: Callable[[], None]) -> None:
         work()
 
     thread = threading.Thread(target=nicely, name="Phase 4D", daemon=True)
-    thread.start()
+    try:
+        thread.start()
+    except RuntimeError:  # the system has no more threads
+        work()
+        return
     thread.join()
 
 
@@ -433,13 +445,8 @@ class Latest(QObject):  # type: ignore[misc]
         gate, ended = self._gate, Ended()
         stop = gate.stop = threading.Event()
 
-        def guarded() -> None:
-            try:
-                ended.result = question.work(Task(None, stop.is_set))
-            except Exception as error:
-                ended.error = error
-
-        self._worker = create_worker(guarded, _start_thread=False, _ignore_errors=True)
+        work = partial(ended.do, question.work, Task(None, stop.is_set))
+        self._worker = create_worker(work, _start_thread=False, _ignore_errors=True)
         self._worker.returned.connect(
             lambda _: None if gate.closed else self._ended(question, stop, ended)
         )

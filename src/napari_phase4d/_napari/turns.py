@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import gc
+import weakref
 from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -44,8 +45,8 @@ class Turns:
         self._unseen = False
         #: Whether the canvas is being painted.
         self._painting = False
-        #: Whether Python looks for no garbage until all is done.
-        self._put_off = False
+        #: While Python looks for no garbage, until all is done or nobody has the turns any more.
+        self._put_off: weakref.finalize[..., Turns] | None = None
         self._timer: QTimer | None = None
 
     @property
@@ -100,8 +101,8 @@ class Turns:
 
     def _wait(self) -> None:
         # A search for garbage in the midst of a step, or of what is painted, doubles its time.
-        if not self._put_off and gc.isenabled():
-            self._put_off = True
+        if self._put_off is None and gc.isenabled():
+            self._put_off = weakref.finalize(self, gc.enable)
             gc.disable()
         if self._timer is None:
             self._timer = QTimer()
@@ -135,9 +136,9 @@ class Turns:
                 self._collect_again()
 
     def _collect_again(self) -> None:
-        if self._put_off:
-            self._put_off = False
-            gc.enable()
+        if self._put_off is not None:
+            self._put_off()
+            self._put_off = None
             gc.collect(NEW)  # here, in a turn of its own, and not in the midst of what comes next
 
     def _step(self) -> None:
