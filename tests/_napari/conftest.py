@@ -55,8 +55,21 @@ def viewer(make_napari_viewer: Callable[..., Any]) -> Any:
     return viewer
 
 
+@pytest.fixture(scope="session")
+def libraries() -> None:
+    """Load what a panel loads in a thread, before there is one.
+
+    While a library is imported, Python's filters of warnings are changed for all threads, so that
+    a warning of the worker of a test would end it.
+    """
+    from napari_phase4d._napari.dock import start_loop
+    from napari_phase4d.later import load_ahead
+
+    load_ahead((start_loop,), lambda: False).join()
+
+
 @pytest.fixture
-def dock(viewer: Any) -> Iterator[Any]:
+def dock(viewer: Any, libraries: None) -> Iterator[Any]:
     _, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
     yield dock
     dock.jobs.cancel()

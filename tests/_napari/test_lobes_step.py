@@ -153,6 +153,7 @@ def test_step_3_opens_once_the_views_are_found(dock, click, small_video, qtbot) 
     assert port.rect().contains(go.mapTo(port, go.rect().center()))
 
 
+@pytest.mark.filterwarnings("ignore:.*3 views asked")
 def test_views_in_doubt_are_looked_at_first(dock, click, small_video) -> None:
     dock.session.set_recording(small_video)
     dock.session.update(n_views=3)  # more than there are
