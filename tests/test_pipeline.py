@@ -49,6 +49,19 @@ def test_table_of_methods_against_truth(reconstruction, truth) -> None:
     assert mse["temporal"] < mse["angular"] < mse["spatial-2d"]
 
 
+def test_methods_may_be_called_by_the_names_on_screen(reconstruction) -> None:
+    phase = reconstruction["phase"]
+    by_id = p4d.unwrap(phase, "spatial-2d")
+    xr.testing.assert_identical(p4d.unwrap(phase, "2-D"), by_id)
+    options = {"T/A": {"registration": False}}
+    assert list(p4d.compare(phase, ["2-D", "T/A"], options=options).results) == [
+        "spatial-2d", "temporal-angular",
+    ]  # fmt: skip
+    recipe = p4d.Recipe(methods=("2-D", "T/A"), options=options)
+    assert recipe.methods == ("spatial-2d", "temporal-angular")
+    assert recipe.options == {"temporal-angular": {"registration": False}}
+
+
 def test_compare_checks_before_it_works(reconstruction) -> None:
     phase = reconstruction["phase"]
     with pytest.raises(ValueError, match="method must be one of"):

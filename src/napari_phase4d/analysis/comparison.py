@@ -348,14 +348,14 @@ def compare(
         Wrapped phase in radians, see `unwrap`. An array of float32 is held as it is, not
         copied: leave its numbers alone as long as you ask for confidence.
     methods : sequence of str, optional
-        Ids among `METHODS`. Default: all that suit the phase: those that need several wavelengths
-        only where it has them.
+        Ids or labels among `METHODS`. Default: all that suit the phase: those that need several
+        wavelengths only where it has them.
     boundary, mask, amplitude, cancelled
         See `unwrap`.
     truth : DataArray or array_like, optional
         Exact phase of the same frames; they are found by their coordinates, where it has any.
     options : mapping, optional
-        Method id to the options of that method.
+        Id or label of a method to the options of that method.
     progress : callable, optional
         ``progress(done, total, message)`` after each step of a method; the message begins with
         the method and how many there are, such as "T/A (4 of 6): ".
@@ -404,8 +404,8 @@ def compare(
         )
         raise TypeError(msg)
     check_call("finished", finished)
-    for method in (*chosen, *options):
-        check_method(method, options.get(method, {}))
+    options = {check_method(method, own): own for method, own in options.items()}
+    chosen = [check_method(method, {}) for method in chosen]
     mask = without_masked(phase, mask)
     stack = wrapped_stack(phase)
     if methods is None:
@@ -418,7 +418,7 @@ def compare(
 
 
 def as_methods(methods: Any) -> list[str]:
-    """Return ids of methods as a list; a single one will do."""
+    """Return names of methods as a list; a single one will do."""
     if isinstance(methods, str):
         return [methods]
     try:

@@ -20,7 +20,7 @@ from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import program_version
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.unwrapping import METHODS, methods_for
+from napari_phase4d.unwrapping import METHODS, check_method, methods_for
 from napari_phase4d.words import counted, local_path, sentence_of
 
 if TYPE_CHECKING:
@@ -48,8 +48,8 @@ def run_benchmark(
     Parameters
     ----------
     methods : sequence of str, optional
-        Ids among `METHODS`, those of installed packages included. Default: all that need no more
-        than one wavelength.
+        Ids or labels among `METHODS`, those of installed packages included. Default: all that need
+        no more than one wavelength.
     groups : sequence of str, optional
         Some of `GROUPS`. Default: all.
     progress : callable, optional
@@ -88,10 +88,7 @@ def run_benchmark(
     if not chosen or not (groups is None or groups):
         msg = "there is no method or group to score; leave them out for all"
         raise ValueError(msg)
-    unknown = [method for method in chosen if method not in METHODS]
-    if unknown:
-        msg = f"method must be one of {', '.join(METHODS)}, but is {unknown[0]!r}"
-        raise ValueError(msg)
+    chosen = [check_method(method, {}) for method in chosen]
     names = checked_groups(groups)
     watch = Watch(sum(len(GROUPS[name]) for name in names), "scoring", task)
     watch.check()

@@ -12,7 +12,6 @@ import typer
 from napari_phase4d.analysis import CellSettings
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
-from napari_phase4d.unwrapping import METHODS
 
 __all__ = [
     "Angles",
@@ -167,7 +166,7 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         "n_views": len(angles) if angles and views is None else views,
         "angles_deg": tuple(angles) if angles else None,
         "wavelengths_um": tuple(typed.get("view_wavelength") or ()) or None,
-        "methods": tuple(map(method_id, methods)) if methods else None,
+        "methods": tuple(methods) if methods else None,
         "frame_rate_hz": typed.get("frame_rate"),
         "boundary": boundary_of(boundary),
         "confidence": typed.get("confidence") or None,
@@ -193,11 +192,6 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
         of_cells = ({"oblique": True} if angles and not typed.get("turned") else {}) | of_cells
         chosen["cells"] = replace(recipe.cells or CellSettings(), **of_cells)
     return recipe.changed(**chosen)
-
-
-def method_id(named: str) -> str:
-    """Return the id of a method, which may also be called by its label, as on screen."""
-    return next((name for name, method in METHODS.items() if method.label == named), named)
 
 
 def boundary_of(text: str | None) -> str | tuple[tuple[int, int], ...] | None:

@@ -103,7 +103,7 @@ class Recipe(BaseModel):
         Optically thin frames to start from, as (time, angle) numbers; "auto" (default) for the
         safest one by `score_boundaries`.
     methods : tuple of str
-        Ids of the unwrapping methods.
+        Ids of the unwrapping methods; labels, as "T/A", are taken for the ids they stand for.
     options : dict
         Method id to that method's options.
     confidence : bool
@@ -246,19 +246,15 @@ class Recipe(BaseModel):
     @field_validator("options")
     @classmethod
     def _options_exist(cls, value: Options) -> Options:
-        for method, options in value.items():
-            try:
-                check_method(method, options)
-            except TypeError as error:  # which pydantic would let through
-                raise ValueError(str(error)) from error
-        return value
+        try:
+            return {check_method(method, options): options for method, options in value.items()}
+        except TypeError as error:  # which pydantic would let through
+            raise ValueError(str(error)) from error
 
     @field_validator("methods")
     @classmethod
     def _methods_exist(cls, value: tuple[str, ...]) -> tuple[str, ...]:
-        for method in value:
-            check_method(method, {})
-        return value
+        return tuple(check_method(method, {}) for method in value)
 
     @property
     def wanted_views(self) -> int | None:

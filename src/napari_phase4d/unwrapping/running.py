@@ -55,7 +55,7 @@ def unwrap(
         (time, y, x) or (time, angle, y, x). Other units that ``attrs`` or coordinates name are
         converted; times and angles must rise. What is masked in a masked array is left out.
     method : str, optional
-        One of `METHODS`, default "temporal-angular" (T/A).
+        One of `METHODS`, by its id or by its label, as "T/A"; default "temporal-angular" (T/A).
     boundary : tuple of int or sequence of such, optional
         (time, angle) frame numbers of the optically thin frame, or several. Default (0, 0).
     mask : array_like of bool, "auto" or None, optional
@@ -106,7 +106,7 @@ def unwrap(
     ('temporal-angular', [[0, 0]])
     """
     task = Task(progress, cancelled)
-    check_method(method, method_options)
+    method = check_method(method, method_options)
     problem = Problem(
         wrapped_stack(phase),
         boundary,
@@ -259,8 +259,13 @@ def label_of(method: str, options: Mapping[str, Any]) -> str:
     return f"{label} ({', '.join(chosen)})" if chosen else label
 
 
-def check_method(method: str, options: Mapping[str, Any]) -> None:
-    """Raise ValueError for unknown methods and TypeError for options that a method lacks."""
+def check_method(method: str, options: Mapping[str, Any]) -> str:
+    """Return the id of a method, which may be called by its label, as on screen.
+
+    Raises ValueError for unknown methods and TypeError for options that a method lacks.
+    """
+    if isinstance(method, str) and method not in METHODS:
+        method = next((name for name, facts in METHODS.items() if facts.label == method), method)
     if not isinstance(method, str) or method not in METHODS:
         msg = f"method must be one of {', '.join(METHODS)}, but is {method!r}"
         raise ValueError(msg)
@@ -278,6 +283,7 @@ def check_method(method: str, options: Mapping[str, Any]) -> None:
         if option.choices and value not in option.choices:
             msg = f"{option.name} must be one of {', '.join(option.choices)}, but is {value!r}"
             raise ValueError(msg)
+    return method
 
 
 def methods_for(wavelengths_um: Sequence[float] | NDArray[np.floating] | None) -> list[str]:
