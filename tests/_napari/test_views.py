@@ -13,6 +13,7 @@ from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 
 import napari_phase4d as p4d
+from napari_phase4d.pipeline import PAPER_METHODS
 
 pytestmark = pytest.mark.gui
 
@@ -163,6 +164,22 @@ def test_the_picture_is_cropped_to_the_object(viewer: Any, dock: Any) -> None:
     cropped = viewer.scene.camera.zoom
     viewer.reset_view()
     assert cropped > 2 * viewer.scene.camera.zoom
+
+
+@pytest.mark.parametrize("methods", [PAPER_METHODS[:1], PAPER_METHODS[:2], PAPER_METHODS])
+def test_every_cell_of_the_grid_holds_the_whole_field(
+    methods: tuple[str, ...], viewer: Any, dock: Any, qtbot: Any
+) -> None:
+    cell = p4d.simulation.swimming_euglena((60, 60), 2, peak_rad=9)["wrapped"]
+    dock.session.set_phase(cell.where(cell != 0, np.float32(0.5)))  # nothing to crop to
+    dock.session.update(methods=methods, mask=None)
+    QTest.mouseClick(dock.unwrap.go, Qt.MouseButton.LeftButton)
+    qtbot.waitUntil(lambda: dock.session.outcome is not None, timeout=20_000)
+    let_settle(qtbot, dock)
+    layer, camera, canvas = viewer.layers["2-D"], viewer.scene.camera, viewer.canvas
+    cells = canvas.grid.actual_shape(viewer.layers)
+    field = np.ptp(layer.extent.world, axis=0)[-2:] + layer.scale[-2:]
+    assert 0.85 < (field * camera.zoom / (np.array(canvas.size) / cells)).max() < 1
 
 
 def test_results_appear_as_their_methods_end(dock: Any, qtbot: Any) -> None:

@@ -580,7 +580,8 @@ class Presenter:
         looked = False
         for _ in arrange(self.viewer, layers):
             yield
-            if not looked and any(layer.visible for layer in layers):
+            ready = len(layers) == 1 or self.viewer.canvas.grid.enabled  # a cell is smaller
+            if not looked and ready and any(layer.visible for layer in layers):
                 self._look_at(layers)
                 looked = True
                 yield
