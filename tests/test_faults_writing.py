@@ -112,6 +112,7 @@ from test_faults_writing import stack_of
 stack, folder = stack_of(0), Path(sys.argv[1])
 for ending in ("ome.tif", "ome.zarr"):  # what is imported now need not be found later
     write_phase(folder.parent / f"warm.{ending}", stack)
+write_table(folder.parent / "warm.csv", pd.DataFrame())
 p4d.Recipe().to_file(folder.parent / "warm.json")
 os.setuid(65534)
 for work in (
