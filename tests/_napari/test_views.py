@@ -162,6 +162,8 @@ def test_the_picture_is_cropped_to_the_object(viewer: Any, dock: Any) -> None:
     centre = np.array(viewer.scene.camera.center[-2:])
     np.testing.assert_allclose(centre, [180 * pixel_um, 50 * pixel_um], atol=6 * pixel_um)
     cropped = viewer.scene.camera.zoom
+    cell = np.array(viewer.canvas.size) / viewer.canvas.grid.actual_shape(viewer.layers)
+    assert (60 * pixel_um * cropped < cell).all()
     viewer.reset_view()
     assert cropped > 2 * viewer.scene.camera.zoom
 

@@ -294,12 +294,12 @@ def look_closer(viewer: Any, stack: Any) -> None:
         return
     spans = [np.flatnonzero(ever.any(axis=1 - axis)) for axis in (0, 1)]
     first, last = (np.array([span[end] for span in spans]) for end in (0, -1))
-    share = float(np.max((last - first + 1) / ever.shape)) * ROOM
-    if share >= 1:
-        return
-    camera, middle = viewer.scene.camera, (first + last) / 2 - (np.array(ever.shape) - 1) / 2
     extent = viewer.layers.get_extent([la for la in viewer.layers if la.visible]).world
     step = (extent[1] - extent[0])[-2:] / (np.array(ever.shape) - 1).clip(1)
+    cell = np.array(viewer.canvas.size) / viewer.canvas.grid.actual_shape(viewer.layers)
+    camera, zoom = viewer.scene.camera, float((cell / ((last - first + 1) * step * ROOM)).min())
+    if zoom <= camera.zoom:
+        return
     centre = np.array(camera.center)
-    centre[-2:] += middle * step
-    camera.center, camera.zoom = tuple(centre), camera.zoom / share
+    centre[-2:] += ((first + last) / 2 - (np.array(ever.shape) - 1) / 2) * step
+    camera.center, camera.zoom = tuple(centre), zoom
