@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
 from napari_phase4d.simulation.ellipsoids import wrap
+from napari_phase4d.words import check_type
 
-__all__ = ["FAULTS", "LOSES_FRAME", "with_fault"]
+__all__ = ["FAULTS", "LOSES_FRAME", "with_fault", "with_noise"]
 
 Stack = NDArray[np.float32]
 Random = np.random.Generator
@@ -179,3 +180,43 @@ def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int =
         truth = truth.where(wrapped.values == before)
     wrapped.attrs = dict(data["wrapped"].attrs)
     return xr.Dataset({"phase": truth, "wrapped": wrapped}, attrs=data.attrs)
+
+
+def with_noise(
+    data: xr.Dataset, noise_rad: float = 0.0, drift_rad: float = 0.0, seed: int = 0
+) -> xr.Dataset:
+    """Add noise and drift to exact phase, and wrap it anew.
+
+    Parameters
+    ----------
+    data : Dataset
+        With exact ``phase``.
+    noise_rad : float, optional
+        Standard deviation in radians of white noise on every pixel.
+    drift_rad : float, optional
+        Standard deviation in radians of the change of each view's level from frame to frame.
+    seed : int, optional
+        Of the random numbers.
+
+    Returns
+    -------
+    xarray.Dataset
+        ``phase`` is the exact phase with the same noise and drift, so that an unwrapper that is
+        right everywhere leaves no error; ``wrapped`` belongs to it.
+    """
+    check_type("data", data, xr.Dataset, 'give one with "phase", as budding_yeast() does')
+    if "phase" not in data:
+        msg = f'data holds {", ".join(map(str, data)) or "nothing"}, but no exact "phase"'
+        raise ValueError(msg)
+    rng = np.random.default_rng(seed)
+    exact = data["phase"]
+    values = exact.values + rng.normal(0, 1, exact.shape).astype(np.float32) * np.float32(
+        noise_rad
+    )
+    steps = rng.normal(0, drift_rad, exact.shape[:2])
+    steps[0] = 0
+    drift = np.cumsum(steps, axis=0).astype(np.float32)
+    noisy = exact.copy(data=values + drift[:, :, None, None])
+    wrapped = wrap(noisy)
+    wrapped.attrs = dict(data["wrapped"].attrs) if "wrapped" in data else {}
+    return xr.Dataset({"phase": noisy, "wrapped": wrapped}, attrs=data.attrs)
