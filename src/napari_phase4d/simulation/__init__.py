@@ -3,10 +3,9 @@
 from napari_phase4d.simulation.cells import Budding, budding_yeast, swimming_euglena
 from napari_phase4d.simulation.ellipsoids import Ellipsoid, phase_stack, projected_phase
 from napari_phase4d.simulation.faults import FAULTS, with_fault, with_noise
-from napari_phase4d.simulation.multiplexing import multiplexed_video
+from napari_phase4d.simulation.multiplexing import at_wavelengths, multiplexed_video, step_phantom
 from napari_phase4d.simulation.populations import swimming_cells
 from napari_phase4d.simulation.shapes import HARD_SHAPES, SHAPES, hard_shape, moving_shape
-from napari_phase4d.simulation.wavelengths import at_wavelengths, step_phantom
 
 __all__ = [
     "FAULTS",
