@@ -14,7 +14,7 @@ import zarr
 import napari_phase4d as p4d
 from batches import RECIPE, statuses, write_phases
 from napari_phase4d.pipeline import fingerprint
-from napari_phase4d.pipeline.streaming import Cluster
+from napari_phase4d.task import Cluster
 
 FRAMES = np.random.default_rng(2).integers(1, 200, (4, 32, 32)).astype(np.uint8)
 OME = (

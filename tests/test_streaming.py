@@ -24,10 +24,9 @@ from napari_phase4d.machine import measured
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
 from napari_phase4d.pipeline.streaming import Shelf, stored_at
 from napari_phase4d.pipeline.streaming.stored import new_folder
-from napari_phase4d.pipeline.streaming.workers import Cluster, Threads
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import Block, block_at, block_frames, blocks_of
-from napari_phase4d.task import Cancelled, Watch, in_threads
+from napari_phase4d.task import Cancelled, Cluster, Threads, Watch, in_threads
 from napari_phase4d.unwrapping import (
     METHODS,
     Method,
@@ -531,7 +530,7 @@ def test_a_cluster_can_be_cancelled(
 def test_without_a_scheduler_there_is_one_sentence(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("napari_phase4d.pipeline.streaming.workers.ANSWER_S", 1)
+    monkeypatch.setattr("napari_phase4d.task.ANSWER_S", 1)
     with pytest.raises(OSError, match="no dask scheduler answers at tcp://127.0.0.1:9"):
         p4d.run(recipe, video, folder=tmp_path, scheduler="tcp://127.0.0.1:9")
 

@@ -23,8 +23,8 @@ from napari_phase4d.analysis import (
     wrong_cycle_map,
     wrong_cycle_share,
 )
-from napari_phase4d.pipeline.streaming import Cluster
 from napari_phase4d.simulation import multiplexed_video, with_noise
+from napari_phase4d.task import Cluster
 from stacks import without_attrs
 
 #: (time, angle, y, x), wrapped and exact, a peak of three turns.

@@ -21,17 +21,14 @@ from napari_phase4d.later import xr
 from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.streaming import (
-    Cluster,
     ProblemOnDisk,
     Shelf,
-    Threads,
-    Workers,
     stored_at,
 )
 from napari_phase4d.pipeline.streaming.stored import new_folder
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import block_frames
-from napari_phase4d.task import UNWATCHED, Task
+from napari_phase4d.task import UNWATCHED, Cluster, Task, Threads, Workers
 from napari_phase4d.unwrapping import (
     METHODS,
     SCORED_PIXELS,

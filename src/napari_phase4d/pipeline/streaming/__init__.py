@@ -12,16 +12,12 @@ from napari_phase4d.pipeline.streaming.stored import (
     reconstruct_to_disk,
     stored_at,
 )
-from napari_phase4d.pipeline.streaming.workers import Cluster, Threads, Workers
 
 __all__ = [
-    "Cluster",
     "FrameSource",
     "GrowingStack",
     "ProblemOnDisk",
     "Shelf",
-    "Threads",
-    "Workers",
     "reconstruct_to_disk",
     "stored_at",
 ]

@@ -11,10 +11,9 @@ from numpy.typing import NDArray
 from napari_phase4d.axes import AXES
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline.streaming.stored import Shelf
-from napari_phase4d.pipeline.streaming.workers import Threads, Workers
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest
 from napari_phase4d.stacks import KIND
-from napari_phase4d.task import UNWATCHED, Watch
+from napari_phase4d.task import UNWATCHED, Threads, Watch, Workers
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.alone import ALL_USABLE
 from napari_phase4d.unwrapping.given import (

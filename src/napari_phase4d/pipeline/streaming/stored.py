@@ -30,7 +30,6 @@ from napari_phase4d.io.zarr_results import (
 )
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline.starting import FrameSource
-from napari_phase4d.pipeline.streaming.workers import Workers
 from napari_phase4d.stack import (
     Block,
     FileStack,
@@ -40,7 +39,7 @@ from napari_phase4d.stack import (
     limits_of,
     widest,
 )
-from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
+from napari_phase4d.task import UNWATCHED, Task, Watch, Workers, in_threads
 
 __all__ = ["GrowingStack", "Shelf", "new_folder", "reconstruct_to_disk", "stored_at"]
 
