@@ -22,8 +22,7 @@ import napari_phase4d as p4d
 from napari_phase4d.io.lazy import FrameReader, lazy_frames
 from napari_phase4d.machine import measured
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
-from napari_phase4d.pipeline.streaming import Shelf, stored_at
-from napari_phase4d.pipeline.streaming.stored import new_folder
+from napari_phase4d.pipeline.stored import Shelf, new_folder, stored_at
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import Block, block_at, block_frames, blocks_of
 from napari_phase4d.task import Cancelled, Cluster, Threads, Watch, in_threads

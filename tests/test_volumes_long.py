@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from napari_phase4d.pipeline.streaming import ProblemOnDisk, Shelf, stored_at
-from napari_phase4d.pipeline.streaming import problem as streaming_problem
+from napari_phase4d.pipeline import streaming
+from napari_phase4d.pipeline.stored import Shelf, stored_at
+from napari_phase4d.pipeline.streaming import ProblemOnDisk
 from napari_phase4d.stack import Block, Memory, blocks_of
 from napari_phase4d.task import UNWATCHED
 from napari_phase4d.unwrapping import laplacian, network_flow, volumes
@@ -116,7 +117,7 @@ def test_laplacian_of_blocks_is_the_same(
         options = {"variant": variant, "rounded": rounded}
         expected = in_memory(wrapped, "laplacian", mask, (0, 0), **options)
         with monkeypatch.context() as patch:
-            patch.setattr(streaming_problem, "blocks_of", lambda shape: blocks_of(shape, frames))
+            patch.setattr(streaming, "blocks_of", lambda shape: blocks_of(shape, frames))
             patch.setattr(laplacian, "AT_ONCE", 30 * frames)
             found = on_disk(wrapped, "laplacian", mask, (0, 0), tmp_path, **options)
         np.testing.assert_array_equal(found, expected, f"{shape}")
@@ -135,7 +136,7 @@ def test_flow_of_blocks_is_the_same(
             wrapped = with_gaps(wrapped)
         expected = in_memory(wrapped, "network-flow", mask, (0, 0))
         with monkeypatch.context() as patch:
-            patch.setattr(streaming_problem, "blocks_of", lambda shape: blocks_of(shape, frames))
+            patch.setattr(streaming, "blocks_of", lambda shape: blocks_of(shape, frames))
             found = on_disk(wrapped, "network-flow", mask, (0, 0), tmp_path)
         np.testing.assert_array_equal(found, expected, f"{shape}")
 

@@ -23,7 +23,8 @@ from napari_phase4d.pipeline.places import temporary_folder
 from napari_phase4d.pipeline.provenance import Fingerprint, provenance_of, with_provenance
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, mask_of
-from napari_phase4d.pipeline.streaming import ProblemOnDisk, Shelf, stored_at
+from napari_phase4d.pipeline.stored import Shelf, stored_at
+from napari_phase4d.pipeline.streaming import ProblemOnDisk
 from napari_phase4d.stacks import wrapped_stack
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import METHODS, Problem

@@ -20,12 +20,8 @@ from napari_phase4d.io.atomic import remove_folder
 from napari_phase4d.later import xr
 from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.pipeline.streaming import (
-    ProblemOnDisk,
-    Shelf,
-    stored_at,
-)
-from napari_phase4d.pipeline.streaming.stored import new_folder
+from napari_phase4d.pipeline.stored import Shelf, new_folder, stored_at
+from napari_phase4d.pipeline.streaming import ProblemOnDisk
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import block_frames
 from napari_phase4d.task import UNWATCHED, Cluster, Task, Threads, Workers

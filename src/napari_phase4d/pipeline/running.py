@@ -29,8 +29,8 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline.places import Place, needs_of, phase_needs, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
-from napari_phase4d.pipeline.starting import noting_start, open_by, with_start
-from napari_phase4d.pipeline.streaming import FrameSource, reconstruct_to_disk
+from napari_phase4d.pipeline.starting import FrameSource, noting_start, open_by, with_start
+from napari_phase4d.pipeline.streaming import reconstruct_to_disk
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Cancelled, CancelledCall, ProgressCall, Task

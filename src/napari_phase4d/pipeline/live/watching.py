@@ -32,7 +32,7 @@ from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome, cells_by
 from napari_phase4d.pipeline.starting import found_anywhere
-from napari_phase4d.pipeline.streaming import GrowingStack, Shelf
+from napari_phase4d.pipeline.stored import GrowingStack, Shelf
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Threads, Watch, in_threads
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted

@@ -1,8 +1,7 @@
-"""Results larger than memory: stacks on disk, written in blocks; the wrapped phase first."""
+"""Stacks on disk, written in blocks of frames, and the folder where those of a run lie."""
 
 from __future__ import annotations
 
-import math
 import os
 import shutil
 import tempfile
@@ -17,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.io import OME_ZARR, read_results
 from napari_phase4d.io.atomic import machine, put_in_place, remove_dead
 from napari_phase4d.io.zarr_results import (
@@ -29,7 +27,6 @@ from napari_phase4d.io.zarr_results import (
     set_length,
 )
 from napari_phase4d.later import xr
-from napari_phase4d.pipeline.starting import FrameSource
 from napari_phase4d.stack import (
     Block,
     FileStack,
@@ -39,9 +36,9 @@ from napari_phase4d.stack import (
     limits_of,
     widest,
 )
-from napari_phase4d.task import UNWATCHED, Task, Watch, Workers, in_threads
+from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 
-__all__ = ["GrowingStack", "Shelf", "new_folder", "reconstruct_to_disk", "stored_at"]
+__all__ = ["GrowingStack", "Shelf", "Stored", "new_folder", "stored_at"]
 
 
 def new_folder(parent: Path, prefix: str) -> Path:
@@ -263,89 +260,3 @@ class GrowingStack:
         self.stored.write(Block(start, self.n_times), values)
         here = limits_of(values)
         self.limits = here if self.limits is None else widest([self.limits, here])
-
-
-# ---- the wrapped phase ----------------------------------------------------------------------
-
-
-def reconstruct_to_disk(
-    source: FrameSource,
-    work: FrameReconstructor,
-    shelf: Shelf,
-    workers: Workers,
-    task: Task = UNWATCHED,
-) -> xr.Dataset:
-    """Reconstruct a recording a block of frames at a time.
-
-    Parameters
-    ----------
-    source : FrameSource
-        The frames.
-    work : FrameReconstructor
-        What turns one into phase and amplitude.
-    shelf : Shelf
-        Where "wrapped" and "amplitude" go.
-    workers : Workers
-        Who works on the blocks.
-    task : Task, optional
-        Who is told of it, and may stop it.
-
-    Returns
-    -------
-    xarray.Dataset
-        As `reconstruct` returns it, its stacks on disk.
-    """
-    recording = source.recording
-    shape = work.stack_shape(recording.n_frames)
-    phase, amplitude = (shelf.new(name, shape, packed=False) for name in ("wrapped", "amplitude"))
-    blocks = blocks_of(shape)
-    watch = Watch(len(blocks), "reconstruct", task)
-    each = ReconstructBlock(source, work, phase, amplitude)
-    shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
-    import dask.array as da  # which takes a tenth of a second
-
-    # The values do not count here: these are the axes and notes.
-    empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
-    each_share = [share for of_block in shares for share in of_block]
-    plan = work.as_dataset(recording, empty, empty, each_share)
-    plan["phase"] = shelf.put("wrapped", plan["phase"], (-math.pi, math.pi))
-    plan["amplitude"] = shelf.put("amplitude", plan["amplitude"], widest(limits))
-    return plan
-
-
-@dataclass(frozen=True)
-class ReconstructBlock:
-    """Reads, transforms and writes the frames of a block.
-
-    Parameters
-    ----------
-    source : FrameSource
-        The frames.
-    work : FrameReconstructor
-        What turns one into phase and amplitude.
-    phase, amplitude : Stored
-        Where they go.
-    """
-
-    source: FrameSource
-    work: FrameReconstructor
-    phase: Stored
-    amplitude: Stored
-
-    def __call__(self, block: Block) -> tuple[list[float], Limits]:
-        """Do a block.
-
-        Returns
-        -------
-        list of float, Limits
-            What `FrameReconstructor` tells of each frame; smallest and largest amplitude.
-        """
-        phase = np.empty((len(block), *self.phase.shape[1:]), dtype=np.float32)
-        amplitude = np.empty_like(phase)
-        shares = [
-            self.work.read(self.source, time, phase[i], amplitude[i])
-            for i, time in enumerate(block.times)
-        ]
-        self.phase.write(block, phase)
-        self.amplitude.write(block, amplitude)
-        return shares, limits_of(amplitude)

@@ -1,19 +1,27 @@
-"""Phase that lies on disk, unwrapped a block of frames at a time."""
+"""Recordings larger than memory: a block of frames at a time, here or on a cluster.
+
+Reading, transforming, unwrapping and writing overlap on all cores; results lie on disk and are
+the same numbers as in memory.
+"""
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.axes import AXES
+from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.later import xr
-from napari_phase4d.pipeline.streaming.stored import Shelf
-from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, widest
+from napari_phase4d.pipeline.starting import FrameSource
+from napari_phase4d.pipeline.stored import Shelf, Stored
+from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, limits_of, widest
 from napari_phase4d.stacks import KIND
-from napari_phase4d.task import UNWATCHED, Threads, Watch, Workers
+from napari_phase4d.task import UNWATCHED, Task, Threads, Watch, Workers
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.alone import ALL_USABLE
 from napari_phase4d.unwrapping.given import (
@@ -25,13 +33,99 @@ from napari_phase4d.unwrapping.given import (
 from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
 from napari_phase4d.unwrapping.problem import Boundary, checked_boundaries
 
-__all__ = ["ProblemOnDisk"]
+__all__ = ["ProblemOnDisk", "reconstruct_to_disk"]
 
 R = TypeVar("R")
 T = TypeVar("T")
 
 #: Beginnings of the names of what stays when the shelf is cleared: maps that are whole, numbers.
 LASTING = ("confidence of", "tally", "lost", "brightness", ALL_USABLE)
+
+
+def reconstruct_to_disk(
+    source: FrameSource,
+    work: FrameReconstructor,
+    shelf: Shelf,
+    workers: Workers,
+    task: Task = UNWATCHED,
+) -> xr.Dataset:
+    """Reconstruct a recording a block of frames at a time.
+
+    Parameters
+    ----------
+    source : FrameSource
+        The frames.
+    work : FrameReconstructor
+        What turns one into phase and amplitude.
+    shelf : Shelf
+        Where "wrapped" and "amplitude" go.
+    workers : Workers
+        Who works on the blocks.
+    task : Task, optional
+        Who is told of it, and may stop it.
+
+    Returns
+    -------
+    xarray.Dataset
+        As `reconstruct` returns it, its stacks on disk.
+    """
+    recording = source.recording
+    shape = work.stack_shape(recording.n_frames)
+    phase, amplitude = (shelf.new(name, shape, packed=False) for name in ("wrapped", "amplitude"))
+    blocks = blocks_of(shape)
+    watch = Watch(len(blocks), "reconstruct", task)
+    each = ReconstructBlock(source, work, phase, amplitude)
+    shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
+    import dask.array as da  # which takes a tenth of a second
+
+    # The values do not count here: these are the axes and notes.
+    empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
+    each_share = [share for of_block in shares for share in of_block]
+    plan = work.as_dataset(recording, empty, empty, each_share)
+    plan["phase"] = shelf.put("wrapped", plan["phase"], (-math.pi, math.pi))
+    plan["amplitude"] = shelf.put("amplitude", plan["amplitude"], widest(limits))
+    return plan
+
+
+@dataclass(frozen=True)
+class ReconstructBlock:
+    """Reads, transforms and writes the frames of a block.
+
+    Parameters
+    ----------
+    source : FrameSource
+        The frames.
+    work : FrameReconstructor
+        What turns one into phase and amplitude.
+    phase, amplitude : Stored
+        Where they go.
+    """
+
+    source: FrameSource
+    work: FrameReconstructor
+    phase: Stored
+    amplitude: Stored
+
+    def __call__(self, block: Block) -> tuple[list[float], Limits]:
+        """Do a block.
+
+        Returns
+        -------
+        list of float, Limits
+            What `FrameReconstructor` tells of each frame; smallest and largest amplitude.
+        """
+        phase = np.empty((len(block), *self.phase.shape[1:]), dtype=np.float32)
+        amplitude = np.empty_like(phase)
+        shares = [
+            self.work.read(self.source, time, phase[i], amplitude[i])
+            for i, time in enumerate(block.times)
+        ]
+        self.phase.write(block, phase)
+        self.amplitude.write(block, amplitude)
+        return shares, limits_of(amplitude)
+
+
+# ---- unwrapped ------------------------------------------------------------------------------
 
 
 class ProblemOnDisk(Problem):
