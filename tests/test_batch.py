@@ -20,7 +20,7 @@ from batches import RECIPE, batch, contents, names, statuses, write_phases
 from napari_phase4d.io import read_results
 from napari_phase4d.pipeline import Outcome, run_batch
 from napari_phase4d.pipeline import fingerprint as fingerprint_of
-from napari_phase4d.pipeline.batch import result_folders
+from napari_phase4d.pipeline.batch_folders import result_folders
 
 #: More than any process is numbered on Linux.
 NO_PROCESS = 2**22 + 1
@@ -152,7 +152,7 @@ def test_resume_does_again_what_has_changed(
     elif change == "form":
         options = {"form": "zarr"}
     elif change == "version":
-        monkeypatch.setattr("napari_phase4d.pipeline.batch.folders.program_version", lambda: "9")
+        monkeypatch.setattr("napari_phase4d.pipeline.batch_folders.program_version", lambda: "9")
     elif change == "flipped result":
         flip(result)
     elif change == "cut result":

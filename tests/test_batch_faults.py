@@ -58,7 +58,7 @@ def test_reference_and_truth_are_hashed_once_a_batch(
     for file in files:
         np.save(file, small_video.holograms.values)
     fingerprints = sys.modules["napari_phase4d.pipeline.provenance"]
-    batches = sys.modules["napari_phase4d.pipeline.batch.running"]
+    batches = sys.modules["napari_phase4d.pipeline.batch"]
     hashed, digest_of, seen = fingerprints.hashed, batches.digest_of, []
 
     def counted(parts: Any, *arguments: Any, **options: Any) -> str:

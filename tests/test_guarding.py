@@ -22,7 +22,7 @@ from helpers import hear_signals
 from napari_phase4d.cli import main
 from napari_phase4d.io.atomic import machine
 from napari_phase4d.pipeline import read_outcome, run_batch, write_outcome
-from napari_phase4d.pipeline.batch.folders import NOTE, began
+from napari_phase4d.pipeline.batch_folders import NOTE, began
 from napari_phase4d.pipeline.guarding import result_folder
 
 #: No process has this number.

@@ -17,7 +17,7 @@ from hypothesis.extra import numpy as made
 import napari_phase4d as p4d
 from made_up import EXAMPLES, TURN, quick
 from napari_phase4d.io import read_results, write_phase
-from napari_phase4d.pipeline.batch.folders import result_folders
+from napari_phase4d.pipeline.batch_folders import result_folders
 
 pytestmark = pytest.mark.slow
 

@@ -4,10 +4,12 @@ A `Recipe` holds every setting; `run` follows it from the recording to the unwra
 """
 
 from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
-from napari_phase4d.pipeline.batch import result_folders, run_batch
+from napari_phase4d.pipeline.batch import run_batch
+from napari_phase4d.pipeline.batch_folders import result_folders
+from napari_phase4d.pipeline.feed import LiveStatus
 from napari_phase4d.pipeline.folder import checked_form, holds_outcome, read_outcome, write_files
 from napari_phase4d.pipeline.guarding import result_folder, write_outcome
-from napari_phase4d.pipeline.live import LiveStatus, shown_method, watch
+from napari_phase4d.pipeline.live import shown_method, watch
 from napari_phase4d.pipeline.places import (
     Needs,
     Place,

@@ -14,7 +14,7 @@ from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM, holds_phase
 from napari_phase4d.io.atomic import remove_dead, written_whole
 from napari_phase4d.io.results import is_result
 from napari_phase4d.io.zarr_files import is_zarr
-from napari_phase4d.pipeline.batch.folders import NOTE, alone, noted
+from napari_phase4d.pipeline.batch_folders import NOTE, alone, noted
 from napari_phase4d.pipeline.folder import checked_form, lying_in, write_files
 from napari_phase4d.pipeline.places import make_folder
 from napari_phase4d.pipeline.provenance import Fingerprint, source_of

@@ -1,4 +1,4 @@
-"""From a recording that grows to the result of a run, frame by frame."""
+"""Phase while one records: from a recording that grows to the result of a run, frame by frame."""
 
 from __future__ import annotations
 
@@ -16,17 +16,19 @@ from napari_phase4d.analysis.cells import check_follower
 from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
 from napari_phase4d.later import xr
 from napari_phase4d.machine import cores
-from napari_phase4d.pipeline.folder import checked_form, write_files
-from napari_phase4d.pipeline.guarding import result_folder
-from napari_phase4d.pipeline.live.feed import Feed, Listener, LiveStatus
-from napari_phase4d.pipeline.live.settling import (
+from napari_phase4d.pipeline.feed import (
     FIRST_FRAMES,
+    Feed,
+    Listener,
+    LiveStatus,
     Settled,
     check_live,
     recording_at_the_end,
     settle,
     stacked,
 )
+from napari_phase4d.pipeline.folder import checked_form, write_files
+from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.places import Place, stacks_beside
 from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint
 from napari_phase4d.pipeline.recipe import Recipe

@@ -1,4 +1,4 @@
-"""The batch itself: file after file, whatever becomes of one of them, and what is told of each."""
+"""Many files by one recipe, unattended: whatever becomes of one, and what is told of each."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import Any
 from napari_phase4d.analysis import most_trusted
 from napari_phase4d.io import write_table
 from napari_phase4d.later import pd, xr
-from napari_phase4d.pipeline.batch.folders import (
+from napari_phase4d.pipeline.batch_folders import (
     alone,
     asked_for,
     complete,
