@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from napari_phase4d.pipeline import ahead
+from napari_phase4d.pipeline import running
 
 SCRIPT = """
 from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.growing.rows import integrated
-from napari_phase4d.pipeline.ahead import warm_up_elsewhere
+from napari_phase4d.pipeline.running import warm_up_elsewhere
 
 assert not is_on_disk(integrated)
 process = warm_up_elsewhere()
@@ -39,7 +39,7 @@ def test_another_process_compiles_once_for_all(tmp_path: Path) -> None:
 def test_a_program_without_an_interpreter_goes_on(
     executable: str | None, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(ahead, "is_on_disk", lambda _: False)
+    monkeypatch.setattr(running, "is_on_disk", lambda _: False)
     monkeypatch.setattr(sys, "executable", executable)
     # Past the cache, which may hold a process that a window has started.
-    assert ahead.warm_up_elsewhere.__wrapped__() is None
+    assert running.warm_up_elsewhere.__wrapped__() is None

@@ -3,7 +3,6 @@
 A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
 """
 
-from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
 from napari_phase4d.pipeline.batch import run_batch
 from napari_phase4d.pipeline.batch_folders import result_folders
 from napari_phase4d.pipeline.feed import LiveStatus
@@ -29,7 +28,15 @@ from napari_phase4d.pipeline.provenance import (
     source_of,
 )
 from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, PHASE_SETTINGS, Recipe
-from napari_phase4d.pipeline.running import Outcome, focus_by, reconstruct_by, run, unwrap_by
+from napari_phase4d.pipeline.running import (
+    Outcome,
+    estimated_seconds,
+    focus_by,
+    reconstruct_by,
+    run,
+    unwrap_by,
+    warm_up_elsewhere,
+)
 from napari_phase4d.pipeline.starting import (
     FOUND_BY,
     found_anywhere,

@@ -1,8 +1,16 @@
-"""From the recording to the unwrapped phase, as a recipe says."""
+"""From the recording to the unwrapped phase, as a recipe says.
+
+And what is done ahead of it: a trial that tells how long it will take, and compiling.
+"""
 
 from __future__ import annotations
 
+import functools
 import math
+import os
+import subprocess
+import sys
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,6 +21,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Cells, Comparison, cells_in, compare, most_trusted
 from napari_phase4d.analysis.cells import check_follower
+from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.holography import (
     Focus,
     Lobe,
@@ -22,8 +31,11 @@ from napari_phase4d.holography import (
     find_lobes,
     frame_reconstructor,
     light_of,
+    power_spectrum,
+    reconstruct,
     reconstruct_frames,
 )
+from napari_phase4d.holography.emptyfield import count_near
 from napari_phase4d.io import open_recording
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
@@ -34,14 +46,24 @@ from napari_phase4d.pipeline.streaming import reconstruct_to_disk
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Cancelled, CancelledCall, ProgressCall, Task
-from napari_phase4d.unwrapping import check_light, is_known
+from napari_phase4d.unwrapping import (
+    BUILT_IN,
+    check_light,
+    is_known,
+    methods_for,
+    scores_of_some,
+    unwrap,
+)
+from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.given import all_known
+from napari_phase4d.unwrapping.growing.rows import integrated
 from napari_phase4d.unwrapping.problem import checked_boundaries
 from napari_phase4d.words import check_type, sentence_of, warn
 
 __all__ = [
     "Outcome",
     "cells_by",
+    "estimated_seconds",
     "focus_by",
     "mask_of",
     "opened_reference",
@@ -49,6 +71,8 @@ __all__ = [
     "reconstruct_by",
     "run",
     "unwrap_by",
+    "warm_up",
+    "warm_up_elsewhere",
 ]
 
 
@@ -388,3 +412,95 @@ def opened_reference(recipe: Recipe, recording: Recording) -> Any:
 def phase_settings(recipe: Recipe) -> dict[str, Any]:
     """Return what a recipe sets of `reconstruct`, beside lobes and reference."""
     return {name: getattr(recipe, name) for name in PHASE_SETTINGS}
+
+
+# ---- ahead of a run: how long it will take, and compiling -----------------------------------
+
+
+#: Frames of the trial.
+TRIAL_FRAMES = 6
+
+
+def estimated_seconds(
+    recipe: Recipe,
+    opened: Recording | xr.DataArray,
+    lobes: Sequence[Lobe] = (),
+    cancelled: CancelledCall | None = None,
+) -> float:
+    """Return about how many seconds a run will take.
+
+    Some of the first frames are reconstructed and unwrapped twice; the second time counts, since
+    compiled code is loaded the first time. Longer recordings take longer in proportion. Where the
+    recipe leaves it to be found, the search for the safest frame counts too.
+
+    Parameters
+    ----------
+    recipe : Recipe
+        All settings.
+    opened : Recording or DataArray
+        The hologram video, or wrapped phase.
+    lobes : sequence of Lobe, optional
+        The views of a hologram video.
+    cancelled : callable, optional
+        ``cancelled()`` stops the trial.
+
+    Raises
+    ------
+    Cancelled
+        If ``cancelled()`` returned True.
+    """
+    n_frames = opened.n_frames if isinstance(opened, Recording) else opened.sizes["time"]
+    few = min(n_frames, TRIAL_FRAMES)
+    finds_start = recipe.boundary == "auto"
+    recipe = recipe.changed(boundary=((0, 0),), reference=None)
+    seconds = 0.0
+    for _ in range(2):
+        began = time.perf_counter()
+        if isinstance(opened, Recording):
+            data = reconstruct_by(recipe, opened.first(few), list(lobes), cancelled=cancelled)
+            phase, amplitude = data["phase"], data["amplitude"]
+        else:
+            phase, amplitude = opened[:few].load(), None
+        if finds_start:
+            scores_of_some(phase, task=Task(None, cancelled))
+        unwrap_by(recipe, phase, cancelled=cancelled, amplitude=amplitude)
+        seconds = time.perf_counter() - began
+    return seconds * n_frames / few
+
+
+COMMAND = "from napari_phase4d.pipeline.running import warm_up; warm_up()"
+
+
+def warm_up() -> None:
+    """Run everything on a few pixels, which compiles what it needs and keeps it on disk."""
+    y, x = np.mgrid[:64, :64]
+    fringes = (100 + 50 * np.cos(2 * np.pi * (0.2 * y + 0.25 * x))).astype(np.uint8)
+    rec = Recording.from_frames(fringes[None])
+    power_spectrum(rec)
+    reconstruct(rec, [Lobe((0.2, 0.25), 0.1)])
+    noise = np.random.default_rng(0).uniform(-3, 3, (3, 2, 24, 24)).astype(np.float32)
+    # What needs several wavelengths has no loops of its own.
+    for method in BUILT_IN.keys() & methods_for(None):
+        unwrap(noise, method)
+
+
+@functools.cache
+def warm_up_elsewhere() -> subprocess.Popen[bytes] | None:
+    """Let another process compile, once, if it has not been done before; return that process.
+
+    Compiling holds the interpreter's lock for ten seconds or so, in which a window of this
+    process could not be used.
+    """
+    done = all(is_on_disk(kernel) for kernel in (integrated, sink_side, count_near))
+    if done or not sys.executable or getattr(sys, "frozen", False):
+        return None
+    try:
+        return subprocess.Popen(
+            [sys.executable, "-c", COMMAND],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
+            env={**os.environ, "PYTHONWARNINGS": "ignore"},
+        )
+    except OSError:
+        return None  # then the first use compiles
