@@ -33,13 +33,13 @@ from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_ligh
 from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, chance_by_wavelengths
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
-from napari_phase4d.unwrapping.packages import frame_by_frame
 from napari_phase4d.unwrapping.problem import Problem, SharedSteps
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS, STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.running import (
     all_options,
     check_light,
     check_method,
+    frame_by_frame,
     label_of,
     methods_for,
     noted,
