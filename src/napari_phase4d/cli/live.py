@@ -8,31 +8,16 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Unpack
 
 import typer
 from rich.markup import escape
 
 from napari_phase4d.cli.options import (
-    Angles,
-    Boundary,
-    CameraPixel,
-    Cells,
-    Colours,
-    Dataset,
-    FrameRate,
-    Increment,
-    Magnification,
-    MethodIds,
-    ObjectIndex,
-    Oblique,
-    Refocus,
-    SmallestCell,
-    TiltPerFrame,
-    Views,
-    Wavelength,
-    WholeField,
+    Typed,
     recipe_and_files,
+    taking_settings,
+    typed_optics,
     with_settings,
 )
 from napari_phase4d.cli.printing import (
@@ -56,6 +41,7 @@ __all__ = ["watch_command"]
 LINE_S = 2.0
 
 
+@taking_settings(but=("confidence", "raw", "storage"))
 def watch_command(
     inputs: Annotated[
         list[Path],
@@ -88,28 +74,11 @@ def watch_command(
             help="Find lobes, background and focus on so many frames at the beginning; default 8."
         ),
     ] = None,
-    views: Views = None,
-    angle: Angles = None,
-    view_wavelength: Colours = None,
-    boundary: Boundary = None,
-    method: MethodIds = None,
-    wavelength: Wavelength = None,
-    camera_pixel: CameraPixel = None,
-    magnification: Magnification = None,
-    frame_rate: FrameRate = None,
     *,
     form: Annotated[
         str | None, typer.Option(help="tiff or zarr: OME-TIFF, or OME-Zarr (default).")
     ] = None,
-    dataset: Dataset = None,
-    refocus: Refocus = None,
-    tilt_per_frame: TiltPerFrame = False,
-    whole_field: WholeField = False,
-    cells: Cells = False,
-    smallest_cell: SmallestCell = None,
-    object_index: ObjectIndex = None,
-    increment: Increment = None,
-    oblique: Oblique = None,
+    **typed: Unpack[Typed],
 ) -> None:
     """Work on a recording while it is written, and write its results when it is complete.
 
@@ -118,34 +87,11 @@ def watch_command(
     """
     recipe, files = recipe_and_files(inputs)
     source = the_one(recipe, files)
-    recipe = with_settings(
-        recipe,
-        views=views,
-        angle=angle,
-        view_wavelength=view_wavelength,
-        boundary=boundary,
-        method=method,
-        frame_rate=frame_rate,
-        dataset=dataset,
-        refocus=refocus,
-        tilt_per_frame=tilt_per_frame,
-        whole_field=whole_field,
-        cells=cells,
-        smallest_cell=smallest_cell,
-        object_index=object_index,
-        increment=increment,
-        oblique=oblique,
-    )
+    recipe = with_settings(recipe, **typed)
     if first_frames is not None:
         recipe = recipe.changed(first_frames=first_frames)
-    numbers = {
-        "wavelength_um": wavelength,
-        "camera_pixel_um": camera_pixel,
-        "magnification": magnification,
-    }
-    typed = {name: number for name, number in numbers.items() if number is not None}
-    if typed:  # there is no file yet that may say the rest
-        recipe = recipe.changed(optics=replace(recipe.optics or Optics(), **typed))
+    if numbers := typed_optics(typed):  # there is no file yet that may say the rest
+        recipe = recipe.changed(optics=replace(recipe.optics or Optics(), **numbers))
     with ending() as came:
         outcome = watch(
             source if camera is None else FromCamera.configured(camera, source, frames),

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import inspect
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, TypedDict, Unpack
+from typing import Annotated, Any, TypedDict, TypeVar, Unpack, get_type_hints
 
 import typer
 
@@ -14,58 +15,21 @@ from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
 
 __all__ = [
-    "Angles",
-    "Boundary",
-    "CameraPixel",
-    "Cells",
-    "Colours",
-    "Confidence",
     "Dataset",
-    "FrameRate",
-    "Increment",
-    "Magnification",
-    "MethodIds",
-    "ObjectIndex",
-    "Oblique",
     "Raw",
     "Refocus",
-    "SmallestCell",
-    "Storage",
-    "TiltPerFrame",
-    "Views",
-    "Wavelength",
-    "WholeField",
+    "Typed",
     "distance_of",
     "is_recipe",
     "raw_layout",
     "recipe_and_files",
+    "taking_settings",
+    "typed_optics",
     "with_settings",
 ]
 
-Views = Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")]
-Angles = Annotated[
-    list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
-]
-Colours = Annotated[
-    list[float] | None,
-    typer.Option(
-        "--view-wavelength",
-        help="Wavelength of a view in um, where views differ; once for each, as --angle.",
-    ),
-]
-Boundary = Annotated[
-    str | None,
-    typer.Option(
-        help="Frame to start from as TIME,ANGLE, counted from 0, or auto (default) for the safest."
-    ),
-]
-MethodIds = Annotated[
-    list[str] | None, typer.Option(help="Method id; may be given several times.")
-]
-Wavelength = Annotated[float | None, typer.Option(help="Wavelength in um.")]
-CameraPixel = Annotated[float | None, typer.Option(help="Camera pixel in um.")]
-Magnification = Annotated[float | None, typer.Option(help="From sample to camera.")]
-FrameRate = Annotated[float | None, typer.Option(help="Frames per second.")]
+F = TypeVar("F", bound=Callable[..., None])
+
 Dataset = Annotated[str | None, typer.Option(help="Which array of a file that has several.")]
 Raw = Annotated[
     str | None,
@@ -74,48 +38,124 @@ Raw = Annotated[
         "a TYPE such as >uint16 has the large byte first."
     ),
 ]
-Storage = Annotated[
-    str | None,
-    typer.Option(help="Where stacks are held: memory, disk, or auto (default) if they fit."),
-]
 Refocus = Annotated[
     str | None, typer.Option(help='How far to refocus in um, or "auto" to find the focus.')
 ]
-TiltPerFrame = Annotated[
-    bool,
-    typer.Option("--tilt-per-frame", help="Take a tilt off each frame, by its own empty field."),
-]
-WholeField = Annotated[
-    bool, typer.Option("--whole-field", help="Unwrap the whole field, not the object only.")
-]
-Confidence = Annotated[
-    bool, typer.Option(help="Also write how far to trust each pixel of each result.")
-]
-Cells = Annotated[
-    bool, typer.Option("--cells", help="Find, follow and measure cells in the best result.")
-]
-SmallestCell = Annotated[
-    float | None, typer.Option(help="Area in um^2 that a cell has at least; implies --cells.")
-]
-ObjectIndex = Annotated[
-    float | None,
-    typer.Option(help="Refractive index of the cells, for height and volume; implies --cells."),
-]
-Increment = Annotated[
-    float | None,
-    typer.Option(
-        help="Refraction increment in mL/g (default 0.18), for dry mass; implies --cells."
-    ),
-]
-Oblique = Annotated[
-    bool | None,
-    typer.Option(
-        "--oblique/--no-oblique",
-        help="Multiply phase of cells by the cosine of the viewing angle, as rays that come at an "
-        "angle go through more of them; on where angles are given, but for samples. Implies "
-        "--cells.",
-    ),
-]
+
+
+class Typed(TypedDict, total=False):
+    """What can be typed in of a recipe, in the order of the help; None or False where it was not.
+
+    Each is an option of the commands that `taking_settings` marks.
+    """
+
+    views: Annotated[int | None, typer.Option(help="Number of views, 1 to 6.")]
+    angle: Annotated[
+        list[float] | None, typer.Option(help="Viewing angle in degrees; once for each view.")
+    ]
+    view_wavelength: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Wavelength of a view in um, where views differ; once for each, as --angle."
+        ),
+    ]
+    boundary: Annotated[
+        str | None,
+        typer.Option(
+            help="Frame to start from as TIME,ANGLE, counted from 0, or auto (default) for the "
+            "safest."
+        ),
+    ]
+    method: Annotated[
+        list[str] | None, typer.Option(help="Method id; may be given several times.")
+    ]
+    wavelength: Annotated[float | None, typer.Option(help="Wavelength in um.")]
+    camera_pixel: Annotated[float | None, typer.Option(help="Camera pixel in um.")]
+    magnification: Annotated[float | None, typer.Option(help="From sample to camera.")]
+    frame_rate: Annotated[float | None, typer.Option(help="Frames per second.")]
+    confidence: Annotated[
+        bool, typer.Option(help="Also write how far to trust each pixel of each result.")
+    ]
+    dataset: Dataset
+    raw: Raw
+    storage: Annotated[
+        str | None,
+        typer.Option(help="Where stacks are held: memory, disk, or auto (default) if they fit."),
+    ]
+    refocus: Refocus
+    tilt_per_frame: Annotated[
+        bool,
+        typer.Option(
+            "--tilt-per-frame", help="Take a tilt off each frame, by its own empty field."
+        ),
+    ]
+    whole_field: Annotated[
+        bool, typer.Option("--whole-field", help="Unwrap the whole field, not the object only.")
+    ]
+    cells: Annotated[
+        bool, typer.Option("--cells", help="Find, follow and measure cells in the best result.")
+    ]
+    smallest_cell: Annotated[
+        float | None, typer.Option(help="Area in um^2 that a cell has at least; implies --cells.")
+    ]
+    object_index: Annotated[
+        float | None,
+        typer.Option(
+            help="Refractive index of the cells, for height and volume; implies --cells."
+        ),
+    ]
+    increment: Annotated[
+        float | None,
+        typer.Option(
+            help="Refraction increment in mL/g (default 0.18), for dry mass; implies --cells."
+        ),
+    ]
+    oblique: Annotated[
+        bool | None,
+        typer.Option(
+            "--oblique/--no-oblique",
+            help="Multiply phase of cells by the cosine of the viewing angle, as rays that come "
+            "at an angle go through more of them; on where angles are given, but for samples. "
+            "Implies --cells.",
+        ),
+    ]
+
+
+def taking_settings(*, but: Sequence[str] = (), **instead: object) -> Callable[[F], F]:
+    """Give a command the options of `Typed` in the place of its ``**typed``.
+
+    Typer makes options of the parameters that a function shows. They follow those of the command
+    that are not keyword-only.
+
+    Parameters
+    ----------
+    but : sequence of str, optional
+        Those that the command does not have.
+    **instead
+        Annotations of options that are said in other words here, by their names.
+    """
+
+    def marked(command: F) -> F:
+        shown = inspect.signature(command, eval_str=True)
+        own = [p for p in shown.parameters.values() if p.kind is not p.VAR_KEYWORD]
+        first = [p for p in own if p.kind is not p.KEYWORD_ONLY]
+        hints = get_type_hints(Typed, include_extras=True) | instead
+        settings = [
+            inspect.Parameter(
+                name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=False if hint.__origin__ is bool else None,
+                annotation=hint,
+            )
+            for name, hint in hints.items()
+            if name not in but
+        ]
+        command.__signature__ = shown.replace(  # type: ignore[attr-defined]
+            parameters=[*first, *settings, *own[len(first) :]]
+        )
+        return command
+
+    return marked
 
 
 def recipe_and_files(inputs: Sequence[Path]) -> tuple[Recipe, list[Path]]:
@@ -133,33 +173,18 @@ def is_recipe(path: Path) -> bool:
     return path.suffix.lower() == ".json"
 
 
-class Typed(TypedDict, total=False):
-    """What can be typed in of a recipe; None, or nothing, where it was not."""
+def with_settings(recipe: Recipe, *, turned: bool = False, **typed: Unpack[Typed]) -> Recipe:
+    """Return a recipe with what was typed in but optics, each option under its own name.
 
-    views: int | None
-    angle: Sequence[float] | None
-    view_wavelength: Sequence[float] | None
-    boundary: str | None
-    method: Sequence[str] | None
-    frame_rate: float | None
-    confidence: bool
-    dataset: str | None
-    raw: str | None
-    storage: str | None
-    refocus: str | None
-    tilt_per_frame: bool
-    whole_field: bool
-    cells: bool
-    smallest_cell: float | None
-    object_index: float | None
-    increment: float | None
-    oblique: bool | None
-    #: Whether views differ by how the object is turned, and not the beam.
-    turned: bool
-
-
-def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
-    """Return a recipe with what was typed in, each option under its own name."""
+    Parameters
+    ----------
+    recipe : Recipe
+        What holds where nothing was typed in.
+    turned : bool, optional
+        Whether views differ by how the object is turned, and not the beam.
+    **typed
+        See `Typed`.
+    """
     views, angles = typed.get("views"), typed.get("angle")
     methods, boundary = typed.get("method"), typed.get("boundary")
     changes: dict[str, object] = {
@@ -189,9 +214,19 @@ def with_settings(recipe: Recipe, **typed: Unpack[Typed]) -> Recipe:
     asked = any(value is not False for value in of_cells.values())
     if typed.get("cells") or asked or recipe.cells is not None:
         # Who types in angles has beams that come at them.
-        of_cells = ({"oblique": True} if angles and not typed.get("turned") else {}) | of_cells
+        of_cells = ({"oblique": True} if angles and not turned else {}) | of_cells
         chosen["cells"] = replace(recipe.cells or CellSettings(), **of_cells)
     return recipe.changed(**chosen)
+
+
+def typed_optics(typed: Typed) -> dict[str, float]:
+    """Return the numbers of `Optics` that were typed in."""
+    numbers = {
+        "wavelength_um": typed.get("wavelength"),
+        "camera_pixel_um": typed.get("camera_pixel"),
+        "magnification": typed.get("magnification"),
+    }
+    return {name: number for name, number in numbers.items() if number is not None}
 
 
 def boundary_of(text: str | None) -> str | tuple[tuple[int, int], ...] | None:

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Unpack
 
 import numpy as np
 import typer
@@ -24,29 +24,11 @@ from napari_phase4d.analysis import (
     steps_sentence,
 )
 from napari_phase4d.cli.options import (
-    Angles,
-    Boundary,
-    CameraPixel,
-    Cells,
-    Colours,
-    Confidence,
-    Dataset,
-    FrameRate,
-    Increment,
-    Magnification,
-    MethodIds,
-    ObjectIndex,
-    Oblique,
-    Raw,
-    Refocus,
-    SmallestCell,
-    Storage,
-    TiltPerFrame,
-    Views,
-    Wavelength,
-    WholeField,
+    Typed,
     is_recipe,
     recipe_and_files,
+    taking_settings,
+    typed_optics,
     with_settings,
 )
 from napari_phase4d.cli.printing import (
@@ -89,22 +71,13 @@ from napari_phase4d.words import counted, printable
 __all__ = ["ToldToEndError", "compare_command", "listening", "run_command"]
 
 
+@taking_settings()
 def run_command(
     inputs: Annotated[
         list[Path], typer.Argument(help="Hologram videos; a .json among them is the recipe.")
     ],
     out: Annotated[Path, typer.Option(help="Folder for the results.")] = Path("phase4d_output"),
-    views: Views = None,
-    angle: Angles = None,
-    view_wavelength: Colours = None,
-    boundary: Boundary = None,
-    method: MethodIds = None,
-    wavelength: Wavelength = None,
-    camera_pixel: CameraPixel = None,
-    magnification: Magnification = None,
-    frame_rate: FrameRate = None,
     *,
-    confidence: Confidence = False,
     resume: Annotated[
         bool, typer.Option("--resume", help="Leave files whose results are complete as they are.")
     ] = False,
@@ -112,20 +85,10 @@ def run_command(
         str | None,
         typer.Option(help="tiff or zarr: OME-TIFF (default), or OME-Zarr, also beyond memory."),
     ] = None,
-    dataset: Dataset = None,
-    raw: Raw = None,
-    storage: Storage = None,
-    refocus: Refocus = None,
-    tilt_per_frame: TiltPerFrame = False,
-    whole_field: WholeField = False,
-    cells: Cells = False,
-    smallest_cell: SmallestCell = None,
-    object_index: ObjectIndex = None,
-    increment: Increment = None,
-    oblique: Oblique = None,
     scheduler: Annotated[
         str | None, typer.Option(help="Address of a dask.distributed scheduler to work on.")
     ] = None,
+    **typed: Unpack[Typed],
 ) -> None:
     """Take recordings from file to unwrapped phase, table and recipe.
 
@@ -133,34 +96,9 @@ def run_command(
     """
     checked_form(form)
     recipe, files = recipe_and_files(inputs)
-    recipe = with_settings(
-        recipe,
-        views=views,
-        angle=angle,
-        view_wavelength=view_wavelength,
-        boundary=boundary,
-        method=method,
-        frame_rate=frame_rate,
-        confidence=confidence,
-        dataset=dataset,
-        raw=raw,
-        storage=storage,
-        refocus=refocus,
-        tilt_per_frame=tilt_per_frame,
-        whole_field=whole_field,
-        cells=cells,
-        smallest_cell=smallest_cell,
-        object_index=object_index,
-        increment=increment,
-        oblique=oblique,
-        turned=any(is_sample(str(source)) for source in (*files, recipe.recording)),
-    )
-    adapt = partial(
-        typed_in,
-        wavelength_um=wavelength,
-        camera_pixel_um=camera_pixel,
-        magnification=magnification,
-    )
+    turned = any(is_sample(str(source)) for source in (*files, recipe.recording))
+    recipe = with_settings(recipe, turned=turned, **typed)
+    adapt = partial(with_optics, numbers=typed_optics(typed))
     with stoppable():
         if len(files) > 1 or (files and resume):
             wishes = {"resume": resume, "form": form, "scheduler": scheduler}
@@ -170,13 +108,12 @@ def run_command(
             process(adapt(recipe.changed(**named)), out, form, scheduler)
 
 
-def typed_in(recipe: Recipe, **numbers: float | None) -> Recipe:
+def with_optics(recipe: Recipe, numbers: Mapping[str, float]) -> Recipe:
     """Return a recipe with the optics that were typed in; the rest is as the file says."""
-    typed = {name: number for name, number in numbers.items() if number is not None}
-    if not typed or not recipe.recording:
+    if not numbers or not recipe.recording:
         return recipe
     known = recipe.optics or optics_of(open_by(recipe))
-    return recipe.changed(optics=replace(known, **typed))
+    return recipe.changed(optics=replace(known, **numbers))
 
 
 def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | None) -> None:
@@ -223,6 +160,13 @@ def optics_of(opened: Recording | xr.DataArray) -> Optics:
 PICTURE = "comparison.png"
 
 
+@taking_settings(
+    but=(
+        "wavelength", "camera_pixel", "magnification", "frame_rate", "storage", "cells",
+        "smallest_cell", "object_index", "increment", "oblique",
+    ),
+    method=Annotated[list[str] | None, typer.Option(help="Method id; default: all of them.")],
+)  # fmt: skip
 def compare_command(
     inputs: Annotated[
         list[Path],
@@ -235,40 +179,13 @@ def compare_command(
     truth: Annotated[
         Path | None, typer.Option(help="Exact or published phase on the same grid.")
     ] = None,
-    views: Views = None,
-    angle: Angles = None,
-    view_wavelength: Colours = None,
-    boundary: Boundary = None,
-    method: Annotated[
-        list[str] | None, typer.Option(help="Method id; default: all of them.")
-    ] = None,
-    *,
-    confidence: Confidence = False,
-    dataset: Dataset = None,
-    raw: Raw = None,
-    refocus: Refocus = None,
-    tilt_per_frame: TiltPerFrame = False,
-    whole_field: WholeField = False,
+    **typed: Unpack[Typed],
 ) -> None:
     """Put all methods side by side: table, picture, and where unwrapping has to fail."""
     recipe, files = recipe_and_files(inputs)
-    all_methods = None
-    if not any(is_recipe(p) for p in inputs):
-        all_methods = methods_for(view_wavelength or light_in(files))
-    recipe = with_settings(
-        recipe,
-        views=views,
-        angle=angle,
-        view_wavelength=view_wavelength,
-        boundary=boundary,
-        method=method or all_methods,
-        confidence=confidence,
-        dataset=dataset,
-        raw=raw,
-        refocus=refocus,
-        tilt_per_frame=tilt_per_frame,
-        whole_field=whole_field,
-    )
+    if not typed.get("method") and not any(is_recipe(p) for p in inputs):
+        typed["method"] = methods_for(typed.get("view_wavelength") or light_in(files))
+    recipe = with_settings(recipe, **typed)
     exact = None if truth is None else open_phase(truth)
     if not files and not recipe.recording:
         msg = "give at least one file to compare the methods on"
