@@ -14,7 +14,6 @@ import typer
 from rich.markup import escape
 
 import napari_phase4d
-from napari_phase4d.cli.live import watch_command
 from napari_phase4d.cli.look import info, look
 from napari_phase4d.cli.printing import (
     bar,
@@ -25,7 +24,7 @@ from napari_phase4d.cli.printing import (
     print_table,
     write_picture,
 )
-from napari_phase4d.cli.running import compare_command, run_command
+from napari_phase4d.cli.running import compare_command, run_command, watch_command
 from napari_phase4d.pipeline import EXPECTED, Recipe, run, sentence_of, write_outcome
 from napari_phase4d.sample import euglena_sample
 from napari_phase4d.task import Task
