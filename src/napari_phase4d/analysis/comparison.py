@@ -462,10 +462,7 @@ def compare_on(
 
 
 def cost_of(
-    problem: Problem,
-    method: str,
-    task: Task,
-    options: Mapping[str, Any],
+    problem: Problem, method: str, task: Task, options: Mapping[str, Any]
 ) -> Measured[xr.DataArray]:
     """Run one method, and count the time of the shared steps that others have done for it."""
     shared = dict(problem.seconds)

@@ -252,6 +252,17 @@ VARIANT = Option(
     ("textbook", "phasetools"),
 )
 
+#: What both directional methods do and take.
+DIRECTIONAL: dict[str, Any] = {
+    "working_stacks": 26.0,
+    "finds_object": True,
+    "leaves_out": True,
+    "streams": True,
+    "block_bytes": OF_A_BLOCK,
+    "kept_bytes": OF_REGIONS,
+    "scratch_bytes": OF_SCRATCH,
+}
+
 #: The methods of this program.
 BUILT_IN: dict[str, Method] = {
     "spatial-2d": Method(
@@ -391,13 +402,7 @@ BUILT_IN: dict[str, Method] = {
         OWN,
         "Joins pixels over time, angle, y and x, first where steps change least along themselves.",
         directional_growing,
-        working_stacks=26.0,
-        finds_object=True,
-        leaves_out=True,
-        streams=True,
-        block_bytes=OF_A_BLOCK,
-        kept_bytes=OF_REGIONS,
-        scratch_bytes=OF_SCRATCH,
+        **DIRECTIONAL,
         name="directional region growing",
     ),
     "directional-l1": Method(
@@ -413,13 +418,7 @@ BUILT_IN: dict[str, Method] = {
                 "nowhere denser): where the steps can't tell, prefer that.",
             ),
         ),
-        working_stacks=26.0,
-        finds_object=True,
-        leaves_out=True,
-        streams=True,
-        block_bytes=OF_A_BLOCK,
-        kept_bytes=OF_REGIONS,
-        scratch_bytes=OF_SCRATCH,
+        **DIRECTIONAL,
         name="directional L1",
     ),
     "synthetic-wavelength": Method(

@@ -129,10 +129,7 @@ def unwrap(
 
 
 def run_method(
-    problem: Problem,
-    method: str,
-    task: Task,
-    options: Mapping[str, Any],
+    problem: Problem, method: str, task: Task, options: Mapping[str, Any]
 ) -> xr.DataArray:
     """Run one method on a problem and note how, in the result's attributes."""
     chosen, facts = all_options(method, options), METHODS[method]
@@ -159,10 +156,7 @@ def run_method(
 
 
 def each_wavelength(
-    problem: Problem,
-    method: str,
-    task: Task,
-    options: Mapping[str, Any],
+    problem: Problem, method: str, task: Task, options: Mapping[str, Any]
 ) -> tuple[Stack | NDArray[np.float32], list[Limits]]:
     """Run a method on the views of each wavelength by themselves; return them together."""
     facts = METHODS[method]
@@ -180,10 +174,7 @@ def each_wavelength(
 
 
 def at_once(
-    problem: Problem,
-    method: str,
-    task: Task,
-    options: Mapping[str, Any],
+    problem: Problem, method: str, task: Task, options: Mapping[str, Any]
 ) -> NDArray[np.float32]:
     """Run a method that looks at all frames at once."""
     facts = METHODS[method]
@@ -196,10 +187,7 @@ def at_once(
 
 
 def of_a_package(
-    problem: Problem,
-    method: str,
-    task: Task,
-    options: Mapping[str, Any],
+    problem: Problem, method: str, task: Task, options: Mapping[str, Any]
 ) -> NDArray[np.float32]:
     """Run a method that a package brought: it may fail in any way, and writes into nothing.
 
