@@ -17,16 +17,15 @@ PACKAGE = ROOT / "src" / "napari_phase4d"
 
 #: Room -> rooms that it may import. Lower rooms never know of higher ones.
 ALLOWED = {
-    "axes": set(),
     "machine": set(),
     "compiling": set(),
     "later": set(),
     "optics": set(),
     "phasors": set(),
     "task": set(),
-    "stack": set(),
     "words": set(),
     "stacks": set(),
+    "stack": {"stacks"},
     "recording": {"optics"},
     "io": {"optics", "recording", "task"},
     "holography": {"optics", "recording", "phasors", "task"},
@@ -72,7 +71,7 @@ INNER = {
     "__init__": set(),
 }
 #: Modules that import nothing of ours, so that every room may use them.
-LEAVES = {"axes", "compiling", "later", "machine", "words"}
+LEAVES = {"compiling", "later", "machine", "words"}
 #: The place where stacks come in imports leaves only, so that every room above may ask it.
 INTAKE = "stacks"
 #: Libraries that take from 5 to 300 ms to load, of what naming, asking and opening do without.

@@ -11,9 +11,9 @@ from weakref import WeakValueDictionary
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import PLAIN_AXES, coordinate
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
+from napari_phase4d.stacks import PLAIN_AXES, coordinate
 from napari_phase4d.words import check_type, warn
 
 __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_reader"]

@@ -16,9 +16,9 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.later import xr
 from napari_phase4d.machine import free_memory
+from napari_phase4d.stacks import AXES, in_full
 from napari_phase4d.words import size_in_words
 
 __all__ = [

@@ -11,9 +11,9 @@ import pytest
 import napari_phase4d as p4d
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
 from napari_phase4d.analysis import itoh_margin, order_shares
-from napari_phase4d.axes import AXES
 from napari_phase4d.io import read_results, write_phase
 from napari_phase4d.sample import yeast_sample
+from napari_phase4d.stacks import AXES
 
 pytestmark = pytest.mark.gui
 SHOWN = ["method", "s", "MSE rad²", "wrong %", "MB"]

@@ -18,8 +18,8 @@ import napari_phase4d as p4d
 from helpers import measured, wrap
 from napari_phase4d._napari.dock import binding_advice
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
-from napari_phase4d.axes import AXES
 from napari_phase4d.io import read_results
+from napari_phase4d.stacks import AXES
 
 pytestmark = pytest.mark.gui
 RESULTS = ["2-D", "Angular", "Temporal", "T/A", "A/T", "WL1"]

@@ -14,7 +14,7 @@ from napari_phase4d._napari.viewing.layers import (
     stack_of_layer,
 )
 from napari_phase4d._napari.viewing.pointing import newest_region, regions_of_layer
-from napari_phase4d.axes import AXES, UNITS
+from napari_phase4d.stacks import AXES, UNITS
 
 
 def stack(**places: list[float]) -> xr.DataArray:

@@ -14,8 +14,8 @@ from npe2 import PluginManifest
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.menus import get_reader
-from napari_phase4d.axes import AXES
 from napari_phase4d.io import write_phase
+from napari_phase4d.stacks import AXES
 
 ROOT = Path(__file__).resolve().parents[2]
 pytestmark = pytest.mark.gui

@@ -13,8 +13,8 @@ import xarray as xr
 from napari_phase4d._napari.menus import write_stack
 from napari_phase4d._napari.viewing import layers
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
-from napari_phase4d.axes import AXES
 from napari_phase4d.io import read_results, write_phase
+from napari_phase4d.stacks import AXES
 
 pytestmark = pytest.mark.gui
 

@@ -33,7 +33,6 @@ from napari_phase4d._napari.viewing.layers import (
     stack_of_layer,
     with_recipe,
 )
-from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.holography import find_lobes, reconstruct
 from napari_phase4d.io import (
     JOINED_SUFFIXES,
@@ -52,7 +51,7 @@ from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import CELLS, EUGLENA, cells_sample, euglena_sample, yeast_sample
-from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.stacks import AXES, PLAIN_AXES, wavelengths_of
 from napari_phase4d.unwrapping import METHODS, unwrap
 
 __all__ = [

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cells import find_cells, follow_cells
 from napari_phase4d.analysis.measures import measure
-from napari_phase4d.axes import AXES
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.stack import PART_BYTES, each_frame, frame_of, parts_over_time
+from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.words import check_bool, check_number
 

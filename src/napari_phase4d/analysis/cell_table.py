@@ -10,11 +10,10 @@ import scipy
 import skimage
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stack import parts_over_time
-from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.stacks import WAVELENGTH, wavelengths_of
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping import noise_of
 from napari_phase4d.words import warn

@@ -18,10 +18,9 @@ import skimage
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
-from napari_phase4d.axes import AXES
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
-from napari_phase4d.stacks import check_rising, checked_labels, unwrapped_stack
+from napari_phase4d.stacks import AXES, check_rising, checked_labels, unwrapped_stack
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 

@@ -13,10 +13,15 @@ import scipy
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.differences import DOUBTFUL
-from napari_phase4d.axes import in_full
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
-from napari_phase4d.stacks import on_grid_of, unwrapped_stack, without_masked, wrapped_stack
+from napari_phase4d.stacks import (
+    in_full,
+    on_grid_of,
+    unwrapped_stack,
+    without_masked,
+    wrapped_stack,
+)
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping import (
     METHODS,

@@ -9,13 +9,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import (
+    AXES,
     KIND,
     UNWRAPPED,
     check_rising,
+    in_full,
     mask_on,
     on_grid_of,
     unwrapped_stack,

@@ -11,11 +11,13 @@ import skimage
 from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.cell_table import path_scale, table_of_cells
-from napari_phase4d.axes import AXES, PLAIN_AXES, WAVELENGTH
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.stack import PART_BYTES, each_frame, parts_over_time
 from napari_phase4d.stacks import (
+    AXES,
+    PLAIN_AXES,
+    WAVELENGTH,
     checked_labels,
     mask_on,
     on_grid_of,

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import PLAIN_AXES
 from napari_phase4d.holography.aberrations import MAX_ORDER, MIN_ORDER
 from napari_phase4d.holography.background import (
     BetterSurface,
@@ -24,6 +23,7 @@ from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
 from napari_phase4d.holography.quality import is_noise
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
+from napari_phase4d.stacks import PLAIN_AXES
 from napari_phase4d.task import Task, Watch, in_threads
 
 __all__ = [

@@ -13,7 +13,6 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
 from napari_phase4d.holography.aberrations import ABERRATION_NAMES
 from napari_phase4d.holography.demodulation import (
     WINDOWS,
@@ -31,7 +30,14 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.phasors import to_polar
 from napari_phase4d.recording import BrokenFrameError, Recording
-from napari_phase4d.stacks import KIND, WRAPPED, wavelength_coordinate
+from napari_phase4d.stacks import (
+    AXES,
+    KIND,
+    WAVELENGTH,
+    WRAPPED,
+    coordinate,
+    wavelength_coordinate,
+)
 
 __all__ = [
     "FrameReconstructor",

@@ -9,9 +9,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.later import xr
+from napari_phase4d.stacks import AXES
 
 __all__ = [
     "fringe_advice",

@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io.atomic import UnreadableError
 from napari_phase4d.later import xr
-from napari_phase4d.stacks import wavelength_coordinate, wavelengths_of
+from napari_phase4d.stacks import AXES, WAVELENGTH, wavelength_coordinate, wavelengths_of
 from napari_phase4d.task import THREADS, UNWATCHED, Task, Watch
 
 __all__ = [

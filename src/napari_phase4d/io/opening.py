@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from napari_phase4d.axes import PLAIN_AXES
 from napari_phase4d.io.raw import RawLayout
 from napari_phase4d.io.reading import (
     JOINED_SUFFIXES,
@@ -34,6 +33,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (
+    PLAIN_AXES,
     check_rising,
     factor_to,
     looks_wrapped,

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 
-from napari_phase4d.axes import AXES, PLAIN_AXES, coordinate
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.io.describing import (
     PROGRAM,
@@ -36,7 +35,7 @@ from napari_phase4d.io.video import Video, check_fits, quiet
 from napari_phase4d.io.zarr_files import is_zarr, read_zarr
 from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
 from napari_phase4d.later import pd, tifffile, xr
-from napari_phase4d.stacks import in_units, looks_wrapped
+from napari_phase4d.stacks import AXES, PLAIN_AXES, coordinate, in_units, looks_wrapped
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import as_numbers, as_path, check_positive, local_path, shown
 

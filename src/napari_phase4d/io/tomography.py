@@ -8,11 +8,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.axes import AXES
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
-from napari_phase4d.stacks import on_grid_of, pixel_um, unwrapped_stack, wavelengths_of
+from napari_phase4d.stacks import AXES, on_grid_of, pixel_um, unwrapped_stack, wavelengths_of
 from napari_phase4d.words import as_numbers, check_type, counted, local_path, warn
 
 __all__ = ["sinogram", "write_sinogram"]

@@ -16,7 +16,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES
 from napari_phase4d.io.atomic import folder_written_whole, written_whole
 from napari_phase4d.io.describing import (
     PROGRAM,
@@ -31,6 +30,7 @@ from napari_phase4d.io.describing import (
 from napari_phase4d.io.lazy import in_one_line
 from napari_phase4d.later import xr
 from napari_phase4d.recording import reader_of, remember_reader
+from napari_phase4d.stacks import AXES
 from napari_phase4d.task import UNWATCHED, Task, on_all_cores
 
 __all__ = [

@@ -14,13 +14,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES
 from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline.starting import FrameSource
 from napari_phase4d.pipeline.stored import Shelf, Stored
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, limits_of, widest
-from napari_phase4d.stacks import KIND
+from napari_phase4d.stacks import AXES, KIND
 from napari_phase4d.task import UNWATCHED, Task, Threads, Watch, Workers
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.alone import ALL_USABLE

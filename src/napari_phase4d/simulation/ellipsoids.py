@@ -12,10 +12,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.axes import AXES, coordinate
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
-from napari_phase4d.stacks import KIND, UNWRAPPED, WRAPPED
+from napari_phase4d.stacks import AXES, KIND, UNWRAPPED, WRAPPED, coordinate
 from napari_phase4d.words import as_numbers, check_positive, check_type, shown
 
 __all__ = [

@@ -10,12 +10,19 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, WAVELENGTH, coordinate
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.simulation.ellipsoids import check_asked, check_optics, with_exact_phase, wrap
-from napari_phase4d.stacks import KIND, WRAPPED, wavelength_coordinate, wavelengths_of
+from napari_phase4d.stacks import (
+    AXES,
+    KIND,
+    WAVELENGTH,
+    WRAPPED,
+    coordinate,
+    wavelength_coordinate,
+    wavelengths_of,
+)
 from napari_phase4d.words import as_numbers, check_number, check_type
 
 __all__ = ["CARRIERS", "at_wavelengths", "multiplexed_video", "step_phantom"]

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.simulation.cells import EUGLENA_ANGLES_DEG, FRAME_RATE_HZ
@@ -21,6 +20,7 @@ from napari_phase4d.simulation.ellipsoids import (
     phase_stack,
     rotation,
 )
+from napari_phase4d.stacks import AXES
 from napari_phase4d.words import shown
 
 __all__ = ["swimming_cells"]

@@ -5,8 +5,14 @@ warned of once. All public functions that take phase, masks, regions or frames a
 """
 
 from napari_phase4d.stacks.coordinates import (
+    AXES,
+    PLAIN_AXES,
+    UNITS,
+    WAVELENGTH,
     check_rising,
+    coordinate,
     factor_to,
+    in_full,
     in_units,
     pixel_um,
     spacing,
@@ -33,13 +39,19 @@ from napari_phase4d.stacks.notes import (
 )
 
 __all__ = [
+    "AXES",
     "KIND",
+    "PLAIN_AXES",
+    "UNITS",
     "UNWRAPPED",
+    "WAVELENGTH",
     "WRAPPED",
     "as_stack",
     "check_rising",
     "checked_labels",
+    "coordinate",
     "factor_to",
+    "in_full",
     "in_units",
     "kind_of",
     "looks_wrapped",

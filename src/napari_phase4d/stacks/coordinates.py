@@ -1,23 +1,29 @@
-"""Coordinates of time, angle, y and x: numbers, units, order and spacing."""
+"""The axes of a stack and the coordinates along them: names, numbers, units, order, spacing."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from functools import cache
 from types import MappingProxyType
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import UNITS, WAVELENGTH
 from napari_phase4d.later import xr
 from napari_phase4d.words import warn
 
 __all__ = [
+    "AXES",
+    "PLAIN_AXES",
     "SINCE",
+    "UNITS",
+    "WAVELENGTH",
     "check_rising",
+    "coordinate",
     "factor_to",
+    "in_full",
     "in_units",
     "on_the_clock_of",
     "pixel_um",
@@ -28,6 +34,38 @@ __all__ = [
     "times_in_s",
     "with_coordinates",
 ]
+
+V = TypeVar("V")
+
+AXES = ("time", "angle", "y", "x")
+SOME = slice(None)
+#: Unit of the coordinates of each axis.
+UNITS: Mapping[str, str] = MappingProxyType({"time": "s", "angle": "deg", "y": "um", "x": "um"})
+#: Coordinate along the angle, in micrometres, of a stack whose views differ in wavelength. Views
+#: of one angle then follow each other by rising wavelength.
+WAVELENGTH = "wavelength"
+#: Axes of plain arrays by their number of dimensions.
+PLAIN_AXES: Mapping[int, tuple[str, ...]] = MappingProxyType(
+    {2: ("y", "x"), 3: ("time", "y", "x"), 4: AXES}
+)
+
+
+def coordinate(axis: str, places: V) -> tuple[str, V, dict[str, str]]:
+    """Return the places along an axis, with their unit, as xarray takes them."""
+    return axis, places, {"units": UNITS[axis]}
+
+
+def in_full(stack: xr.DataArray) -> NDArray[Any]:
+    """Return the values with all four axes (time, angle, y, x); a view."""
+    # By array operations, which take microseconds.
+    dims = stack.dims
+    ordered = stack.values.transpose([dims.index(axis) for axis in AXES if axis in dims])
+    values: NDArray[Any] = ordered[tuple(SOME if axis in dims else None for axis in AXES)]
+    return values
+
+
+# ---- numbers and units along an axis ----------------------------------------------------------
+
 
 #: Under this name times note the date that they are counted from.
 SINCE = "since"

@@ -8,9 +8,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES, PLAIN_AXES
 from napari_phase4d.later import xr
 from napari_phase4d.stacks.coordinates import (
+    AXES,
+    PLAIN_AXES,
     check_rising,
     factor_to,
     on_the_clock_of,

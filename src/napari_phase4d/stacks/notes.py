@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import WAVELENGTH
 from napari_phase4d.later import xr
-from napari_phase4d.stacks.coordinates import factor_to, some
+from napari_phase4d.stacks.coordinates import WAVELENGTH, factor_to, some
 from napari_phase4d.words import as_numbers, check_number, warn
 
 __all__ = [

@@ -17,8 +17,8 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.axes import AXES
 from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in, widest
+from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
     FinishBlock,

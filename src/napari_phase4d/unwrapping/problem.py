@@ -10,7 +10,6 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.axes import AXES, in_full
 from napari_phase4d.later import xr
 from napari_phase4d.machine import cores
 from napari_phase4d.stack import (
@@ -23,7 +22,15 @@ from napari_phase4d.stack import (
     block_frames,
     blocks_of,
 )
-from napari_phase4d.stacks import KIND, as_stack, mask_on, on_grid_of, wavelengths_of
+from napari_phase4d.stacks import (
+    AXES,
+    KIND,
+    as_stack,
+    in_full,
+    mask_on,
+    on_grid_of,
+    wavelengths_of,
+)
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import Found, each_alone, found_in, with_turns
 from napari_phase4d.unwrapping.background import Background, background_of

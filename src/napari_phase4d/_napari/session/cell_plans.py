@@ -23,9 +23,9 @@ from napari_phase4d.analysis import (
     region_with_cell,
     with_empty_field,
 )
-from napari_phase4d.axes import AXES
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
+from napari_phase4d.stacks import AXES
 from napari_phase4d.task import UNWATCHED, Task
 
 __all__ = ["plan_cell_by_methods", "plan_cells", "with_their_cells"]

@@ -15,10 +15,10 @@ from psygnal import Signal
 
 from napari_phase4d._napari.viewing.layers import layer_tuple, places_of_views, shown
 from napari_phase4d.analysis import Cells, copied_labels
-from napari_phase4d.axes import AXES, WAVELENGTH
 from napari_phase4d.io import step_of
 from napari_phase4d.later import xr
 from napari_phase4d.plotting import OBJECT_COLOUR, colour_of
+from napari_phase4d.stacks import AXES, WAVELENGTH
 from napari_phase4d.unwrapping import METHODS, object_in
 
 __all__ = ["OUTLINE", "CellLayers", "cells_layer", "numbers_layer", "object_layer", "ways_layer"]

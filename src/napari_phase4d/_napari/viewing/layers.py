@@ -11,7 +11,6 @@ import numpy as np
 from napari.utils import Colormap
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.axes import AXES, UNITS, WAVELENGTH
 from napari_phase4d.holography import first_seen
 from napari_phase4d.io import PROGRAM, open_recording, step_of
 from napari_phase4d.later import xr
@@ -19,7 +18,7 @@ from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.plotting import phase_colours, safety_colours
 from napari_phase4d.recording import Recording, one_frame
-from napari_phase4d.stacks import wavelength_coordinate
+from napari_phase4d.stacks import AXES, UNITS, WAVELENGTH, wavelength_coordinate
 
 __all__ = [
     "LAYER_UNITS",

@@ -26,8 +26,8 @@ from napari_phase4d._napari.viewing.layers import (
     stack_layer,
 )
 from napari_phase4d._napari.viewing.presenter import Presenter
-from napari_phase4d.axes import AXES
 from napari_phase4d.later import xr
+from napari_phase4d.stacks import AXES
 from napari_phase4d.unwrapping import METHODS
 
 __all__ = ["LiveLayers"]
