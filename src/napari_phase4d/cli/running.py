@@ -298,22 +298,22 @@ def stoppable() -> Iterator[None]:
         came.append(number)
         raise ToldToEndError
 
-    before = listening(stop)
-    try:
-        yield
-    except KeyboardInterrupt:
-        by = signal.Signals(came[0]).name if came else "Ctrl-C"
-        errors.print(f"Stopped by {by}. What is written is whole; --resume goes on with a batch.")
-        raise typer.Exit(128 + came[0] if came else STOPPED_BY_USER) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with listening(stop):
+        try:
+            yield
+        except KeyboardInterrupt:
+            by = signal.Signals(came[0]).name if came else "Ctrl-C"
+            errors.print(
+                f"Stopped by {by}. What is written is whole; --resume goes on with a batch."
+            )
+            raise typer.Exit(128 + came[0] if came else STOPPED_BY_USER) from None
 
 
+@contextmanager
 def listening(
     stop: Callable[[int, object], None], names: Sequence[str] = ("SIGTERM", "SIGHUP")
-) -> dict[int, Any]:
-    """Let the system's wishes to end call a function; return what they did before.
+) -> Iterator[None]:
+    """Let the system's wishes to end call a function meanwhile; afterwards they do as before.
 
     What is ignored stays so, as under nohup; outside of the main thread nothing is listened to.
     """
@@ -324,7 +324,11 @@ def listening(
             continue
         with suppress(ValueError):  # not in the main thread
             before[number] = signal.signal(number, stop)
-    return before
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 # ---- while one records ----------------------------------------------------------------------
@@ -464,12 +468,9 @@ def ending() -> Iterator[list[int]]:
         if len(came) > 1:
             raise ToldToEndError
 
-    before = listening(stop, ("SIGINT", "SIGTERM", "SIGHUP"))
-    try:
-        yield came
-    except KeyboardInterrupt:
-        errors.print("Given up; no results are written.")
-        raise typer.Exit(128 + came[0] if came else 128 + signal.SIGINT) from None
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    with listening(stop, ("SIGINT", "SIGTERM", "SIGHUP")):
+        try:
+            yield came
+        except KeyboardInterrupt:
+            errors.print("Given up; no results are written.")
+            raise typer.Exit(128 + came[0] if came else STOPPED_BY_USER) from None

@@ -75,15 +75,19 @@ def reconstruct_to_disk(
     watch = Watch(len(blocks), "reconstruct", task)
     each = ReconstructBlock(source, work, phase, amplitude)
     shares, limits = zip(*workers.map(each, blocks, watch), strict=True)
-    import dask.array as da  # which takes a tenth of a second
-
-    # The values do not count here: these are the axes and notes.
-    empty = da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
+    empty = without_values(shape)
     each_share = [share for of_block in shares for share in of_block]
     plan = work.as_dataset(recording, empty, empty, each_share)
     plan["phase"] = shelf.put("wrapped", plan["phase"], (-math.pi, math.pi))
     plan["amplitude"] = shelf.put("amplitude", plan["amplitude"], widest(limits))
     return plan
+
+
+def without_values(shape: tuple[int, ...]) -> Any:
+    """Return a lazy array where only the axes and notes of a stack count."""
+    import dask.array as da  # which takes a tenth of a second
+
+    return da.broadcast_to(da.zeros(1, dtype=np.float32), shape)
 
 
 @dataclass(frozen=True)
@@ -248,12 +252,8 @@ class ProblemOnDisk(Problem):
         self, stack: Stack, coords: dict[str, Any], boundaries: list[Boundary], name: str
     ) -> Problem:
         """Return the problem of wrapped phase that follows from this one's, see `Problem`."""
-        import dask.array as da  # which takes a tenth of a second
-
-        # The values do not count here: these are the axes.
-        empty = da.broadcast_to(da.zeros(1, dtype=np.float32), stack.shape)
         return ProblemOnDisk(
-            xr.DataArray(empty, dims=AXES, coords=coords),
+            xr.DataArray(without_values(stack.shape), dims=AXES, coords=coords),
             stack,
             self._shelf,
             boundaries,
