@@ -11,7 +11,7 @@ from typing import Any
 
 from qtpy.QtCore import QCoreApplication, QObject, QTimer
 from qtpy.QtOpenGLWidgets import QOpenGLWidget
-from qtpy.QtWidgets import QWidget
+from qtpy.QtWidgets import QMainWindow, QWidget
 
 __all__ = ["UNSEEN", "Afterwards", "Canvas", "Collecting", "Steps", "Turns", "exhaust"]
 
@@ -181,13 +181,24 @@ class Canvas:
         if self._held:
             return
         with suppress(RuntimeError):  # the window has gone
-            window = self._dock
-            while window.parentWidget() is not None:
-                window = window.parentWidget()
-            painted = window.findChildren(QOpenGLWidget)
+            painted = self._window().findChildren(QOpenGLWidget)
             self._held = [widget for widget in painted if widget.updatesEnabled()]
             for widget in self._held:
                 widget.setUpdatesEnabled(False)
+
+    def widget(self) -> QWidget | None:
+        """Return napari's canvas, None where the dock stands in no window of napari's."""
+        with suppress(RuntimeError):
+            window = self._window()
+            if isinstance(window, QMainWindow) and window.centralWidget() is not None:
+                return window.centralWidget().findChild(QOpenGLWidget)
+        return None
+
+    def _window(self) -> QWidget:
+        window = self._dock
+        while window.parentWidget() is not None:
+            window = window.parentWidget()
+        return window
 
     def release(self) -> bool:
         """Paint what is new; return whether it was held back."""

@@ -17,13 +17,11 @@ from napari_phase4d._napari.turns import UNSEEN, Steps, Turns, exhaust
 from napari_phase4d._napari.viewing.cells import OUTLINE, CellLayers, object_layer
 from napari_phase4d._napari.viewing.grid import (
     LINKED,
-    UNITS_OF_COLOURS,
     ViewState,
     arrange,
     common_contrast,
     link,
     look_closer,
-    say_unit,
     take_down,
 )
 from napari_phase4d._napari.viewing.layers import (
@@ -44,6 +42,7 @@ from napari_phase4d._napari.viewing.pointing import (
     go_to_frame,
     pixel_under_cursor,
 )
+from napari_phase4d._napari.viewing.saying import CanvasWords
 from napari_phase4d.analysis import Cells, difference, most_trusted
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome
@@ -106,8 +105,7 @@ class Presenter:
         self._earlier: list[Any] = []
         self._setting_range = False
         self.listens = self._still = False
-        #: Whether the canvas says time and view; not before all is shown.
-        self.says_where = False
+        self.words = CanvasWords(viewer)
         #: Whether the dock was closed before all results had come up.
         self._cut_short = False
 
@@ -171,6 +169,7 @@ class Presenter:
         self.listens, self._cut_short = False, self.turns.pending
         self.turns.stop()
         self.turns.failed = self.turns.canvas = None
+        self.words.leave()
         self.session.part()
         self.showing_changed.disconnect()
         self.cells.came_up.disconnect()
@@ -450,16 +449,15 @@ class Presenter:
         self.showing = showing
         if self.shows_object:  # which lies over the wrapped phase alone
             self._object[1].visible = False
-        self.says_where = False
-        say_unit(self.viewer, UNITS_OF_COLOURS[showing], "")
+        self.words.say_colours(showing)
         self.showing_changed.emit()
 
     def say_where(self, event: Any = None) -> None:
         """Say at which time and view the sliders are, before that is painted."""
         data = self.session.reconstruction
-        if self.says_where and data is not None:
+        if self.words.frames and data is not None:
             frame = frame_in_words(data["phase"], *self.current_frame())
-            say_unit(self.viewer, UNITS_OF_COLOURS[self.showing], frame)
+            self.words.say_frame(frame, self.turns.canvas)
 
     def show_margin(self) -> None:
         """Show where steps are too large, one layer for each dimension, side by side."""
@@ -584,7 +582,7 @@ class Presenter:
                 self._look_at(layers)
                 looked = True
                 yield
-        self.says_where = True
+        self.words.frames = True
         self.say_where()
 
     def _look_at(self, layers: list[Any]) -> None:
