@@ -15,7 +15,16 @@ from qtpy.QtOpenGLWidgets import QOpenGLWidget
 from qtpy.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.turns import UNSEEN, Afterwards, Canvas, Collecting, Steps, Turns
+from napari_phase4d._napari import turns as turns_module
+from napari_phase4d._napari.turns import (
+    UNSEEN,
+    Afterwards,
+    Canvas,
+    Collecting,
+    Steps,
+    Turns,
+    WhenIdle,
+)
 
 NINE = (
     "spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal",
@@ -155,6 +164,42 @@ def test_followers_are_told_once_after_many_moves(qtbot: Any, qapp: Any) -> None
     assert told == []
     qtbot.waitUntil(lambda: not follow.pending)
     assert told == [1]
+
+
+def test_it_is_waited_until_nobody_touches_the_window(
+    qtbot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(turns_module, "IDLE_MS", 100)
+    parent, place, done = QWidget(), [0], []
+    qtbot.addWidget(parent)
+    slider = QTimer(parent)
+    slider.timeout.connect(lambda: place.append(place[-1] + 1))
+    slider.start(20)
+    when_idle = WhenIdle(lambda: done.append(place[-1]), lambda: place[-1], parent)
+    when_idle()
+    qtbot.wait(400)
+    assert not done
+    slider.stop()
+    qtbot.waitUntil(lambda: bool(done), timeout=5000)
+    qtbot.wait(200)
+    assert done == [place[-1]]  # and not again and again
+    when_idle()
+    when_idle.stop()
+    qtbot.wait(200)
+    assert len(done) == 1
+
+
+@pytest.mark.thorough
+def test_garbage_is_looked_for_when_nobody_uses_the_window(
+    dock: Any, qtbot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[bool] = []
+    monkeypatch.setattr(dock._collecting, "in_quiet", lambda: looked.append(dock.jobs.busy))
+    dock.session.set_phase(p4d.simulation.swimming_euglena((60, 70), 4)["wrapped"])
+    qtbot.waitUntil(lambda: dock.session.quiet_plan() is None, timeout=60_000)
+    assert not looked
+    qtbot.waitUntil(lambda: bool(looked), timeout=60_000)
+    assert looked == [False]
 
 
 def test_old_objects_are_looked_through_again_in_the_end() -> None:

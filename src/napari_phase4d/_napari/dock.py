@@ -42,7 +42,7 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
-from napari_phase4d._napari.turns import Afterwards, Canvas, Collecting
+from napari_phase4d._napari.turns import Afterwards, Canvas, Collecting, WhenIdle
 from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Beside, Section
@@ -135,6 +135,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._quiet.setSingleShot(True)
         self._quiet.setInterval(QUIET_AFTER_MS)
         self._quiet.timeout.connect(self._work_unasked)
+        dims = napari_viewer.dims
+        self._when_idle = WhenIdle(self._clear_up, lambda: dims.current_step, self)
         # A child, so that it goes with the dock if the window takes it away.
         self._closing = QTimer(self)
         self._closing.setSingleShot(True)
@@ -245,6 +247,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def close_down(self) -> None:
         """Stop what is running and let go of the viewer."""
         self._quiet.stop()
+        self._when_idle.stop()
         self._gone.set()
         self.jobs.close()
         self.following.stop()
@@ -463,7 +466,13 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         plan = self.session.quiet_plan(self._failed_unasked)
         if plan is not None:
             self.jobs.start(plan)
-        elif self._collecting is not None and not self.presenter.turns.pending:
+        else:
+            self._when_idle()
+
+    def _clear_up(self) -> None:
+        """Look for garbage, unless somebody may be waiting."""
+        waited_for = self.jobs.busy or self.jobs.closed or self.presenter.turns.pending
+        if self._collecting is not None and not waited_for:
             self._collecting.in_quiet()
 
     def _recording_opened(self) -> None:
