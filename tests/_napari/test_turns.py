@@ -320,6 +320,43 @@ def test_a_dock_that_is_closed_while_results_come_up(viewer: Any, ready: Any, qt
 
 
 @pytest.mark.gui
+def test_a_recording_comes_up_in_turns(
+    viewer: Any, dock: Any, qtbot: Any, small_video: Any
+) -> None:
+    turns = dock.presenter.turns
+    with turns.unhurried():
+        dock.session.set_recording(small_video)
+    assert turns.pending
+    assert not viewer.layers
+    let_settle(qtbot, dock)
+    (layer,) = viewer.layers
+    assert layer.visible
+    assert viewer.canvas.overlays.scale_bar.visible
+    assert viewer.dims.current_step[0] == 0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("n_steps", [0, 2, 4])
+def test_a_dock_that_is_closed_while_a_recording_comes_up(
+    viewer: Any, dock: Any, qtbot: Any, small_video: Any, n_steps: int
+) -> None:
+    turns = dock.presenter.turns
+    with turns.unhurried():
+        dock.session.set_recording(small_video)
+    for _ in range(n_steps):
+        turns._step()
+    assert turns.pending
+    dock.close_down()
+    dock.deleteLater()
+    viewer.window.remove_dock_widget(dock)
+    _, again = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    let_settle(qtbot, again)
+    (layer,) = viewer.layers  # and it did not come up twice
+    assert layer.visible
+    assert again.presenter.holograms == layer
+
+
+@pytest.mark.gui
 def test_a_step_may_stop_all_and_what_fails_in_a_turn_is_told(qtbot: Any) -> None:
     turns = Turns()
 

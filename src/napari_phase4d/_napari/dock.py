@@ -48,7 +48,7 @@ from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Beside, Section
 from napari_phase4d.holography import angles_unknown
 from napari_phase4d.later import load_ahead
-from napari_phase4d.pipeline import start_words, warm_up_elsewhere
+from napari_phase4d.pipeline import load_object_finder, start_words, warm_up_elsewhere
 from napari_phase4d.unwrapping import left_out_advice
 
 __all__ = ["Phase4DDock"]
@@ -586,7 +586,8 @@ units = functools.cache(Units)
 def get_ready(closed: Callable[[], bool]) -> None:
     """Begin, unless the dock has closed, with what the first click would wait for otherwise."""
     if not closed():
-        load_ahead((units().read_ahead, start_loop, warm_up_elsewhere), closed)
+        then = (units().read_ahead, start_loop, warm_up_elsewhere, load_object_finder)
+        load_ahead(then, closed)
 
 
 def start_loop() -> None:

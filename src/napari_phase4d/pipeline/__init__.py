@@ -3,7 +3,7 @@
 A `Recipe` holds every setting; `run` follows it from the recording to the unwrapped phase.
 """
 
-from napari_phase4d.pipeline.ahead import estimated_seconds, warm_up_elsewhere
+from napari_phase4d.pipeline.ahead import estimated_seconds, load_object_finder, warm_up_elsewhere
 from napari_phase4d.pipeline.batch import result_folders, run_batch
 from napari_phase4d.pipeline.folder import checked_form, holds_outcome, read_outcome, write_files
 from napari_phase4d.pipeline.guarding import result_folder, write_outcome
@@ -59,6 +59,7 @@ __all__ = [
     "focus_by",
     "found_anywhere",
     "holds_outcome",
+    "load_object_finder",
     "make_folder",
     "needed_bytes",
     "needs_of",

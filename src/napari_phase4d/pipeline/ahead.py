@@ -19,11 +19,17 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import reconstruct_by, unwrap_by
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, Task
-from napari_phase4d.unwrapping import BUILT_IN, methods_for, scores_of_some, unwrap
+from napari_phase4d.unwrapping import (
+    BUILT_IN,
+    methods_for,
+    object_in,
+    scores_of_some,
+    unwrap,
+)
 from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.growing.rows import integrated
 
-__all__ = ["estimated_seconds", "warm_up", "warm_up_elsewhere"]
+__all__ = ["estimated_seconds", "load_object_finder", "warm_up", "warm_up_elsewhere"]
 
 #: Frames of the trial.
 TRIAL_FRAMES = 6
@@ -112,3 +118,12 @@ def warm_up_elsewhere() -> subprocess.Popen[bytes] | None:
         )
     except OSError:
         return None  # then the first use compiles
+
+
+def load_object_finder() -> None:
+    """Load what finds the object in a frame, if it has been compiled before.
+
+    The window shows the object of the first wrapped phase at once, and would wait for this.
+    """
+    if is_on_disk(integrated):
+        object_in(np.zeros((24, 24), np.float32))

@@ -47,6 +47,7 @@ from napari_phase4d.analysis import Cells, difference, most_trusted
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
+from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import frame_in_words
 
@@ -160,6 +161,9 @@ class Presenter:
             phase, layer = self.session.reconstruction["phase"], self._wrapped
             if layer is None or layer not in self.viewer.layers or not shows(layer, phase):
                 self.show_phase()
+        elif self._cut_short and self.session.recording is not None:
+            steps = self._showing_recording(self.session.recording, self.session.name)
+            self.turns.run(steps)
         self._cut_short = False
 
     def leave(self) -> None:
@@ -255,16 +259,28 @@ class Presenter:
         self._regions, self._made, self._finished = [], {}, {}
         self.cells.forget()
         self._before = None
-        self.hide_all()
         self._show_as("")
+        self.turns.run(self._showing_recording(recording, self.session.name))
+
+    def _showing_recording(self, recording: Recording | None, name: str) -> Steps:
+        yield from self._hiding()
         if recording is None:
             return
-        self._pixel_um, self._named = recording.optics.pixel_um, self.session.name
-        self.holograms = self.adopted(recording) or self.add(hologram_layer(recording))
-        self.viewer.canvas.overlays.scale_bar.visible = True
+        self._pixel_um, self._named = recording.optics.pixel_um, name
+        begun = (la for la in self._own if la in self.viewer.layers and is_own(la, "holograms"))
+        layer = self.adopted(recording) or next(begun, None)
+        if layer is None:
+            layer = yield from self._adding(hologram_layer(recording))
+        self.holograms = layer
+        layer.visible = True
         self._keep_sliders()
+        yield UNSEEN
         self._go_to_start()
         self._fit()
+        yield
+        # Letters are drawn for the first time, which takes as long as the picture.
+        self.viewer.canvas.overlays.scale_bar.visible = True
+        yield
 
     def show_calibration(self) -> None:
         """Give all layers of the recording its new scale."""
