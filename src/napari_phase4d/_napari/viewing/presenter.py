@@ -128,8 +128,7 @@ class Presenter(Stage):
             if layer is None or layer not in self.viewer.layers or not shows(layer, phase):
                 self.show_phase()
         elif self._cut_short and self.session.recording is not None:
-            steps = self._showing_recording(self.session.recording, self.session.name)
-            self.turns.run(steps)
+            self.turns.run(self._showing_recording(self.session.recording))
         self._cut_short = False
 
     def leave(self) -> None:
@@ -156,13 +155,14 @@ class Presenter(Stage):
         self.cells.forget()
         self._before = None
         self._show_as("")
-        self.turns.run(self._showing_recording(recording, self.session.name))
-
-    def _showing_recording(self, recording: Recording | None, name: str) -> Steps:
-        yield from self._hiding()
         if recording is None:
-            return
-        self._pixel_um, self._named = recording.optics.pixel_um, name
+            self.hide_all()
+        else:
+            self._pixel_um, self._named = recording.optics.pixel_um, self.session.name
+            self.turns.run(self._showing_recording(recording))
+
+    def _showing_recording(self, recording: Recording) -> Steps:
+        yield from self._hiding()
         begun = (la for la in self._own if la in self.viewer.layers and is_own(la, "holograms"))
         layer = self.adopted(recording) or next(begun, None)
         if layer is None:
