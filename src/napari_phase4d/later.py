@@ -22,7 +22,15 @@ if TYPE_CHECKING:
 __all__ = ["load_ahead", "pd", "tifffile", "xr"]
 
 #: What almost everything that is done with a recording takes.
-NEEDED_SOON = ("numba", "xarray", "scipy.fft", "scipy.ndimage", "scipy.special", "tifffile")
+NEEDED_SOON = (
+    "numba",
+    "xarray",
+    "scipy.fft",
+    "scipy.ndimage",
+    "scipy.special",
+    "tifffile",
+    "matplotlib",  # for its colours
+)
 
 
 class Library:

@@ -62,7 +62,7 @@ def libraries() -> None:
     While a library is imported, Python's filters of warnings are changed for all threads, so that
     a warning of the worker of a test would end it.
     """
-    from napari_phase4d._napari.dock import start_loop
+    from napari_phase4d._napari.beginning import start_loop
     from napari_phase4d.later import load_ahead
 
     load_ahead((start_loop,), lambda: False).join()

@@ -14,6 +14,7 @@ from qtpy.QtWidgets import (
     QDialogButtonBox,
     QFileDialog,
     QInputDialog,
+    QLabel,
     QLineEdit,
     QWidget,
 )
@@ -40,6 +41,20 @@ def drag(canvas: Any, start: tuple[float, float], end: tuple[float, float]) -> N
 def canvas_of(viewer: Any) -> QWidget:
     """Return the widget that napari draws its layers on."""
     return viewer.window._qt_viewer.canvas.native
+
+
+def frame_on_canvas(viewer: Any) -> str:
+    """Return what the canvas says of time and view, "" for nothing."""
+    label = frame_label(viewer)
+    return "" if label is None else label.text()
+
+
+def frame_label(viewer: Any) -> QLabel | None:
+    """Return the label of time and view that is shown on the canvas, None where none is."""
+    labels = canvas_of(viewer).findChildren(QLabel, "frame_on_canvas")
+    shown = [label for label in labels if not label.isHidden()]
+    assert len(shown) < 2
+    return next(iter(shown), None)
 
 
 def place_of(viewer: Any, y_um: float, x_um: float) -> QPoint:

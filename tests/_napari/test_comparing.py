@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from driving import let_settle
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
@@ -177,14 +178,16 @@ def test_a_video_after_phase_starts_afresh(viewer, dock, click, small_video, tic
 
 
 @pytest.mark.thorough
-def test_back_to_the_video_by_its_layer(viewer, dock, click) -> None:
+def test_back_to_the_video_by_its_layer(viewer, dock, click, qtbot) -> None:
     click("try_sample")
     video = viewer.layers[0]
     click("try_yeast")
     assert dock.recording.layer.value is None
     dock.recording.layer.value = video
     assert dock.session.recording is not None
+    let_settle(qtbot, dock)
     assert video.visible
+    assert dock.presenter.holograms == video
 
 
 @pytest.mark.thorough

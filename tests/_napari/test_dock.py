@@ -16,7 +16,7 @@ from qtpy.QtWidgets import QApplication, QWidget
 
 import napari_phase4d as p4d
 from helpers import measured, wrap
-from napari_phase4d._napari.dock import binding_advice
+from napari_phase4d._napari.beginning import binding_advice
 from napari_phase4d._napari.viewing.layers import METADATA_KEY
 from napari_phase4d.io import read_results
 from napari_phase4d.stacks import AXES

@@ -14,7 +14,7 @@ from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.dock import Units, get_ready
+from napari_phase4d._napari.beginning import Units, get_ready
 from napari_phase4d.later import load_ahead
 
 pytestmark = pytest.mark.gui
@@ -199,7 +199,9 @@ def test_nothing_is_begun_for_a_dock_that_has_closed(monkeypatch: pytest.MonkeyP
 
     load_ahead((close_meanwhile, lambda: begun.append("compiling")), lambda: bool(closed)).join()
     assert begun == ["units"]
-    monkeypatch.setattr("napari_phase4d._napari.dock.load_ahead", lambda *_: begun.append("all"))
+    monkeypatch.setattr(
+        "napari_phase4d._napari.beginning.load_ahead", lambda *_: begun.append("all")
+    )
     get_ready(lambda: True)
     assert begun == ["units"]
     get_ready(lambda: False)

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
-from driving import LEFT
+from driving import LEFT, frame_on_canvas
 from numpy.typing import NDArray
 from qtpy.QtCore import Qt, QTimer
 from qtpy.QtTest import QTest
@@ -271,6 +271,7 @@ def test_the_newest_frame_is_side_by_side_with_its_wrapped_phase(
         qtbot.waitUntil(lambda: not dock.presenter.turns.pending, timeout=20_000)
         # The one time of these layers is not that of the newest frame.
         assert not viewer.canvas.overlays.current_slice.visible
+        assert frame_on_canvas(viewer) == ""
         before = other.data
         qtbot.waitUntil(lambda: other.data is not before, timeout=20_000)
         qtbot.waitUntil(lambda: " s after it came" in live.line.text(), timeout=20_000)

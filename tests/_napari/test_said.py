@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from driving import let_settle
+from driving import frame_on_canvas, let_settle
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QWidget
@@ -129,7 +129,7 @@ def test_views_without_angles_are_numbered_everywhere(
     dock = numbered
     viewer.dims.set_current_step(1, 1)
     let_settle(qtbot, dock)
-    assert viewer.canvas.overlays.text.text.split("\n")[0].endswith(" s, view 2")
+    assert frame_on_canvas(viewer).endswith(" s, view 2")
     for picture in (dock.compare.agreement, dock.unwrap.boundary.map):
         assert picture._picture.labels == ["view 1", "view 2"]
         assert "view 2." in picture._picture.words_on((0, 1))

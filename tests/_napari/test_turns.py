@@ -15,7 +15,16 @@ from qtpy.QtOpenGLWidgets import QOpenGLWidget
 from qtpy.QtWidgets import QApplication, QVBoxLayout, QWidget
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.turns import UNSEEN, Afterwards, Canvas, Collecting, Steps, Turns
+from napari_phase4d._napari import turns as turns_module
+from napari_phase4d._napari.turns import (
+    UNSEEN,
+    Afterwards,
+    Canvas,
+    Collecting,
+    Steps,
+    Turns,
+    WhenIdle,
+)
 
 NINE = (
     "spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal",
@@ -157,6 +166,42 @@ def test_followers_are_told_once_after_many_moves(qtbot: Any, qapp: Any) -> None
     assert told == [1]
 
 
+def test_it_is_waited_until_nobody_touches_the_window(
+    qtbot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(turns_module, "IDLE_MS", 100)
+    parent, place, done = QWidget(), [0], []
+    qtbot.addWidget(parent)
+    slider = QTimer(parent)
+    slider.timeout.connect(lambda: place.append(place[-1] + 1))
+    slider.start(20)
+    when_idle = WhenIdle(lambda: done.append(place[-1]), lambda: place[-1], parent)
+    when_idle()
+    qtbot.wait(400)
+    assert not done
+    slider.stop()
+    qtbot.waitUntil(lambda: bool(done), timeout=5000)
+    qtbot.wait(200)
+    assert done == [place[-1]]  # and not again and again
+    when_idle()
+    when_idle.stop()
+    qtbot.wait(200)
+    assert len(done) == 1
+
+
+@pytest.mark.thorough
+def test_garbage_is_looked_for_when_nobody_uses_the_window(
+    dock: Any, qtbot: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    looked: list[bool] = []
+    monkeypatch.setattr(dock._collecting, "in_quiet", lambda: looked.append(dock.jobs.busy))
+    dock.session.set_phase(p4d.simulation.swimming_euglena((60, 70), 4)["wrapped"])
+    qtbot.waitUntil(lambda: dock.session.quiet_plan() is None, timeout=60_000)
+    assert not looked
+    qtbot.waitUntil(lambda: bool(looked), timeout=60_000)
+    assert looked == [False]
+
+
 def test_old_objects_are_looked_through_again_in_the_end() -> None:
     frozen = gc.get_freeze_count()
     gc.unfreeze()
@@ -272,6 +317,43 @@ def test_a_dock_that_is_closed_while_results_come_up(viewer: Any, ready: Any, qt
     for name, method in (("2-D", "spatial-2d"), ("T/A", "temporal-angular")):
         np.testing.assert_array_equal(viewer.layers[name].data, results[method].values)
     again.jobs.cancel()
+
+
+@pytest.mark.gui
+def test_a_recording_comes_up_in_turns(
+    viewer: Any, dock: Any, qtbot: Any, small_video: Any
+) -> None:
+    turns = dock.presenter.turns
+    with turns.unhurried():
+        dock.session.set_recording(small_video)
+    assert turns.pending
+    assert not viewer.layers
+    let_settle(qtbot, dock)
+    (layer,) = viewer.layers
+    assert layer.visible
+    assert viewer.canvas.overlays.scale_bar.visible
+    assert viewer.dims.current_step[0] == 0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("n_steps", [0, 2, 4])
+def test_a_dock_that_is_closed_while_a_recording_comes_up(
+    viewer: Any, dock: Any, qtbot: Any, small_video: Any, n_steps: int
+) -> None:
+    turns = dock.presenter.turns
+    with turns.unhurried():
+        dock.session.set_recording(small_video)
+    for _ in range(n_steps):
+        turns._step()
+    assert turns.pending
+    dock.close_down()
+    dock.deleteLater()
+    viewer.window.remove_dock_widget(dock)
+    _, again = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    let_settle(qtbot, again)
+    (layer,) = viewer.layers  # and it did not come up twice
+    assert layer.visible
+    assert again.presenter.holograms == layer
 
 
 @pytest.mark.gui

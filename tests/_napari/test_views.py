@@ -8,9 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
-from driving import click_cell, let_settle
+from driving import canvas_of, click_cell, frame_label, frame_on_canvas, let_settle
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
+from test_dock_reopened import close
 
 import napari_phase4d as p4d
 from napari_phase4d.pipeline import PAPER_METHODS
@@ -48,16 +49,16 @@ def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
     ):
         click(button)
         assert down(differing) == [name]
-        frame, _, unit = viewer.canvas.overlays.text.text.partition("\n")
-        assert (frame[:5], unit) == ("time ", words)
-        assert viewer.canvas.overlays.text.visible
+        text = viewer.canvas.overlays.text
+        assert (frame_on_canvas(viewer)[:5], text.text) == ("time ", words)
+        assert text.visible == bool(words)
         assert not viewer.canvas.overlays.current_slice.visible  # which knows no units
     viewer.dims.set_current_step(0, 4)
     viewer.dims.set_current_step(1, 1)
     times = differing.session.reconstruction["time"].values
-    expected = f"time {times[4]:.3g} s, angle 21°\ncolours: phase in rad"
-    assert viewer.canvas.overlays.text.text == expected
+    assert frame_on_canvas(viewer) == f"time {times[4]:.3g} s, angle 21°"
     click("leave_grid")
+    assert frame_on_canvas(viewer) == ""
     assert viewer.canvas.overlays.text.text == ""
     assert not viewer.canvas.overlays.text.visible
     assert down(differing) == []
@@ -75,6 +76,52 @@ def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, view
     click("side_by_side")
     assert (text.text, text.visible) == ("cell 7, March", True)
     assert viewer.canvas.overlays.current_slice.visible  # so that time and view are said
+    assert frame_on_canvas(viewer) == ""
+
+
+def test_a_step_of_a_slider_leaves_the_words_of_napari_alone(differing: Any, viewer: Any) -> None:
+    # For each that changes, napari lays the names of all results out anew.
+    heard: list[Any] = []
+    overlays = viewer.canvas.overlays
+    for overlay in (overlays.text, overlays.current_slice):
+        overlay.events.connect(heard.append)
+    before = frame_on_canvas(viewer)
+    viewer.dims.set_current_step(0, 4)
+    assert frame_on_canvas(viewer) != before
+    assert not heard
+
+
+def test_the_frame_stands_above_what_the_colours_mean(
+    differing: Any, click: Any, viewer: Any
+) -> None:
+    canvas = canvas_of(viewer)
+    label = frame_label(viewer)
+    size = canvas.size()
+    for height in (size.height(), size.height() - 40):
+        canvas.resize(size.width(), height)
+        assert label.x() < 20
+        assert 20 < canvas.height() - label.geometry().bottom() < 50
+    canvas.resize(size)
+    above = label.geometry().bottom()
+    click("show_wrapped")  # whose colours need no words
+    label = frame_label(viewer)
+    assert above < label.geometry().bottom() < canvas.height()
+
+
+def test_napari_says_the_frame_when_the_panel_has_closed(differing: Any, viewer: Any) -> None:
+    assert not viewer.canvas.overlays.current_slice.visible
+    differing.close_down()
+    assert frame_on_canvas(viewer) == ""
+    assert viewer.canvas.overlays.current_slice.visible
+    assert viewer.canvas.overlays.text.text == "colours: phase in rad"
+
+
+def test_another_panel_says_it_again(differing: Any, viewer: Any, qtbot: Any) -> None:
+    close(viewer, differing, qtbot)
+    viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
+    viewer.dims.set_current_step(0, 4)
+    assert frame_on_canvas(viewer) == "time 0.667 s, angle 21°"
+    assert not viewer.canvas.overlays.current_slice.visible
 
 
 def test_the_difference_is_to_what_is_chosen(

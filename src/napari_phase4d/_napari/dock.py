@@ -2,24 +2,20 @@
 
 from __future__ import annotations
 
-import asyncio
 import atexit
-import functools
 import sys
 import threading
 import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import pint
 import qtpy
 from napari.utils.notifications import show_warning
 from napari.viewer import Viewer
-from pint.registry import LazyRegistry
-from qtpy.QtCore import QEvent, QObject, QSize, QTimer, Signal
+from qtpy.QtCore import QEvent, QObject, QSize, QTimer
 from qtpy.QtGui import QDragEnterEvent, QDropEvent, QShowEvent
 from qtpy.QtWidgets import (
     QFrame,
@@ -33,6 +29,7 @@ from qtpy.QtWidgets import (
     QWidget,
 )
 
+from napari_phase4d._napari.beginning import binding_advice, get_ready
 from napari_phase4d._napari.jobs import Jobs, TimeLeft, in_words, sentence_of
 from napari_phase4d._napari.session import StepState, step_states
 from napari_phase4d._napari.steps import (
@@ -42,13 +39,12 @@ from napari_phase4d._napari.steps import (
     RecordingStep,
     UnwrapStep,
 )
-from napari_phase4d._napari.turns import Afterwards, Canvas, Collecting
+from napari_phase4d._napari.turns import Afterwards, Canvas, Collecting, WhenIdle
 from napari_phase4d._napari.viewing.pointing import Following
 from napari_phase4d._napari.viewing.presenter import Presenter
 from napari_phase4d._napari.widgets.section import Beside, Section
 from napari_phase4d.holography import angles_unknown
-from napari_phase4d.later import load_ahead
-from napari_phase4d.pipeline import start_words, warm_up_elsewhere
+from napari_phase4d.pipeline import start_words
 from napari_phase4d.unwrapping import left_out_advice
 
 __all__ = ["Phase4DDock"]
@@ -80,18 +76,6 @@ LOOKS = {
     ),
 }
 FIRST_WORDS = "Open a recording, or try the sample."
-#: With it each call takes a reference from None, until a Python before 3.12 ends for lack of them.
-ENDING_PYSIDE = "6.12.0"
-
-
-def binding_advice(python: tuple[int, ...], pyside: str | None) -> str:
-    """Return what is wrong with a version of the Qt binding for one of Python, or nothing."""
-    if python >= (3, 12) or pyside != ENDING_PYSIDE:
-        return ""
-    return (
-        f"PySide6 {ENDING_PYSIDE} makes Python {python[0]}.{python[1]} end without a word after "
-        "some minutes; install another version of it, for example: pip install 'PySide6<6.12'"
-    )
 
 
 class Phase4DDock(QWidget):  # type: ignore[misc]
@@ -135,6 +119,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._quiet.setSingleShot(True)
         self._quiet.setInterval(QUIET_AFTER_MS)
         self._quiet.timeout.connect(self._work_unasked)
+        dims = napari_viewer.dims
+        self._when_idle = WhenIdle(self._clear_up, lambda: dims.current_step, self)
         # A child, so that it goes with the dock if the window takes it away.
         self._closing = QTimer(self)
         self._closing.setSingleShot(True)
@@ -245,6 +231,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
     def close_down(self) -> None:
         """Stop what is running and let go of the viewer."""
         self._quiet.stop()
+        self._when_idle.stop()
         self._gone.set()
         self.jobs.close()
         self.following.stop()
@@ -463,7 +450,13 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         plan = self.session.quiet_plan(self._failed_unasked)
         if plan is not None:
             self.jobs.start(plan)
-        elif self._collecting is not None and not self.presenter.turns.pending:
+        else:
+            self._when_idle()
+
+    def _clear_up(self) -> None:
+        """Look for garbage, unless somebody may be waiting."""
+        waited_for = self.jobs.busy or self.jobs.closed or self.presenter.turns.pending
+        if self._collecting is not None and not waited_for:
             self._collecting.in_quiet()
 
     def _recording_opened(self) -> None:
@@ -540,54 +533,6 @@ class Followers:
         for step in self._steps:
             if hasattr(step, what):
                 getattr(step, what)()
-
-
-class Units(QObject):  # type: ignore[misc]
-    """Reads in a thread the units of which napari needs some for the first layer.
-
-    pint takes a third of a second for it, in which the window would stand still.
-    """
-
-    read = Signal(object)
-
-    def __init__(self) -> None:
-        super().__init__()
-        self.read.connect(self._take)
-
-    def read_ahead(self) -> None:
-        """Read them, in a thread, if nobody has before."""
-        if self._missing():
-            self.read.emit(pint.UnitRegistry(on_redefinition="raise"))
-
-    def _take(self, registry: pint.UnitRegistry[Any]) -> None:
-        """Let napari have them, unless somebody has needed units meanwhile."""
-        # Those of two registries can't be compared, so that none may be in use.
-        if self._missing():
-            pint.set_application_registry(registry)  # type: ignore[no-untyped-call]
-
-    @staticmethod
-    def _missing() -> bool:
-        return isinstance(pint.get_application_registry().get(), LazyRegistry)  # type: ignore[no-untyped-call]
-
-
-#: Of the program: Qt objects may not end in a thread.
-units = functools.cache(Units)
-
-
-def get_ready(closed: Callable[[], bool]) -> None:
-    """Begin, unless the dock has closed, with what the first click would wait for otherwise."""
-    if not closed():
-        load_ahead((units().read_ahead, start_loop, warm_up_elsewhere), closed)
-
-
-def start_loop() -> None:
-    """Start the thread of Zarr that reads and writes for all plugins.
-
-    Work that gives way would start it else, and it would give way from then on.
-    """
-    from zarr.core.sync import sync
-
-    sync(asyncio.sleep(0))
 
 
 def close_with_python(dock: weakref.ref[Phase4DDock]) -> None:

@@ -51,6 +51,7 @@ from napari_phase4d.unwrapping import (
     check_light,
     is_known,
     methods_for,
+    object_in,
     scores_of_some,
     unwrap,
 )
@@ -65,6 +66,7 @@ __all__ = [
     "cells_by",
     "estimated_seconds",
     "focus_by",
+    "load_object_finder",
     "mask_of",
     "opened_reference",
     "phase_settings",
@@ -504,3 +506,12 @@ def warm_up_elsewhere() -> subprocess.Popen[bytes] | None:
         )
     except OSError:
         return None  # then the first use compiles
+
+
+def load_object_finder() -> None:
+    """Load what finds the object in a frame, if it has been compiled before.
+
+    The window shows the object of the first wrapped phase at once, and would wait for this.
+    """
+    if is_on_disk(integrated):
+        object_in(np.zeros((24, 24), np.float32))

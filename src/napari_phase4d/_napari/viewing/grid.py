@@ -15,14 +15,12 @@ from napari_phase4d._napari.viewing.layers import METADATA_KEY, PHASE_COLOURS
 
 __all__ = [
     "LINKED",
-    "UNITS_OF_COLOURS",
     "ViewState",
     "arrange",
     "common_contrast",
     "hide_labels",
     "link",
     "look_closer",
-    "say_unit",
     "take_down",
 ]
 
@@ -38,19 +36,6 @@ LEAST_FONT = 6.0
 #: Pixels beside a name, and width of a letter in pixels for each point of the font.
 BESIDE, LETTER = 24.0, 0.95
 COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 110.0), (6.0, 52.0)), (8.0, 6.0)
-UNIT_FONT = 9.0
-#: What is shown together -> what its colours mean.
-UNITS_OF_COLOURS = {
-    "results": "colours: phase in rad",
-    "cells": "colours: phase in rad",
-    "confidence": "colours: chance to be right, 0 to 1",
-    "margin": "colours: steps in half cycles",
-    "difference": "colours: difference in rad",
-    "": "",
-    "wrapped": "",
-}
-#: What the words on a frame begin with.
-FRAME = "time "
 #: An object is where phase exceeds this share of its largest, and is shown with so much room.
 OBJECT_SHARE, ROOM = 0.1, 1.25
 
@@ -243,37 +228,6 @@ def show_bar(layer: Any, *, small: bool) -> None:
     layer.colorbar.box = True
     layer.colorbar.position = "bottom_left"
     layer.colorbar.visible = True
-
-
-def say_unit(viewer: Any, words: str, frame: str | None = None) -> None:
-    """Say what the colours mean and which frame it is, unless the user's own words stand there.
-
-    Parameters
-    ----------
-    viewer : napari.viewer.ViewerModel
-        On whose canvas.
-    words : str
-        One of `UNITS_OF_COLOURS`.
-    frame : str, optional
-        Time and view, "" where that is said later. None, or where the user's own words stand:
-        napari says it, without units.
-    """
-    text, by_napari = viewer.canvas.overlays.text, viewer.canvas.overlays.current_slice
-    ours = is_ours(text.text)
-    if frame or (frame is None and words):
-        by_napari.visible = frame is None or not ours
-    lines = "\n".join(line for line in (frame, words) if line)
-    if ours and text.text != lines:
-        text.text, text.font_size, text.position = lines, UNIT_FONT, "bottom_left"
-        text.visible = bool(lines)
-
-
-def is_ours(text: str) -> bool:
-    """Say whether `say_unit` has put something on the canvas, or nobody has."""
-    *frame, last = text.split("\n")
-    if not frame and last.startswith(FRAME):
-        return True
-    return last in UNITS_OF_COLOURS.values() and all(line.startswith(FRAME) for line in frame)
 
 
 def look_closer(viewer: Any, stack: Any) -> None:

@@ -12,13 +12,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d._napari.session import LiveView
 from napari_phase4d._napari.turns import Steps, exhaust
-from napari_phase4d._napari.viewing.grid import (
-    UNITS_OF_COLOURS,
-    ViewState,
-    arrange,
-    say_unit,
-    take_down,
-)
+from napari_phase4d._napari.viewing.grid import ViewState, arrange, take_down
 from napari_phase4d._napari.viewing.layers import (
     METADATA_KEY,
     LayerTuple,
@@ -58,7 +52,7 @@ class LiveLayers:
         self._limits: dict[str, tuple[float, float]] = {}
         self._before: ViewState | None = None
         #: Whether the canvas said time and view before.
-        self._said_where = False
+        self._said_frame = False
         self._index, self._begun, self._shown_s = -1, False, -math.inf
         #: Newest frames that were not shown, since many were waiting; and the last of them.
         self.passed_over, self._passed = 0, -1
@@ -106,8 +100,8 @@ class LiveLayers:
         before, self._before = self._before, None
         if before is not None:
             before.restore(self._viewer)
-            say_unit(self._viewer, UNITS_OF_COLOURS[self._presenter.showing], "")
-            self._presenter.says_where = self._said_where
+            self._presenter.words.say_colours(self._presenter.showing)
+            self._presenter.words.frames = self._said_frame
             self._presenter.say_where()
 
     def forget(self) -> None:
@@ -117,7 +111,7 @@ class LiveLayers:
     def _coming(self, view: LiveView, like: xr.DataArray) -> Steps:
         """Add the layers, hidden, in small steps, and show them side by side."""
         self._before = ViewState.of(self._viewer)
-        self._said_where, self._presenter.says_where = self._presenter.says_where, False
+        self._said_frame, self._presenter.words.frames = self._presenter.words.frames, False
         self._presenter.hide_all()
         times = span_of_times(self._viewer)
         yield
@@ -143,7 +137,7 @@ class LiveLayers:
         yield from arrange(self._viewer, layers, bar=len(layers) - 1)
         # The one time of these layers is not that of the newest frame.
         self._viewer.canvas.overlays.current_slice.visible = False
-        say_unit(self._viewer, UNITS_OF_COLOURS["results"], "")
+        self._presenter.words.say_colours("results")
         self._viewer.canvas.overlays.scale_bar.visible = True
         self._viewer.reset_view(layers=layers)
 

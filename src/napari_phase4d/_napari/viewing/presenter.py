@@ -1,55 +1,39 @@
-"""What the session's results look like in the viewer."""
+"""What the session finds, as layers: the recording, its phase, results, maps and cells."""
 
 from __future__ import annotations
 
 import operator
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from functools import partial
 from typing import Any
 
-from napari.layers import Image, Labels
-from napari.utils import Colormap
-from psygnal import Signal
+from napari.layers import Labels
 
 from napari_phase4d._napari.session import Session
-from napari_phase4d._napari.turns import UNSEEN, Steps, Turns, exhaust
+from napari_phase4d._napari.turns import UNSEEN, Steps, exhaust
 from napari_phase4d._napari.viewing.cells import OUTLINE, CellLayers, object_layer
 from napari_phase4d._napari.viewing.grid import (
-    LINKED,
-    UNITS_OF_COLOURS,
     ViewState,
-    arrange,
     common_contrast,
-    link,
-    look_closer,
-    say_unit,
     take_down,
 )
 from napari_phase4d._napari.viewing.layers import (
-    METADATA_KEY,
-    LayerTuple,
     hologram_layer,
-    keep_zero_black,
     lazy_of,
     phase_colormap,
     recalibrate_layer,
     region_layer,
     spread_over_angles,
     stack_layer,
-    thinned,
 )
-from napari_phase4d._napari.viewing.pointing import (
-    current_frame,
-    go_to_frame,
-    pixel_under_cursor,
-)
+from napari_phase4d._napari.viewing.stage import Stage, is_own
 from napari_phase4d.analysis import Cells, difference, most_trusted
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
+from napari_phase4d.recording import Recording
 from napari_phase4d.unwrapping import METHODS
-from napari_phase4d.words import frame_in_words
 
 __all__ = ["Presenter"]
 
@@ -58,8 +42,8 @@ KEPT = "napari_phase4d_presenter"
 NO_RESULTS = "there are no results to show yet; press Run in step 4"
 
 
-class Presenter:
-    """Adds a layer for everything the session finds, and arranges them.
+class Presenter(Stage):
+    """Adds a layer for everything the session finds.
 
     Parameters
     ----------
@@ -69,24 +53,12 @@ class Presenter:
         What to show.
     """
 
-    #: What is shown side by side has changed.
-    showing_changed = Signal()
-
     def __init__(self, viewer: Any, session: Session) -> None:
-        self.viewer = viewer
-        self.session = session
-        #: In which results come up and go.
-        self.turns = Turns()
-        #: What is shown side by side: "results", "wrapped" or the kind of the maps; "" for none.
-        self.showing = ""
+        super().__init__(viewer, session)
         #: Where the sliders were when results came up.
         self._arrived: tuple[int, int] | None = None
-        #: The layer that shows the frames of the recording.
-        self.holograms: Any = None
-        #: All layers made of the present recording, and the pixel that they were made with.
-        self._own: list[Any] = []
+        #: The pixel that the layers of the recording were made with.
         self._pixel_um = 1.0
-        self._adopted: tuple[object, Any] | None = None
         self._exact: Any = None
         self._wrapped: Any = None
         #: Layers of unwrapped phase of the present recording: method id -> newest layer.
@@ -100,14 +72,7 @@ class Presenter:
         self._object: tuple[object, Any] = (None, None)
         #: Layers with regions of the present recording.
         self._regions: list[Any] = []
-        self._before: ViewState | None = None
-        self._named = ""
-        #: Layers of recordings before this one; while hidden, the sliders pass over them.
-        self._earlier: list[Any] = []
-        self._setting_range = False
         self.listens = self._still = False
-        #: Whether the canvas says time and view; not before all is shown.
-        self.says_where = False
         #: Whether the dock was closed before all results had come up.
         self._cut_short = False
 
@@ -162,6 +127,8 @@ class Presenter:
             phase, layer = self.session.reconstruction["phase"], self._wrapped
             if layer is None or layer not in self.viewer.layers or not shows(layer, phase):
                 self.show_phase()
+        elif self._cut_short and self.session.recording is not None:
+            self.turns.run(self._showing_recording(self.session.recording))
         self._cut_short = False
 
     def leave(self) -> None:
@@ -171,101 +138,45 @@ class Presenter:
         self.listens, self._cut_short = False, self.turns.pending
         self.turns.stop()
         self.turns.failed = self.turns.canvas = None
+        self.words.leave()
         self.session.part()
         self.showing_changed.disconnect()
         self.cells.came_up.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
         self.viewer.dims.events.current_step.disconnect(self.say_where)
 
-    def _keep_sliders(self, event: Any = None) -> None:
-        """Let the sliders reach over one recording, not over hidden layers of those before."""
-        # What was removed is not kept.
-        self._earlier = [la for la in self._earlier if la in self.viewer.layers]
-        earlier = [la for la in self._earlier if not la.visible]
-        if self._setting_range or not earlier:
-            return
-        present = [la for la in self.viewer.layers if la not in earlier]
-        if not present or max(la.ndim for la in present) < self.viewer.dims.ndim:
-            return
-        extent = self.viewer.layers.get_extent(present)
-        self._setting_range = True
-        try:
-            self.viewer.dims.range = tuple(
-                zip(extent.world[0], extent.world[1], extent.step, strict=True)
-            )
-        finally:
-            self._setting_range = False
-
-    def _put_behind(self) -> None:
-        """Let the layers so far be those of an earlier recording, and say so in their names."""
-        for layer in (*self._own, *self.cells.layers):
-            if layer in self.viewer.layers and layer is not self._adopting:
-                if self._named and self._named not in layer.name:
-                    layer.name = f"{layer.name}, {self._named}"
-                self._earlier.append(layer)
-                layer.events.visible.connect(self._keep_sliders)
-        self._named = ""
-
-    @property
-    def _adopting(self) -> Any:
-        """The layer that shows already what is about to be shown."""
-        return None if self._adopted is None else self._adopted[1]
-
-    def adopt(self, stack: object, layer: Any) -> None:
-        """Note that a layer already shows a recording or phase, so that none is added for it."""
-        self._adopted = (stack, layer)
-
-    def adopted(self, stack: object) -> Any | None:
-        """Return the layer that already shows a stack, now visible, or None."""
-        if self._adopted is None or self._adopted[0] is not stack:
-            return None
-        layer, self._adopted = self._adopted[1], None
-        layer.visible = True
-        self._own.append(layer)
-        return layer
-
-    def add(self, layer: LayerTuple) -> Any:
-        """Add a layer on top."""
-        data, keywords, _ = layer
-        added = self.viewer.add_image(data, **keywords)
-        added.events.contrast_limits.connect(keep_zero_black)
-        self._own.append(added)
-        return added
-
-    def _adding(self, layer: LayerTuple) -> Generator[bool, None, Any]:
-        """Add a hidden layer on top in steps, and return it."""
-        data, keywords, _ = layer
-        colormap = keywords["colormap"]
-        # With other colours than its first ones, napari works them out again and again.
-        made = Image(data, **{**keywords, "colormap": "gray", "visible": False})
-        yield UNSEEN
-        added = self.viewer.add_layer(made)
-        self._own.append(added)
-        yield UNSEEN
-        added.colormap = colormap
-        added.events.contrast_limits.connect(keep_zero_black)
-        yield UNSEEN
-        return added
-
     def show_recording(self) -> None:
         """Show the frames of the recording, in the layer it came from or in a new one."""
         self.turns.finish()
         recording = self.session.recording
-        self._put_behind()
+        self._put_behind(self.cells.layers)
         self._results, self._own, self.holograms, self._wrapped = {}, [], None, None
         self._regions, self._made, self._finished = [], {}, {}
         self.cells.forget()
         self._before = None
-        self.hide_all()
         self._show_as("")
         if recording is None:
-            return
-        self._pixel_um, self._named = recording.optics.pixel_um, self.session.name
-        self.holograms = self.adopted(recording) or self.add(hologram_layer(recording))
-        self.viewer.canvas.overlays.scale_bar.visible = True
+            self.hide_all()
+        else:
+            self._pixel_um, self._named = recording.optics.pixel_um, self.session.name
+            self.turns.run(self._showing_recording(recording))
+
+    def _showing_recording(self, recording: Recording) -> Steps:
+        yield from self._hiding()
+        begun = (la for la in self._own if la in self.viewer.layers and is_own(la, "holograms"))
+        layer = self.adopted(recording) or next(begun, None)
+        if layer is None:
+            layer = yield from self._adding(hologram_layer(recording))
+        self.holograms = layer
+        layer.visible = True
         self._keep_sliders()
+        yield UNSEEN
         self._go_to_start()
         self._fit()
+        yield
+        # Letters are drawn for the first time, which takes as long as the picture.
+        self.viewer.canvas.overlays.scale_bar.visible = True
+        yield
 
     def show_calibration(self) -> None:
         """Give all layers of the recording its new scale."""
@@ -445,22 +356,6 @@ class Presenter:
         """Whether nobody has moved the sliders, or shown something else, since results came up."""
         return self.showing == "results" and self.current_frame() == self._arrived
 
-    def _show_as(self, showing: str) -> None:
-        """Note what is shown side by side now, and say what its colours mean."""
-        self.showing = showing
-        if self.shows_object:  # which lies over the wrapped phase alone
-            self._object[1].visible = False
-        self.says_where = False
-        say_unit(self.viewer, UNITS_OF_COLOURS[showing], "")
-        self.showing_changed.emit()
-
-    def say_where(self, event: Any = None) -> None:
-        """Say at which time and view the sliders are, before that is painted."""
-        data = self.session.reconstruction
-        if self.says_where and data is not None:
-            frame = frame_in_words(data["phase"], *self.current_frame())
-            say_unit(self.viewer, UNITS_OF_COLOURS[self.showing], frame)
-
     def show_margin(self) -> None:
         """Show where steps are too large, one layer for each dimension, side by side."""
         margin = self.session.margin
@@ -537,6 +432,16 @@ class Presenter:
             self._made[key] = (made_of, layers)
         yield from self._together(layers, layers[0].contrast_limits)
 
+    def _show_as(self, showing: str) -> None:
+        """Note what is shown side by side now; the outline lies over the wrapped phase alone."""
+        if self.shows_object:
+            self._object[1].visible = False
+        super()._show_as(showing)
+
+    def _clearest(self) -> Any | None:
+        """Return the layer of the result that is most to be trusted, None if there is none."""
+        return self._results.get(most_trusted(self.session.results) if self._results else "")
+
     def results(self) -> list[Any]:
         """Return the truth, where it is known, and the newest layer of every method in order."""
         layers = (self._results.get(name) for name in (EXACT, *METHODS))
@@ -557,74 +462,6 @@ class Presenter:
         limits = common_contrast(newest, self._results.get(EXACT, told))
         self._show_as("results")
         yield from self._together(newest, limits, phase_colormap(limits))
-
-    def _together(
-        self,
-        layers: list[Any],
-        limits: tuple[float, float] | None = None,
-        colormap: Colormap | None = None,
-    ) -> Steps:
-        """Show some layers in a grid, with one contrast where it is given.
-
-        What was shown before the first grid is noted, to come back to.
-        """
-        if self._before is None:
-            self._before = ViewState.of(self.viewer)
-        yield from self._hiding()
-        if len(layers) > 1:  # in the grid, regions would get a cell of their own
-            for layer in self.viewer.layers:
-                if is_own(layer, "regions"):
-                    layer.visible = False
-        if limits is not None:
-            yield from link(self.viewer, layers, limits, colormap)
-        looked = False
-        for _ in arrange(self.viewer, layers):
-            yield
-            ready = len(layers) == 1 or self.viewer.canvas.grid.enabled  # a cell is smaller
-            if not looked and ready and any(layer.visible for layer in layers):
-                self._look_at(layers)
-                looked = True
-                yield
-        self.says_where = True
-        self.say_where()
-
-    def _look_at(self, layers: list[Any]) -> None:
-        """Let the canvas be filled with what is shown, or, in a grid of results, the object."""
-        self._fit()
-        trusted = self._results.get(most_trusted(self.session.results) if self._results else "")
-        alone = all(is_own(layer) for layer in self.viewer.layers if layer.visible)
-        if len(layers) > 1 and trusted is not None and alone:
-            look_closer(self.viewer, thinned(trusted.data))
-
-    def leave_grid(self) -> None:
-        """Show again what was shown before the grid.
-
-        Raises
-        ------
-        ValueError
-            If there is no grid to leave.
-        """
-        self.turns.finish()
-        if self._before is None:
-            msg = "nothing is side by side; press Results in step 5 first"
-            raise ValueError(msg)
-        linked = [la for la in self.viewer.layers if isinstance(la, Image) and is_own(la)]
-        if linked:
-            self.viewer.layers.unlink_layers(linked, LINKED)
-        self._before.restore(self.viewer)
-        self._before = None
-        self._show_as("")
-
-    def hide_all(self) -> None:
-        """Hide every layer of this plugin and leave the grid; other layers stay as they are."""
-        self.turns.run(self._hiding())
-
-    def _hiding(self) -> Steps:
-        return take_down(self.viewer, self._hideable())
-
-    def _hideable(self) -> list[Any]:
-        """Return the layers of this plugin, but for those of regions."""
-        return [la for la in self.viewer.layers if is_own(la) and not is_own(la, "regions")]
 
     def show_cells(self) -> None:
         """Show the cells that were found last, over the result that they are of."""
@@ -663,54 +500,8 @@ class Presenter:
         self.viewer.layers.selection.active = layer
         yield
 
-    def _fit(self) -> None:
-        """Fill the canvas with what is visible; larger layers of other recordings do not count."""
-        self.viewer.reset_view(layers=[la for la in self.viewer.layers if la.visible] or None)
-
-    def current_frame(self) -> tuple[int, int]:
-        """Return the (time, angle) numbers of the frame that is on screen."""
-        return current_frame(self.viewer, self.session.needed_reconstruction()["phase"])
-
-    def current_time(self) -> int:
-        """Return the number of the camera frame that is on screen."""
-        return current_frame(self.viewer, self.holograms_stack())[0]
-
-    def holograms_stack(self) -> xr.DataArray:
-        """Return the frames with an angle axis, as their layer has it."""
-        return self.session.needed_recording().holograms.expand_dims({"angle": [0.0]}, axis=1)
-
-    def current_pixel(self) -> tuple[int, int] | None:
-        """Return the (y, x) numbers of the phase pixel under the mouse, None outside."""
-        return pixel_under_cursor(self.viewer, self.session.needed_reconstruction()["phase"])
-
-    def go_to(self, time: int, angle: int) -> None:
-        """Move the sliders to a frame of the reconstruction."""
-        go_to_frame(self.viewer, self.session.needed_reconstruction()["phase"], time, angle)
-
-    def go_soon_to(self, time: int, angle: int) -> None:
-        """Move the sliders in a turn of their own, where what goes on is unhurried."""
-        self.turns.run(self._going_to(time, angle))
-
-    def _going_to(self, time: int, angle: int) -> Steps:
-        self.go_to(time, angle)
-        yield
-
-    def _go_to_start(self) -> None:
-        """Move the sliders to the first frame, also where layers of before begin elsewhere."""
-        if self.holograms in self._own:
-            go_to_frame(self.viewer, self.holograms_stack(), 0, 0)
-            return
-        for axis in range(self.viewer.dims.ndim - 2):
-            self.viewer.dims.set_current_step(axis, 0)
-
 
 def shows(layer: Any, stack: xr.DataArray) -> bool:
     """Say whether a layer shows a stack, and no other of the same form."""
     data = layer.data
     return data is stack.data or lazy_of(data) is stack.data
-
-
-def is_own(layer: Any, kind: str = "") -> bool:
-    """Say whether this plugin made a layer, and one of a kind where that is given."""
-    note = layer.metadata.get(METADATA_KEY)
-    return note is not None and (not kind or note.get("kind") == kind)
