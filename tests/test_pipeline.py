@@ -18,6 +18,7 @@ from napari_phase4d.io import read_results, write_figure
 from napari_phase4d.pipeline import PAPER_METHODS, write_outcome
 from napari_phase4d.plotting import comparison_figure
 from napari_phase4d.unwrapping import methods_for
+from napari_phase4d.unwrapping.causal import causal_methods
 
 TURN = 2 * np.pi
 
@@ -57,6 +58,10 @@ def test_methods_may_be_called_by_the_names_on_screen(reconstruction) -> None:
     assert list(p4d.compare(phase, ["2-D", "T/A"], options=options).results) == [
         "spatial-2d", "temporal-angular",
     ]  # fmt: skip
+    assert list(p4d.compare(phase, ["2-D", "spatial-2d"]).table.index) == ["spatial-2d"]
+    with pytest.raises(ValueError, match="options are given twice for temporal-angular"):
+        p4d.compare(phase, ["T/A"], options={**options, "temporal-angular": {}})
+    assert list(causal_methods(["T/A"], {})) == list(causal_methods(["temporal-angular"], {}))
     recipe = p4d.Recipe(methods=("2-D", "T/A"), options=options)
     assert recipe.methods == ("spatial-2d", "temporal-angular")
     assert recipe.options == {"temporal-angular": {"registration": False}}

@@ -188,6 +188,7 @@ def test_back_to_the_video_by_its_layer(viewer, dock, click, qtbot) -> None:
     let_settle(qtbot, dock)
     assert video.visible
     assert dock.presenter.holograms == video
+    assert dock.recording.layer.value == video
 
 
 @pytest.mark.thorough

@@ -136,20 +136,21 @@ import napari, numpy, pint
 from napari_phase4d._napari.jobs import giving_way
 from qtpy.QtWidgets import QApplication
 
-class Waited:  # what the window itself loads; nobody waits for what its thread loads meanwhile
-    names = set()
-    def find_spec(self, name, path=None, target=None):
-        if threading.current_thread() is threading.main_thread():
-            self.names.add(name)
+go, start = threading.Event(), threading.Thread.start
+def held(thread):  # what is loaded ahead must not be taken for what the window itself loads
+    if thread.name == "loading ahead":
+        run, thread.run = thread.run, lambda: (go.wait(), run())
+    start(thread)
+threading.Thread.start = held
 
 viewer = napari.Viewer()
 QApplication.processEvents()
-sys.meta_path.insert(0, Waited())
+of_napari = set(sys.modules)
 viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
 QApplication.processEvents()
-assert "napari_phase4d._napari.dock" in Waited.names
 print(*sorted({"h5py", "matplotlib", "pandas", "scipy.fft", "scipy.ndimage", "scipy.special",
-               "tifffile", "xarray", "zarr"} & Waited.names))
+               "tifffile", "xarray", "zarr"} & (set(sys.modules) - of_napari)))
+go.set()
 end = time.monotonic() + 60
 registry = pint.get_application_registry()
 while type(registry.get()) is pint.registry.LazyRegistry and time.monotonic() < end:

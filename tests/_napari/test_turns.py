@@ -335,6 +335,21 @@ def test_a_recording_comes_up_in_turns(
     assert viewer.dims.current_step[0] == 0
 
 
+def test_phase_is_opened_while_a_recording_comes_up(
+    viewer: Any, dock: Any, qtbot: Any, small_video: Any
+) -> None:
+    turns, faults = dock.presenter.turns, []
+    turns.failed = faults.append
+    phase = p4d.simulation.swimming_euglena((60, 70), 4)["wrapped"]
+    with turns.unhurried():
+        dock.session.set_recording(small_video)
+        dock.session.set_phase(phase)
+    let_settle(qtbot, dock)
+    assert not faults
+    (shown,) = (layer for layer in viewer.layers if layer.visible)
+    assert shown.data.shape == phase.shape
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("n_steps", [0, 2, 4])
 def test_a_dock_that_is_closed_while_a_recording_comes_up(

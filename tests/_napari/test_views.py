@@ -53,6 +53,11 @@ def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
         assert (frame_on_canvas(viewer)[:5], text.text) == ("time ", words)
         assert text.visible == bool(words)
         assert not viewer.canvas.overlays.current_slice.visible  # which knows no units
+        places = {
+            la.colorbar.position for la in viewer.layers if la.visible and la.colorbar.visible
+        }
+        # In one row, the bar would stand where the words do.
+        assert places <= {"top_right" if name in ("wrapped", "difference") else "bottom_left"}
     viewer.dims.set_current_step(0, 4)
     viewer.dims.set_current_step(1, 1)
     times = differing.session.reconstruction["time"].values
@@ -77,6 +82,14 @@ def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, view
     assert (text.text, text.visible) == ("cell 7, March", True)
     assert viewer.canvas.overlays.current_slice.visible  # so that time and view are said
     assert frame_on_canvas(viewer) == ""
+    click("leave_grid")
+    text.text = ""
+    click("side_by_side")
+    assert frame_on_canvas(viewer)
+    text.text = "cell 8, March"  # in the midst of it
+    viewer.dims.set_current_step(0, 3)
+    assert frame_on_canvas(viewer) == ""
+    assert viewer.canvas.overlays.current_slice.visible
 
 
 def test_a_step_of_a_slider_leaves_the_words_of_napari_alone(differing: Any, viewer: Any) -> None:

@@ -119,8 +119,10 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         self._quiet.setSingleShot(True)
         self._quiet.setInterval(QUIET_AFTER_MS)
         self._quiet.timeout.connect(self._work_unasked)
-        dims = napari_viewer.dims
-        self._when_idle = WhenIdle(self._clear_up, lambda: dims.current_step, self)
+        dims, camera = napari_viewer.dims, napari_viewer.scene.camera
+        self._when_idle = WhenIdle(
+            self._clear_up, lambda: (dims.current_step, camera.center, camera.zoom), self
+        )
         # A child, so that it goes with the dock if the window takes it away.
         self._closing = QTimer(self)
         self._closing.setSingleShot(True)
@@ -458,6 +460,8 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         waited_for = self.jobs.busy or self.jobs.closed or self.presenter.turns.pending
         if self._collecting is not None and not waited_for:
             self._collecting.in_quiet()
+        elif not self.jobs.closed:
+            self._when_idle()
 
     def _recording_opened(self) -> None:
         self._failed_unasked = []

@@ -31,6 +31,7 @@ from napari_phase4d.unwrapping import (
     check_method,
     label_of,
     methods_for,
+    options_by_id,
     run_method,
 )
 from napari_phase4d.words import check_call, shown
@@ -404,8 +405,8 @@ def compare(
         )
         raise TypeError(msg)
     check_call("finished", finished)
-    options = {check_method(method, own): own for method, own in options.items()}
-    chosen = [check_method(method, {}) for method in chosen]
+    options = options_by_id(options)
+    chosen = list(dict.fromkeys(check_method(method, {}) for method in chosen))
     mask = without_masked(phase, mask)
     stack = wrapped_stack(phase)
     if methods is None:

@@ -88,7 +88,7 @@ def run_benchmark(
     if not chosen or not (groups is None or groups):
         msg = "there is no method or group to score; leave them out for all"
         raise ValueError(msg)
-    chosen = [check_method(method, {}) for method in chosen]
+    chosen = list(dict.fromkeys(check_method(method, {}) for method in chosen))
     names = checked_groups(groups)
     watch = Watch(sum(len(GROUPS[name]) for name in names), "scoring", task)
     watch.check()

@@ -24,7 +24,7 @@ from napari_phase4d.holography import BACKGROUND_ORDERS, MAX_ORDER, MIN_ORDER, W
 from napari_phase4d.io import RawLayout
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
-from napari_phase4d.unwrapping import check_method
+from napari_phase4d.unwrapping import check_method, options_by_id
 from napari_phase4d.words import local_path
 
 __all__ = ["DEFAULT_METHODS", "PAPER_METHODS", "PHASE_SETTINGS", "Recipe"]
@@ -247,7 +247,7 @@ class Recipe(BaseModel):
     @classmethod
     def _options_exist(cls, value: Options) -> Options:
         try:
-            return {check_method(method, options): options for method, options in value.items()}
+            return {method: dict(own) for method, own in options_by_id(value).items()}
         except TypeError as error:  # which pydantic would let through
             raise ValueError(str(error)) from error
 

@@ -43,6 +43,7 @@ from napari_phase4d.unwrapping.running import (
     label_of,
     methods_for,
     noted,
+    options_by_id,
     run_method,
     unwrap,
 )
@@ -90,6 +91,7 @@ __all__ = [
     "noise_of",
     "noted",
     "object_in",
+    "options_by_id",
     "run_method",
     "score_boundaries",
     "scores_of_some",

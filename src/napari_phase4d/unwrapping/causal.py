@@ -31,7 +31,7 @@ from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, Last, onw
 from napari_phase4d.unwrapping.frames import centre_of_mass_shifts, likeness, next_shift
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import coherence
-from napari_phase4d.unwrapping.running import all_options
+from napari_phase4d.unwrapping.running import all_options, check_method, options_by_id
 
 __all__ = ["CAUSAL", "Causal", "causal_methods", "for_what_comes"]
 
@@ -71,11 +71,13 @@ def causal_methods(
     Parameters
     ----------
     methods : iterable of str
-        Ids among `METHODS`.
+        Ids or labels among `METHODS`.
     options : mapping
-        Method id to that method's options.
+        Id or label of a method to that method's options.
     """
-    found = {m: all_options(m, options.get(m, {})) for m in methods if m in CAUSAL}
+    own = options_by_id(options)
+    chosen = (check_method(m, {}) for m in methods)
+    found = {m: all_options(m, own.get(m, {})) for m in chosen if m in CAUSAL}
     return {
         method: own
         for method, own in found.items()

@@ -35,6 +35,7 @@ __all__ = [
     "label_of",
     "methods_for",
     "noted",
+    "options_by_id",
     "run_method",
     "unwrap",
 ]
@@ -280,6 +281,21 @@ def check_method(method: str, options: Mapping[str, Any]) -> str:
             msg = f"{option.name} must be one of {', '.join(option.choices)}, but is {value!r}"
             raise ValueError(msg)
     return method
+
+
+def options_by_id(options: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping[str, Any]]:
+    """Return the options of methods by their ids, whatever name each is called by.
+
+    Raises as `check_method` does, and ValueError where two names stand for the same method.
+    """
+    found: dict[str, Mapping[str, Any]] = {}
+    for named, own in options.items():
+        method = check_method(named, own)
+        if method in found:
+            msg = f"options are given twice for {method}, which is called {named!r} too"
+            raise ValueError(msg)
+        found[method] = own
+    return found
 
 
 def methods_for(wavelengths_um: Sequence[float] | NDArray[np.floating] | None) -> list[str]:

@@ -121,6 +121,7 @@ class RecordingStep(Step):
         self.session.recording_changed.connect(self._new_recording)
         self.session.spectrum_changed.connect(self._show)
         self.session.calibration_changed.connect(self._show)
+        self.presenter.holograms_came.connect(self._show)
         self.session.reconstruction_changed.connect(self._show_phase)
         self._show()
 

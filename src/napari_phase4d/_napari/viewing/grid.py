@@ -149,7 +149,10 @@ def arrange(viewer: Any, layers: Sequence[Any], bar: int = 0) -> Steps:
             show_name(layer, size)
             yield
             if number == bar:
-                show_bar(layer, small=len(layers) > CROWD)
+                # In one row, the lower left corner is that of the words on the canvas.
+                low = len(layers) > CROWD or viewer.canvas.grid.actual_shape(viewer.layers)[0] > 1
+                place = "bottom_left" if low else "top_right"
+                show_bar(layer, small=len(layers) > CROWD, place=place)
                 yield
 
 
@@ -220,13 +223,13 @@ def show_name(layer: Any, size: float) -> None:
     layer.name_overlay.visible = True
 
 
-def show_bar(layer: Any, *, small: bool) -> None:
+def show_bar(layer: Any, *, small: bool, place: str) -> None:
     """Show a layer's colour bar, which leaves the picture free, also in a small cell."""
     layer.colorbar.size = COLORBAR_SIZE[small]
     layer.colorbar.font_size = COLORBAR_FONT[small]
     layer.colorbar.tick_length = 3.0
     layer.colorbar.box = True
-    layer.colorbar.position = "bottom_left"
+    layer.colorbar.position = place
     layer.colorbar.visible = True
 
 

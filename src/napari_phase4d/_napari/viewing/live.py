@@ -111,7 +111,8 @@ class LiveLayers:
     def _coming(self, view: LiveView, like: xr.DataArray) -> Steps:
         """Add the layers, hidden, in small steps, and show them side by side."""
         self._before = ViewState.of(self._viewer)
-        self._said_frame, self._presenter.words.frames = self._presenter.words.frames, False
+        self._said_frame = self._presenter.words.frames
+        self._presenter.words.say_colours("")
         self._presenter.hide_all()
         times = span_of_times(self._viewer)
         yield

@@ -33,7 +33,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome
 from napari_phase4d.plotting import EXACT
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.unwrapping import METHODS, check_method
 
 __all__ = ["Presenter"]
 
@@ -138,12 +138,13 @@ class Presenter(Stage):
         self.listens, self._cut_short = False, self.turns.pending
         self.turns.stop()
         self.turns.failed = self.turns.canvas = None
-        self.words.leave()
         self.session.part()
         self.showing_changed.disconnect()
+        self.holograms_came.disconnect()
         self.cells.came_up.disconnect()
         self.viewer.dims.events.range.disconnect(self._keep_sliders)
         self.viewer.dims.events.current_step.disconnect(self.say_where)
+        self.words.leave()  # last, since the canvas may be going
 
     def show_recording(self) -> None:
         """Show the frames of the recording, in the layer it came from or in a new one."""
@@ -159,20 +160,22 @@ class Presenter(Stage):
             self.hide_all()
         else:
             self._pixel_um, self._named = recording.optics.pixel_um, self.session.name
-            self.turns.run(self._showing_recording(recording))
+            self.turns.run(self._showing_recording(recording, self.adopted(recording)))
 
-    def _showing_recording(self, recording: Recording) -> Steps:
-        yield from self._hiding()
-        begun = (la for la in self._own if la in self.viewer.layers and is_own(la, "holograms"))
-        layer = self.adopted(recording) or next(begun, None)
+    def _showing_recording(self, recording: Recording, layer: Any | None = None) -> Steps:
+        yield from take_down(self.viewer, [la for la in self._hideable() if la is not layer])
+        if layer is None:  # unless its dock was closed when it had come up in part
+            begun = (la for la in self._own if la in self.viewer.layers)
+            layer = next((la for la in begun if is_own(la, "holograms")), None)
         if layer is None:
             layer = yield from self._adding(hologram_layer(recording))
         self.holograms = layer
         layer.visible = True
         self._keep_sliders()
         yield UNSEEN
-        self._go_to_start()
+        self._go_to_start(recording)
         self._fit()
+        self.holograms_came.emit()
         yield
         # Letters are drawn for the first time, which takes as long as the picture.
         self.viewer.canvas.overlays.scale_bar.visible = True
@@ -377,9 +380,11 @@ class Presenter(Stage):
         Parameters
         ----------
         reference : str
-            A method id among the results, or "exact" for the truth.
+            The id or label of a method among the results, or "exact" for the truth.
         """
         labels = self.session.needed_outcome().comparison.table["method"]
+        if reference != EXACT:
+            reference = check_method(reference, {})
         truth = self.session.truth
         base = truth if reference == EXACT else self.session.results[reference]
         if base is None:

@@ -76,6 +76,8 @@ class CanvasWords:
             Where to; napari says it, too, where there is none.
         """
         self.frames = True
+        if not self._ours:
+            self._take_label()
         if self._label is None and canvas is not None and self._ours:
             widget = canvas.widget()
             self._label = None if widget is None else FrameLabel(widget)
@@ -157,9 +159,10 @@ class FrameLabel(QLabel):  # type: ignore[misc]
         """Stand on the box of napari's words, and be as wide."""
         metrics, text = QFontMetricsF(self.font()), canvas.overlays.text
         across, up = canvas.overlay_tiling.padding
-        box = metrics.height() + 2 * ROOM * up if text.visible else 0.0
+        below = text.visible and text.position == "bottom_left"
+        box = metrics.height() + 2 * ROOM * up if below else 0.0
         self._left, self._below = round((1 - ROOM) * across), round((1 - ROOM) * up + box)
-        width = metrics.horizontalAdvance(text.text) + 2 * ROOM * across if text.visible else 0.0
+        width = metrics.horizontalAdvance(text.text) + 2 * ROOM * across if below else 0.0
         self.resize(self.sizeHint().expandedTo(QSize(round(width), 0)))
         self._place()
 

@@ -32,6 +32,7 @@ from napari_phase4d._napari.viewing.pointing import (
 )
 from napari_phase4d._napari.viewing.saying import CanvasWords
 from napari_phase4d.later import xr
+from napari_phase4d.recording import Recording
 from napari_phase4d.words import frame_in_words
 
 __all__ = ["Stage", "is_own"]
@@ -50,6 +51,8 @@ class Stage:
 
     #: What is shown side by side has changed.
     showing_changed = Signal()
+    #: The frames of a recording have come up.
+    holograms_came = Signal()
 
     def __init__(self, viewer: Any, session: Session) -> None:
         self.viewer = viewer
@@ -236,11 +239,7 @@ class Stage:
 
     def current_time(self) -> int:
         """Return the number of the camera frame that is on screen."""
-        return current_frame(self.viewer, self.holograms_stack())[0]
-
-    def holograms_stack(self) -> xr.DataArray:
-        """Return the frames with an angle axis, as their layer has it."""
-        return self.session.needed_recording().holograms.expand_dims({"angle": [0.0]}, axis=1)
+        return current_frame(self.viewer, stack_of(self.session.needed_recording()))[0]
 
     def current_pixel(self) -> tuple[int, int] | None:
         """Return the (y, x) numbers of the phase pixel under the mouse, None outside."""
@@ -258,13 +257,18 @@ class Stage:
         self.go_to(time, angle)
         yield
 
-    def _go_to_start(self) -> None:
+    def _go_to_start(self, recording: Recording) -> None:
         """Move the sliders to the first frame, also where layers of before begin elsewhere."""
         if self.holograms in self._own:
-            go_to_frame(self.viewer, self.holograms_stack(), 0, 0)
+            go_to_frame(self.viewer, stack_of(recording), 0, 0)
             return
         for axis in range(self.viewer.dims.ndim - 2):
             self.viewer.dims.set_current_step(axis, 0)
+
+
+def stack_of(recording: Recording) -> xr.DataArray:
+    """Return the frames of a recording with an angle axis, as their layer has it."""
+    return recording.holograms.expand_dims({"angle": [0.0]}, axis=1)
 
 
 def is_own(layer: Any, kind: str = "") -> bool:
