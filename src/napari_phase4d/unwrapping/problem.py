@@ -19,6 +19,7 @@ from napari_phase4d.stack import (
     Memory,
     Stack,
     Store,
+    Unwritten,
     block_frames,
     blocks_of,
 )
@@ -251,7 +252,7 @@ class Problem(SharedSteps):
 
     def result_stack(self, method: str) -> Stack:
         """Return a new stack for the result of a method."""
-        return InMemory(np.empty_like(self.wrapped))
+        return Unwritten(self.wrapped.shape, "float32")
 
     def in_memory(self) -> Problem:
         """Return the problem in memory, for methods that need all frames at once."""
