@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -548,10 +549,30 @@ def test_masked_pixels_of_a_video_are_unknown() -> None:
 
 
 @pytest.mark.parametrize(
-    "address", ["tcp://127.0.0.1:9", "nowhere.invalid:8786", "junk", "tcp://127.0.0.1:99999"]
-)
-def test_an_address_without_a_scheduler_is_soon_said(address: str) -> None:
+    "address",
+    [
+        "tcp://127.0.0.1:9", "nowhere.invalid:8786", "junk", "tcp://127.0.0.1:99999",
+        "http://127.0.0.1:9", "inproc://1", "tls://127.0.0.1:9", "ws://127.0.0.1:9", "ucx://x:1",
+        "tcp://\ud800:1", "noted.json", "empty.json", "list.json", "nowhere.json",
+    ],
+)  # fmt: skip
+def test_an_address_without_a_scheduler_is_soon_said(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A client that fails to connect would be waited for when the program ends: none is made."""
+    monkeypatch.chdir(tmp_path)
+    Path("noted.json").write_text('{"address": "junk://q"}')
+    Path("empty.json").write_text("{}")
+    Path("list.json").write_text("[1]")
+    made: list[Any] = []
+    monkeypatch.setattr("distributed.Client", made.append)
     began = time.monotonic()
     with pytest.raises(OSError, match="no dask scheduler answers at"):
         Cluster(address)
     assert time.monotonic() - began < 10
+    assert not made
+
+
+def test_an_address_is_a_text() -> None:
+    with pytest.raises(TypeError, match="scheduler must be an address such as"):
+        Cluster(8786)  # type: ignore[arg-type]

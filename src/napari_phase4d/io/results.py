@@ -264,6 +264,8 @@ def result_attrs(path: str | Path) -> dict[str, Any] | None:
     if address_of(path) is not None:
         return None
     path = local_path(path)
+    if path.exists() and not (path.is_dir() or path.is_file()):  # a pipe would be waited for
+        return None
     description = zarr_description(path) if path.is_dir() else tiff_description(path)
     return None if description is None else dict(restored(description.get("attrs", {})))
 
