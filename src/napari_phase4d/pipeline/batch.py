@@ -37,6 +37,7 @@ from napari_phase4d.words import (
     as_path,
     check_bool,
     check_call,
+    checked_call,
     counted,
     is_expected,
     local_path,
@@ -225,9 +226,10 @@ def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
+@checked_call
 def run_batch(
     recipe: Recipe,
-    files: Sequence[str | Path],
+    files: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
     resume: bool = False,

@@ -34,7 +34,7 @@ from napari_phase4d.pipeline.provenance import (
 )
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.task import UNWATCHED, Task
-from napari_phase4d.words import address_of
+from napari_phase4d.words import address_of, as_path, checked_call
 
 __all__ = [
     "NOTE",
@@ -197,6 +197,7 @@ LONGEST = 200
 ENDINGS = (".zarr", ".ome")
 
 
+@checked_call
 def result_folders(files: Sequence[str | Path], out: str | Path) -> list[Path]:
     """Return a folder for every file, right in ``out``, and not the same for two files.
 
@@ -204,7 +205,7 @@ def result_folders(files: Sequence[str | Path], out: str | Path) -> list[Path]:
     and as many of the folders that they lie in as it takes to tell them apart, so that the order
     of the files does not matter.
     """
-    paths = [Path(file) for file in files]
+    paths, out = [as_path(file) for file in files], as_path(out)
     groups: dict[str, list[int]] = defaultdict(list)
     for i, path in enumerate(paths):
         groups[plain_name(path).casefold()].append(i)

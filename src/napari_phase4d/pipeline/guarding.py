@@ -22,7 +22,7 @@ from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.task import CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import METHODS
-from napari_phase4d.words import local_path
+from napari_phase4d.words import checked_call, local_path
 
 __all__ = ["ResultFolder", "result_folder", "write_outcome"]
 
@@ -188,6 +188,7 @@ def result_folder(
         raise
 
 
+@checked_call
 def write_outcome(
     outcome: Outcome,
     folder: str | Path,
