@@ -349,7 +349,7 @@ DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
     "three of two views": (lambda: p4d.find_lobes(TWO_VIEWS, 3), "looks like 2 views"),
     "medium of 1333": (lambda: p4d.Optics(medium_index=1333), "water has 1.33"),
     "pixels by their numbers": (
-        lambda: measure(with_places(with_places(EXACT, "y", range(32)), "x", range(40)), CELL, OPTICS),
+        lambda: measure(with_places(EXACT, "y", range(32)), CELL, OPTICS),
         "as numbers of pixels are, and count as micrometres",
     ),
     "pixels of a video by their numbers": (

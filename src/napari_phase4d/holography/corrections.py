@@ -23,9 +23,9 @@ from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
 from napari_phase4d.holography.quality import is_noise
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
-from napari_phase4d.stacks import PLAIN_AXES
+from napari_phase4d.stacks import PLAIN_AXES, looks_wrapped
 from napari_phase4d.task import Task, Watch, in_threads
-from napari_phase4d.words import is_table, shown
+from napari_phase4d.words import is_table, shown, warn
 
 __all__ = [
     "BACKGROUND_ORDERS",
@@ -270,6 +270,11 @@ def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]
         raise TypeError(msg)
     else:
         frames = in_order_of_axes(reference) if hasattr(reference, "dims") else reference
+        if isinstance(frames, np.ndarray) and looks_wrapped(frames):
+            warn(
+                "the reference lies between -pi and pi on both sides of zero, as wrapped phase "
+                "does and light does not; give the hologram of an empty field"
+            )
         recording = Recording.from_frames(frames, optics=rec.optics, name="the reference")
     if recording.frame_shape != rec.frame_shape:
         msg = (

@@ -119,7 +119,7 @@ def carrier_of(carrier: Any) -> tuple[float, float]:
     """Return a carrier as two numbers, or say that it is none."""
     try:
         ky, kx = (float(k) for k in carrier)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         msg = f"carrier must be two numbers (ky, kx) in cycles per pixel, but is {shown(carrier)}"
         raise ValueError(msg) from error
     return ky, kx

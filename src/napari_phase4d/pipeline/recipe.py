@@ -204,7 +204,7 @@ class Recipe(BaseModel):
             raise ValueError(msg) from error
         numbers = [n for frame in whole for n in frame]
         plain = all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in numbers)
-        if not plain or any(len(frame) != 2 for frame in whole):
+        if not whole or not plain or any(len(frame) != 2 for frame in whole):
             msg = f"it must be frames (time, angle) of whole numbers, but is {shown(value)}"
             raise ValueError(msg)
         return tuple((int(t), int(a)) for t, a in whole)
