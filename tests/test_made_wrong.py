@@ -259,7 +259,7 @@ VIDEO_WAYS: dict[str, Callable[[xr.DataArray], Any]] = {
 def opened(video: Any) -> p4d.Recording:
     """Open a video; what it notes of itself, for the window and the command line, is said."""
     recording = p4d.open_recording(video)
-    for note in recording.notes:
+    for note in set(recording.notes) - set(p4d.open_recording(VIDEO).notes):
         warnings.warn(note, UserWarning, stacklevel=2)
     return recording
 
@@ -301,9 +301,19 @@ def from_video(name: str) -> xr.DataArray:
     return OF_VIDEOS[name](VIDEO)
 
 
+#: Ways that make one frame unknown, which is NaN in phase then, and left out of the spectrum.
+FRAME_LOST = ("a frame without light", "a pixel is NaN", "a pixel is infinite")
+VIDEO_CASES = [
+    (way, name)
+    for way in VIDEO_WAYS
+    for name in OF_VIDEOS
+    # Opened, frames are what they were; what is wrong with them is found with their fringes.
+    if not (way in (*FRAME_LOST, "all the same") and name == "open_recording")
+]
+
+
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", OF_VIDEOS)
-@pytest.mark.parametrize("way", VIDEO_WAYS)
+@pytest.mark.parametrize(("way", "name"), VIDEO_CASES)
 def test_no_wrong_video_in_silence(way: str, name: str) -> None:
     what, found = outcome_of(OF_VIDEOS[name], VIDEO_WAYS[way](VIDEO))
     if what in ("refused", "warned"):
@@ -311,6 +321,11 @@ def test_no_wrong_video_in_silence(way: str, name: str) -> None:
         assert "\n" not in found
         return
     expected = from_video(name)
+    if way in FRAME_LOST and name == "reconstruct":
+        assert np.isnan(found.values[1]).all()
+        found, expected = (s.isel(time=[0, 2, 3, 4, 5]) for s in (found, expected))
+    elif way in FRAME_LOST and name == "power_spectrum":
+        expected = spectrum_of(VIDEO.isel(time=[0, 2, 3, 4, 5]))
     np.testing.assert_allclose(found.values, expected.values, rtol=1e-4, atol=1e-4)
     for axis in set(found.dims) & set(found.coords):
         np.testing.assert_allclose(found[axis].values, expected[axis].values, rtol=1e-6)
