@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
-from napari_phase4d.words import view_in_words
+from napari_phase4d.words import checked_call, view_in_words
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,11 +55,13 @@ BELOW_ZERO = ((0.0, 0.0, 0.016), (0.04, 0.13, 0.42), (0.1, 0.42, 0.75), (0.8, 0.
 SAFETY_POWER = 3
 
 
+@checked_call
 def colour_of(cell: int) -> str:
     """Return the colour of a cell, from 1: the same in picture, curve and table."""
     return CELL_COLOURS[(cell - 1) % len(CELL_COLOURS)]
 
 
+@checked_call
 def phase_colours(low: float, high: float) -> NDArray[np.float64]:
     """Return the colours of unwrapped phase between two limits; zero is always black.
 
@@ -137,6 +139,7 @@ SMALLEST, LARGEST, ALL = 1.4, 2.4, (10.0, 8.0)
 GAP, FOOT, LINE, ANGLES, BAR = 0.06, 0.12, 0.19, 0.55, 0.95
 
 
+@checked_call
 def comparison_figure(
     columns: Mapping[str, xr.DataArray],
     frames: Sequence[tuple[int, int]],
@@ -161,6 +164,9 @@ def comparison_figure(
     """
     from matplotlib.figure import Figure
 
+    if not columns or len(frames) == 0:
+        msg = "columns and frames must name something to show, but one of them is empty"
+        raise ValueError(msg)
     first = next(iter(columns.values()))
     rows, n_columns = len(frames), len(columns)
     figure = Figure(figsize=(CELL * n_columns + 1.2, CELL * rows + 0.5), layout="constrained")
@@ -273,6 +279,7 @@ class Grid:
         return left, bottom + (whole - tall) / 2, 0.12 / across, tall
 
 
+@checked_call
 def movie_frames(
     columns: Mapping[str, xr.DataArray], limits: tuple[float, float], *, title: str = ""
 ) -> Iterator[NDArray[np.uint8]]:
@@ -378,6 +385,7 @@ def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
     return found.pop() if len(found) == 1 else ""
 
 
+@checked_call
 def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
     """Return the range of phase of several pictures, without a few extreme pixels and NaN."""
     shown = np.concatenate([np.ravel(s) for s in stacks])
@@ -427,6 +435,7 @@ class Circle:
     radius: float
 
 
+@checked_call
 def look_figure(
     hologram: NDArray[Any],
     spectrum: xr.DataArray,
@@ -554,6 +563,7 @@ def show_view(
 EXACT = "exact"
 
 
+@checked_call
 def named_results(
     comparison: Comparison, truth: xr.DataArray | None = None
 ) -> dict[str, xr.DataArray]:
@@ -563,6 +573,7 @@ def named_results(
     return named if truth is None else {EXACT: truth, **named}
 
 
+@checked_call
 def telling_frames(
     phase: xr.DataArray, boundary: tuple[int, int], also: tuple[int, int] | None = None
 ) -> list[tuple[int, int]]:
