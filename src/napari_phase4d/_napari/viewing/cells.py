@@ -44,6 +44,7 @@ class ReadyLayers:
         numbers = Points(**numbers_layer(cells, f"numbers of {label}", colours))
         outlines = Labels(**cells_layer(cells.labels, f"cells of {label}", colours))
         outlines.contour = OUTLINE
+        outlines.opacity = 1.0  # else the picture would mix into the colour that tells a cell
         return cls(cells, numbers, outlines)
 
 
