@@ -18,6 +18,7 @@ from helpers import measured
 from napari_phase4d.phasors import turned
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
 from napari_phase4d.stack import Block
+from napari_phase4d.unwrapping import neighbours
 from napari_phase4d.unwrapping.background import find_background, plane, tilt_of
 from napari_phase4d.unwrapping.directional.following import follow
 from napari_phase4d.unwrapping.directional.scene import Seen
@@ -301,6 +302,26 @@ def test_no_average_over_what_does_not_count_or_is_no_neighbour() -> None:
     np.testing.assert_allclose(turned(lifted - parted - level), 0, atol=1e-5)
 
 
+def test_averages_are_the_same_however_many_rows_are_taken_at_a_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(RNG_SEED)
+    data = rng.uniform(-3, 3, (7, 2, 41, 30)).astype(np.float32)
+    valid = rng.random(data.shape) > 0.1
+    seams = np.zeros(data.shape, np.int8)
+    seams[:, :, 19:] = 1
+    monkeypatch.setattr(neighbours, "ROWS", 1000)
+    whole = along_slope(data, valid, seams, 0.5)
+    for rows in (4, 9, 20):
+        monkeypatch.setattr(neighbours, "ROWS", rows)
+        for found, expected in zip(along_slope(data, valid, seams, 0.5), whole, strict=True):
+            np.testing.assert_array_equal(found, expected)
+    # And where only some times are asked for.
+    some = slice(2, 5)
+    for found, expected in zip(along_slope(data, valid, seams, 0.5, some), whole, strict=True):
+        np.testing.assert_array_equal(found, expected[some])
+
+
 def test_changes_beyond_half_a_turn_are_found_as_a_map() -> None:
     y, x = np.mgrid[-20:20, -20:20]
     change = np.stack([h * np.exp(-(y**2 + x**2) / 80) for h in (1.5, 5.0, -9.0)])[:, None]
@@ -344,10 +365,10 @@ def followed_from(
     steps = Along(step, step, valid, valid, none)
     floors = Floors({3: 0.0}, {3: (0.0, 1.0)})
     seen = Seen(step, none, valid, None)
-    course = courses_of(3, steps, None, np.zeros(step.shape, np.float32), floors, every, seen)
-    ahead = follow(course, Block(start, len(step)), None, forward=True)
+    course, rough = courses_of(3, steps, None, floors, seen, every, every), np.zeros_like(step)
+    ahead = follow(course, step, rough, Block(start, len(step)), None, forward=True)
     if start == 0:
         return ahead
     first = ahead[0][0], ahead[1][0]
-    behind = follow(course, Block(0, start), first, forward=False)
+    behind = follow(course, step, rough, Block(0, start), first, forward=False)
     return np.concatenate([behind[0], ahead[0]]), np.concatenate([behind[1], ahead[1]])

@@ -7,6 +7,7 @@ at once and memory allows it.
 from __future__ import annotations
 
 import math
+import threading
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from io import BufferedReader, FileIO
@@ -32,6 +33,7 @@ __all__ = [
     "Stack",
     "Store",
     "Temporary",
+    "Unwritten",
     "block_at",
     "block_frames",
     "blocks_of",
@@ -187,7 +189,6 @@ class ReadOnly:
         raise TypeError(msg)
 
 
-@dataclass(frozen=True)
 class InMemory:
     """A stack in memory.
 
@@ -197,7 +198,13 @@ class InMemory:
         Its numbers. What is read is a view of them, not to be written into.
     """
 
-    values: NDArray[Any]
+    def __init__(self, values: NDArray[Any]) -> None:
+        self._values = values
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """Its numbers."""
+        return self._values
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -221,6 +228,35 @@ class InMemory:
     def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
         """Write some pixels at all times; the numbers must lie in order."""
         self.values.reshape(len(self.values), -1)[:, pixels.start : pixels.stop] = values
+
+
+class Unwritten(InMemory):
+    """A stack in memory that takes none before it is first written to.
+
+    Parameters
+    ----------
+    shape : tuple of int
+        (time, angle, y, x).
+    dtype : str
+        Type of its numbers, which are anything where they have not been written.
+    """
+
+    def __init__(self, shape: tuple[int, ...], dtype: str) -> None:
+        self._shape, self._dtype = shape, dtype
+        self._made, self._lock = False, threading.Lock()
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the whole stack."""
+        return self._shape
+
+    @property
+    def values(self) -> NDArray[Any]:
+        """Its numbers."""
+        with self._lock:  # threads begin to write side by side
+            if not self._made:
+                self._values, self._made = np.empty(self._shape, self._dtype), True
+        return self._values
 
 
 def room_in(stack: Stack, block: Block, dtype: Any) -> NDArray[Any]:

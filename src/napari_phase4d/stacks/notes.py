@@ -41,8 +41,9 @@ LARGEST = np.pi + 1e-3
 NEAR = 0.05
 #: Share of numbers that may lie outside of a range.
 FEW = 0.005
-#: Frames, and pixels, that are looked at; of fewer pixels nothing can be told.
-FRAMES, LEAST_PIXELS = 12, 64
+#: Frames that are looked at, of each about so many pixels in whole rows; of fewer pixels than the
+#: last in all, nothing can be told.
+FRAMES, ENOUGH_PIXELS, LEAST_PIXELS = 12, 2**16, 64
 #: Phase beyond this is 50 cycles of light: a path in nanometres, or degrees.
 VERY_LARGE = 314.0
 #: Larger numbers lose their turn in single precision, and count as unknown.
@@ -196,7 +197,7 @@ def looks_wrapped(values: Any) -> bool:
 
 
 def sample_of(stack: xr.DataArray) -> NDArray[Any]:
-    """Return the finite numbers of some frames, spread over the stack."""
+    """Return the finite numbers of some frames, spread over the stack; of large ones some rows."""
     frames = [axis for axis in ("time", "angle") if axis in stack.dims]
     shape = [stack.sizes[axis] for axis in frames]
     count = math.prod(shape)
@@ -207,7 +208,8 @@ def sample_of(stack: xr.DataArray) -> NDArray[Any]:
     for number in chosen:
         place = dict(zip(frames, np.unravel_index(number, shape), strict=True))
         at = tuple(place.get(str(axis), slice(None)) for axis in stack.dims)
-        parts.append(np.asarray(stack.data[at]).ravel())
+        frame = np.asarray(stack.data[at])
+        parts.append(frame[:: max(frame.size // ENOUGH_PIXELS, 1)].ravel())
     return finite_of(np.concatenate(parts))
 
 

@@ -380,7 +380,8 @@ class PhaseBlock:
         unwrapped, border = room_in(self.result, block, np.float32), np.empty(wrapped.shape[:2])
         for frame, turns, level in each_of_block(wrapped, usable, second_differences):
             border[frame] = level
-            turns += turns_round_0(border[frame])
+            if lift := int(turns_round_0(border[frame])):  # most often none
+                turns += lift
             write_phase(wrapped[frame], turns, usable[frame], unwrapped[frame])
         self.result.write(block, unwrapped)
         return border

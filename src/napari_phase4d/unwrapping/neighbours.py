@@ -121,7 +121,8 @@ def known_mean(values: Values, known: Mask, axes: Sequence[int] = (0, 1, 2, 3)) 
     """
     mean = box_mean(values, axes)
     if not known.all():
-        mean /= np.maximum(box_mean(known.astype(np.float32), axes), np.float32(LEAST_WEIGHT))
+        weights = box_mean(known.astype(np.float32), axes)
+        mean /= np.maximum(weights, np.float32(LEAST_WEIGHT), out=weights)
     return mean
 
 
@@ -296,6 +297,9 @@ SHORTEST = 1e-12
 #: Frames before and after a frame that its average depends on: two, and one more so that at an
 #: end of the recording there are three steps, over which slopes are averaged.
 HALO = 3
+#: Rows that are averaged at a time, and so many more around them: what is needed on the way takes
+#: several times as much memory as the phase.
+ROWS = 32
 #: Rows of what `turned_mean` looks at.
 HERE, BEFORE, SLOPE_BEFORE, AFTER, SLOPE_AFTER = 0, 1, 2, 3, 4
 
@@ -303,7 +307,11 @@ Fields = NDArray[np.complex64]
 
 
 def along_slope(
-    phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float
+    phase: Stack,
+    valid: Mask,
+    seams: NDArray[np.int8],
+    noise: float,
+    own: slice = slice(None),
 ) -> tuple[Stack, Stack]:
     """Return wrapped phase (time, angle, y, x) averaged with its neighbours along the slope.
 
@@ -323,14 +331,41 @@ def along_slope(
         Neighbours of different numbers are none.
     noise : float
         Standard deviation of the noise in radians.
+    own : slice, optional
+        The times that are asked for; the others are only what these depend on. Default all.
 
     Returns
     -------
     phase : ndarray of float32
-        Wrapped phase in radians with less noise.
+        Wrapped phase of these times in radians with less noise.
     left : ndarray of float32
         Which share of the noise's variance is left at each pixel.
     """
+    shape = phase[own].shape
+    averaged, left = np.empty(shape, dtype=np.float32), np.empty(shape, dtype=np.float32)
+    for rows in in_rows(shape[2]):
+        around = slice(max(rows.start - HALO, 0), rows.stop + HALO)
+        of_rows = average_rows(
+            np.ascontiguousarray(phase[:, :, around]),
+            np.ascontiguousarray(valid[:, :, around]),
+            seams[:, :, around],
+            noise,
+        )
+        inner = slice(rows.start - around.start, rows.stop - around.start)
+        averaged[:, :, rows], left[:, :, rows] = (part[own][:, :, inner] for part in of_rows)
+    return averaged, left
+
+
+def in_rows(height: int) -> list[slice]:
+    """Cut a frame into parts of about `ROWS` rows."""
+    each = -(-height // max(height // ROWS, 1))
+    return [slice(y, min(y + each, height)) for y in range(0, height, each)]
+
+
+def average_rows(
+    phase: Stack, valid: Mask, seams: NDArray[np.int8], noise: float
+) -> tuple[Stack, Stack]:
+    """Do `along_slope` for some rows and those around them."""
     z = phasors(phase)
     left = np.ones(phase.shape, dtype=np.float32)
     axes = [axis for axis in range(4) if phase.shape[axis] > 1]

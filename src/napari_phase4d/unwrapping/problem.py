@@ -19,6 +19,7 @@ from napari_phase4d.stack import (
     Memory,
     Stack,
     Store,
+    Unwritten,
     block_frames,
     blocks_of,
 )
@@ -163,6 +164,7 @@ class Problem(SharedSteps):
         self.finds_mask = isinstance(mask, str)
         #: Pixels that may be looked at, whether the object is still to be found or not.
         self.usable = self._given_mask(mask, values.shape)
+        self._all_usable = True if mask is None else None
         # The caller's own array, where it fits: nobody writes into it.
         with np.errstate(over="ignore"):  # it is infinite then, and left out
             self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
@@ -186,7 +188,7 @@ class Problem(SharedSteps):
                 f"leave them out with mask=numpy.abs(phase) < {LARGEST:g}"
             )
             raise ValueError(msg)
-        self.usable = self.usable & ~bad
+        self.usable, self._all_usable = self.usable & ~bad, None
         self.wrapped = np.where(bad, np.float32(0), self.wrapped)
 
     # ---- where it lies and who works on it: another kind of problem has its own ----
@@ -247,11 +249,13 @@ class Problem(SharedSteps):
     @property
     def all_usable(self) -> bool:
         """Whether all pixels count, before the object is looked for."""
-        return bool(self.usable.all())
+        if self._all_usable is None:
+            self._all_usable = bool(self.usable.all())
+        return self._all_usable
 
     def result_stack(self, method: str) -> Stack:
         """Return a new stack for the result of a method."""
-        return InMemory(np.empty_like(self.wrapped))
+        return Unwritten(self.wrapped.shape, "float32")
 
     def in_memory(self) -> Problem:
         """Return the problem in memory, for methods that need all frames at once."""

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
+from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block
 from napari_phase4d.task import Watch
 from napari_phase4d.unwrapping.directional.scene import Scene
@@ -66,7 +67,10 @@ def with_followed(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
                 before = last[axis]
             elif not forward:
                 before = first[axis]
-            followed, doubt = follow(course, block, before, forward=forward)
+            # Not kept with every block that waits: they take as much memory as the phase.
+            step = turned(course.difference)
+            rough = weighed.by_axis[axis].rough
+            followed, doubt = follow(course, step, rough, block, before, forward=forward)
             if block.start == start:
                 first[axis] = followed[0].copy(), doubt[0].copy()
             edge = -1 if forward else 0
@@ -75,13 +79,19 @@ def with_followed(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
                 last[axis] = ends
             else:
                 first[axis] = ends
-            second_opinion(weighed, axis, course, followed, doubt)
+            second_opinion(weighed, axis, step, followed, doubt)
         weighed.along.clear()
         yield weighed
 
 
 def follow(
-    course: Courses, block: Block, before: tuple[Image, Image] | None, *, forward: bool
+    course: Courses,
+    step: Image,
+    rough: Image,
+    block: Block,
+    before: tuple[Image, Image] | None,
+    *,
+    forward: bool,
 ) -> tuple[Image, Image]:
     """Return followed steps of a block and their doubt, see `with_followed`.
 
@@ -89,6 +99,10 @@ def follow(
     ----------
     course : Courses
         What the steps do over time.
+    step : ndarray of float32
+        The steps of the block and next to it in radians.
+    rough : ndarray of float32
+        Roughness of those of the block in radians.
     block : Block
         Frames to follow through.
     before : tuple of ndarray, or None
@@ -97,20 +111,20 @@ def follow(
         Whether that frame lies before the block.
     """
     own = block.of(course.near)
-    shape = (len(block), math.prod(course.step.shape[1:]))
+    whole = (len(block), *step.shape[1:])
+    shape = (len(block), math.prod(step.shape[1:]))
     followed, doubt = np.empty(shape, np.float32), np.empty(shape, np.float32)
-    step, unsteady = (part.reshape(len(part), -1) for part in (course.step, course.unsteady))
+    step, unsteady = (part.reshape(len(part), shape[1]) for part in (step, course.unsteady))
     k = own.start if forward else own.stop - 1
     if before is None:
         steep = np.maximum(np.abs(step[k]) - np.float32(STEEP), 0)
-        now = step[k], course.rough[k].ravel() + steep
+        now = step[k], rough[k - own.start].ravel() + steep
         followed[0], doubt[0] = now
         k += 1
     else:
         now = before[0].ravel(), before[1].ravel()
     way = 1 if forward else -1
     follow_lines(step, unsteady, *now, followed, doubt, k, own.start, own.stop, way)
-    whole = (len(block), *course.step.shape[1:])
     return followed.reshape(whole), doubt.reshape(whole)
 
 
@@ -144,16 +158,16 @@ def follow_lines(
 
 
 def second_opinion(
-    weighed: Weighed, axis: int, course: Courses, followed: Image, doubt: Image
+    weighed: Weighed, axis: int, step: Image, followed: Image, doubt: Image
 ) -> None:
     """Put the second opinion on the steps of a block where it differs and is no more doubtful."""
+    course, kept = weighed.along[axis], weighed.by_axis[axis].kept
     own = weighed.block.of(course.near)
     rough = doubt
     if np.ndim(course.fade):
         rough = doubt + np.asarray(course.fade)[own]
-    step, kept = course.step[own], course.kept[own]
-    other = np.empty(step.shape, dtype=bool)
-    steps, opinions, doubts = (part.reshape(-1) for part in (step, followed, rough))
+    other = np.empty(rough.shape, dtype=bool)
+    steps, opinions, doubts = (part.reshape(-1) for part in (step[own], followed, rough))
     if not mark_others(steps, opinions, doubts, kept.reshape(-1), other.reshape(-1)):
         return
     turns = turns_between(course.difference[own], followed)

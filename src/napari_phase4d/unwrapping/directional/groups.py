@@ -265,7 +265,7 @@ def grouped(scene: Scene, weighed: Weighed, groups_to: Stack, relative_to: Stack
     islands = scene.islands(block)
     groups, relative = room_in(groups_to, block, np.int32), room_in(relative_to, block, np.int16)
     groups[...], relative[...] = -1, 0
-    free = np.ascontiguousarray(weighed.seen.free)
+    free = np.ascontiguousarray(weighed.free)
     fields = np.full((*islands.shape[:2], 3), -1, dtype=np.int32)
     sizes = []
     corner = scene.box[0].start, scene.box[1].start

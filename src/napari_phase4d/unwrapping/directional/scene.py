@@ -280,10 +280,10 @@ def averaged_scene(scene: Scene, store: Store, watch: Watch) -> Scene:
             np.ascontiguousarray(seen.usable[inside]),
             scene.seams(around),
             scene.noise,
+            block.of(around),
         )
-        own = block.of(around)
-        averaged.write(block, phase[own])
-        left.write(block, share[own])
+        averaged.write(block, phase)
+        left.write(block, share)
 
     blocks = working_blocks(part)
     for _ in in_threads(work, blocks, watch.quiet(len(blocks)), wait=True):

@@ -138,7 +138,7 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
 #: Pixels, of all views, whose steps are weighed at a time, unless one frame has more.
-STEP_PIXELS = 3 * 2**18
+STEP_PIXELS = 400_000
 #: Frames before and after a frame that the weights of its steps depend on.
 BEFORE, AFTER = 2, 3
 
@@ -175,8 +175,8 @@ class Weighed:
     ----------
     block : Block
         The kept frames.
-    seen : Seen
-        These frames, the object's box of them.
+    free : ndarray of bool
+        The object in its box of them.
     by_axis : dict of int to Opinion
         Steps along time (to the next frame), angle, y and x; none along an axis of one.
     followed : dict of int to Opinion
@@ -186,7 +186,7 @@ class Weighed:
     """
 
     block: Block
-    seen: Seen
+    free: Mask
     by_axis: dict[int, Opinion]
     followed: dict[int, Opinion] = field(default_factory=dict)
     along: dict[int, Courses] = field(default_factory=dict)
@@ -347,38 +347,44 @@ def weighed_steps(
 def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
     """Weigh the steps of a block of frames."""
     n = scene.shape[0]
-    around = block.wider(BEFORE, AFTER, n)
+    around, near = block.wider(BEFORE, AFTER, n), block.with_neighbours(n)
     seen, seams, left = boxed(scene, around)
-    near = block.with_neighbours(n)
     frames, own = near.of(around), block.of(near)
     close, close_seams = part_of(seen, frames), seams[frames]
     share = None if left is None else left[frames]
-    by_axis, courses = {}, {}
-    if n > 1:
-        steps = along(0, seen, seams)
-        rough = roughness(steps.step, 0, steps.valid, floors.rough[0])
-        here = block.of(around)
-        by_axis[0] = opinion(0, steps, rough, steps.valid, seen.amplitude, here)
-    for axis in (axis for axis in (1, 2, 3) if scene.part[axis] > 1):
+    forward = block.start >= scene.frames.start[0]
+    way = block.wider(1, 0, n) if forward else block.wider(0, 1, n)
+    courses = {}
+
+    # What an axis takes on the way goes before the next one.
+    def weigh_along(axis: int) -> Opinion:
+        if axis == 0:
+            steps = along(axis, seen, seams)
+            return opinion(axis, steps, steps.valid, floors, seen.amplitude, block.of(around))
         steps = along(axis, close, close_seams)
-        rough = roughness(steps.step, axis, steps.valid, floors.rough[axis])
         kept = steps.valid
         if axis > 1:  # within an island of the empty field there is nothing to ask
             kept = kept & ~steps.bare
-        by_axis[axis] = opinion(axis, steps, rough, kept, close.amplitude, own)
-        if axis > 1 and n > 1:
-            courses[axis] = courses_of(axis, steps, share, rough, floors, near, close)
-    return Weighed(block, part_of(seen, block.of(around)), by_axis, {}, courses)
+            if n > 1:
+                courses[axis] = courses_of(axis, steps, share, floors, close, near, way)
+        return opinion(axis, steps, kept, floors, close.amplitude, own)
+
+    by_axis = {axis: weigh_along(axis) for axis in range(4) if scene.part[axis] > 1}
+    return Weighed(block, part_of(seen, block.of(around)).free, by_axis, {}, courses)
 
 
 def opinion(
-    axis: int, steps: Along, rough: Image, kept: Mask, amplitude: Image | None, own: slice
+    axis: int, steps: Along, kept: Mask, floors: Floors, amplitude: Image | None, own: slice
 ) -> Opinion:
     """Return what the weighed steps of some frames ask for."""
+    rough = roughness(steps.step, axis, steps.valid, floors.rough[axis])
     step = steps.step[own]
     turns = turns_between(steps.difference[own], step)
     return Opinion(
-        turns, rough[own] + faint(axis, amplitude, own), kept[own], np.abs(step) < np.float32(1)
+        turns,
+        rough[own] + faint(axis, amplitude, own),
+        kept[own].copy(),  # a part would hold the frames next to it in memory
+        np.abs(step) < np.float32(1),
     )
 
 
@@ -431,24 +437,19 @@ class Courses:
     Parameters
     ----------
     near : Block
-        The frames: those of the block, and the one before and after.
-    step, rough, fade : ndarray of float32
-        The steps in radians, their roughness, and that which fading amplitude stands for.
+        The frames: those of the block, and the one next to it on the way from the start.
     difference : ndarray of float32
         Difference of the wrapped phases in radians.
-    kept : ndarray of bool
-        Which steps there are.
+    fade : ndarray of float32
+        Roughness in radians that fading amplitude stands for.
     unsteady : ndarray of float32
         From each of the frames to the next: twice the root mean square change over 3 x 3 steps,
         less the noise, in radians; infinite where it is not known.
     """
 
     near: Block
-    step: Image
-    rough: Image
-    fade: Image | np.float32
     difference: Image
-    kept: Mask
+    fade: Image | np.float32
     unsteady: Image
 
 
@@ -489,13 +490,15 @@ def courses_of(
     axis: int,
     steps: Along,
     left: Image | None,
-    rough: Image,
     floors: Floors,
-    near: Block,
     seen: Seen,
+    near: Block,
+    way: Block,
 ) -> Courses:
-    """Return how steady the steps of a block are over time."""
-    squares, known, share = changes(steps, left, axis)
+    """Return how steady the steps of some of the frames that are near a block are over time."""
+    frames = way.of(near)
+    steps = Along(*(part[frames] for part in vars(steps).values()))
+    squares, known, share = changes(steps, None if left is None else left[frames], axis)
     mean = known_mean(squares, known, axes=(2, 3))
     floor, usual = floors.change[axis]
     # Where things move fast less noise was averaged out than on the empty field.
@@ -509,16 +512,8 @@ def courses_of(
         known.reshape(-1),
         unsteady.reshape(-1),
     )
-    fade = faint(axis, seen.amplitude, slice(None))
-    return Courses(
-        near,
-        steps.step,
-        rough + fade,
-        fade,
-        steps.difference,
-        steps.valid & ~steps.bare,
-        unsteady,
-    )
+    fade = faint(axis, seen.amplitude, frames)
+    return Courses(way, steps.difference.copy(), fade, unsteady)
 
 
 def turns_between(difference: Image, step: Image) -> NDArray[np.int16]:
