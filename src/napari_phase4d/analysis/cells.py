@@ -29,6 +29,8 @@ __all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
 
 #: A cell of the frame before takes part in a blob where this share of it lies in the blob.
 OVERLAP = 0.35
+#: What is left of a cell that another covers is kept apart while it has this share of the other.
+LEAST_PART = 0.35
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
 #: frames without them as here.
 REACH, GAP, MOST_GAP = 1.0, 2, 1000
@@ -245,6 +247,11 @@ def split_as_before(now: Labels, blob: int, before: Labels, cells: NDArray[Any])
         return
     depth = scipy.ndimage.distance_transform_edt(inside)
     parts = skimage.segmentation.watershed(-depth, markers, mask=inside)
+    sizes = np.bincount(parts.ravel())[1:]
+    splinters = sizes < LEAST_PART * sizes.max()
+    if splinters.any():
+        markers[np.isin(markers, np.flatnonzero(splinters) + 1)] = 0
+        parts = skimage.segmentation.watershed(-depth, markers, mask=inside)
     top = int(now.max())
     for extra in range(2, int(parts.max()) + 1):
         top += 1
