@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
+from napari_phase4d.analysis.cells import keep_apart
 
 N_TIMES, SIDE, RADIUS, SPEED = 41, 96, 9.0, 1.6
 MIDDLE = N_TIMES // 2
@@ -105,3 +106,12 @@ def test_overlaps_that_are_none_are_refused() -> None:
     cells = p4d.find_cells(phase).assign_attrs(overlaps="all")
     with pytest.raises(ValueError, match="the cells note overlaps as"):
         p4d.measure(phase, cells, p4d.Optics())
+
+
+@pytest.mark.parametrize(("width", "kept"), [(7, 1), (20, 2)])
+def test_splinters_of_a_covered_cell_are_not_kept_apart(width: int, kept: int) -> None:
+    labels = np.zeros((2, 48, 64), dtype=np.int32)
+    labels[0, 12:36, 10:34], labels[0, 12:36, 34 : 34 + width] = 1, 2
+    labels[1] = labels[0] > 0
+    keep_apart(labels)
+    assert labels[1].max() == kept
