@@ -17,6 +17,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.words import view_in_words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
@@ -45,6 +46,8 @@ CELL_COLOURS = (*CURVE_COLOURS, "#b5a642", "#46c7c7", "#a8763e", "#8fbf3f")
 OBJECT_COLOUR = "#2ee66b"
 #: Colours in a scale.
 N_COLOURS = 256
+#: A scale bar takes at most this share of a picture's width.
+SCALE_BAR = 0.3
 #: Phase below zero, from zero on: as dark at zero as inferno, which is above it, then light blue.
 BELOW_ZERO = ((0.0, 0.0, 0.016), (0.04, 0.13, 0.42), (0.1, 0.42, 0.75), (0.8, 0.96, 1.0))
 #: Safety goes by the score to this power: most scores are near 1, and a frame of 0.7, wrong on
@@ -179,8 +182,45 @@ def comparison_figure(
                 view = view_in_words(first["angle"].values.tolist(), a)
                 label = f"{view}\n{time_label(first, t)}"
                 axis.set_ylabel(label, fontsize=8)
+    add_scale_bar(axes[0, 0], first)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
     return figure
+
+
+def add_scale_bar(axis: Axes, stack: xr.DataArray) -> None:
+    """Draw a bar of a round length into the lower right corner, where pixels have a size."""
+    from matplotlib.font_manager import FontProperties
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    if stack["x"].attrs.get("units") != "um":
+        return
+    _, width, height, _ = extent_of(stack)
+    length = round_length(SCALE_BAR * width)
+    bar = AnchoredSizeBar(
+        axis.transData,
+        length,
+        f"{length:g} µm",
+        "lower right",
+        pad=0.3,
+        color="white",
+        frameon=False,
+        size_vertical=0.01 * height,
+        sep=2,
+        fontproperties=FontProperties(size=7),
+    )
+    axis.add_artist(bar)
+
+
+def round_length(most: float) -> float:
+    """Return the largest of 1, 2, 5, 10, 20, 50, ... that is no larger.
+
+    Examples
+    --------
+    >>> round_length(7.3), round_length(0.3), round_length(20)
+    (5.0, 0.2, 20.0)
+    """
+    decade = 10.0 ** math.floor(math.log10(most))
+    return float(max(n * decade for n in (1, 2, 5) if n * decade <= most * (1 + 1e-9)))
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,7 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d.later import pd
 
-__all__ = ["ResultTable"]
+__all__ = ["ResultTable", "on_screen"]
 
 #: Most rows that are laid out; the clipboard and files hold all.
 MOST_ROWS = 500
