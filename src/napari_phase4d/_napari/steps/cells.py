@@ -181,7 +181,7 @@ class CellsPart(Step):
             (
                 ("result", self.result),
                 ("cells", self.source),
-                ("increment dn/dc", self.increment),
+                ("dn/dc", self.increment),
                 ("object index", self.index),
             ),
         )
