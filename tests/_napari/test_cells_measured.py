@@ -76,6 +76,10 @@ def test_cells_are_found_shown_and_saved_by_clicks(viewer, unwrapped, click, tmp
         vertices = np.asarray(ways.data)[:, 0] == cell
         if vertices.any():
             np.testing.assert_allclose(ways.track_colors[vertices][0, :3], rgb, atol=0.01)
+    picture = viewer.screenshot(canvas_only=True, flash=False)[..., :3].astype(int)
+    for cell in np.unique(outlines.data[unwrapped.presenter.current_frame()])[1:]:
+        drawn = np.array([int(colour_of(int(cell))[i : i + 2], 16) for i in (1, 3, 5)])
+        assert (abs(picture - drawn).max(axis=-1) <= 3).sum() > 200
     part.save_to(tmp_path / "cells.csv")
     saved = pd.read_csv(tmp_path / "cells.csv")
     pd.testing.assert_frame_equal(saved, table)

@@ -187,12 +187,13 @@ def measure(
         Of cells one row a cell, time and angle, by number. Columns: "cell", "parent" (0 if it came
         from no other), "time (s)", "angle (deg)", "y (um)", "x (um)" (its middle),
         "speed (um/s)", "area (um^2)", "mean phase (rad)", "largest phase (rad)",
-        "mean optical path difference (nm)", "dry mass (pg)", "dry mass error (pg)",
-        "mass density (pg/um^2)", "circularity" (1 is a disc), "wholly in view" (whether it
-        does not touch the border of the frame); with ``object_index`` "mean height (um)",
-        "volume (um^3)", "volume error (um^3)". An error is one standard deviation: of means
-        over as much empty field, of where the cell ends, and of pixels in doubt; not of the
-        refraction increment.
+        "mean optical path difference (nm)", "largest optical path difference (nm)",
+        "dry mass (pg)", "mass density (pg/um^2)", "circularity" (1 is a disc), "wholly in view"
+        (whether it does not touch the border of the frame); with ``object_index``
+        "mean height (um)", "volume (um^3)". What is summed or averaged has its error in the
+        column after it, "dry mass error (pg)" and so on. An error is one standard deviation: of
+        means over as much empty field, of where the cell ends, of pixels in doubt, and of how
+        cells that lie over one another share what they hold; not of the refraction increment.
 
         Where views differ in wavelength, "wavelength (um)" stands beside the angle.
 
@@ -233,6 +234,7 @@ def measure(
     if not isinstance(regions, Mapping) and hasattr(regions, "dtype"):
         return table_of_cells(
             stack, labels_on(regions, stack), parents_of(regions), optics,
+            overlaps=overlaps_of(regions),
             sides_um=pixel_um(stack, "the phase"),
             object_index=object_index,
             refraction_increment_ml_per_g=refraction_increment_ml_per_g,
@@ -290,6 +292,19 @@ def parents_of(labels: Any) -> dict[int, int]:
         msg = (
             f'the cells note parents as {shown(noted)}; attrs["parents"] must be a list of '
             "(daughter, parent), as find_cells() gives it"
+        )
+        raise ValueError(msg) from error
+
+
+def overlaps_of(labels: Any) -> list[tuple[float, ...]]:
+    """Return when cells can't be told from others: (cell, angle, from, to)."""
+    noted = getattr(labels, "attrs", {}).get("overlaps", ())
+    try:
+        return [(int(cell), float(a), float(b), float(c)) for cell, a, b, c in noted]
+    except (TypeError, ValueError) as error:
+        msg = (
+            f'the cells note overlaps as {shown(noted)}; attrs["overlaps"] must be a list of '
+            "(cell, angle, from, to), as find_cells() gives it"
         )
         raise ValueError(msg) from error
 

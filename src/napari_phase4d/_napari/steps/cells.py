@@ -34,11 +34,12 @@ NOTHING = "Press Find cells: each gets a curve, with its error, and a row."
 PLOTTED = {
     "dry mass (pg)": "dry mass error (pg)",
     "area (um^2)": "",
-    "mass density (pg/um^2)": "",
-    "mean optical path difference (nm)": "",
+    "mass density (pg/um^2)": "mass density error (pg/um^2)",
+    "mean optical path difference (nm)": "mean optical path difference error (nm)",
+    "largest optical path difference (nm)": "",
     "mean phase (rad)": "",
     "volume (um^3)": "volume error (um^3)",
-    "mean height (um)": "",
+    "mean height (um)": "mean height error (um)",
     "speed (um/s)": "",
     "circularity": "",
 }
@@ -180,7 +181,7 @@ class CellsPart(Step):
             (
                 ("result", self.result),
                 ("cells", self.source),
-                ("increment dn/dc", self.increment),
+                ("dn/dc", self.increment),
                 ("object index", self.index),
             ),
         )

@@ -385,7 +385,7 @@ class MeasurePart(Step):
             (
                 ("result", self.result),
                 ("region", self.regions),
-                ("increment dn/dc", self.increment),
+                ("dn/dc", self.increment),
                 ("object index", self.index),
             ),
         )

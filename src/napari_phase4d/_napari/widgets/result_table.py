@@ -6,10 +6,12 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from qtpy.QtCore import Qt
-from qtpy.QtGui import QColor, QGuiApplication, QKeyEvent, QKeySequence
+from qtpy.QtGui import QColor, QGuiApplication, QIcon, QKeyEvent, QKeySequence, QPixmap
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
     QTableWidget,
     QTableWidgetItem,
     QWidget,
@@ -52,6 +54,21 @@ class Cell(QTableWidgetItem):  # type: ignore[misc]
         return bool(mine < theirs)
 
 
+class TrueColours(QStyledItemDelegate):  # type: ignore[misc]
+    """Draws the squares of selected rows in their own colours: Qt would tint them."""
+
+    def initStyleOption(self, option: QStyleOptionViewItem | None, index: Any) -> None:  # noqa: N802 - Qt's name
+        """Take the same picture for a row that is selected."""
+        super().initStyleOption(option, index)
+        colour = index.data(Qt.ItemDataRole.DecorationRole)
+        if option is not None and isinstance(colour, QColor):
+            square = QPixmap(option.decorationSize)
+            square.fill(colour)
+            icon = QIcon(square)
+            icon.addPixmap(square, QIcon.Mode.Selected)
+            option.icon = icon
+
+
 class ResultTable(QTableWidget):  # type: ignore[misc]
     """Shows a data frame; a click on a heading sorts, Ctrl+C copies all of it.
 
@@ -68,6 +85,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         self.setObjectName(name)
         self._frame: pd.DataFrame | None = None
         self.setAccessibleName(name.replace("_", " "))
+        self.setItemDelegate(TrueColours(self))
         self.setTabKeyNavigation(False)  # Tab leaves the table; arrows go through it
         self.verticalHeader().setVisible(False)
         self.setStyleSheet("QHeaderView::section { padding: 1px 2px; }")
