@@ -89,6 +89,19 @@ def test_a_cell_that_has_crossed_another_divides() -> None:
     assert [parent for _, parent in cells.attrs["parents"]] == [mother, mother]
 
 
+def test_a_cell_that_comes_in_beside_another_is_no_daughter() -> None:
+    """It appears at the border, where the other one has just come in itself."""
+    labels = np.zeros((8, 1, SIDE, SIDE), dtype=np.int32)
+    for t in range(8):
+        comes = cap(56, 3, 11) > 0
+        labels[t, 0][comes & (t >= 4)] = 2
+        labels[t, 0][cap(40, 10 + t, 12) > 0] = 1
+    cells = p4d.follow_cells(labels)
+    assert [len(np.unique(frame)) - 1 for frame in cells.values] == [1] * 4 + [2] * 4
+    assert {int(cells.values[t, 0, 40, 10 + t]) for t in range(8)} == {1}
+    assert cells.attrs["parents"] == []
+
+
 def test_errors_grow_while_cells_lie_over_one_another() -> None:
     ways, optics = [straight(20), straight(150, 3)], p4d.Optics()
     phase = recording(ways, (RADIUS, RADIUS), 0.1)

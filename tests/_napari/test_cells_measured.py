@@ -189,6 +189,35 @@ def test_corrected_outlines_are_followed_again(viewer, unwrapped, click):
 
 
 @pytest.mark.thorough
+def test_outlines_are_split_and_joined_with_the_brush(viewer, unwrapped, click):
+    click("find_cells")
+    before = unwrapped.session.cells.labels.values
+    outlines = shown(viewer, Labels)
+    t, cell = 0, int(before[0, 0].max())
+    rows, columns = np.nonzero(before[t, 0] == cell)
+    new = int(before.max()) + 1
+    # Half of a cell gets a number of its own, a dab at a time.
+    outlines.brush_size, middle = 1, int(columns.mean())
+    unwrapped.presenter.go_to(t, 0)
+    for y, x in zip(rows, columns, strict=True):
+        if x > middle:
+            outlines.paint((t, 0, int(y), int(x)), new)
+    click("find_cells")
+    after = unwrapped.session.cells
+    parts = np.unique(after.labels.values[t, 0][before[t, 0] == cell])
+    assert len(parts) == 2
+    # And they are joined again, by filling one with the number of the other.
+    painted = shown(viewer, Labels)
+    now = after.labels.values[t, 0]
+    keep, gone = (int(n) for n in parts)
+    y, x = np.argwhere(now == gone)[0]
+    painted.fill((t, 0, int(y), int(x)), keep)
+    click("find_cells")
+    joined = unwrapped.session.cells.labels.values[t, 0][before[t, 0] == cell]
+    assert len(np.unique(joined)) == 1
+
+
+@pytest.mark.thorough
 def test_what_was_not_painted_in_is_replaced(viewer, unwrapped, click):
     click("find_cells")
     click("find_cells")

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Ways", "touching_pairs"]
+__all__ = ["DAUGHTER", "Ways", "touching_pairs"]
 
 #: Cells touch where at most so many pixels lie between them.
 BETWEEN = 2
@@ -19,6 +19,9 @@ TAKEN_IN = 0.3
 COVERED = 0.85
 #: ... and below this share what each of them holds is in doubt.
 SHARED = 0.95
+#: A daughter takes at most this share of its parent's area, and less where the other one begins at
+#: the border of the frame.
+DAUGHTER, DAUGHTER_AT_EDGE = 0.85, 0.75
 #: Frames before and after a meeting by which the way of a cell is told.
 FRAMES = 5
 #: Cells that do not touch for so many frames are still in the same meeting.
@@ -174,9 +177,24 @@ class Ways:
             self._go_on(number, guests, kids)
         elif len(lasting) == 1:
             self._names[lasting[0]] = self._name(number)
-        else:
+        elif all(self._is_daughter(kid, number, kids) for kid in kids):
             return kids
+        else:  # another has come close to it
+            end = self.places[self._spots[number][-1]]
+            away = [float(np.sum((self.places[self._spots[kid][0]] - end) ** 2)) for kid in kids]
+            self._names[kids[int(np.argmin(away))]] = self._name(number)
         return []
+
+    def _is_daughter(self, kid: int, parent: int, kids: list[int]) -> bool:
+        """Say whether a track may be a part of its parent: neither nearly all of it, nor come in.
+
+        What begins at the border of the frame may have come in beside a cell that is all there.
+        """
+        whole = self.areas[self._spots[parent][-1]]
+        begins = {each: self._spots[each][0] for each in kids}
+        came_in = any(self.at_edge[spot] for each, spot in begins.items() if each != kid)
+        most = DAUGHTER_AT_EDGE if came_in else DAUGHTER
+        return bool(self.areas[begins[kid]] <= most * whole)
 
     def _is_splinter(self, number: int) -> bool:
         """Say whether a track is gone again at once."""

@@ -17,7 +17,7 @@ import scipy
 import skimage
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.analysis.cell_crossings import Ways, touching_pairs
+from napari_phase4d.analysis.cell_crossings import DAUGHTER, Ways, touching_pairs
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
@@ -36,8 +36,6 @@ LEAST_PART = 0.35
 REACH, GAP, MOST_GAP = 1.0, 2, 1000
 #: To begin or end is dearer than any link that is allowed, by this factor.
 COSTLIER = 1.05
-#: A daughter takes at most this share of its parent's area.
-DAUGHTER = 0.85
 #: Tracks of two views are one cell's where they stay within so many diameters.
 REACH_ACROSS = 1.5
 #: ... and are seen together in this share of the frames of the shorter one.
