@@ -69,7 +69,7 @@ def check_unpacked(file: IO[bytes], size: int, name: str, array: Any) -> None:
     packing = next(iter(sum(packers_of(array.metadata), ())), "")
     holds = math.prod(int(n) for n in array.chunks) * np.dtype(array.dtype).itemsize
     shard = shard_of(array.metadata)
-    parts = [(0, size)] if shard is None else parts_of(file, size, name, array, shard)
+    parts = [(0, size)] if shard is None else places_in_shard(file, size, name, array, shard)
     for start, length in parts:
         file.seek(start)
         head = file.read(min(HEAD_BYTES, length))
@@ -82,7 +82,7 @@ def check_unpacked(file: IO[bytes], size: int, name: str, array: Any) -> None:
             raise OSError(msg)
 
 
-def parts_of(
+def places_in_shard(
     file: IO[bytes], size: int, name: str, array: Any, shard: Any
 ) -> list[tuple[int, int]]:
     """Return where the pieces of a shard lie in it, and their bytes.
