@@ -11,7 +11,7 @@ import math
 import zlib
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -23,6 +23,8 @@ __all__ = ["check_packed_once", "check_unpacked"]
 HEAD_BYTES = 32
 #: A piece may unpack to so many times what it stands for; filters may add some.
 MOST_UNPACKED = 2
+#: Checksums and headers may add so many bytes, which counts for tiny pieces.
+MORE_BYTES = 128
 #: What unpacks streams that don't say how much they hold, and by what factor they pack at most.
 STREAMS: Mapping[str, tuple[Callable[[], Any], float]] = {
     "gzip": (lambda: zlib.decompressobj(31), 1032),
@@ -32,22 +34,45 @@ STREAMS: Mapping[str, tuple[Callable[[], Any], float]] = {
 }
 #: All that packs, by what their classes are called.
 PACKERS = (*STREAMS, "zstd", "blosc", "lz4")
+#: What puts a checksum before or behind, by what their classes are called, and its bytes.
+CHECKSUMS, CHECKSUM_BYTES = ("crc32", "adler32", "fletcher32", "jenkins"), 4
 #: Streams that hold less than this are not looked into, and others so many bytes at a time.
 HARMLESS, PART_BYTES = 2**28, 2**20
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 #: How a shard says where a piece of it lies: its place and its bytes, both this if there is none.
 ENTRY, MISSING = np.dtype("<u8"), 2**64 - 1
-#: Bytes of the checksum of such a list.
-CHECKSUM_BYTES = 4
+
+
+class Chain(NamedTuple):
+    """What the pieces of an array go through when they are written, in order."""
+
+    #: Of a piece.
+    inner: tuple[Any, ...]
+    #: What joins pieces in shards, None if nothing does.
+    shard: Any
+    #: Of a shard.
+    outer: tuple[Any, ...]
 
 
 def check_packed_once(path: Path, metadata: Any) -> None:
-    """Raise Unsound for pieces that are packed more than once, as only files made to harm are."""
-    outer, inner = packers_of(metadata)
-    if len(outer) + len(inner) > 1 or (outer and shard_of(metadata) is not None):
+    """Raise Unsound for pieces that are packed more than once, as only files made to harm are.
+
+    So are those that are changed after they were packed: what they hold can't be told.
+    """
+    chain = chain_of(metadata)
+    inner, outer = packers_in(chain.inner), packers_in(chain.outer)
+    if len(inner) + len(outer) > 1 or (outer and chain.shard is not None):
         msg = (
             f"{path.name} packs its pieces more than once ({', '.join((*inner, *outer))}), which "
             "is not unpacked; save it packed once"
+        )
+        raise Unsound(msg)
+    last = (*behind(chain.inner), *chain.outer) if inner else ()
+    changing = [name_of(codec) for codec in last if not is_checksum(codec)]
+    if changing:
+        msg = (
+            f"{path.name} changes its pieces after packing them ({', '.join(changing)}), so that "
+            "it can't be told what they unpack to; save it with packing as the last step"
         )
         raise Unsound(msg)
 
@@ -66,65 +91,106 @@ def check_unpacked(file: IO[bytes], size: int, name: str, array: Any) -> None:
     array : zarr.Array
         What it belongs to.
     """
-    packing = next(iter(sum(packers_of(array.metadata), ())), "")
-    holds = math.prod(int(n) for n in array.chunks) * np.dtype(array.dtype).itemsize
-    shard = shard_of(array.metadata)
-    parts = [(0, size)] if shard is None else places_in_shard(file, size, name, array, shard)
-    for start, length in parts:
+    chain = chain_of(array.metadata)
+    packing = next(iter(packers_in((*chain.inner, *chain.outer))), "")
+    # zarr-python takes the shards for the pieces where something else comes after them.
+    joined = math.prod(int(n) for n in array.shards or array.chunks)
+    alone = math.prod(chain.shard.chunk_shape) if chain.shard is not None else joined
+    holds = alone * np.dtype(array.dtype).itemsize
+    limit = MOST_UNPACKED * holds + MORE_BYTES
+    whole = without_checksums((0, size), chain.outer)
+    parts = [whole]
+    if chain.shard is not None:
+        parts = places_in_shard(file, whole, name, joined // alone, chain.shard)
+    for part in parts:
+        start, length = without_checksums(part, behind(chain.inner))
         file.seek(start)
         head = file.read(min(HEAD_BYTES, length))
         if "blosc" in packing and int.from_bytes(head[12:16], "little") > length:
             msg = f"its piece {name} is cut short"
             raise OSError(msg)
-        limit = MOST_UNPACKED * holds
         if unpacked_bytes(file, start, length, head, packing, limit) > limit:
             msg = f"its piece {name} would unpack to more than {holds} bytes"
             raise OSError(msg)
 
 
 def places_in_shard(
-    file: IO[bytes], size: int, name: str, array: Any, shard: Any
+    file: IO[bytes], whole: tuple[int, int], name: str, count: int, shard: Any
 ) -> list[tuple[int, int]]:
-    """Return where the pieces of a shard lie in it, and their bytes.
+    """Return where the pieces of a shard lie in its file, in order, and their bytes.
 
     See the specification of Zarr's sharding codec, version 1.0, "Binary shard format".
     """
-    count = math.prod(s // c for s, c in zip(array.shards, array.chunks, strict=True))
-    names = [type(codec).__name__.lower() for codec in shard.index_codecs]
+    begin, size = whole
+    names = [name_of(codec) for codec in shard.index_codecs]
     checked = CHECKSUM_BYTES if any("crc32c" in name for name in names) else 0
     length = 2 * ENTRY.itemsize * count
     at_end = "end" in str(shard.index_location).lower()
     if len(names) - bool(checked) != 1 or size < length + checked:
         msg = f"its piece {name} is cut short, or lists what it holds in an unusual way"
         raise OSError(msg)
-    file.seek(size - length - checked if at_end else 0)
+    file.seek(begin + (size - length - checked if at_end else 0))
     entries = np.frombuffer(file.read(length), ENTRY).reshape(count, 2).tolist()
-    return [(start, long) for start, long in entries if start != MISSING]
+    return [(begin + start, long) for start, long in entries if start != MISSING]
 
 
-def shard_of(metadata: Any) -> Any:
-    """Return what joins the pieces of an array in shards, None if nothing does."""
-    found = getattr(metadata, "codecs", None) or ()
-    return next((c for c in found if "sharding" in type(c).__name__.lower()), None)
-
-
-def packers_of(metadata: Any) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of what packs the pieces of an array, or its shards, and what is in them.
-
-    What joins pieces within pieces counts as well.
-    """
+def chain_of(metadata: Any) -> Chain:
+    """Return what the pieces of an array go through."""
     codecs = getattr(metadata, "codecs", None)
-    if codecs is None:
+    if codecs is None:  # version 2 of the format
         codecs = (*(metadata.filters or ()), metadata.compressor)
-    shard = shard_of(metadata)
-    inner = () if shard is None else tuple(shard.codecs)
-    return packers_in(c for c in codecs if c is not shard), packers_in(inner)
+    codecs = tuple(codec for codec in codecs if codec is not None)
+    for number, codec in enumerate(codecs):
+        if "sharding" in name_of(codec):
+            return Chain(tuple(codec.codecs), codec, codecs[number + 1 :])
+    return Chain(codecs, None, ())
 
 
 def packers_in(codecs: Any) -> tuple[str, ...]:
-    """Return the names of those that pack, in small letters."""
-    names = [type(codec).__name__.lower() for codec in codecs]
-    return tuple(n for n in names if any(packer in n for packer in (*PACKERS, "sharding")))
+    """Return the names of those that pack; what joins pieces within pieces counts as well."""
+    return tuple(name_of(codec) for codec in codecs if packs(codec))
+
+
+def packs(codec: Any) -> bool:
+    """Say whether something packs pieces, or joins them."""
+    return any(packer in name_of(codec) for packer in (*PACKERS, "sharding"))
+
+
+def behind(codecs: tuple[Any, ...]) -> tuple[Any, ...]:
+    """Return what comes after what packs."""
+    first = next((n for n, codec in enumerate(codecs) if packs(codec)), len(codecs))
+    return codecs[first + 1 :]
+
+
+def name_of(codec: Any) -> str:
+    """Return what the class of a codec is called, in small letters."""
+    return type(codec).__name__.lower()
+
+
+def is_checksum(codec: Any) -> bool:
+    """Say whether a codec only adds a checksum."""
+    return any(checksum in name_of(codec) for checksum in CHECKSUMS)
+
+
+def without_checksums(part: tuple[int, int], codecs: tuple[Any, ...]) -> tuple[int, int]:
+    """Return where a piece lies between the checksums that codecs have put around it."""
+    start, length = part
+    for codec in codecs:
+        if is_checksum(codec):
+            length -= CHECKSUM_BYTES
+            if getattr(in_numcodecs(codec), "location", "end") == "start":
+                start += CHECKSUM_BYTES
+    return start, max(length, 0)
+
+
+def in_numcodecs(codec: Any) -> Any:
+    """Return what zarr-python has wrapped for version 3 of the format; else the codec itself."""
+    configured = getattr(codec, "codec_config", None)
+    if configured is None:
+        return codec
+    import numcodecs
+
+    return numcodecs.get_codec(configured)
 
 
 def unpacked_bytes(
