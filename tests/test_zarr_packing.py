@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import lzma
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +23,7 @@ from zarr.codecs import (
 from zarr.codecs import numcodecs as packed_by
 
 import napari_phase4d as p4d
+from napari_phase4d.io import zarr_packing
 
 numcodecs = pytest.importorskip("numcodecs")
 
@@ -124,3 +128,78 @@ def test_what_is_changed_after_packing_is_refused(tmp_path: Path) -> None:
     path = store_of(tmp_path, compressors=[GzipCodec(), packed_by.Shuffle(elementsize=1)])
     with pytest.raises(OSError, match=r"rec\.zarr changes its pieces after packing .*\(shuffle\)"):
         p4d.open_recording(path)
+
+
+def zstd_frame(n_blocks: int) -> bytes:
+    """Return a frame that does not say that it holds so many times 128 KiB of zeros (RFC 8878)."""
+    block = (2**17 << 3 | 1 << 1).to_bytes(3, "little") + b"\0"  # one byte, repeated
+    last = (2**17 << 3 | 1 << 1 | 1).to_bytes(3, "little") + b"\0"
+    return b"\x28\xb5\x2f\xfd\0\x58" + block * (n_blocks - 1) + last
+
+
+SKIPPED = bytes.fromhex("502a4d18 04000000 00000000")
+SAID = bytes(numcodecs.Zstd().encode(np.zeros(2**20, np.uint8)))
+FEW = bytes(numcodecs.Zstd().encode(np.zeros(9, np.uint8)))
+ZEROS = gzip.compress(bytes(2**20), 9)
+#: What holds far more than the 8192 bytes of a frame, some of it behind what holds few.
+BURSTING: dict[str, tuple[Any, bytes]] = {
+    "zstd, not said": (ZstdCodec(), zstd_frame(8)),
+    "zstd, skipped first": (ZstdCodec(), SKIPPED + SAID),
+    "zstd, skipped first, not said": (ZstdCodec(), SKIPPED + zstd_frame(8)),
+    "zstd, said behind few": (ZstdCodec(), FEW + SAID),
+    "zstd, not said behind few": (ZstdCodec(), FEW + zstd_frame(8)),
+    "gzip, behind few": (GzipCodec(), gzip.compress(b"few") + ZEROS),
+    "gzip, behind zeros": (GzipCodec(), gzip.compress(b"few") + bytes(2**15) + ZEROS),
+    "bz2, behind few": (packed_by.BZ2, bz2.compress(b"few") + bz2.compress(bytes(2**20))),
+    "lzma, behind few": (packed_by.LZMA, lzma.compress(b"few") + lzma.compress(bytes(2**20))),
+}
+
+
+@pytest.mark.parametrize("case", BURSTING)
+def test_a_piece_that_does_not_say_what_it_holds_is_looked_into(
+    case: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("napari_phase4d.io.zarr_packing.HARMLESS", 2**16)
+    codec, piece = BURSTING[case]
+    path = store_of(tmp_path, compressors=[codec() if isinstance(codec, type) else codec])
+    (path / "c" / "3" / "0" / "0").write_bytes(piece)
+    with pytest.raises(OSError, match="its piece 0 would unpack to more than 8192 bytes"):
+        p4d.open_recording(path).raw_frame(3)
+
+
+@pytest.mark.parametrize("skipped", [b"", SKIPPED])
+@pytest.mark.parametrize("said", [True, False])
+def test_zstandard_is_read_however_it_is_written(
+    said: bool, skipped: bytes, tmp_path: Path
+) -> None:
+    """Some programs write as a stream, and don't know the size when they begin."""
+    path = store_of(tmp_path, compressors=[ZstdCodec()])
+    piece = path / "c" / "3" / "0" / "0"
+    packed = numcodecs.Zstd().encode(FRAMES[3].tobytes())
+    if not said:  # blocks as they are, in a frame that says no size
+        raw = (8192 << 3 | 1).to_bytes(3, "little") + FRAMES[3].tobytes()
+        packed = b"\x28\xb5\x2f\xfd\0\x58" + raw
+    piece.write_bytes(skipped + packed)
+    check_reads_right(path)
+
+
+def test_what_zarr_python_writes_says_its_size(tmp_path: Path) -> None:
+    """So that none of it is unpacked twice."""
+    for version in (2, 3):
+        folder = tmp_path / str(version)
+        packer = ZstdCodec() if version == 3 else numcodecs.Zstd()
+        path = store_of(folder, version, compressors=[packer])
+        pieces = [f for f in path.rglob("*") if f.is_file() and "z" not in f.name]
+        assert len(pieces) == len(FRAMES)
+        assert [zarr_packing.zstd_said(f.read_bytes()) for f in pieces] == [8192] * len(FRAMES)
+
+
+@pytest.mark.parametrize("version", [2, 3])
+def test_lzma_of_other_forms_is_read(
+    version: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Without a header there is nothing to know its form by but what the store says."""
+    monkeypatch.setattr("napari_phase4d.io.zarr_packing.HARMLESS", 2**10)
+    form = {"format": lzma.FORMAT_RAW, "filters": [{"id": lzma.FILTER_LZMA2, "preset": 1}]}
+    packer = packed_by.LZMA(**form) if version == 3 else numcodecs.LZMA(**form)
+    check_reads_right(store_of(tmp_path, version, compressors=packer))

@@ -10,6 +10,7 @@ import lzma
 import math
 import zlib
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -38,6 +39,8 @@ PACKERS = (*STREAMS, "zstd", "blosc", "lz4")
 CHECKSUMS, CHECKSUM_BYTES = ("crc32", "adler32", "fletcher32", "jenkins"), 4
 #: Streams that hold less than this are not looked into, and others so many bytes at a time.
 HARMLESS, PART_BYTES = 2**28, 2**20
+#: A stream is given so many bytes at a time: what is behind its end is copied.
+SLICE_BYTES = 2**14
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 #: How a shard says where a piece of it lies: its place and its bytes, both this if there is none.
 ENTRY, MISSING = np.dtype("<u8"), 2**64 - 1
@@ -61,7 +64,7 @@ def check_packed_once(path: Path, metadata: Any) -> None:
     """
     chain = chain_of(metadata)
     inner, outer = packers_in(chain.inner), packers_in(chain.outer)
-    if len(inner) + len(outer) > 1 or (outer and chain.shard is not None):
+    if len(inner) + len(outer) > 1 or outer:
         msg = (
             f"{path.name} packs its pieces more than once ({', '.join((*inner, *outer))}), which "
             "is not unpacked; save it packed once"
@@ -92,7 +95,7 @@ def check_unpacked(file: IO[bytes], size: int, name: str, array: Any) -> None:
         What it belongs to.
     """
     chain = chain_of(array.metadata)
-    packing = next(iter(packers_in((*chain.inner, *chain.outer))), "")
+    codec = next((codec for codec in chain.inner if packs(codec)), None)
     # zarr-python takes the shards for the pieces where something else comes after them.
     joined = math.prod(int(n) for n in array.shards or array.chunks)
     alone = math.prod(chain.shard.chunk_shape) if chain.shard is not None else joined
@@ -106,10 +109,10 @@ def check_unpacked(file: IO[bytes], size: int, name: str, array: Any) -> None:
         start, length = without_checksums(part, behind(chain.inner))
         file.seek(start)
         head = file.read(min(HEAD_BYTES, length))
-        if "blosc" in packing and int.from_bytes(head[12:16], "little") > length:
+        if "blosc" in name_of(codec) and int.from_bytes(head[12:16], "little") > length:
             msg = f"its piece {name} is cut short"
             raise OSError(msg)
-        if unpacked_bytes(file, start, length, head, packing, limit) > limit:
+        if unpacked_bytes(file, start, length, head, codec, limit) > limit:
             msg = f"its piece {name} would unpack to more than {holds} bytes"
             raise OSError(msg)
 
@@ -194,7 +197,7 @@ def in_numcodecs(codec: Any) -> Any:
 
 
 def unpacked_bytes(
-    file: IO[bytes], start: int, length: int, head: bytes, packing: str, limit: int
+    file: IO[bytes], start: int, length: int, head: bytes, codec: Any, limit: int
 ) -> int:
     """Return how many bytes a packed piece says, or is found, to hold; 0 where it can't be told.
 
@@ -206,43 +209,95 @@ def unpacked_bytes(
         Where it begins, and its bytes.
     head : bytes
         Its first bytes.
-    packing : str
-        Name of what packed it, in small letters.
+    codec : object
+        What packed it.
     limit : int
         What is packed by gzip and the like doesn't say it: it is unpacked up to here to see.
     """
+    packing = name_of(codec)
     if "blosc" in packing:  # c-blosc's header
         return int.from_bytes(head[4:8], "little")
     if "lz4" in packing:  # as numcodecs writes it
         return int.from_bytes(head[:4], "little")
+    file.seek(start)
     if "zstd" in packing:
-        return zstd_bytes(head)
+        return zstd_bytes(file.read(length), limit)
     for name, (stream_of, ratio) in STREAMS.items():
         if name in packing and length * ratio > max(limit, HARMLESS):
-            file.seek(start)
-            return streamed_bytes(file.read(length), stream_of(), limit)
+            settings = in_numcodecs(codec)
+            if name == "lzma":
+                stream_of = partial(lzma.LZMADecompressor, settings.format, None, settings.filters)
+            return streamed_bytes(file.read(length), stream_of, limit)
     return 0
 
 
-def streamed_bytes(packed: bytes, stream: Any, limit: int) -> int:
-    """Return how many bytes a piece unpacks to, of which one part at a time is held."""
-    found = 0
-    while found <= limit and not stream.eof:
-        part = len(stream.decompress(packed, PART_BYTES))
-        found += part
-        # zlib gives back what it has not looked at; the others keep it.
-        packed = getattr(stream, "unconsumed_tail", b"")
-        if not part and not packed:
+def streamed_bytes(packed: bytes, stream_of: Callable[[], Any], limit: int) -> int:
+    """Return how many bytes a piece unpacks to, of which one part at a time is held.
+
+    It may consist of several streams, with zeros between them. Where one of them is damaged, what
+    unpacks it stops as well.
+    """
+    found, place, stream, waiting = 0, 0, stream_of(), b""
+    while found <= limit:
+        if stream.eof:
+            stream, waiting = stream_of(), stream.unused_data.lstrip(b"\0")
+            while not waiting and place < len(packed):
+                waiting = packed[place : place + SLICE_BYTES].lstrip(b"\0")
+                place += SLICE_BYTES
+        elif not waiting and getattr(stream, "needs_input", True):
+            waiting = packed[place : place + SLICE_BYTES]
+            place += SLICE_BYTES
+        try:
+            part = len(stream.decompress(waiting, PART_BYTES))
+        except (OSError, zlib.error, lzma.LZMAError):
             break
+        found += part
+        if not part and not waiting and place >= len(packed):
+            break
+        # zlib gives back what it has not looked at; the others keep it.
+        waiting = getattr(stream, "unconsumed_tail", b"")
     return found
 
 
-def zstd_bytes(head: bytes) -> int:
-    """Return how many bytes a Zstandard frame says that it holds (RFC 8878, section 3.1.1.1)."""
-    if head[:4] != ZSTD_MAGIC or len(head) < 5:
-        return 0
-    descriptor = head[4]
-    single = descriptor >> 5 & 1
-    size = (single, 2, 4, 8)[descriptor >> 6]
-    start = 5 + (1 - single) + (0, 1, 2, 4)[descriptor & 3]
-    return int.from_bytes(head[start : start + size], "little") + (256 if size == 2 else 0)
+def zstd_bytes(packed: bytes, limit: int) -> int:
+    """Return how many bytes a piece packed by Zstandard holds, or one more than the limit.
+
+    Where not every frame of it says so, it is unpacked up to the limit to see.
+    """
+    said = zstd_said(packed)
+    if said is not None:
+        return said
+    import numcodecs
+
+    try:
+        numcodecs.Zstd().decode(packed, out=np.empty(limit, np.uint8))
+    except (RuntimeError, ValueError) as error:
+        # Holding less is an error for numcodecs too, but of other words.
+        return limit + 1 if "too small" in str(error) else 0
+    return limit
+
+
+def zstd_said(packed: bytes) -> int | None:
+    """Return how many bytes the frames of a piece say that they hold, None unless all say it.
+
+    See RFC 8878, sections 3.1.1 (frames, blocks) and 3.1.2 (what is to be skipped).
+    """
+    found = place = 0
+    while place < len(packed):
+        magic, descriptor = packed[place : place + 4], packed[place + 4 : place + 5]
+        if magic != ZSTD_MAGIC or not descriptor:
+            return None
+        single = descriptor[0] >> 5 & 1
+        size = (single, 2, 4, 8)[descriptor[0] >> 6]
+        if not size:
+            return None
+        place += 5 + (1 - single) + (0, 1, 2, 4)[descriptor[0] & 3]
+        found += int.from_bytes(packed[place : place + size], "little") + 256 * (size == 2)
+        place += size
+        last = False
+        while not last and place < len(packed):
+            block = int.from_bytes(packed[place : place + 3], "little")
+            last, repeated = bool(block & 1), block >> 1 & 3 == 1
+            place += 3 + (1 if repeated else block >> 3)
+        place += 4 * (descriptor[0] >> 2 & 1)  # a checksum
+    return found
