@@ -123,6 +123,18 @@ def test_checksums_around_a_shard_are_no_damage(tmp_path: Path) -> None:
     check_reads_right(tmp_path / "rec.zarr")
 
 
+def test_a_shard_within_a_shard_is_refused(tmp_path: Path) -> None:
+    """Where its pieces lie is listed in each shard of the shard, and never looked at."""
+    packed = ShardingCodec(chunk_shape=(1, 64, 64), codecs=[BytesCodec(), GzipCodec()])
+    within = ShardingCodec(chunk_shape=(2, 64, 64), codecs=[packed])
+    zarr.create(
+        store=str(tmp_path / "rec.zarr"), shape=FRAMES.shape, dtype="u2", chunks=(4, 64, 64),
+        zarr_format=3, codecs=[within],
+    )  # fmt: skip
+    with pytest.raises(OSError, match=r"packs its pieces more than once \(shardingcodec\)"):
+        p4d.open_recording(tmp_path / "rec.zarr")
+
+
 def test_what_is_changed_after_packing_is_refused(tmp_path: Path) -> None:
     """Its header says nothing, so that it could hold anything."""
     path = store_of(tmp_path, compressors=[GzipCodec(), packed_by.Shuffle(elementsize=1)])

@@ -64,7 +64,8 @@ def check_packed_once(path: Path, metadata: Any) -> None:
     """
     chain = chain_of(metadata)
     inner, outer = packers_in(chain.inner), packers_in(chain.outer)
-    if len(inner) + len(outer) > 1 or outer:
+    within = chain.shard is not None and any("sharding" in name for name in inner)
+    if len(inner) + len(outer) > 1 or outer or within:
         msg = (
             f"{path.name} packs its pieces more than once ({', '.join((*inner, *outer))}), which "
             "is not unpacked; save it packed once"
