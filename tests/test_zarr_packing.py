@@ -215,3 +215,49 @@ def test_lzma_of_other_forms_is_read(
     form = {"format": lzma.FORMAT_RAW, "filters": [{"id": lzma.FILTER_LZMA2, "preset": 1}]}
     packer = packed_by.LZMA(**form) if version == 3 else numcodecs.LZMA(**form)
     check_reads_right(store_of(tmp_path, version, compressors=packer))
+
+
+@pytest.mark.parametrize("shards", [None, (8, 64, 64)])
+@pytest.mark.parametrize("packed", [True, False])
+def test_pieces_are_looked_at_once(
+    packed: bool, shards: tuple | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each frame of a shard looked at the pieces of all others."""
+    looked: list[int] = []
+    look = zarr_packing.unpacked_bytes
+    monkeypatch.setattr(
+        zarr_packing, "unpacked_bytes", lambda *args: looked.append(args[1]) or look(*args)
+    )
+    path = store_of(tmp_path, compressors=GzipCodec() if packed else None, shards=shards)
+    recording = p4d.open_recording(path)
+    for _ in range(2):
+        for number, frame in enumerate(FRAMES):
+            np.testing.assert_array_equal(recording.raw_frame(number), frame)
+    assert len(looked) == (len(FRAMES) if packed else 0)
+
+
+def test_a_piece_that_has_changed_is_looked_at_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zarr_packing, "HARMLESS", 2**16)
+    path = store_of(tmp_path, compressors=GzipCodec())
+    recording = p4d.open_recording(path)
+    recording.raw_frame(3)
+    (path / "c" / "3" / "0" / "0").write_bytes(ZEROS)
+    recording.raw_frame(4)
+    with pytest.raises(OSError, match="would unpack to more than 8192 bytes"):
+        recording.raw_frame(3)
+
+
+def test_not_all_that_was_looked_at_is_noted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zarr_packing, "MOST_NOTED", 3)
+    path = store_of(tmp_path, compressors=GzipCodec())
+    pieces = zarr_packing.Pieces(zarr.open_array(str(path), mode="r"))
+    opened: list[Path] = []
+    for _ in range(2):
+        for file in sorted((path / "c").glob("*/0/0")):
+            opening = lambda file=file: opened.append(file) or file.open("rb")  # noqa: E731
+            pieces.check(opening, file.stat().st_size, "0", (file,))
+    assert len(opened) == 2 * len(FRAMES)

@@ -18,7 +18,7 @@ import numpy as np
 
 from napari_phase4d.io.lazy import Unsound
 
-__all__ = ["check_packed_once", "check_unpacked"]
+__all__ = ["Pieces", "check_packed_once"]
 
 #: Bytes at the beginning of a piece that say how it is packed.
 HEAD_BYTES = 32
@@ -41,6 +41,8 @@ CHECKSUMS, CHECKSUM_BYTES = ("crc32", "adler32", "fletcher32", "jenkins"), 4
 HARMLESS, PART_BYTES = 2**28, 2**20
 #: A stream is given so many bytes at a time: what is behind its end is copied.
 SLICE_BYTES = 2**14
+#: So many files that have been looked at are noted.
+MOST_NOTED = 2**13
 ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 #: How a shard says where a piece of it lies: its place and its bytes, both this if there is none.
 ENTRY, MISSING = np.dtype("<u8"), 2**64 - 1
@@ -81,41 +83,74 @@ def check_packed_once(path: Path, metadata: Any) -> None:
         raise Unsound(msg)
 
 
-def check_unpacked(file: IO[bytes], size: int, name: str, array: Any) -> None:
-    """Raise OSError for a piece that is cut short, or would unpack to more than it stands for.
+class Pieces:
+    """Looks at the packed pieces of an array, at each of them once as long as it stays as it is.
+
+    A shard holds pieces of many frames.
 
     Parameters
     ----------
-    file : file
-        With the piece, or with a shard of pieces.
-    size : int
-        Its bytes.
-    name : str
-        What to call it.
     array : zarr.Array
-        What it belongs to.
+        What they belong to.
     """
-    chain = chain_of(array.metadata)
-    codec = next((codec for codec in chain.inner if packs(codec)), None)
-    # zarr-python takes the shards for the pieces where something else comes after them.
-    joined = math.prod(int(n) for n in array.shards or array.chunks)
-    alone = math.prod(chain.shard.chunk_shape) if chain.shard is not None else joined
-    holds = alone * np.dtype(array.dtype).itemsize
-    limit = MOST_UNPACKED * holds + MORE_BYTES
-    whole = without_checksums((0, size), chain.outer)
-    parts = [whole]
-    if chain.shard is not None:
-        parts = places_in_shard(file, whole, name, joined // alone, chain.shard)
-    for part in parts:
-        start, length = without_checksums(part, behind(chain.inner))
+
+    def __init__(self, array: Any) -> None:
+        self._chain = chain_of(array.metadata)
+        self._codec = next((codec for codec in self._chain.inner if packs(codec)), None)
+        # zarr-python takes the shards for the pieces where something else comes after them.
+        joined = math.prod(int(n) for n in array.shards or array.chunks)
+        shard = self._chain.shard
+        alone = joined if shard is None else math.prod(int(n) for n in shard.chunk_shape)
+        #: Bytes of a piece as it is used, how many may come out, and how many pieces a shard has.
+        self._holds = alone * np.dtype(array.dtype).itemsize
+        self._limit = MOST_UNPACKED * self._holds + MORE_BYTES
+        self._count = joined // alone
+        #: What has been looked at; in the order of looking.
+        self._sound: dict[tuple[Any, ...], None] = {}
+
+    def check(
+        self, opened: Callable[[], IO[bytes]], size: int, name: str, stamp: tuple[Any, ...]
+    ) -> None:
+        """Raise OSError for a piece that is cut short, or would unpack to more than it stands for.
+
+        Parameters
+        ----------
+        opened : callable
+            Opens the file with the piece, or with a shard of pieces.
+        size : int
+            Its bytes.
+        name : str
+            What to call it.
+        stamp : tuple
+            What tells this state of this file from all others.
+        """
+        if self._codec is None or stamp in self._sound:
+            return
+        with opened() as file:
+            whole = without_checksums((0, size), self._chain.outer)
+            for part in self._parts(file, whole, name):
+                self._check_part(file, without_checksums(part, behind(self._chain.inner)), name)
+        self._sound[stamp] = None
+        if len(self._sound) > MOST_NOTED:
+            del self._sound[next(iter(self._sound))]
+
+    def _check_part(self, file: IO[bytes], part: tuple[int, int], name: str) -> None:
+        """Look at one piece."""
+        start, length = part
         file.seek(start)
         head = file.read(min(HEAD_BYTES, length))
-        if "blosc" in name_of(codec) and int.from_bytes(head[12:16], "little") > length:
+        if "blosc" in name_of(self._codec) and int.from_bytes(head[12:16], "little") > length:
             msg = f"its piece {name} is cut short"
             raise OSError(msg)
-        if unpacked_bytes(file, start, length, head, codec, limit) > limit:
-            msg = f"its piece {name} would unpack to more than {holds} bytes"
+        if unpacked_bytes(file, start, length, head, self._codec, self._limit) > self._limit:
+            msg = f"its piece {name} would unpack to more than {self._holds} bytes"
             raise OSError(msg)
+
+    def _parts(self, file: IO[bytes], whole: tuple[int, int], name: str) -> list[tuple[int, int]]:
+        """Return where the pieces lie in a file, and their bytes."""
+        if self._chain.shard is None:
+            return [whole]
+        return places_in_shard(file, whole, name, self._count, self._chain.shard)
 
 
 def places_in_shard(
@@ -135,7 +170,7 @@ def places_in_shard(
         raise OSError(msg)
     file.seek(begin + (size - length - checked if at_end else 0))
     entries = np.frombuffer(file.read(length), ENTRY).reshape(count, 2).tolist()
-    return [(begin + start, long) for start, long in entries if start != MISSING]
+    return sorted((begin + start, long) for start, long in entries if start != MISSING)
 
 
 def chain_of(metadata: Any) -> Chain:
