@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import bz2
+import gc
 import gzip
 import lzma
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import zarr
 from zarr.codecs import (
@@ -261,3 +264,27 @@ def test_not_all_that_was_looked_at_is_noted(
             opening = lambda file=file: opened.append(file) or file.open("rb")  # noqa: E731
             pieces.check(opening, file.stat().st_size, "0", (file,))
     assert len(opened) == 2 * len(FRAMES)
+
+
+def zipped(path: Path, method: int = zipfile.ZIP_STORED) -> Path:
+    """Return a folder as a zip beside it."""
+    target = path.with_name("rec.zarr.zip")
+    with zipfile.ZipFile(target, "w", method) as archive:
+        for file in path.rglob("*"):
+            archive.write(file, file.relative_to(path))
+    return target
+
+
+def test_a_zipped_store_is_closed_with_its_recording(tmp_path: Path) -> None:
+    """On Windows an open file can be neither moved nor removed."""
+    path = zipped(store_of(tmp_path, compressors=GzipCodec()))
+    recording = p4d.open_recording(path)
+    recording.raw_frame(3)
+
+    def is_open() -> bool:
+        return str(path) in [file.path for file in psutil.Process().open_files()]
+
+    assert is_open()
+    del recording
+    gc.collect()
+    assert not is_open()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Mapping
-from functools import lru_cache, partial
+from functools import partial
 from pathlib import Path
 from typing import IO, Any
 from zipfile import ZipFile
@@ -133,6 +133,8 @@ class ZarrReader(FrameReader):
         self._lock = threading.Lock()
         self._array: Any = None
         self._pieces: Pieces | None = None
+        #: A zipped store; what lies in it takes long to list. It is closed with the reader.
+        self._zip: ZipFile | None = None
         #: The last frame that a server is known to have, where it had nothing of one before.
         self._there = -1
         self._block = (0, np.empty((0, *shape[1:]), dtype))
@@ -196,7 +198,12 @@ class ZarrReader(FrameReader):
         if self._pieces is None:
             self._pieces = Pieces(array)
         place = self._place(array, index)
-        check_pieces(self.path, self.name, array, place, self._pieces, self.axis)
+        if self.path.is_dir():
+            check_pieces(self.path, self.name, array, place, self._pieces, self.axis)
+        elif address_of(self.path) is None:
+            if self._zip is None:
+                self._zip = ZipFile(self.path)
+            check_zipped(self._zip, self.name, array, place, self._pieces)
 
     def _check_sent(self, array: Any, index: int) -> None:
         """Raise OSError if a server had nothing of a frame, nor of any later one."""
@@ -367,10 +374,6 @@ def check_pieces(
     it could not make smaller. Missing pieces are black, which Zarr leaves out, unless nothing at
     all comes after them: then the recording ended there.
     """
-    if not path.is_dir():
-        if address_of(path) is None:
-            check_zipped(path, name, array, place, pieces)
-        return
     files = files_of(path, name, array, place)
     if not files and not goes_on(path, name, array, place, axis):
         msg = "nothing of it is in the store"
@@ -386,9 +389,8 @@ def opened_file(path: Path) -> IO[bytes]:
     return path.open("rb")
 
 
-def check_zipped(path: Path, name: str, array: Any, place: list[int], pieces: Pieces) -> None:
+def check_zipped(store: ZipFile, name: str, array: Any, place: list[int], pieces: Pieces) -> None:
     """Raise OSError if a piece of a frame in a zipped store would unpack to far too much."""
-    store = zipped(path, path.stat().st_mtime_ns)
     for key in keys_of(array, place):
         try:
             info = store.getinfo(f"{name}/{key}".lstrip("/"))
@@ -396,12 +398,6 @@ def check_zipped(path: Path, name: str, array: Any, place: list[int], pieces: Pi
             continue
         stamp = (info.filename, info.header_offset, info.file_size)
         pieces.check(partial(store.open, info), info.file_size, key, stamp)
-
-
-@lru_cache(maxsize=2)
-def zipped(path: Path, changed_ns: int) -> ZipFile:
-    """Return an open zip, whose list of contents takes long to read."""
-    return ZipFile(path)
 
 
 def keys_of(array: Any, place: list[int]) -> list[str]:
