@@ -126,6 +126,39 @@ def test_checksums_around_a_shard_are_no_damage(tmp_path: Path) -> None:
     check_reads_right(tmp_path / "rec.zarr")
 
 
+@pytest.mark.parametrize("place", ["start", "end"])
+@pytest.mark.parametrize("order", ["little", "big"])
+def test_wherever_a_shard_lists_its_pieces_they_are_looked_at(
+    order: str, place: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zarr_packing, "HARMLESS", 2**16)
+    within = ShardingCodec(
+        chunk_shape=(1, 64, 64), codecs=[BytesCodec(), GzipCodec()],
+        index_codecs=[BytesCodec(endian=order)], index_location=place,
+    )  # fmt: skip
+    array = zarr.create(
+        store=str(tmp_path / "rec.zarr"), shape=FRAMES.shape, dtype="u2", chunks=(4, 64, 64),
+        zarr_format=3, codecs=[within],
+    )  # fmt: skip
+    array[:] = FRAMES
+    check_reads_right(tmp_path / "rec.zarr")
+    shard = tmp_path / "rec.zarr" / "c" / "0" / "0" / "0"
+    packed, entry = shard.read_bytes(), {"little": "<u8", "big": ">u8"}[order]
+    at = 0 if place == "start" else len(packed) - 64
+    listed = np.frombuffer(packed[at : at + 64], entry).reshape(4, 2).copy()
+    for begins, holds, expected in (
+        (len(packed) if place == "start" else at, ZEROS, "would unpack to more than 8192 bytes"),
+        (2 * len(packed), b"", "its piece 0 is cut short"),
+    ):
+        listed[1] = begins, len(ZEROS)
+        if place == "start":
+            shard.write_bytes(listed.tobytes() + packed[64:] + holds)
+        else:
+            shard.write_bytes(packed[:at] + holds + listed.tobytes())
+        with pytest.raises(OSError, match=expected):
+            p4d.open_recording(tmp_path / "rec.zarr").raw_frame(1)
+
+
 def test_a_shard_within_a_shard_is_refused(tmp_path: Path) -> None:
     """Where its pieces lie is listed in each shard of the shard, and never looked at."""
     packed = ShardingCodec(chunk_shape=(1, 64, 64), codecs=[BytesCodec(), GzipCodec()])

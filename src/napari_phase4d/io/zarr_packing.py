@@ -169,8 +169,14 @@ def places_in_shard(
         msg = f"its piece {name} is cut short, or lists what it holds in an unusual way"
         raise OSError(msg)
     file.seek(begin + (size - length - checked if at_end else 0))
-    entries = np.frombuffer(file.read(length), ENTRY).reshape(count, 2).tolist()
-    return sorted((begin + start, long) for start, long in entries if start != MISSING)
+    big = any("big" in str(getattr(codec, "endian", "")).lower() for codec in shard.index_codecs)
+    entry = ENTRY.newbyteorder(">" if big else "<")
+    entries = np.frombuffer(file.read(length), entry).reshape(count, 2).tolist()
+    places = sorted((begin + start, long) for start, long in entries if start != MISSING)
+    if any(start + long > begin + size for start, long in places):
+        msg = f"its piece {name} is cut short"
+        raise OSError(msg)
+    return places
 
 
 def chain_of(metadata: Any) -> Chain:
