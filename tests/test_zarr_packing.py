@@ -321,3 +321,39 @@ def test_a_zipped_store_is_closed_with_its_recording(tmp_path: Path) -> None:
     del recording
     gc.collect()
     assert not is_open()
+
+
+METHODS = {
+    "deflated": zipfile.ZIP_DEFLATED, "bzip2": zipfile.ZIP_BZIP2, "lzma": zipfile.ZIP_LZMA,
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("case", ["none", "gzip", "zstd", "shard, zstd"])
+def test_what_a_zip_packs_is_read_right(
+    case: str, method: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(zarr_packing, "HARMLESS", 2**10)
+    check_reads_right(zipped(store_of(tmp_path, **THREE[case]()), METHODS[method]))
+
+
+@pytest.mark.parametrize("true", [True, False])
+@pytest.mark.parametrize("method", METHODS)
+@pytest.mark.parametrize("shards", [None, (4, 64, 64)])
+def test_what_a_zip_packs_holds_no_more_than_it_may(
+    shards: tuple | None, method: str, true: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also where the zip says that it were little, which Python looks at when all is unpacked."""
+    monkeypatch.setattr(zarr_packing, "HARMLESS", 2**16)
+    path = store_of(tmp_path, compressors=None, shards=shards)
+    piece = path / "c" / "0" / "0" / "0"
+    written = piece.read_bytes()
+    piece.write_bytes(written + bytes(2**20))
+    store = zipped(path, METHODS[method])
+    if not true:
+        sizes = [len(written).to_bytes(4, "little"), piece.stat().st_size.to_bytes(4, "little")]
+        store.write_bytes(store.read_bytes().replace(sizes[1], sizes[0]))
+        with zipfile.ZipFile(store) as archive:
+            assert archive.getinfo("c/0/0/0").file_size == len(written)
+    with pytest.raises(OSError, match=f"unpack to more than {8192 * (4 if shards else 1)} bytes"):
+        p4d.open_recording(store).raw_frame(0)

@@ -396,6 +396,7 @@ def check_zipped(store: ZipFile, name: str, array: Any, place: list[int], pieces
             info = store.getinfo(f"{name}/{key}".lstrip("/"))
         except KeyError:
             continue
+        pieces.check_entry(store, info, key)
         stamp = (info.filename, info.header_offset, info.file_size)
         pieces.check(partial(store.open, info), info.file_size, key, stamp)
 
