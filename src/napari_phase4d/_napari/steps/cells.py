@@ -176,15 +176,9 @@ class CellsPart(Step):
                 "cosine of the viewing angle. For angles in the medium that were typed in.",
             )
         )
-        in_grid(
-            self,
-            (
-                ("result", self.result),
-                ("cells", self.source),
-                ("dn/dc", self.increment),
-                ("object index", self.index),
-            ),
-        )
+        # Two grids, so that the longer words of one take no room from the other.
+        in_grid(self, (("result", self.result), ("cells", self.source)))
+        in_grid(self, (("dn/dc", self.increment), ("object index", self.index)))
         least = self.label("smallest")
         least.setToolTip(self.smallest.tooltip)
         least.setBuddy(self.smallest.native)

@@ -380,15 +380,9 @@ class MeasurePart(Step):
         )
         self.increment = self.watched(increment_field("increment"))
         self.index = self.watched(index_field("object_index"))
-        in_grid(
-            self,
-            (
-                ("result", self.result),
-                ("region", self.regions),
-                ("dn/dc", self.increment),
-                ("object index", self.index),
-            ),
-        )
+        # Two grids, so that the longer words of one take no room from the other.
+        in_grid(self, (("result", self.result), ("region", self.regions)))
+        in_grid(self, (("dn/dc", self.increment), ("object index", self.index)))
         self.follow = self.watched(
             CheckBox(
                 name="regions_follow",
