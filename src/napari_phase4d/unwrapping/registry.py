@@ -103,6 +103,9 @@ class Method:
     leaves_out : bool
         Whether frames that say nothing are left out; its results then list them as
         ``attrs["lost_frames"]``.
+    along : tuple of str
+        Dimensions, "time" or "angle", that it goes along. Where one of them has a single frame,
+        another method gives the same.
     """
 
     label: str
@@ -120,6 +123,7 @@ class Method:
     name: str = ""
     package: str = ""
     wavelengths: int = 1
+    along: tuple[str, ...] = ()
 
 
 # ---- methods that other packages bring ------------------------------------------------------
@@ -290,6 +294,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along the angle only",
+        along=chain.ORDERS["angular"],
     ),
     "temporal": Method(
         "Temporal",
@@ -299,6 +304,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along time only",
+        along=chain.ORDERS["temporal"],
     ),
     "temporal-angular": Method(
         "T/A",
@@ -308,6 +314,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along time, then angle",
+        along=chain.ORDERS["temporal-angular"],
     ),
     "angular-temporal": Method(
         "A/T",
@@ -317,6 +324,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along angle, then time",
+        along=chain.ORDERS["angular-temporal"],
     ),
     "laplacian": Method(
         "LBE",
@@ -385,6 +393,7 @@ BUILT_IN: dict[str, Method] = {
         block_bytes=OF_GROWING,
         scratch_bytes=OF_GROUPS,
         name="reliability in time, y and x",
+        along=("time",),
     ),
     "network-flow": Method(
         "Flow",

@@ -27,15 +27,14 @@ from napari_phase4d._napari.widgets.section import WheelGuard
 from napari_phase4d._napari.widgets.view_strip import Thumbnail
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import PAPER_METHODS, phase_needs, start_words
-from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import (
     METHODS,
+    ONE_OF,
     ORDERS,
     Option,
     best_frame,
     label_of,
     left_out_advice,
-    methods_for,
     object_in,
     scores_sentence,
 )
@@ -96,8 +95,8 @@ class UnwrapStep(Step):
             self.session.estimate_changed,
         ):
             signal.connect(self._show_needs)
-        self.session.reconstruction_changed.connect(self._show_suiting)
-        self._show_suiting()
+        self.session.reconstruction_changed.connect(self._show_settings)
+        self._show_settings()
 
     def frame_changed(self) -> None:
         """Follow the sliders."""
@@ -147,7 +146,7 @@ class UnwrapStep(Step):
 
     def _show_needs(self) -> None:
         """Say on the button how long a run will take and how much memory, about."""
-        data, methods = self.session.reconstruction, self.session.recipe.methods
+        data, methods = self.session.reconstruction, self.session.to_run
         if data is None or not methods:
             self.go.setText("Run")
             return
@@ -158,20 +157,14 @@ class UnwrapStep(Step):
             told.insert(0, time_in_words(self.session.estimate[1]))
         self.go.setText(f"Run (about {', '.join(told)})")
 
-    def _show_suiting(self) -> None:
-        """Let only those methods be ticked that suit the wavelengths of the views."""
-        data = self.session.reconstruction
-        suiting = methods_for(None if data is None else wavelengths_of(data["phase"]))
-        for method, row in self.methods.items():
-            # What a recipe has ticked can still be taken out of it.
-            row.tick.setEnabled(method in suiting or row.tick.isChecked())
-
     def _show_settings(self) -> None:
-        """Show what the recipe says."""
-        recipe = self.session.recipe
+        """Show what the recipe says; only methods that make sense for the phase can be ticked."""
+        recipe, data = self.session.recipe, self.session.reconstruction
         with self.own_change():
             self.mask.value = recipe.mask == "auto"
-            self.list.show_choice(recipe.methods, recipe.options)
+            self.list.show_choice(self.session.to_run, recipe.options)
+            self.list.show_suiting({m: self.session.why_unsuited(m) for m in METHODS})
+            self.list.say_what_lacks(() if data is None else data["phase"].shape[:2])
 
 
 MANY_METHODS_PATH = "temporal-angular"
@@ -382,7 +375,7 @@ class MethodList(QWidget):  # type: ignore[misc]
     ticked(str)
         The user, or the program, has ticked a method, or no longer.
     ticked_on(str)
-        A method was ticked.
+        The user has ticked a method.
     option_changed(str)
         An option of a method was changed.
     """
@@ -399,6 +392,10 @@ class MethodList(QWidget):  # type: ignore[misc]
         column = QVBoxLayout(self)
         column.setContentsMargins(0, 0, 0, 0)
         column.setSpacing(0)
+        self.lacking = QLabel()
+        self.lacking.setObjectName("lacking")
+        self.lacking.setWordWrap(True)
+        column.addWidget(self.lacking)
         for method in RECOMMENDED:
             self._add_row(column, method)
             self.rows[method].name.setText(f"{METHODS[method].name}: <b>recommended</b>")
@@ -430,6 +427,20 @@ class MethodList(QWidget):  # type: ignore[misc]
         """Show which methods are to be run, and with which options."""
         for method, row in self.rows.items():
             row.show_choice(ticked=method in chosen, options=options.get(method, {}))
+
+    def show_suiting(self, why_not: Mapping[str, str]) -> None:
+        """Let only methods be ticked that make sense; those for which a reason is given say it."""
+        for method, row in self.rows.items():
+            row.show_suiting(why_not[method])
+
+    def say_what_lacks(self, shape: Sequence[int]) -> None:
+        """Say why methods can't be ticked: there is one time, or one view, or both."""
+        ones = [dim for dim, count in zip(ONE_OF, shape, strict=False) if count == 1]
+        self.lacking.setText(
+            f"Only {' and '.join(ONE_OF[dim] for dim in ones)}: methods along "
+            f"{' or '.join(ones)} can't be ticked, and are not run."
+        )
+        self.lacking.setVisible(bool(ones))
 
     def _add_row(self, column: QVBoxLayout, method: str) -> None:
         row = self.rows[method]
@@ -480,7 +491,7 @@ class MethodRow(QWidget):  # type: ignore[misc]
     option_changed()
         An option was changed.
     ticked_on(str)
-        The method was ticked.
+        The user has ticked the method.
     """
 
     option_changed = Signal()
@@ -492,9 +503,8 @@ class MethodRow(QWidget):  # type: ignore[misc]
         facts = METHODS[method]
         self.tick = QCheckBox(facts.label)
         self.tick.setObjectName(f"method_{method}")
-        self.tick.setToolTip(f"{facts.summary}\n{facts.source}")
         self.tick.setChecked(ticked)
-        self.tick.toggled.connect(self._toggled)
+        self.tick.clicked.connect(self._clicked)
         self.fields = {option.name: field_of(option) for option in facts.options}
         #: Where the options are set; None for a method that has none.
         self.panel: QWidget | None = None
@@ -503,7 +513,6 @@ class MethodRow(QWidget):  # type: ignore[misc]
         row.addWidget(self.tick)
         self.tick.setMinimumWidth(self.fontMetrics().horizontalAdvance("x" * LETTERS))
         self.name = QLabel(facts.name or facts.package)
-        self.name.setToolTip(self.tick.toolTip())
         # Rather cut off than widening the dock, where the font is large.
         self.name.setSizePolicy(QSizePolicy.Policy.Ignored, QSizePolicy.Policy.Preferred)
         row.addWidget(self.name, 1)
@@ -516,6 +525,7 @@ class MethodRow(QWidget):  # type: ignore[misc]
             self.more.setToolTip(f"Show or hide the options of {facts.label}.")
             self.more.setCheckable(True)
             row.addWidget(self.more)
+        self.show_suiting("")
 
     def changed(self) -> dict[str, Any]:
         """Return the options that differ from their defaults."""
@@ -531,6 +541,16 @@ class MethodRow(QWidget):  # type: ignore[misc]
         self.tick.setChecked(ticked)
         for name, default in self._defaults().items():
             self.fields[name].value = options.get(name, default)
+
+    def show_suiting(self, why_not: str) -> None:
+        """Let the method be ticked where nothing speaks against it, else say what does."""
+        facts = METHODS[self.method]
+        self.tick.setEnabled(not why_not or self.tick.isChecked())
+        self.name.setEnabled(self.tick.isEnabled())
+        lines = [facts.summary, *([why_not] if why_not else []), facts.source]
+        for widget in (self.tick, self.name):
+            widget.setToolTip("\n".join(lines))
+        self.tick.setAccessibleDescription("\n".join(lines))
 
     def _defaults(self) -> dict[str, Any]:
         return {option.name: option.default for option in METHODS[self.method].options}
@@ -554,7 +574,7 @@ class MethodRow(QWidget):  # type: ignore[misc]
         panel.hide()
         return panel
 
-    def _toggled(self, on: bool) -> None:
+    def _clicked(self, on: bool) -> None:
         if on:
             self.ticked_on.emit(self.method)
 
