@@ -53,12 +53,12 @@ def test_every_field_says_what_it_is(ready) -> None:
 def test_tab_leaves_every_table(ready, click, qtbot) -> None:
     ready.session.unwrap(["temporal"])
     click("measure")
-    for name in ("lobe_table", "results_table", "measure_table", "cells_table"):
-        for table in ready.findChildren(QTableWidget):
-            if table.objectName() == name:
-                assert not table.tabKeyNavigation(), name
+    tables = {table.objectName(): table for table in ready.findChildren(QTableWidget)}
+    assert set(tables) == {"lobe_table", "result_table", "measure_table", "cells_table"}
+    for name, table in tables.items():
+        assert not table.tabKeyNavigation(), name
     ready.show_step(1)
-    table = ready.findChild(QTableWidget, "lobe_table")
+    table = tables["lobe_table"]
     QApplication.processEvents()
     ready.window().activateWindow()
     table.setFocus()
