@@ -16,7 +16,7 @@ import numpy as np
 import tifffile
 import xarray as xr
 from napari.components import ViewerModel
-from qtpy.QtCore import QEvent, QPointF, Qt, QTimer
+from qtpy.QtCore import QEvent, QPoint, QPointF, Qt, QTimer
 from qtpy.QtGui import QMouseEvent
 from qtpy.QtTest import QTest
 from qtpy.QtWidgets import QApplication, QWidget
@@ -30,7 +30,7 @@ from napari_phase4d._napari.session import plan_unwrapping
 from napari_phase4d.pipeline.running import warm_up
 
 sys.path.append(str(Path(__file__).parents[1] / "tests" / "_napari"))
-from driving import answer_dialog
+from driving import answer_dialog, canvas_of
 
 #: (time, angle, y, x) of the phase that is worked on, with so much noise in radians.
 SHAPE, NOISE_RAD = (60, 2, 256, 256), 0.2
@@ -45,6 +45,8 @@ CAMERA = (1024, 1280)
 #: Frames of the file that is opened as a measured one is.
 MEASURED = 12
 RUNS, DRAGS = 2, 30
+#: Frames a second that are asked for when nine results are played.
+PLAYED = 10
 #: Steps of the slider, in stretches in turn in one window and the other.
 STRETCHES, STEPS = 4, 10
 #: A mouse tells of its moves about so often.
@@ -56,6 +58,7 @@ def lines() -> Iterator[str]:
     warm_up()  # what compiling costs is measured under "First use"
     for heading, part in (
         ("Longest stall of the window", stall_lines),
+        ("First things, and playing", first_lines),
         ("Moving a slider", slider_lines),
         ("Dragging a circle", drag_lines),
         ("Clicks and seconds", story_lines),
@@ -192,6 +195,66 @@ def stalls_of(
     spans = ((began, received), (received, shown), (shown, time.perf_counter()))
     working, showing, weighing = (pulse.longest_stall(*span) for span in spans)
     return received - began, working, showing, pulse.longest_work(*spans[1]), weighing
+
+
+def first_lines() -> Iterator[str]:
+    """Look how long the window stands still when things are done for the first time."""
+    viewer, dock = window_with_phase()
+    pulse = Pulse()
+    stalls_of(dock, pulse, ("temporal-angular",))
+    yield "| for the first time in a window | longest stall (ms) |"
+    yield "|---|---|"
+    for what, action in (
+        ("curves of the pixel under the mouse", partial(point_at, viewer)),
+        ("a region is drawn by the mouse", partial(draw_region, viewer, dock)),
+        ("it is measured, and plotted", partial(dock.compare.measuring.measure)),
+    ):
+        part = dock.compare.measuring if what.startswith("it is") else dock.compare.trace
+        dock.compare.tabs.setCurrentWidget(part)
+        rest(0.5)
+        began = time.perf_counter()
+        QTimer.singleShot(0, action)
+        rest(0.3)
+        let_work(lambda: not dock.jobs.busy)
+        rest(0.5)
+        yield f"| {what} | {pulse.longest_stall(began, time.perf_counter()):.0f} |"
+    stalls_of(dock, pulse, NINE)
+    yield f"\nNine results side by side, played at {PLAYED} frames a second: {played(viewer):.1f}."
+    viewer.close()
+
+
+def point_at(viewer: Any) -> None:
+    """Move the mouse over the middle of the canvas."""
+    canvas = canvas_of(viewer)
+    for away in (9, 0):
+        QTest.mouseMove(canvas, canvas.rect().center() + QPoint(away, away))
+        QTest.qWait(50)
+
+
+def draw_region(viewer: Any, dock: Any) -> None:
+    """Press the button, then draw a rectangle."""
+    click(dock, "draw_region")
+    let_work(lambda: "regions" in viewer.layers)
+    viewer.layers["regions"].mode = "add_rectangle"
+    canvas = canvas_of(viewer)
+    start, end = canvas.rect().center(), canvas.rect().center() + QPoint(60, 60)
+    QTest.mousePress(canvas, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, start)
+    for step in range(1, 6):
+        QTest.mouseMove(canvas, start + (end - start) * step / 5)
+        QTest.qWait(10)
+    QTest.mouseRelease(canvas, Qt.MouseButton.LeftButton, Qt.KeyboardModifier.NoModifier, end)
+
+
+def played(viewer: Any) -> float:
+    """Play along time by napari's own button's means; return the frames that came a second."""
+    times: list[float] = []
+    viewer.dims.set_point(0, 0)
+    viewer.dims.events.current_step.connect(lambda _: times.append(time.perf_counter()))
+    dims = viewer.window._qt_viewer.dims
+    dims.play(0, PLAYED)
+    rest(4)
+    dims.stop()
+    return (len(times) - 1) / (times[-1] - times[0])
 
 
 def slider_lines() -> Iterator[str]:

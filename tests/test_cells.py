@@ -124,6 +124,10 @@ def test_masses_are_right_and_their_errors_cover(noise: float) -> None:
     assert (off.abs() / table["true"]).median() < 0.01
     covered = (off.abs() < table["dry mass error (pg)"]).mean()
     assert 0.6 < covered < 0.8
+    # What mass is divided by the area, or by lengths, is off by the same share of it.
+    share = table["dry mass error (pg)"] / table["dry mass (pg)"]
+    density = table["mass density (pg/um^2)"], table["mass density error (pg/um^2)"]
+    np.testing.assert_allclose(density[1] / density[0], share)
 
 
 def test_a_disc_has_its_area_and_form() -> None:
@@ -142,6 +146,9 @@ def test_a_disc_has_its_area_and_form() -> None:
     assert table["speed (um/s)"].tolist()[1] == 0
     height = optics.height_um(2.0, 1.4)
     assert table["volume (um^3)"][0] == pytest.approx(height * table["area (um^2)"][0])
+    path = 1000 * optics.optical_path_um(2.0)
+    for kind in ("mean", "largest"):
+        assert table[f"{kind} optical path difference (nm)"][0] == pytest.approx(path)
     tilted = phase.assign_coords(angle=[60.0])
     cells = (phase.values > 1).astype(np.int32)
     half = p4d.measure(tilted, cells, optics, oblique=True)["dry mass (pg)"][0]

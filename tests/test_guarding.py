@@ -126,7 +126,24 @@ def test_a_damaged_note_of_a_run_is_replaced(phase: Path, tmp_path: Path) -> Non
     assert json.loads((out / NOTE).read_text())["input"]["name"] == "cell.npy"
 
 
-@pytest.mark.parametrize("damage", [b"", b'{"program": "napari-ph', b"\x00" * 300])
+OURS = b'{"program": "napari-phase4d"'
+#: What a crash may leave of a note.
+DAMAGES = [b"", b'{"program": "napari-ph', b"\x00" * 300, b"null", OURS + b', "files": 3}']
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
+def test_results_whose_note_is_damaged_are_replaced(
+    phase: Path, tmp_path: Path, damage: bytes
+) -> None:
+    """As are those of another recording and method, so that none is left beside."""
+    out = tmp_path / "out"
+    assert run_one(phase, out) == 0
+    (out / NOTE).write_bytes(damage)
+    assert run_one(phase, out, method="temporal") == 0
+    assert names(out) == MADE - {"spatial-2d.ome.tif"} | {"temporal.ome.tif"}
+
+
+@pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_note_of_a_batch_counts_as_incomplete(
     phase: Path, tmp_path: Path, damage: bytes
 ) -> None:
@@ -190,6 +207,13 @@ def test_a_lock_does_not_trust_the_clock(phase: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="other disks refuse such names")
+def test_names_of_files_write_no_lines_of_their_own(phase: Path, tmp_path: Path) -> None:
+    path = phase.rename(tmp_path / "one\n[2 of 2] two.npy")
+    told: list[str] = []
+    run_batch(RECIPE, [path], tmp_path / "out", told=told.append)
+    assert told[0].startswith("[1 of 1] one\\n[2 of 2] two.npy: ")
+
+
 def test_names_of_files_never_stop_a_batch(phase: Path, tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100) / ("e" * 100)
     deep.mkdir(parents=True)

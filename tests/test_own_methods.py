@@ -141,6 +141,29 @@ def test_what_cant_be_used_is_left_out_and_said(
     assert methods["z-good"].label == "Mine"
 
 
+@pytest.mark.parametrize(
+    ("body", "why"),
+    [
+        ("raise GeneratorExit", "GeneratorExit"),
+        ("class Base(BaseException): ...\nraise Base('gone')", "gone"),
+        ("raise BaseExceptionGroup('both', [SystemExit()])", "both"),
+        ("class Mute(Exception):\n  def __str__(self): raise ValueError\nraise Mute", "Mute"),
+        ("import sys\nsys.stdout = None\nmethod = 3", "is a int, not a Method"),
+    ],
+)
+def test_no_way_to_fail_on_import_ends_the_program(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, body: str, why: str
+) -> None:
+    name = f"fails_{abs(hash(body))}"
+    (tmp_path / f"{name}.py").write_text(body)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.setattr(registry, "entry_points", lambda group: [point(f"{name}:method")])
+    said_on = sys.stdout
+    with pytest.warns(UserWarning, match=f"mine.* is left out: .*{why}"):
+        assert list(WithInstalled(BUILT_IN)) == list(BUILT_IN)
+    assert sys.stdout is said_on
+
+
 def broken(wrapped: np.ndarray, mask: np.ndarray, *, how: str = "raises") -> object:
     if how == "raises":
         raise ZeroDivisionError

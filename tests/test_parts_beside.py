@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gzip
+import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,6 +12,7 @@ import numpy as np
 import pytest
 import tifffile
 import zarr
+from zarr.codecs import Crc32cCodec, GzipCodec, ZstdCodec
 
 import napari_phase4d as p4d
 from batches import RECIPE, statuses, write_phases
@@ -213,7 +216,7 @@ def test_a_piece_that_unpacks_to_far_more_is_not_unpacked(
     np.testing.assert_array_equal(p4d.open_recording(store).raw_frame(1), FRAMES[1])
     bomb = packing.encode(np.zeros(3 * 2**20, np.uint8))
     (store / "1.0.0").write_bytes(bomb)
-    monkeypatch.setattr("napari_phase4d.io.zarr_files.HARMLESS", 2**20)
+    monkeypatch.setattr("napari_phase4d.io.zarr_packing.HARMLESS", 2**20)
     unpacked: list[int] = []
     once = type(packing).decode
 
@@ -225,6 +228,59 @@ def test_a_piece_that_unpacks_to_far_more_is_not_unpacked(
     with pytest.raises(OSError, match=r"piece 1\.0\.0 would unpack to more than 1024 bytes"):
         p4d.open_recording(store).raw_frame(1)
     assert not unpacked
+
+
+BOMB = gzip.compress(bytes(3 * 2**20), 9)
+
+
+@pytest.mark.parametrize("codecs", [(GzipCodec(), GzipCodec()), (ZstdCodec(), GzipCodec())])
+def test_pieces_that_are_packed_twice_are_not_unpacked(codecs: tuple, tmp_path: Path) -> None:
+    """A kilobyte may hold a megabyte that holds a gigabyte."""
+    zarr.create_array(str(tmp_path / "a.zarr"), data=FRAMES, compressors=codecs)
+    with pytest.raises(OSError, match="packs its pieces more than once .* save it packed once"):
+        p4d.open_recording(tmp_path / "a.zarr")
+
+
+def test_nor_by_a_filter(tmp_path: Path) -> None:
+    numcodecs = pytest.importorskip("numcodecs")
+    array = zarr.create_array(
+        str(tmp_path / "a.zarr"), shape=FRAMES.shape, dtype="u1", chunks=(1, 32, 32),
+        compressors=numcodecs.GZip(), filters=[numcodecs.Zlib()], zarr_format=2,
+    )  # fmt: skip
+    array[:] = FRAMES
+    with pytest.raises(OSError, match="packs its pieces more than once"):
+        p4d.open_recording(tmp_path / "a.zarr")
+
+
+@pytest.mark.parametrize("kind", ["with a checksum", "in a shard", "zipped"])
+def test_wherever_a_piece_lies_it_is_not_unpacked_to_far_more(
+    kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("napari_phase4d.io.zarr_packing.HARMLESS", 2**20)
+    store, in_shard = tmp_path / "bomb.zarr", kind == "in a shard"
+    more = [Crc32cCodec()] if kind == "with a checksum" else []
+    zarr.create_array(
+        str(store), data=FRAMES, chunks=(1, 32, 32), compressors=[GzipCodec(), *more],
+        shards=(4, 32, 32) if in_shard else None,
+    )  # fmt: skip
+    np.testing.assert_array_equal(p4d.open_recording(store).raw_frame(1), FRAMES[1])
+    piece = store / "c" / ("0" if in_shard else "1") / "0" / "0"
+    if in_shard:
+        packed = piece.read_bytes()
+        count = 16 * len(FRAMES)  # bytes of the list, before a checksum of four
+        listed = np.frombuffer(packed[-count - 4 : -4], "<u8").reshape(-1, 2).copy()
+        listed[1] = len(packed), len(BOMB)
+        piece.write_bytes(packed + BOMB + listed.tobytes() + packed[-4:])
+    else:
+        piece.write_bytes(BOMB)
+    path = store
+    if kind == "zipped":
+        path = tmp_path / "bomb.zarr.zip"
+        with zipfile.ZipFile(path, "w") as archive:
+            for file in store.rglob("*"):
+                archive.write(file, file.relative_to(store))
+    with pytest.raises(OSError, match="would unpack to more than 1024 bytes"):
+        p4d.open_recording(path).raw_frame(1)
 
 
 @pytest.mark.thorough

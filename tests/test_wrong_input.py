@@ -7,6 +7,7 @@ import time
 import warnings
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -228,6 +229,10 @@ REFUSED: dict[str, tuple[Callable[[], Any], str]] = {
         ),
         "2 um high and 1 um wide, but must be square",
     ),
+    "pixels of a video in metres": (
+        lambda: p4d.open_recording(video(x=np.arange(64) * 1e-7)), "no light resolves"
+    ),
+    "a Dataset as a video": (lambda: p4d.open_recording(DATA), "give one array of it"),
     "phase as a video": (lambda: p4d.open_recording(WRAPPED[:, 0]), "give it to unwrap"),
     "optics of a video": (lambda: p4d.open_recording(FRAMES, optics="x"), "must be an Optics"),
     "lobe at zero": (
@@ -343,6 +348,16 @@ DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
     ),
     "three of two views": (lambda: p4d.find_lobes(TWO_VIEWS, 3), "looks like 2 views"),
     "medium of 1333": (lambda: p4d.Optics(medium_index=1333), "water has 1.33"),
+    "pixels by their numbers": (
+        lambda: measure(with_places(EXACT, "y", range(32)), CELL, OPTICS),
+        "as numbers of pixels are, and count as micrometres",
+    ),
+    "pixels of a video by their numbers": (
+        lambda: p4d.open_recording(video(x=np.arange(64), y=np.arange(64))), "numbers of pixels"
+    ),
+    "pixels of a video in nanometres": (
+        lambda: p4d.open_recording(video(x=np.arange(64) * 100.0)), "if that is in nanometres"
+    ),
     "wrapped phase as a video": (lambda: p4d.open_recording(PLAIN[:, 0]), "as wrapped phase does"),
     "lobe over the zero order": (
         lambda: p4d.reconstruct(RECORDING, [p4d.Lobe((0.1, 0.1), 0.2)], background="none"),
@@ -548,10 +563,30 @@ def test_masked_pixels_of_a_video_are_unknown() -> None:
 
 
 @pytest.mark.parametrize(
-    "address", ["tcp://127.0.0.1:9", "nowhere.invalid:8786", "junk", "tcp://127.0.0.1:99999"]
-)
-def test_an_address_without_a_scheduler_is_soon_said(address: str) -> None:
+    "address",
+    [
+        "tcp://127.0.0.1:9", "nowhere.invalid:8786", "junk", "tcp://127.0.0.1:99999",
+        "http://127.0.0.1:9", "inproc://1", "tls://127.0.0.1:9", "ucx://x:1",
+        "tcp://\ud800:1", "noted.json", "empty.json", "list.json", "nowhere.json",
+    ],
+)  # fmt: skip
+def test_an_address_without_a_scheduler_is_soon_said(
+    address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A client that fails to connect would be waited for when the program ends: none is made."""
+    monkeypatch.chdir(tmp_path)
+    Path("noted.json").write_text('{"address": "junk://q"}')
+    Path("empty.json").write_text("{}")
+    Path("list.json").write_text("[1]")
+    made: list[Any] = []
+    monkeypatch.setattr("distributed.Client", made.append)
     began = time.monotonic()
     with pytest.raises(OSError, match="no dask scheduler answers at"):
         Cluster(address)
     assert time.monotonic() - began < 10
+    assert not made
+
+
+def test_an_address_is_a_text() -> None:
+    with pytest.raises(TypeError, match="scheduler must be an address such as"):
+        Cluster(8786)  # type: ignore[arg-type]

@@ -30,6 +30,8 @@ NEEDED_SOON = (
     "scipy.special",
     "tifffile",
     "matplotlib",  # for its colours
+    "matplotlib.figure",  # and the first plot
+    "matplotlib.backends.backend_agg",
 )
 
 

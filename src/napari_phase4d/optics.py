@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.words import as_numbers, check_finite, check_number, warn
+from napari_phase4d.words import as_numbers, check_finite, check_number, shown, warn
 
 __all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
 
@@ -73,12 +73,12 @@ class Optics:
         for name in ("wavelength_um", "camera_pixel_um", "magnification"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                msg = f"{name} must be a number above 0, but is {value!r}"
+                msg = f"{name} must be a number above 0, but is {shown(value)}"
                 raise ValueError(msg)
         if not 0 < self.pixel_um < math.inf:
             msg = (
                 f"camera_pixel_um / magnification is the pixel in the sample and must be a number "
-                f"above 0, but is {self.pixel_um!r}"
+                f"above 0, but is {shown(self.pixel_um)}"
             )
             raise ValueError(msg)
         if not LEAST_PIXEL_UM <= self.pixel_um <= LARGEST_PIXEL_UM:
@@ -88,7 +88,7 @@ class Optics:
             )
             raise ValueError(msg)
         if not (math.isfinite(self.medium_index) and self.medium_index >= 1):
-            msg = f"medium_index must be at least 1, but is {self.medium_index!r}"
+            msg = f"medium_index must be at least 1, but is {shown(self.medium_index)}"
             raise ValueError(msg)
         self._doubt()
 
@@ -192,7 +192,7 @@ class Optics:
             ("refraction_increment_ml_per_g", refraction_increment_ml_per_g),
         ):
             if not (math.isfinite(check_number(name, value)) and value > 0):
-                msg = f"{name} must be a number above 0, but is {value!r}"
+                msg = f"{name} must be a number above 0, but is {shown(value)}"
                 raise ValueError(msg)
         volume_um3 = float(np.nansum(self.optical_path_um(phase))) * pixel_area_um2
         return volume_um3 / refraction_increment_ml_per_g

@@ -14,9 +14,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
-from napari_phase4d.words import view_in_words
+from napari_phase4d.words import checked_call, view_in_words
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.colors import Colormap
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
@@ -45,6 +46,8 @@ CELL_COLOURS = (*CURVE_COLOURS, "#b5a642", "#46c7c7", "#a8763e", "#8fbf3f")
 OBJECT_COLOUR = "#2ee66b"
 #: Colours in a scale.
 N_COLOURS = 256
+#: A scale bar takes at most this share of a picture's width.
+SCALE_BAR = 0.3
 #: Phase below zero, from zero on: as dark at zero as inferno, which is above it, then light blue.
 BELOW_ZERO = ((0.0, 0.0, 0.016), (0.04, 0.13, 0.42), (0.1, 0.42, 0.75), (0.8, 0.96, 1.0))
 #: Safety goes by the score to this power: most scores are near 1, and a frame of 0.7, wrong on
@@ -52,11 +55,13 @@ BELOW_ZERO = ((0.0, 0.0, 0.016), (0.04, 0.13, 0.42), (0.1, 0.42, 0.75), (0.8, 0.
 SAFETY_POWER = 3
 
 
+@checked_call
 def colour_of(cell: int) -> str:
     """Return the colour of a cell, from 1: the same in picture, curve and table."""
     return CELL_COLOURS[(cell - 1) % len(CELL_COLOURS)]
 
 
+@checked_call
 def phase_colours(low: float, high: float) -> NDArray[np.float64]:
     """Return the colours of unwrapped phase between two limits; zero is always black.
 
@@ -134,6 +139,7 @@ SMALLEST, LARGEST, ALL = 1.4, 2.4, (10.0, 8.0)
 GAP, FOOT, LINE, ANGLES, BAR = 0.06, 0.12, 0.19, 0.55, 0.95
 
 
+@checked_call
 def comparison_figure(
     columns: Mapping[str, xr.DataArray],
     frames: Sequence[tuple[int, int]],
@@ -158,6 +164,9 @@ def comparison_figure(
     """
     from matplotlib.figure import Figure
 
+    if not columns or len(frames) == 0:
+        msg = "columns and frames must name something to show, but one of them is empty"
+        raise ValueError(msg)
     first = next(iter(columns.values()))
     rows, n_columns = len(frames), len(columns)
     figure = Figure(figsize=(CELL * n_columns + 1.2, CELL * rows + 0.5), layout="constrained")
@@ -179,8 +188,45 @@ def comparison_figure(
                 view = view_in_words(first["angle"].values.tolist(), a)
                 label = f"{view}\n{time_label(first, t)}"
                 axis.set_ylabel(label, fontsize=8)
+    add_scale_bar(axes[0, 0], first)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
     return figure
+
+
+def add_scale_bar(axis: Axes, stack: xr.DataArray) -> None:
+    """Draw a bar of a round length into the lower right corner, where pixels have a size."""
+    from matplotlib.font_manager import FontProperties
+    from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
+
+    if stack["x"].attrs.get("units") != "um":
+        return
+    _, width, height, _ = extent_of(stack)
+    length = round_length(SCALE_BAR * width)
+    bar = AnchoredSizeBar(
+        axis.transData,
+        length,
+        f"{length:g} µm",
+        "lower right",
+        pad=0.3,
+        color="white",
+        frameon=False,
+        size_vertical=0.01 * height,
+        sep=2,
+        fontproperties=FontProperties(size=7),
+    )
+    axis.add_artist(bar)
+
+
+def round_length(most: float) -> float:
+    """Return the largest of 1, 2, 5, 10, 20, 50, ... that is no larger.
+
+    Examples
+    --------
+    >>> round_length(7.3), round_length(0.3), round_length(20)
+    (5.0, 0.2, 20.0)
+    """
+    decade = 10.0 ** math.floor(math.log10(most))
+    return float(max(n * decade for n in (1, 2, 5) if n * decade <= most * (1 + 1e-9)))
 
 
 @dataclass(frozen=True)
@@ -233,6 +279,7 @@ class Grid:
         return left, bottom + (whole - tall) / 2, 0.12 / across, tall
 
 
+@checked_call
 def movie_frames(
     columns: Mapping[str, xr.DataArray], limits: tuple[float, float], *, title: str = ""
 ) -> Iterator[NDArray[np.uint8]]:
@@ -338,6 +385,7 @@ def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
     return found.pop() if len(found) == 1 else ""
 
 
+@checked_call
 def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
     """Return the range of phase of several pictures, without a few extreme pixels and NaN."""
     shown = np.concatenate([np.ravel(s) for s in stacks])
@@ -387,6 +435,7 @@ class Circle:
     radius: float
 
 
+@checked_call
 def look_figure(
     hologram: NDArray[Any],
     spectrum: xr.DataArray,
@@ -514,6 +563,7 @@ def show_view(
 EXACT = "exact"
 
 
+@checked_call
 def named_results(
     comparison: Comparison, truth: xr.DataArray | None = None
 ) -> dict[str, xr.DataArray]:
@@ -523,6 +573,7 @@ def named_results(
     return named if truth is None else {EXACT: truth, **named}
 
 
+@checked_call
 def telling_frames(
     phase: xr.DataArray, boundary: tuple[int, int], also: tuple[int, int] | None = None
 ) -> list[tuple[int, int]]:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import PLAIN_AXES, coordinate
-from napari_phase4d.words import check_type, warn
+from napari_phase4d.words import check_type, shown, warn
 
 __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_reader"]
 
@@ -261,7 +261,7 @@ class Recording:
             if not (isinstance(rate, (int, float)) and LEAST_RATE_HZ <= rate <= LARGEST_RATE_HZ):
                 msg = (
                     f"frame_rate_hz must be a number above 0, from {LEAST_RATE_HZ:g} to "
-                    f"{LARGEST_RATE_HZ:g}, but is {rate!r}"
+                    f"{LARGEST_RATE_HZ:g}, but is {shown(rate)}"
                 )
                 raise ValueError(msg)
             times_s = np.arange(n_frames) / rate

@@ -5,6 +5,8 @@ It does not know who is watching.
 
 from __future__ import annotations
 
+import asyncio
+import json
 import socket
 import struct
 import threading
@@ -20,7 +22,7 @@ from typing import Any, Generic, Protocol, TypedDict, TypeVar
 from urllib.parse import urlsplit
 
 from napari_phase4d.machine import cores
-from napari_phase4d.words import check_call
+from napari_phase4d.words import check_call, printable, shown
 
 __all__ = [
     "LOOK_UP_S",
@@ -356,28 +358,35 @@ class Cluster:
     ------
     ImportError
         If ``distributed`` is not installed.
+    TypeError
+        If it is no address.
     OSError
         If no scheduler answers there, or it has no workers.
     """
 
     def __init__(self, address: str) -> None:
+        if not isinstance(address, str) or not address:
+            msg = (
+                'scheduler must be an address such as "tcp://10.0.0.5:8786", but is '
+                f"{shown(address)}"
+            )
+            raise TypeError(msg)
         try:
             from distributed import Client
         except ImportError as error:
             msg = 'a cluster needs one more package; run: pip install "napari-phase4d[cluster]"'
             raise ImportError(msg) from error
         try:
-            how = {"scheduler_file": address} if address.endswith(".json") else {}
-            if how and not Path(address).is_file():
-                raise FileNotFoundError(address)
-            if not how and not answers(address):
+            there = scheduler_in(Path(address)) if address.endswith(".json") else address
+            if not answers(there):
                 raise TimeoutError(address)
             # Not for all of dask: what this process reads by itself is its own work.
-            self._client: Any = Client(
-                None if how else address, timeout=ANSWER_S, set_as_default=False, **how
-            )
+            self._client: Any = Client(there, timeout=ANSWER_S, set_as_default=False)
         except (OSError, ValueError) as error:
-            msg = f"no dask scheduler answers at {address}; start one with 'dask scheduler'"
+            msg = (
+                f"no dask scheduler answers at {printable(address)}; start one with "
+                "'dask scheduler'"
+            )
             raise OSError(msg) from error
         if not self._client.nthreads():
             self._client.close()
@@ -456,32 +465,58 @@ class Cluster:
                 raise OSError(msg) from error
 
 
+def scheduler_in(file: Path) -> str:
+    """Return the address that a scheduler has written to a file; ValueError if there is none."""
+    if not file.is_file():
+        raise FileNotFoundError(file)
+    noted = json.loads(file.read_text(encoding="utf-8"))
+    address = noted.get("address") if isinstance(noted, dict) else None
+    if not isinstance(address, str) or not address:
+        msg = "it notes no address"
+        raise ValueError(msg)
+    return address
+
+
 def answers(address: str) -> bool:
-    """Say whether a scheduler takes connections at an address; of other protocols that is unknown.
+    """Say whether a scheduler takes connections at an address.
 
     A scheduler greets first, by a short message whose length comes first. What else may listen
     there says nothing, as a web server does, or something that is no such length; a client would
     wait for it without an end. Looking a name up can take minutes, so that it is done beside.
     """
     place = urlsplit(address if "://" in address else f"tcp://{address}")
-    if place.scheme not in ("tcp", "tls"):
-        return True
     port = place.port  # ValueError if there can't be such a one
     found = threading.Event()
 
     def look() -> None:
-        with (
-            suppress(OSError),
-            socket.create_connection((place.hostname, port or SCHEDULER_PORT), ANSWER_S) as open_,
-        ):
-            # With tls it is the client that begins.
-            if place.scheme == "tls" or greets(open_):
-                found.set()
+        with suppress(OSError, UnicodeError):
+            where = (place.hostname or "", port or SCHEDULER_PORT)
+            with socket.create_connection(where, ANSWER_S) as open_:
+                if greets(open_):
+                    found.set()
 
-    looking = threading.Thread(target=look, daemon=True)
+    def connect() -> None:
+        with suppress(Exception):  # whatever the packages of other protocols raise
+            asyncio.run(greeted(address))
+            found.set()
+
+    looking = threading.Thread(target=look if place.scheme == "tcp" else connect, daemon=True)
     looking.start()
     looking.join(ANSWER_S)
     return found.is_set()
+
+
+async def greeted(address: str) -> None:
+    """Connect to a scheduler by another protocol than plain tcp, or raise what dask does.
+
+    A client that is refused waits for itself when the program ends.
+    """
+    from distributed.comm import connect
+    from distributed.security import Security
+
+    how = Security().get_connection_args("client")
+    connection = await connect(address, timeout=ANSWER_S, **how)
+    await connection.close()
 
 
 def greets(connection: socket.socket) -> bool:

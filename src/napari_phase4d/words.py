@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import math
 import os
 import re
 import sys
 import warnings
-from collections.abc import Sequence
-from numbers import Real
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 from unicodedata import category
 
 import numpy as np
@@ -28,9 +30,12 @@ __all__ = [
     "check_number",
     "check_positive",
     "check_type",
+    "checked_call",
     "counted",
     "frame_in_words",
     "is_expected",
+    "is_list",
+    "is_table",
     "local_path",
     "printable",
     "sentence_of",
@@ -192,10 +197,160 @@ def check_bool(name: str, value: Any) -> None:
 def check_type(name: str, value: Any, wanted: type, advice: str) -> None:
     """Raise TypeError for what is of another class, and say where to get the right one."""
     if not isinstance(value, wanted):
-        article = "an" if wanted.__name__[0] in "AEIOU" else "a"
         kind = wanted.__name__
-        msg = f"{name} must be {article} {kind}, but is {type(value).__name__}; {advice}"
+        msg = f"{name} must be {article_of(kind)} {kind}, but is {type(value).__name__}; {advice}"
         raise TypeError(msg)
+
+
+# ---- what a function says that it takes ------------------------------------------------------
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+#: How a kind that a function names is called in a sentence, and what is of that kind.
+KINDS: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
+    "None": ("None", lambda value: value is None),
+    "bool": ("True or False", lambda value: type(value).__name__ in ("bool", "bool_")),
+    "int": (
+        "a whole number", lambda value: isinstance(value, Integral) and not isinstance(value, bool)
+    ),
+    "float": ("a number", lambda value: is_number(value)),
+    "str": ("a text", lambda value: isinstance(value, str)),
+    "Path": ("a path", lambda value: isinstance(value, PathLike)),
+    "xr.DataArray": ("a DataArray", lambda value: is_of(value, "xarray", "DataArray")),
+    "xr.Dataset": ("a Dataset", lambda value: is_of(value, "xarray", "Dataset")),
+    "pd.DataFrame": ("a DataFrame", lambda value: is_of(value, "pandas", "DataFrame")),
+    "Figure": ("a Figure of matplotlib", lambda value: is_of(value, "matplotlib", "Figure")),
+    "Mapping": ("a mapping of names", lambda value: isinstance(value, Mapping)),
+    "Sequence": ("a list", lambda value: is_list(value)),
+    "tuple": ("a list", lambda value: is_list(value)),
+    "Iterable": ("a list", lambda value: is_list(value) or isinstance(value, Iterator)),
+    "ProgressCall": ("a function", callable),
+    "CancelledCall": ("a function", callable),
+    "Callable": ("a function", callable),
+}  # fmt: skip
+#: Longer lists are not looked at number by number.
+LOOKED_AT = 1000
+
+
+def checked_call(function: Callable[P, R]) -> Callable[P, R]:
+    """Have a function refuse, in one sentence, what is of no kind that it says it takes.
+
+    Kinds are those of its annotations; what they name that is not known here is not looked at.
+    """
+
+    @functools.wraps(function)
+    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+        taken = taken_by(function)
+        given = dict(zip(taken, args, strict=False)) | kwargs
+        for name, value in given.items():
+            if name in taken and not fits(value, taken[name], function):
+                msg = f"{name} must be {in_words(taken[name], function)}, but is {shown(value)}"
+                raise TypeError(msg)
+        return function(*args, **kwargs)
+
+    return checked
+
+
+@functools.cache
+def taken_by(function: Callable[..., Any]) -> dict[str, str]:
+    """Return what a function says that it takes, by the names of its arguments, in their order."""
+    return {name: str(p.annotation) for name, p in inspect.signature(function).parameters.items()}
+
+
+def fits(value: Any, said: str, function: Callable[..., Any]) -> bool:
+    """Say whether a value is of a kind that an annotation names."""
+    return any(is_kind(value, one, function) for one in parts_of(said, "|"))
+
+
+def is_kind(value: Any, said: str, function: Callable[..., Any]) -> bool:
+    """Say whether a value is of one kind, as are its parts where it is a list or a mapping."""
+    head, _, inside = said.removesuffix("]").partition("[")
+    if head not in KINDS:
+        known = function.__globals__.get(head)
+        return known is Any or not inspect.isclass(known) or isinstance(value, known)
+    if not KINDS[head][1](value):
+        return False
+    kinds = parts_of(inside, ",")
+    if head == "tuple" and getattr(value, "ndim", 0) > 0:
+        of_numbers = value.ndim == 1 and value.dtype.kind in "iuf"
+        return bool(of_numbers and len(value) == len(kinds))
+    if head == "Mapping" and len(kinds) == 2:
+        pairs = list(value.items())[:LOOKED_AT]
+        return all(fits(k, kinds[0], function) and fits(v, kinds[1], function) for k, v in pairs)
+    if head == "Sequence" and hasattr(value, "dtype") and value.dtype.kind not in "biuf":
+        value = list(value)
+    elif head == "Sequence" and hasattr(value, "dtype"):
+        return inside.partition("[")[0] not in function.__globals__  # numbers are no Lobe
+    if head not in ("Sequence", "tuple") or not isinstance(value, (list, tuple)):
+        return True
+    if head == "tuple" and "..." not in kinds:
+        return len(value) == len(kinds) and all(
+            fits(one, kind, function) for one, kind in zip(value, kinds, strict=True)
+        )
+    return all(fits(one, kinds[0], function) for one in value[:LOOKED_AT]) if kinds else True
+
+
+def parts_of(said: str, sign: str) -> list[str]:
+    """Return the parts of an annotation between signs outside of brackets."""
+    found, depth = [""], 0
+    for letter in said:
+        depth += (letter == "[") - (letter == "]")
+        if letter == sign and not depth:
+            found.append("")
+        else:
+            found[-1] += letter
+    return [part.strip() for part in found if part.strip()]
+
+
+def in_words(said: str, function: Callable[..., Any]) -> str:
+    """Return what an annotation says, for a sentence."""
+    words = []
+    for one in parts_of(said, "|"):
+        head, _, inside = one.removesuffix("]").partition("[")
+        named = KINDS[head][0] if head in KINDS else f"{article_of(head)} {head}"
+        kinds = [kind for kind in parts_of(inside, ",") if kind != "..."]
+        if head == "tuple" and len(kinds) > 1:
+            named = f"{len(kinds)} values, each {in_words(kinds[0], function)}"
+        elif head in ("Sequence", "tuple") and kinds:
+            named = f"a list, each {in_words(kinds[0], function)}"
+        if named not in words:
+            words.append(named)
+    return " or ".join(words)
+
+
+def is_number(value: Any) -> bool:
+    """Say whether a value is a real number that a computer can reckon with."""
+    try:
+        check_number("", value)
+    except (TypeError, ValueError):
+        return False
+    return True
+
+
+def article_of(name: str) -> str:
+    """Return the article of a name."""
+    return "an" if name[:1] in "AEIOU" else "a"
+
+
+def is_of(value: Any, package: str, kind: str) -> bool:
+    """Say whether a value is of a class of a package, which is not loaded for it."""
+    return any(
+        c.__name__ == kind and c.__module__.partition(".")[0] == package
+        for c in type(value).__mro__
+    )
+
+
+def is_list(value: Any) -> bool:
+    """Say whether a value has parts in an order."""
+    if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
+        return False
+    return hasattr(value, "__len__") and getattr(value, "ndim", 1) > 0 and not is_table(value)
+
+
+def is_table(value: Any) -> bool:
+    """Say whether a value has parts by names."""
+    return is_of(value, "pandas", "NDFrame") or is_of(value, "xarray", "Dataset")
 
 
 def as_numbers(name: str, values: Any) -> NDArray[Any]:
@@ -206,6 +361,9 @@ def as_numbers(name: str, values: Any) -> NDArray[Any]:
         found = np.asarray(values)
     except ValueError as error:
         msg = f"{name} must be numbers in rows of one length, but is {shown(values)}"
+        raise TypeError(msg) from error
+    except Exception as error:  # whatever another package says of its own arrays
+        msg = f"{name} must be real numbers, but is {shown(values)}"
         raise TypeError(msg) from error
     if found.dtype.kind not in "biuf":
         msg = f"{name} must be real numbers, but is {shown(values)}"
@@ -225,6 +383,14 @@ def as_path(path: Any, advice: str = "") -> Path:
         raise TypeError(msg)
     if not os.fspath(path):
         msg = 'the name of a file or folder is empty; "." is the folder that the program runs in'
+        raise ValueError(msg)
+    name = os.fspath(path)
+    try:
+        fit = "\0" not in name and bool(os.fsencode(name))
+    except UnicodeEncodeError:
+        fit = False
+    if not fit:
+        msg = f"{shown(name)} can't be the name of a file; it holds letters that no disk takes"
         raise ValueError(msg)
     return Path(path)
 
@@ -270,7 +436,7 @@ def printable(text: str) -> str:
 
 def shown(value: Any) -> str:
     """Return a value in one short line."""
-    if isinstance(value, np.ndarray) or hasattr(value, "dims"):
+    if hasattr(value, "dims") or (hasattr(value, "shape") and getattr(value, "ndim", 0) > 0):
         return f"{type(value).__name__} of shape {getattr(value, 'shape', ())}"
     line = " ".join(repr(value).split())
     return line if len(line) <= 80 else f"{line[:77]}..."

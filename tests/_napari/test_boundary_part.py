@@ -7,6 +7,7 @@ import pytest
 from driving import click_cell
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
+from qtpy.QtWidgets import QPushButton
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.session import StepState, step_states
@@ -70,6 +71,29 @@ def test_start_is_the_star_until_the_user_clicks_and_again_by_a_button(
     assert ready.presenter.current_frame() == best
     assert automatic in ready.status.text()
     assert "agree on" in ready.status.text()
+
+
+def test_an_unsafe_start_of_ones_own_is_said_above_run(viewer, ready, qtbot) -> None:
+    session, part = ready.session, ready.unwrap.boundary
+    exact = p4d.simulation.moving_shape("dividing", (48, 48), 8, angles_deg=(0.0, 6.0))
+    session.set_phase(exact["wrapped"])
+    qtbot.waitUntil(lambda: session.scores is not None, timeout=60_000)
+    worst = tuple(int(i) for i in np.unravel_index(int(session.scores.values.argmin()), (8, 2)))
+    assert session.scores.values[worst] < 0.95
+    click_cell(part.map, *worst)
+    assert part.start.text().endswith("(chosen), not safe: ★ is safer.")
+    assert part.start.mapToGlobal(part.start.rect().bottomLeft()).y() < run_of(ready)
+    # It stays while other frames are looked at, and goes with its cause.
+    part.map.frame_hovered.emit(0, 0)
+    assert "not safe" in part.start.text()
+    click_cell(part.map, *session.scores.attrs["best"])
+    assert "not safe" not in part.start.text()
+
+
+def run_of(dock) -> int:
+    """Return where on the screen the button Run begins."""
+    run = dock.findChild(QPushButton, "run")
+    return run.mapToGlobal(run.rect().topLeft()).y()
 
 
 def test_shift_click_adds_to_the_star(viewer, ready, qtbot) -> None:

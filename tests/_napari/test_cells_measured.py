@@ -76,6 +76,10 @@ def test_cells_are_found_shown_and_saved_by_clicks(viewer, unwrapped, click, tmp
         vertices = np.asarray(ways.data)[:, 0] == cell
         if vertices.any():
             np.testing.assert_allclose(ways.track_colors[vertices][0, :3], rgb, atol=0.01)
+    picture = viewer.screenshot(canvas_only=True, flash=False)[..., :3].astype(int)
+    for cell in np.unique(outlines.data[unwrapped.presenter.current_frame()])[1:]:
+        drawn = np.array([int(colour_of(int(cell))[i : i + 2], 16) for i in (1, 3, 5)])
+        assert (abs(picture - drawn).max(axis=-1) <= 3).sum() > 200
     part.save_to(tmp_path / "cells.csv")
     saved = pd.read_csv(tmp_path / "cells.csv")
     pd.testing.assert_frame_equal(saved, table)
@@ -182,6 +186,35 @@ def test_corrected_outlines_are_followed_again(viewer, unwrapped, click):
     part.source.value = outlines
     unwrapped.session.set_phase(unwrapped.session.reconstruction["phase"] * 1)
     assert part.source.value == "find them"
+
+
+@pytest.mark.thorough
+def test_outlines_are_split_and_joined_with_the_brush(viewer, unwrapped, click):
+    click("find_cells")
+    before = unwrapped.session.cells.labels.values
+    outlines = shown(viewer, Labels)
+    t, cell = 0, int(before[0, 0].max())
+    rows, columns = np.nonzero(before[t, 0] == cell)
+    new = int(before.max()) + 1
+    # Half of a cell gets a number of its own, a dab at a time.
+    outlines.brush_size, middle = 1, int(columns.mean())
+    unwrapped.presenter.go_to(t, 0)
+    for y, x in zip(rows, columns, strict=True):
+        if x > middle:
+            outlines.paint((t, 0, int(y), int(x)), new)
+    click("find_cells")
+    after = unwrapped.session.cells
+    parts = np.unique(after.labels.values[t, 0][before[t, 0] == cell])
+    assert len(parts) == 2
+    # And they are joined again, by filling one with the number of the other.
+    painted = shown(viewer, Labels)
+    now = after.labels.values[t, 0]
+    keep, gone = (int(n) for n in parts)
+    y, x = np.argwhere(now == gone)[0]
+    painted.fill((t, 0, int(y), int(x)), keep)
+    click("find_cells")
+    joined = unwrapped.session.cells.labels.values[t, 0][before[t, 0] == cell]
+    assert len(np.unique(joined)) == 1
 
 
 @pytest.mark.thorough

@@ -13,6 +13,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.viewing.cells import CellLayers, ReadyLayers
+from napari_phase4d._napari.widgets.result_table import ResultTable
 from napari_phase4d.analysis import Cells
 
 AXES = ("time", "angle", "y", "x")
@@ -55,3 +56,15 @@ def test_layers_of_cells_are_made_outside_of_the_windows_thread(dock, click, mon
     assert outlines in dock.presenter.viewer.layers
     np.testing.assert_array_equal(outlines.data, dock.session.cells.labels)
     assert not np.shares_memory(outlines.data, dock.session.cells.labels.values)
+
+
+def test_the_colour_of_a_cell_stays_when_its_row_is_chosen(qtbot) -> None:
+    table = ResultTable("colours")
+    qtbot.addWidget(table)
+    table.show_frame(pd.DataFrame({"cell": [1, 2]}), colours=["#3a9bdc", "#e08a00"])
+    table.show()
+    table.selectRow(1)
+    rect = table.visualItemRect(table.item(1, 0))
+    picture = table.viewport().grab(rect).toImage()
+    row = [picture.pixelColor(x, picture.height() // 2).name() for x in range(picture.width())]
+    assert row.count("#e08a00") >= 8

@@ -264,6 +264,11 @@ def test_measuring_the_object_and_labels(viewer, compared, click, tmp_path: Path
     )
     pd.testing.assert_frame_equal(measuring.measured[list(expected.columns)], expected)
     measuring.quantity.value = "mean height (um)"
+    shown = measuring.quantity.native
+    assert shown.currentText() == "mean height (µm)"
+    words = {shown.itemText(i) for i in range(shown.count())}
+    assert words >= {"area (µm²)", "volume (µm³)"}
+    assert measuring.plot.figure.axes[0].get_ylabel() == "mean height (µm)"
     line = measuring.plot.figure.axes[0].get_lines()[0]
     angle = expected["angle (deg)"].unique()[compared.presenter.current_frame()[1]]
     rows = expected[expected["angle (deg)"] == angle]
@@ -288,6 +293,7 @@ def test_measuring_the_object_and_labels(viewer, compared, click, tmp_path: Path
 @pytest.mark.thorough
 def test_measuring_says_what_is_missing(viewer, compared, click) -> None:
     click("draw_region")
+    assert "double-click to end" in compared.status.text()
     compared.compare.measuring.regions.value = viewer.layers["regions"]
     click("measure")
     assert "draw a polygon" in compared.status.text()
@@ -297,16 +303,17 @@ def test_measuring_says_what_is_missing(viewer, compared, click) -> None:
 
 @pytest.mark.thorough
 def test_figure_movie_and_recipe_are_saved(compared, click, qtbot, tmp_path: Path) -> None:
-    share = compared.compare.share
-    for name, save in (("figure.svg", share.save_figure), ("movie.mp4", share.save_movie)):
-        pytest.importorskip("av")
-        save(tmp_path / name)
+    pytest.importorskip("av")
+    files = {"save_figure": "figure.svg", "save_movie": "movie.mp4", "save_recipe": "recipe.json"}
+    for button, name in files.items():
+        answered = answer_dialog(tmp_path / name)
+        click(button)
+        assert answered()
         qtbot.waitUntil(lambda: not compared.jobs.running, timeout=60_000)
         assert str(tmp_path / name) in compared.status.text()
     svg = (tmp_path / "figure.svg").read_text(encoding="utf-8")
-    assert all(f">{name}</text>" in svg for name in ("2-D", "T/A", "WL1"))
+    assert all(f">{name}</text>" in svg for name in ("2-D", "T/A", "WL1", "2 µm"))
     assert (tmp_path / "movie.mp4").stat().st_size > 1000
-    share.save_recipe(tmp_path / "recipe.json")
     assert p4d.Recipe.from_file(tmp_path / "recipe.json") == compared.session.recipe
     assert json.loads((tmp_path / "recipe.json").read_text())["methods"][0] == "spatial-2d"
 

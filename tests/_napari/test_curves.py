@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
 from qtpy.QtGui import QColor, QImage, QPalette, QWheelEvent
 from qtpy.QtWidgets import QApplication, QLabel, QScrollArea, QVBoxLayout, QWidget
@@ -86,6 +87,18 @@ def test_styles_differ_and_coinciding_curves_are_all_seen() -> None:
     assert len(looks) == len(NAMES)
     widths = [s["linewidth"] for s in styles.values()]
     assert all(before > after for before, after in pairwise(widths))
+
+
+@pytest.mark.gui
+def test_the_truth_takes_no_colour_of_a_method(plot: CurvePlot) -> None:
+    names = ("exact", "2-D", "Angular", "Temporal", "T/A", "A/T", "WL1")
+    plot.show_traces([Panel(TIMES, {n: np.sin(TIMES) for n in names}, "Time (s)")])
+    lines = {line.get_label(): to_hex(line.get_color()) for line in plot.figure.axes[0].lines[:7]}
+    assert lines.keys() == set(names)
+    assert len(set(lines.values())) == len(names)
+    (legend,) = plot.figure.legends
+    drawn = zip(legend.get_texts(), legend.get_lines(), strict=True)
+    assert {text.get_text(): to_hex(line.get_color()) for text, line in drawn} == lines
 
 
 @pytest.mark.gui

@@ -11,7 +11,7 @@ import pint
 import pytest
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
-from qtpy.QtWidgets import QApplication
+from qtpy.QtWidgets import QApplication, QWidget
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.beginning import Units, get_ready
@@ -70,9 +70,18 @@ def test_all_is_there_when_the_dock_is_opened_again(viewer, ready, click, qtbot)
 @pytest.mark.thorough
 @pytest.mark.story
 def test_a_run_is_stopped_with_its_dock(viewer, ready, qtbot) -> None:
+    exact = p4d.simulation.moving_shape("dividing", (160, 160), 24, angles_deg=(0.0, 6.0))
+    ready.session.set_phase(p4d.simulation.with_noise(exact, 0.3)["wrapped"])
     ready.session.update(methods=("directional-l1",))
-    ready.unwrap.run()
+    run = ready.findChild(QWidget, "run")
+    ready.show_step(3)
+    qtbot.waitUntil(run.isVisible, timeout=5000)
+    QTest.mouseClick(run, Qt.MouseButton.LeftButton)
+    assert ready.jobs.running
+    qtbot.waitUntil(lambda: "WL1" in ready.status.text(), timeout=10_000)
+    assert ready.jobs.running  # in the midst of it
     close(viewer, ready, qtbot)
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
     again = opened_again(viewer)
     assert again.session.outcome is None
     assert not again.jobs.running
@@ -134,7 +143,7 @@ STARTING = """
 import os, sys, threading, time
 import napari, numpy, pint
 from napari_phase4d._napari.jobs import giving_way
-from qtpy.QtWidgets import QApplication
+from qtpy.QtWidgets import QApplication, QWidget
 
 go, start = threading.Event(), threading.Thread.start
 def held(thread):  # what is loaded ahead must not be taken for what the window itself loads

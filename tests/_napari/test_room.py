@@ -9,6 +9,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from driving import answer_dialog
 from napari.layers import Labels
 from qtpy.QtCore import QPoint, Qt, QTimer
 from qtpy.QtTest import QTest
@@ -216,7 +217,10 @@ def test_a_folder_of_results_is_opened_again(
     cell.session.measure()
     regions = cell.presenter.add_regions()
     regions.add_polygons([np.array([[5, 5], [5, 20], [20, 20]])])
-    cell.compare.share.save_to(tmp_path / "saved")
+    (tmp_path / "saved").mkdir()
+    answered = answer_dialog(tmp_path / "saved")
+    click("save_results")
+    assert answered()
     qtbot.waitUntil(lambda: not cell.jobs.running, timeout=60_000)
     results = {m: r.values for m, r in cell.session.results.items()}
     measured = pd.read_csv(tmp_path / "saved" / "measured.csv")
@@ -227,7 +231,9 @@ def test_a_folder_of_results_is_opened_again(
     np.testing.assert_allclose(corners["x (um)"], np.array([5, 20, 20]) * steps[1])
     assert table_of_regions([]).empty
 
-    cell.recording.open_path(tmp_path / "saved")
+    answered = answer_dialog(tmp_path / "saved")
+    click("open_folder")
+    assert answered()
     qtbot.waitUntil(lambda: not cell.jobs.running, timeout=60_000)
     assert cell.session.recipe.recording == str(tmp_path / "saved" / "wrapped.ome.tif")
     for method, values in results.items():

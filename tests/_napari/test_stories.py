@@ -102,26 +102,40 @@ def test_one_view_and_then_two(
     assert viewer.dims.nsteps[:2] == (6, 2)
 
 
-@pytest.mark.thorough
-def test_by_keyboard_alone(viewer, dock, qtbot) -> None:
-    dock.window().activateWindow()
-    dock.sections[0].heading.setFocus()
-    qtbot.waitUntil(dock.sections[0].heading.hasFocus, timeout=3000)
+class ByKeyboard:
+    """Goes through the dock with the Tab key and presses keys there."""
 
-    def press(name: str, key: Qt.Key = Qt.Key.Key_Space) -> None:
-        """Go to a button with the Tab key and press it."""
+    def __init__(self, dock: Any, qtbot: Any) -> None:
+        self.dock, self.qtbot = dock, qtbot
+        dock.window().activateWindow()
+        dock.sections[0].heading.setFocus()
+        qtbot.waitUntil(dock.sections[0].heading.hasFocus, timeout=3000)
+
+    def go_to(self, name: str) -> QWidget:
+        """Press Tab until the widget of this name has the focus."""
         for _ in range(MOST_TABS):
             focused = QApplication.focusWidget()
             assert focused is not None
-            if focused.objectName() == name:
-                break
+            if focused.objectName() == name or (name == "tabs" and isinstance(focused, QTabBar)):
+                return focused
             QTest.keyClick(focused, Qt.Key.Key_Tab)
-        else:
-            pytest.fail(f"no way to {name} by the Tab key")
-        QTest.keyClick(focused, key)
-        let_settle(qtbot, dock)
+        pytest.fail(f"no way to {name} by the Tab key")
+
+    def press(self, name: str, *keys: Qt.Key) -> None:
+        """Go to something and press keys there, by default the space bar; wait for what that does.
+
+        Names are those of the widgets; "tabs" are those of step 5.
+        """
+        focused = self.go_to(name)
+        for key in keys or (Qt.Key.Key_Space,):
+            QTest.keyClick(focused, key)
+        let_settle(self.qtbot, self.dock)
         QApplication.processEvents()
 
+
+@pytest.mark.thorough
+def test_by_keyboard_alone(viewer, dock, qtbot) -> None:
+    press = ByKeyboard(dock, qtbot).press
     press("try_yeast")
     assert dock.session.reconstruction is not None
     for method in ("angular", "temporal", "angular-temporal"):
@@ -133,12 +147,58 @@ def test_by_keyboard_alone(viewer, dock, qtbot) -> None:
     assert dock.presenter.showing == "difference"
     press("show_worst")
     assert dock.presenter.showing == "results"
-    tabs = dock.findChild(QTabBar)
-    tabs.setFocus()
-    QTest.keyClick(tabs, Qt.Key.Key_Right)
-    QTest.keyClick(tabs, Qt.Key.Key_Right)
+    press("tabs", Qt.Key.Key_Right, Qt.Key.Key_Right)
     press("measure")
     assert len(dock.session.measured)
+
+
+@pytest.mark.thorough
+def test_lobes_and_start_by_keyboard_alone(viewer, dock, qtbot) -> None:
+    press = ByKeyboard(dock, qtbot).press
+    press("try_sample")
+    press("find_lobes")
+    before = dock.session.lobes
+    assert len(before) == 2
+    press("heading_lobes")  # which was folded once the views were found
+    press("spectrum_canvas", Qt.Key.Key_2, Qt.Key.Key_Right)  # the second circle, by a step
+    moved = dock.session.lobes
+    assert sum(a.carrier != b.carrier for a, b in zip(before, moved, strict=True)) == 1
+    press("find_lobes")
+    press("reconstruct")
+    qtbot.waitUntil(lambda: dock.session.scores is not None, timeout=60_000)
+    press("boundary_map", Qt.Key.Key_Home, Qt.Key.Key_Right, Qt.Key.Key_Right, Qt.Key.Key_Return)
+    assert dock.session.recipe.boundary == ((2, 0),)
+    press("automatic")
+    assert dock.session.recipe.boundary == "auto"
+    for method in ("spatial-2d", "angular", "temporal", "angular-temporal"):
+        press(f"method_{method}")
+    press("run")
+    qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
+    assert dock.session.verdict.startswith("Use WL1")
+
+
+@pytest.mark.thorough
+def test_a_file_whose_stacks_lie_on_disk(
+    viewer, dock, click, qtbot, tick_only, tmp_path: Path, small_video: Recording
+) -> None:
+    open_by_click(click, dock, saved(tmp_path, "long", small_video.holograms.values))
+    dock.session.update(storage="disk")  # else memory decides, and this one is small
+    click("find_lobes")
+    click("reconstruct")
+    assert dock.session.reconstruction["phase"].chunks is not None
+    tick_only("spatial-2d", "temporal-angular", "directional-l1")
+    click("run")
+    assert all(result.chunks is not None for result in dock.session.results.values())
+    click("show_confidence")  # on disk nothing is weighed unasked
+    assert dock.presenter.showing == "confidence"
+    assert dock.session.verdict
+    click("side_by_side")
+    click("find_cells")
+    assert dock.session.cells is not None
+    for step in range(6):
+        viewer.dims.set_current_step(0, step)
+        QApplication.processEvents()
+        assert dock.presenter.current_frame()[0] == step
 
 
 @pytest.mark.thorough

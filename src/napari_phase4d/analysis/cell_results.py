@@ -16,7 +16,7 @@ from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.stack import PART_BYTES, each_frame, frame_of, parts_over_time
 from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.words import check_bool, check_number
+from napari_phase4d.words import as_numbers, check_bool, check_number, checked_call, shown
 
 __all__ = [
     "CellSettings",
@@ -88,7 +88,7 @@ class CellSettings:
             number = check_number(name, value)
             if not (math.isfinite(number) and number > 0 and number >= least.get(name, 0.0)):
                 limit = f"at least {least[name]:g}" if name in least else "above 0"
-                msg = f"{name} must be {limit}, but is {value!r}"
+                msg = f"{name} must be {limit}, but is {shown(value)}"
                 raise ValueError(msg)
         if None not in (self.smallest_um2, self.largest_um2) and (
             (self.smallest_um2 or 0) > (self.largest_um2 or 0)
@@ -134,6 +134,7 @@ class Cells:
         return summary_of_cells(self.table)
 
 
+@checked_call
 def cells_in(
     unwrapped: xr.DataArray,
     optics: Optics,
@@ -201,6 +202,7 @@ def cells_in(
     return Cells(found, table, method)
 
 
+@checked_call
 def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataArray:
     """Return a result in which the empty field is there that a mask had left out.
 
@@ -229,6 +231,7 @@ MEDIANS = (
 )
 
 
+@checked_call
 def summary_of_cells(table: pd.DataFrame) -> pd.DataFrame:
     """Return a row for each cell.
 
@@ -245,6 +248,9 @@ def summary_of_cells(table: pd.DataFrame) -> pd.DataFrame:
         view if there are any: "dry mass (pg)", "dry mass error (pg)" (of a single frame), "area
         (um^2)", "mass density (pg/um^2)", "speed (um/s)", where known "volume (um^3)".
     """
+    if "cell" not in table:
+        msg = 'table has no column "cell"; give the table of cells, as cells_in() makes it'
+        raise ValueError(msg)
     rows: list[dict[str, Any]] = []
     for number in dict.fromkeys(table["cell"].tolist()):
         of_cell = table[table["cell"] == number]
@@ -277,6 +283,7 @@ Mask = NDArray[np.bool_]
 Ways = NDArray[np.int64]
 
 
+@checked_call
 def region_with_cell(
     region: Mask,
     frame: tuple[int, int],
@@ -323,7 +330,7 @@ def region_with_cell(
         )
         raise ValueError(msg)
     here = frame_of(labels, *frame)
-    region = np.asarray(region)
+    region = as_numbers("the region", region)
     if region.dtype != bool or region.shape != here.shape:
         msg = (
             f"the region must be True and False on {here.shape} pixels (y, x), but is "

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -47,6 +48,7 @@ def table_of_cells(
     parents: dict[int, int],
     optics: Optics,
     *,
+    overlaps: Sequence[tuple[float, ...]] = (),
     sides_um: tuple[float, float],
     object_index: float | None,
     refraction_increment_ml_per_g: float,
@@ -108,10 +110,13 @@ def table_of_cells(
     # What is proportional to the path is taken of phase as it is at the optics' wavelength.
     own = scale[table["view"].to_numpy()]
     masses, errors = masses * own, errors * own
+    errors = np.hypot(errors, shared(table, masses, overlaps))
     area = table["count"].to_numpy() * pixel_um2
     increment = refraction_increment_ml_per_g
     mass = np.array([optics.dry_mass_pg(s, pixel_um2, increment) for s in masses])
-    mean = sums / table["count"].to_numpy()
+    mass_error = np.array([optics.dry_mass_pg(e, pixel_um2, increment) for e in errors])
+    mean, mean_error = (each / table["count"].to_numpy() for each in (sums, errors))
+    largest = table["largest"].to_numpy() * table["along"].to_numpy()
     columns: dict[str, Any] = {
         "cell": table["cell"],
         "parent": [parents.get(cell, 0) for cell in table["cell"]],
@@ -121,11 +126,14 @@ def table_of_cells(
         "x (um)": [at(places["x"], x) for x in table["x"]],
         "area (um^2)": area,
         "mean phase (rad)": mean,
-        "largest phase (rad)": table["largest"].to_numpy() * table["along"].to_numpy(),
+        "largest phase (rad)": largest,
         "mean optical path difference (nm)": 1000 * optics.optical_path_um(mean * own),
+        "mean optical path difference error (nm)": 1000 * optics.optical_path_um(mean_error),
+        "largest optical path difference (nm)": 1000 * optics.optical_path_um(largest * own),
         "dry mass (pg)": mass,
-        "dry mass error (pg)": [optics.dry_mass_pg(e, pixel_um2, increment) for e in errors],
+        "dry mass error (pg)": mass_error,
         "mass density (pg/um^2)": mass / area,
+        "mass density error (pg/um^2)": mass_error / area,
         "circularity": np.minimum(
             4 * math.pi * table["count"] / np.maximum(table["perimeter"], 1.0) ** 2, 1.0
         ),
@@ -133,6 +141,7 @@ def table_of_cells(
     }
     if object_index is not None:
         columns["mean height (um)"] = optics.height_um(mean * own, object_index)
+        columns["mean height error (um)"] = np.abs(optics.height_um(mean_error, object_index))
         columns["volume (um^3)"] = optics.height_um(masses, object_index) * pixel_um2
         columns["volume error (um^3)"] = np.abs(optics.height_um(errors, object_index)) * pixel_um2
     if np.median(mass) < 0:
@@ -158,6 +167,33 @@ def path_scale(stack: xr.DataArray, optics: Optics) -> NDArray[np.float64]:
     if light is None or WAVELENGTH not in stack.coords:
         return np.ones(stack.sizes.get("angle", 1))
     return light / optics.wavelength_um
+
+
+def shared(
+    table: pd.DataFrame, masses: NDArray[np.float64], overlaps: Sequence[tuple[float, ...]]
+) -> NDArray[np.float64]:
+    """Return how far masses lie from those before and after, where cells lie over one another.
+
+    It is the root mean square over each time that they do: nobody knows how what they have
+    together is shared between them.
+    """
+    off = np.zeros(len(table))
+    cells, times, angles = (
+        table[name].to_numpy(np.float64) for name in ("cell", "time (s)", "angle (deg)")
+    )
+    runs = [
+        (cells == cell) & (angles == angle) & (begin <= times) & (times <= end)
+        for cell, angle, begin, end in overlaps
+    ]
+    mixed = np.any(runs, axis=0) if runs else off > 0
+    for (cell, angle, *_), run in zip(overlaps, runs, strict=True):
+        own = (cells == cell) & (angles == angle)
+        free = np.flatnonzero(own & ~mixed & table["whole"].to_numpy(bool))
+        if len(free) and run.any():
+            free = free[np.argsort(times[free])]
+            way = masses[run] - np.interp(times[run], times[free], masses[free])
+            off[run] = math.sqrt(float(np.mean(way**2)))
+    return off
 
 
 def at(places: NDArray[np.float64], pixel: float) -> float:

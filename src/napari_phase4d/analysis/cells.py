@@ -17,6 +17,7 @@ import scipy
 import skimage
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.analysis.cell_crossings import DAUGHTER, Ways, touching_pairs
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
@@ -28,13 +29,13 @@ __all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
 
 #: A cell of the frame before takes part in a blob where this share of it lies in the blob.
 OVERLAP = 0.35
+#: What is left of a cell that another covers is kept apart while it has this share of the other.
+LEAST_PART = 0.35
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
 #: frames without them as here.
 REACH, GAP, MOST_GAP = 1.0, 2, 1000
 #: To begin or end is dearer than any link that is allowed, by this factor.
 COSTLIER = 1.05
-#: A daughter takes at most this share of its parent's area.
-DAUGHTER = 0.85
 #: Tracks of two views are one cell's where they stay within so many diameters.
 REACH_ACROSS = 1.5
 #: ... and are seen together in this share of the frames of the shorter one.
@@ -80,7 +81,8 @@ def find_cells(
     xarray.DataArray
         int32 in the form of the phase: 0 where there is no cell, else its number, from 1 in the
         order in which cells appear. ``attrs["parents"]`` lists (daughter, parent) of every
-        division.
+        division, ``attrs["overlaps"]`` when a cell can't be told from another that it swims over:
+        (cell, angle, from, to), in degrees and seconds.
 
     Raises
     ------
@@ -243,6 +245,11 @@ def split_as_before(now: Labels, blob: int, before: Labels, cells: NDArray[Any])
         return
     depth = scipy.ndimage.distance_transform_edt(inside)
     parts = skimage.segmentation.watershed(-depth, markers, mask=inside)
+    sizes = np.bincount(parts.ravel())[1:]
+    splinters = sizes < LEAST_PART * sizes.max()
+    if splinters.any():
+        markers[np.isin(markers, np.flatnonzero(splinters) + 1)] = 0
+        parts = skimage.segmentation.watershed(-depth, markers, mask=inside)
     top = int(now.max())
     for extra in range(2, int(parts.max()) + 1):
         top += 1
@@ -304,7 +311,7 @@ def follow_cells(
     views = []
     for angle in range(stack.sizes["angle"]):
         watch.check()
-        views.append(tracks_of(spots_of(stack[:, angle], sides, watch), reach_um, gap))
+        views.append(tracks_of(*spots_of(stack[:, angle], sides, watch), reach_um, gap))
         watch.step()
     parents = joined_views(views)
     followed = no_labels(stack)
@@ -321,12 +328,31 @@ def follow_cells(
     full = xr.DataArray(followed, dims=AXES, coords=stack.coords)
     result = full.isel(dict.fromkeys(missing, 0), drop=True).transpose(*given.dims)
     result.attrs = {"kind": "cells", "parents": [list(pair) for pair in parents]}
+    result.attrs |= {"overlaps": overlaps_in(views, stack)}
     return result
 
 
-def spots_of(labels: xr.DataArray, sides: tuple[float, float], watch: Watch) -> pd.DataFrame:
-    """Return place (um) and width of every cell of a view (time, y, x)."""
+def overlaps_in(views: list[pd.DataFrame], stack: xr.DataArray) -> list[list[float]]:
+    """Return when cells can't be told from others: (cell, angle, from, to), in deg and s."""
+    if not {"time", "angle"} <= set(stack.coords):
+        return []
+    times, angles = (np.asarray(stack[dim].values, np.float64) for dim in ("time", "angle"))
+    found: list[list[float]] = []
+    for angle, view in zip(angles.tolist(), views, strict=True):
+        mixed = view.loc[view["mixed"], ["cell", "frame"]].to_numpy(np.int64)
+        for cell in np.unique(mixed[:, 0]).tolist():
+            seen = np.sort(mixed[mixed[:, 0] == cell, 1])
+            runs = np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1)
+            found += [[cell, angle, float(times[r[0]]), float(times[r[-1]])] for r in runs]
+    return found
+
+
+def spots_of(
+    labels: xr.DataArray, sides: tuple[float, float], watch: Watch
+) -> tuple[pd.DataFrame, list[tuple[int, int]]]:
+    """Return place (um) and size of every cell of a view (time, y, x), and rows that touch."""
     rows: list[tuple[float, ...]] = []
+    touching: list[tuple[int, int]] = []
     for time in range(labels.sizes["time"]):
         watch.check()
         frame = np.asarray(labels.data[time]).astype(np.int64)
@@ -337,11 +363,14 @@ def spots_of(labels: xr.DataArray, sides: tuple[float, float], watch: Watch) -> 
         places = np.nonzero(frame)
         owners = frame[places]
         centres = [np.bincount(owners, part)[numbers] / sizes[numbers] for part in places]
-        for number, y, x in zip(numbers, *centres, strict=True):
+        row = dict(zip(numbers.tolist(), range(len(rows), len(rows) + len(numbers)), strict=True))
+        touching += [(row[a], row[b]) for a, b in touching_pairs(frame)]
+        edge = set(np.concatenate([frame[0], frame[-1], frame[:, 0], frame[:, -1]]).tolist())
+        for number, y, x in zip(numbers.tolist(), *centres, strict=True):
             area = sizes[number] * sides[0] * sides[1]
-            rows.append((time, int(number), y * sides[0], x * sides[1], area))
-    found = pd.DataFrame(rows, columns=["frame", "label", "y", "x", "area"])
-    return found.astype({"frame": int, "label": int})
+            rows.append((time, number, y * sides[0], x * sides[1], area, number in edge))
+    found = pd.DataFrame(rows, columns=["frame", "label", "y", "x", "area", "at edge"])
+    return found.astype({"frame": int, "label": int, "at edge": bool}), touching
 
 
 def check_follower() -> None:
@@ -351,10 +380,13 @@ def check_follower() -> None:
         raise ImportError(msg)
 
 
-def tracks_of(spots: pd.DataFrame, reach_um: float | None, gap: int) -> pd.DataFrame:
+def tracks_of(
+    spots: pd.DataFrame, touching: list[tuple[int, int]], reach_um: float | None, gap: int
+) -> pd.DataFrame:
     """Add to the cells of a view their "track" and its "parent", -1 where there is none."""
     if spots.empty:
-        return spots.assign(track=pd.Series(dtype=int), parent=pd.Series(dtype=int))
+        none = pd.Series(dtype=int)
+        return spots.assign(track=none, parent=none, mixed=none.astype(bool))
     check_follower()
     from laptrack import LapTrack
 
@@ -378,11 +410,14 @@ def tracks_of(spots: pd.DataFrame, reach_um: float | None, gap: int) -> pd.DataF
     tree = tracker.predict([places[a:b] for a, b in pairwise(starts.tolist())])
     links = [(starts[a] + i, starts[b] + j) for (a, i), (b, j) in tree.edges]
     track, divisions = tracks_by_links(len(spots), links)
-    found = spots.assign(track=track)
+    areas, at_edge = spots["area"].to_numpy(), spots["at edge"].to_numpy()
+    ways = Ways(frames, places, areas, at_edge, track, divisions, touching, reach)
+    divisions = ways.untangle()
+    found = spots.assign(track=track, mixed=ways.mixed)
     ends = found.groupby("track")["area"].agg(["first", "last"])
     parent = dict.fromkeys(track.tolist(), -1)
     for child, mother in divisions:
-        if ends["first"][child] <= DAUGHTER * ends["last"][mother]:
+        if child != mother and ends["first"][child] <= DAUGHTER * ends["last"][mother]:
             parent[child] = mother
     return found.assign(parent=[parent[t] for t in track.tolist()])
 

@@ -23,7 +23,7 @@ from napari_phase4d.stacks import (
 )
 from napari_phase4d.task import CancelledCall, Task, Watch
 from napari_phase4d.unwrapping import METHODS, label_of
-from napari_phase4d.words import check_type, shown
+from napari_phase4d.words import as_numbers, check_type, is_list, shown
 
 __all__ = [
     "DOUBTFUL",
@@ -262,7 +262,7 @@ def traces_of(
     cancelled : callable, optional
         ``cancelled()`` stops the work, between parts that are read from disk.
     """
-    if np.shape(frame) != (2,) or np.asarray(frame).dtype.kind not in "iu":
+    if not is_list(frame) or np.shape(frame) != (2,) or np.asarray(frame).dtype.kind not in "iu":
         msg = f"the frame must be two whole numbers (time, angle), but is {shown(frame)}"
         raise ValueError(msg)
     if not results:
@@ -324,7 +324,7 @@ def places_along(stack: xr.DataArray, dim: str, count: int) -> NDArray[np.float6
 
 def checked_place(where: Any, shape: tuple[int, ...]) -> Place:
     """Return the smallest part of a frame that holds a place, or say what is wrong with it."""
-    place = np.asarray(where)
+    place = as_numbers("where", where)
     if place.dtype == np.bool_ and place.shape == shape and place.any():
         rows, columns = (np.flatnonzero(place.any(axis=axis)) for axis in (1, 0))
         part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)

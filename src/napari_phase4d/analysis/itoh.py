@@ -7,9 +7,16 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.later import xr
 from napari_phase4d.stack import in_memory, parts_over_time
-from napari_phase4d.stacks import check_rising, unwrapped_stack, wavelengths_of, wrapped_stack
+from napari_phase4d.stacks import (
+    AXES,
+    check_rising,
+    mask_on,
+    unwrapped_stack,
+    wavelengths_of,
+    wrapped_stack,
+)
 from napari_phase4d.unwrapping import both_ends, frames_among, loop_sums, views_by_light
-from napari_phase4d.words import check_type
+from napari_phase4d.words import check_type, checked_call
 
 __all__ = ["itoh_margin", "order_shares", "residues"]
 
@@ -44,7 +51,12 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
     0.5
     """
     phase = checked(phase)
-    inside = None if where is None else where.transpose(*phase.dims)
+    if where is not None:
+        full = xr.DataArray(mask_on(where, phase, "where"), dims=AXES)
+        missing = [axis for axis in AXES if axis not in phase.dims]
+        where = full.isel(dict.fromkeys(missing, 0)).transpose(*phase.dims)
+        where = where.copy(data=np.broadcast_to(where.data, phase.shape))
+    inside = where
     maps = {}
     for axis, dim in enumerate(phase.dims):
         if phase.sizes[dim] < 2:
@@ -130,6 +142,7 @@ def share_beyond(phase: xr.DataArray, inside: xr.DataArray | None, axis: int) ->
     return beyond / count if count else 0.0
 
 
+@checked_call
 def order_shares(
     phase: xr.DataArray, boundary: tuple[int, int] = (0, 0), where: xr.DataArray | None = None
 ) -> dict[str, float]:

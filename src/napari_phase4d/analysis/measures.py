@@ -26,7 +26,7 @@ from napari_phase4d.stacks import (
     wavelengths_of,
 )
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.words import as_numbers, check_bool, check_number, shown, warn
+from napari_phase4d.words import as_numbers, check_bool, check_number, is_list, shown, warn
 
 __all__ = ["measure", "polygon_mask", "region_masks"]
 
@@ -58,7 +58,7 @@ def region_masks(labels: ArrayLike) -> dict[str, Mask]:
     >>> list(region_masks([[0, 2, 2], [0, 0, 7]]))
     ['label 2', 'label 7']
     """
-    image: NDArray[Any] = np.asarray(labels)
+    image = as_numbers("labels", labels)
     if image.dtype.kind not in "iub":
         msg = f"labels must be whole numbers, but are {image.dtype}"
         raise TypeError(msg)
@@ -104,7 +104,7 @@ def polygon_mask(vertices_yx: ArrayLike, shape: tuple[int, int]) -> Mask:
            [1, 1, 1, 0, 0],
            [0, 0, 0, 0, 0]])
     """
-    if np.shape(shape) != (2,) or np.asarray(shape).dtype.kind not in "iu":
+    if not is_list(shape) or np.shape(shape) != (2,) or np.asarray(shape).dtype.kind not in "iu":
         msg = f"shape must be the height and width of a frame, but is {shown(shape)}"
         raise ValueError(msg)
     corners = as_numbers("vertices_yx", vertices_yx).astype(np.float64)
@@ -187,12 +187,13 @@ def measure(
         Of cells one row a cell, time and angle, by number. Columns: "cell", "parent" (0 if it came
         from no other), "time (s)", "angle (deg)", "y (um)", "x (um)" (its middle),
         "speed (um/s)", "area (um^2)", "mean phase (rad)", "largest phase (rad)",
-        "mean optical path difference (nm)", "dry mass (pg)", "dry mass error (pg)",
-        "mass density (pg/um^2)", "circularity" (1 is a disc), "wholly in view" (whether it
-        does not touch the border of the frame); with ``object_index`` "mean height (um)",
-        "volume (um^3)", "volume error (um^3)". An error is one standard deviation: of means
-        over as much empty field, of where the cell ends, and of pixels in doubt; not of the
-        refraction increment.
+        "mean optical path difference (nm)", "largest optical path difference (nm)",
+        "dry mass (pg)", "mass density (pg/um^2)", "circularity" (1 is a disc), "wholly in view"
+        (whether it does not touch the border of the frame); with ``object_index``
+        "mean height (um)", "volume (um^3)". What is summed or averaged has its error in the
+        column after it, "dry mass error (pg)" and so on. An error is one standard deviation: of
+        means over as much empty field, of where the cell ends, of pixels in doubt, and of how
+        cells that lie over one another share what they hold; not of the refraction increment.
 
         Where views differ in wavelength, "wavelength (um)" stands beside the angle.
 
@@ -233,6 +234,7 @@ def measure(
     if not isinstance(regions, Mapping) and hasattr(regions, "dtype"):
         return table_of_cells(
             stack, labels_on(regions, stack), parents_of(regions), optics,
+            overlaps=overlaps_of(regions),
             sides_um=pixel_um(stack, "the phase"),
             object_index=object_index,
             refraction_increment_ml_per_g=refraction_increment_ml_per_g,
@@ -263,7 +265,10 @@ def measure(
 
 def labels_on(labels: Any, stack: xr.DataArray) -> Any:
     """Return labels (time, angle, y, x) that fit the phase, or say why they don't."""
-    labels = checked_labels(labels, "the cells") if labels.ndim in PLAIN_AXES else labels
+    if labels.ndim not in PLAIN_AXES:
+        msg = f"the cells are {shown(labels)}, which does not fit the phase, {stack.shape}"
+        raise ValueError(msg)
+    labels = checked_labels(labels, "the cells")
     missing = [dim for dim in stack.dims if dim not in labels.dims and stack.sizes[dim] == 1]
     if missing and isinstance(labels, xr.DataArray):  # as the phase was before it had four axes
         labels = labels.drop_vars(missing, errors="ignore").expand_dims(missing)
@@ -287,6 +292,19 @@ def parents_of(labels: Any) -> dict[int, int]:
         msg = (
             f'the cells note parents as {shown(noted)}; attrs["parents"] must be a list of '
             "(daughter, parent), as find_cells() gives it"
+        )
+        raise ValueError(msg) from error
+
+
+def overlaps_of(labels: Any) -> list[tuple[float, ...]]:
+    """Return when cells can't be told from others: (cell, angle, from, to)."""
+    noted = getattr(labels, "attrs", {}).get("overlaps", ())
+    try:
+        return [(int(cell), float(a), float(b), float(c)) for cell, a, b, c in noted]
+    except (TypeError, ValueError) as error:
+        msg = (
+            f'the cells note overlaps as {shown(noted)}; attrs["overlaps"] must be a list of '
+            "(cell, angle, from, to), as find_cells() gives it"
         )
         raise ValueError(msg) from error
 
@@ -428,7 +446,7 @@ def check_numbers(
 ) -> None:
     """Raise ValueError for numbers that can't be, and for optics of another wavelength."""
     if not isinstance(optics, Optics):
-        msg = f"optics must be an Optics, but is {optics!r}; give Optics(wavelength_um=...)"
+        msg = f"optics must be an Optics, but is {shown(optics)}; give Optics(wavelength_um=...)"
         raise TypeError(msg)
     noted = None
     if WAVELENGTH not in stack.coords and "wavelength_um" in stack.attrs:
@@ -444,7 +462,7 @@ def check_numbers(
     if object_index is not None:
         index = check_number("object_index", object_index)
         if not 1 <= index <= LARGE_INDEX:
-            msg = f"object_index must lie between 1 and {LARGE_INDEX:g}, but is {object_index!r}"
+            msg = f"object_index must lie between 1 and {LARGE_INDEX:g}, but is {index:g}"
             raise ValueError(msg)
         if index < optics.medium_index:
             warn(
@@ -458,5 +476,5 @@ def check_numbers(
             "is it in another unit?"
         )
     if not (math.isfinite(increment) and increment > 0):
-        msg = f"refraction_increment_ml_per_g must be a number above 0, but is {increment!r}"
+        msg = f"refraction_increment_ml_per_g must be a number above 0, but is {shown(increment)}"
         raise ValueError(msg)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
+from napari_phase4d.words import checked_call
 
 __all__ = ["noise_figures", "noise_sentence", "with_wavelength"]
 
@@ -46,6 +47,7 @@ class Sums:
     empty: list[float] = field(default_factory=list)
 
 
+@checked_call
 def noise_figures(
     ds: xr.Dataset,
     progress: ProgressCall | None = None,
@@ -116,6 +118,7 @@ def visibility_of_angles(ds: xr.Dataset) -> list[float]:
     return [known.get(angle, math.nan) for angle in angles]
 
 
+@checked_call
 def with_wavelength(
     table: pd.DataFrame, wavelength_um: float | NDArray[np.floating]
 ) -> pd.DataFrame:
@@ -123,6 +126,9 @@ def with_wavelength(
 
     It may be one for each view.
     """
+    if "temporal_phase_mrad" not in table or "spatial_phase_mrad" not in table:
+        msg = "table has no columns of phase noise; give the one that noise_figures() makes"
+        raise ValueError(msg)
     paths = {
         f"{name}_path_nm": table[f"{name}_phase_mrad"] * wavelength_um / (2 * np.pi)
         for name in ("temporal", "spatial")
@@ -143,6 +149,7 @@ COLUMNS = [
 ]
 
 
+@checked_call
 def noise_sentence(table: pd.DataFrame) -> str:
     """Return the noise in words, as the root mean square over the views.
 

@@ -12,7 +12,7 @@ from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
 from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import METHODS, Problem
-from napari_phase4d.words import frame_in_words
+from napari_phase4d.words import checked_call, frame_in_words
 
 __all__ = [
     "Verdict",
@@ -199,11 +199,16 @@ TRUSTED = ("synthetic-wavelength", REFERENCE, *BOTH, "temporal", "angular")
 LEAST_SHARE, LEAST_PART = 0.0005, 0.1
 
 
+@checked_call
 def most_trusted(results: Mapping[str, xr.DataArray]) -> str:
     """Return the id of the method among the results that is most to be relied on."""
+    if not results:
+        msg = "results is empty; give at least one"
+        raise ValueError(msg)
     return next((m for m in TRUSTED if m in results), next(iter(results)))
 
 
+@checked_call
 def best_known(
     results: Mapping[str, xr.DataArray], truth: xr.DataArray | None = None
 ) -> tuple[xr.DataArray, str]:
@@ -211,7 +216,9 @@ def best_known(
     if truth is not None:
         return truth, "the exact phase"
     method = most_trusted(results)
-    return results[method], f"the result of {METHODS[method].label}"
+    return results[
+        method
+    ], f"the result of {METHODS[method].label if method in METHODS else method}"
 
 
 def steps_sentence(margin: xr.Dataset, basis: str) -> str:
@@ -231,6 +238,7 @@ def steps_sentence(margin: xr.Dataset, basis: str) -> str:
     return f"Steps beyond half a cycle, by {basis}: {shares}."
 
 
+@checked_call
 def order_verdict(
     results: Mapping[str, xr.DataArray],
     boundary: tuple[int, int] = (0, 0),

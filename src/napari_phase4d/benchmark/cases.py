@@ -25,6 +25,7 @@ from napari_phase4d.simulation import (
     with_fault,
     with_noise,
 )
+from napari_phase4d.words import shown
 
 __all__ = ["GROUPS", "SUITE_VERSION", "Case", "cases", "checked_groups"]
 
@@ -114,7 +115,7 @@ def checked_groups(groups: Sequence[str] | None) -> list[str]:
     chosen = list(GROUPS) if groups is None else [groups] if isinstance(groups, str) else groups
     for group in chosen:
         if group not in GROUPS:
-            msg = f"group must be one of {', '.join(GROUPS)}, but is {group!r}"
+            msg = f"group must be one of {', '.join(GROUPS)}, but is {shown(group)}"
             raise ValueError(msg)
     return list(chosen)
 

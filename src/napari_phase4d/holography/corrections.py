@@ -23,8 +23,9 @@ from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
 from napari_phase4d.holography.quality import is_noise
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
-from napari_phase4d.stacks import PLAIN_AXES
+from napari_phase4d.stacks import PLAIN_AXES, looks_wrapped
 from napari_phase4d.task import Task, Watch, in_threads
+from napari_phase4d.words import is_table, shown, warn
 
 __all__ = [
     "BACKGROUND_ORDERS",
@@ -159,8 +160,10 @@ def background_surface(background: str, background_order: int) -> tuple[str, int
     ValueError
         If there is no such way or degree.
     """
-    if background not in BACKGROUND_ORDERS:
-        msg = f"background must be one of {', '.join(BACKGROUND_ORDERS)}, but is {background!r}"
+    if not isinstance(background, str) or background not in BACKGROUND_ORDERS:
+        msg = (
+            f"background must be one of {', '.join(BACKGROUND_ORDERS)}, but is {shown(background)}"
+        )
         raise ValueError(msg)
     fixed = BACKGROUND_ORDERS[background]
     if fixed is not None:
@@ -169,7 +172,7 @@ def background_surface(background: str, background_order: int) -> tuple[str, int
     if not whole or not MIN_ORDER <= background_order <= MAX_ORDER:
         msg = (
             f"background_order must lie between {MIN_ORDER} and {MAX_ORDER}, a whole number, "
-            f"but is {background_order!r}"
+            f"but is {shown(background_order)}"
         )
         raise ValueError(msg)
     return background, int(background_order)
@@ -249,8 +252,9 @@ def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
 
 def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]:
     """Return the frame of the reference: the mean, if it is a recording of several."""
-    if isinstance(reference, bool):
-        msg = "reference must be a frame number, an array or a Recording, but is " + str(reference)
+    if isinstance(reference, bool) or is_table(reference):
+        what = "a frame number, an array or a Recording"
+        msg = f"reference must be {what}, but is {shown(reference)}"
         raise TypeError(msg)
     if isinstance(reference, (int, np.integer)):
         if not -rec.n_frames <= reference < rec.n_frames:
@@ -266,6 +270,11 @@ def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]
         raise TypeError(msg)
     else:
         frames = in_order_of_axes(reference) if hasattr(reference, "dims") else reference
+        if isinstance(frames, np.ndarray) and looks_wrapped(frames):
+            warn(
+                "the reference lies between -pi and pi on both sides of zero, as wrapped phase "
+                "does and light does not; give the hologram of an empty field"
+            )
         recording = Recording.from_frames(frames, optics=rec.optics, name="the reference")
     if recording.frame_shape != rec.frame_shape:
         msg = (

@@ -11,6 +11,7 @@ import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.lobes import Lobe
+from napari_phase4d.words import shown
 
 __all__ = ["WINDOWS", "Demodulator", "cut_of", "field_shape", "half_spectrum"]
 
@@ -132,7 +133,7 @@ class Demodulator:
             msg = "there is no lobe to demodulate; find or place at least one"
             raise ValueError(msg)
         if not isinstance(window, str) or window not in WINDOWS:
-            msg = f"window must be one of {', '.join(WINDOWS)}, but is {window!r}"
+            msg = f"window must be one of {', '.join(WINDOWS)}, but is {shown(window)}"
             raise ValueError(msg)
         self.shape = (int(shape[0]), int(shape[1]))
         self.output_shape = field_shape(self.shape, lobes, window)

@@ -206,7 +206,7 @@ def find_lobes(
     n_views = checked_number(n_views, angles_deg, wavelengths_um)
     check_bool("orient", orient)
     if radius is not None and not 1e-3 <= check_positive("radius", radius) <= 0.5:
-        msg = f"radius must lie between 0.001 and 0.5 cycles per pixel, but is {radius!r}"
+        msg = f"radius must lie between 0.001 and 0.5 cycles per pixel, but is {shown(radius)}"
         raise ValueError(msg)
     plane = plane_of(rec, task)
     plain = sum(peak.is_plain for peak in plane.peaks)

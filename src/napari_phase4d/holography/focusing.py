@@ -28,6 +28,7 @@ from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.refocusing import PixelSize, Propagator, check_light, pixel_sides
 from napari_phase4d.later import xr
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
+from napari_phase4d.words import shown
 
 __all__ = ["FOCUS_METRICS", "FOCUS_OBJECTS", "Focus", "autofocus", "depth_of_focus_um"]
 
@@ -259,7 +260,7 @@ def check_choices(metric: str, objects: str) -> None:
         ("objects", objects, FOCUS_OBJECTS),
     ):
         if value not in known:
-            msg = f"{name} must be one of {', '.join(known)}, but is {value!r}"
+            msg = f"{name} must be one of {', '.join(known)}, but is {shown(value)}"
             raise ValueError(msg)
 
 
@@ -273,7 +274,8 @@ def checked_span(
     first, last = (-float(ends), float(ends)) if ends.ndim == 0 else (float(e) for e in ends)
     if not (math.isfinite(first) and math.isfinite(last) and first < last):
         msg = (
-            f"span_um must be a distance above 0, or a lower and an upper one, but is {span_um!r}"
+            "span_um must be a distance above 0, or a lower and an upper one, but is "
+            f"{shown(span_um)}"
         )
         raise ValueError(msg)
     return first, last

@@ -38,6 +38,7 @@ from napari_phase4d.stacks import (
     coordinate,
     wavelength_coordinate,
 )
+from napari_phase4d.words import shown
 
 __all__ = [
     "FrameReconstructor",
@@ -305,7 +306,7 @@ class Preview:
         if not lobes:
             return []
         if not isinstance(window, str) or window not in WINDOWS:
-            msg = f"window must be one of {', '.join(WINDOWS)}, but is {window!r}"
+            msg = f"window must be one of {', '.join(WINDOWS)}, but is {shown(window)}"
             raise ValueError(msg)
         shape = field_shape(self.shape, lobes, window)
         carried = (refocus_um, optics) if refocus_um and optics is not None else None

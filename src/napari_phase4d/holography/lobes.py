@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.words import check_bool, check_number, shown, views_are_numbered
+from napari_phase4d.words import check_bool, check_number, checked_call, shown, views_are_numbered
 
 __all__ = [
     "MAX_VIEWS",
@@ -97,7 +97,7 @@ class Lobe:
             msg = f"the lobe radius must lie between 0 and 0.5 cycles/px, but is {self.radius:g}"
             raise ValueError(msg)
         if not math.isfinite(self.angle_deg):
-            msg = f"the viewing angle must be a number of degrees, but is {self.angle_deg!r}"
+            msg = f"the viewing angle must be a number of degrees, but is {shown(self.angle_deg)}"
             raise ValueError(msg)
         object.__setattr__(self, "carrier", (ky, kx))
         if self.wavelength_um is not None:
@@ -105,7 +105,7 @@ class Lobe:
             if not (math.isfinite(light) and light > 0):
                 msg = (
                     f"wavelength_um of a lobe must be a number of micrometres above 0, but is "
-                    f"{self.wavelength_um!r}"
+                    f"{shown(self.wavelength_um)}"
                 )
                 raise ValueError(msg)
             object.__setattr__(self, "wavelength_um", light)
@@ -119,7 +119,7 @@ def carrier_of(carrier: Any) -> tuple[float, float]:
     """Return a carrier as two numbers, or say that it is none."""
     try:
         ky, kx = (float(k) for k in carrier)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError, OverflowError) as error:
         msg = f"carrier must be two numbers (ky, kx) in cycles per pixel, but is {shown(carrier)}"
         raise ValueError(msg) from error
     return ky, kx
@@ -221,6 +221,7 @@ def stray_terms(lobes: Sequence[Lobe]) -> list[StrayTerm]:
     return terms
 
 
+@checked_call
 def lobe_warnings(lobes: Sequence[Lobe]) -> list[str]:
     """Say in words what is wrong with the circles on the spectrum, and what to do about it.
 

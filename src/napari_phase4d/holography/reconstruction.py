@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Literal
@@ -44,7 +44,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
-from napari_phase4d.words import check_bool, shown, warn
+from napari_phase4d.words import check_bool, check_number, is_list, shown, warn
 
 __all__ = [
     "PhaseSettings",
@@ -197,7 +197,7 @@ def reconstruct(
         tilt_per_frame,
         first_frames,
     )
-    lobes = list(lobes) if isinstance(lobes, Iterable) else lobes
+    lobes = list(lobes) if is_list(lobes) else lobes
     work = frame_reconstructor(rec, lobes, settings, Task(None, cancelled))
     for doubt in lobe_doubts(lobes):
         warn(doubt)
@@ -249,7 +249,7 @@ def frame_reconstructor(
     """Measure what all frames have in common; see `reconstruct` for the arguments."""
     background, order = settings.background, settings.background_order
     background_surface(background, order)  # to refuse first what is quick to see
-    listed = isinstance(lobes, Iterable) and all(isinstance(lobe, Lobe) for lobe in lobes)
+    listed = is_list(lobes) and all(isinstance(lobe, Lobe) for lobe in lobes)
     if not isinstance(rec, Recording) or not listed:
         msg = "reconstruct() takes a Recording from open_recording() and a list of Lobe"
         raise TypeError(msg)
@@ -394,7 +394,7 @@ def checked_distance(refocus_um: object) -> float:
     if isinstance(refocus_um, bool) or not isinstance(refocus_um, Real):
         msg = f'refocus_um must be a number of micrometres or "auto", but is {shown(refocus_um)}'
         raise ValueError(msg)
-    distance = float(refocus_um)
+    distance = check_number("refocus_um", refocus_um)
     if not abs(distance) <= FARTHEST_UM:
         msg = (
             f"refocus_um must lie within {FARTHEST_UM:g} um of the camera's focus, but is "

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
+from napari_phase4d.words import shown
 
 __all__ = [
     "EDGES",
@@ -85,7 +86,7 @@ class Propagator:
         keep: bool = True,
     ) -> None:
         if edges not in EDGES:
-            msg = f"edges must be one of {', '.join(EDGES)}, but is {edges!r}"
+            msg = f"edges must be one of {', '.join(EDGES)}, but is {shown(edges)}"
             raise ValueError(msg)
         pixel = pixel_sides(pixel_um)
         check_light(distance_um, wavelength_um, medium_index)
@@ -332,7 +333,7 @@ def pixel_sides(pixel_um: PixelSize) -> tuple[float, float]:
     """Return (y, x) of a pixel size given as one number or two."""
     sides = np.broadcast_to(np.asarray(pixel_um, dtype=np.float64), 2)
     if not (np.isfinite(sides).all() and (sides > 0).all()):
-        msg = f"pixel_um must be a size above 0, or two of them (y, x), but is {pixel_um!r}"
+        msg = f"pixel_um must be a size above 0, or two of them (y, x), but is {shown(pixel_um)}"
         raise ValueError(msg)
     return float(sides[0]), float(sides[1])
 
@@ -340,13 +341,13 @@ def pixel_sides(pixel_um: PixelSize) -> tuple[float, float]:
 def check_light(distance_um: float, wavelength_um: float, medium_index: float) -> None:
     """Raise ValueError if there is no such distance, light or medium."""
     if not math.isfinite(distance_um):
-        msg = f"distance_um must be a number of micrometres, but is {distance_um!r}"
+        msg = f"distance_um must be a number of micrometres, but is {shown(distance_um)}"
         raise ValueError(msg)
     if not (math.isfinite(wavelength_um) and wavelength_um > 0):
-        msg = f"wavelength_um must be a number above 0, but is {wavelength_um!r}"
+        msg = f"wavelength_um must be a number above 0, but is {shown(wavelength_um)}"
         raise ValueError(msg)
     if not (math.isfinite(medium_index) and medium_index >= 1):
-        msg = f"medium_index must be at least 1, but is {medium_index!r}"
+        msg = f"medium_index must be at least 1, but is {shown(medium_index)}"
         raise ValueError(msg)
 
 

@@ -26,11 +26,14 @@ __all__ = [
     "put_in_place",
     "remove_dead",
     "remove_folder",
+    "text_of",
     "written_whole",
 ]
 
 #: Bytes of a temporary file's name that tell what it is to become; names may have 255.
 SHORT = 40
+#: No note, description or list of times is longer, in bytes.
+MOST_TEXT = 2**28
 
 
 def own_prefix(name: str) -> str:
@@ -212,6 +215,25 @@ def not_written(path: Path, error: OSError) -> OSError:
     failure = OSError(f"{path} could not be written ({why}); nothing was changed there")
     failure.errno = number
     return failure
+
+
+def text_of(path: Path) -> str:
+    """Return the text of a note or another small file.
+
+    Raises
+    ------
+    OSError
+        If it can't be read, is a pipe or a device, which may have no end, or far too large.
+    UnicodeDecodeError
+        If it is no text.
+    """
+    if path.exists() and not path.is_file():
+        msg = f"{path.name} is not a file, but a folder, a pipe or a device"
+        raise OSError(msg)
+    if path.stat().st_size > MOST_TEXT:
+        msg = f"{path.name} is larger than any text that is read here ({MOST_TEXT} bytes)"
+        raise OSError(msg)
+    return path.read_text(encoding="utf-8")
 
 
 def is_full(path: Path) -> bool:

@@ -190,11 +190,14 @@ def beside(path: Path, name: str) -> Path:
     Raises
     ------
     Unsound
-        If it lies elsewhere, itself or as a link.
+        If it lies elsewhere, itself or as a link, or is no file.
     """
     other = path.parent / name
     if not other.resolve().is_relative_to(path.parent.resolve()):
         msg = f"{path.name} needs {name}, which is in another folder and not followed; copy it"
+        raise Unsound(msg)
+    if other.exists() and not other.is_file():
+        msg = f"{path.name} needs {name}, which is not a file, but a folder, a pipe or a device"
         raise Unsound(msg)
     return other
 

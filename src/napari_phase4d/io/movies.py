@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.words import local_path
+from napari_phase4d.words import checked_call, local_path
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -40,6 +40,7 @@ FASTEST = MappingProxyType({".gif": 50, ".mp4": 240})
 Frame = NDArray[np.uint8]
 
 
+@checked_call
 def write_movie(
     path: str | Path,
     frames: Iterable[Frame],
@@ -209,6 +210,7 @@ def check_figure(path: str | Path) -> Path:
     return path
 
 
+@checked_call
 def write_figure(path: str | Path, figure: Figure) -> Path:
     """Write a figure; the ending, .png, .svg or .pdf, says as what.
 

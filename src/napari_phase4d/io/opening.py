@@ -34,14 +34,16 @@ from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (
     PLAIN_AXES,
+    check_pixel,
     check_rising,
+    doubt_numbers,
     factor_to,
     looks_wrapped,
     spacing,
     times_in_s,
     with_coordinates,
 )
-from napari_phase4d.words import as_path, check_type, printable, warn
+from napari_phase4d.words import as_path, check_type, is_table, printable, warn
 
 __all__ = [
     "JOINED_SUFFIXES",
@@ -142,6 +144,9 @@ def open_recording(
     # In this order, since arrays of dates have no ``data``.
     if hasattr(path_or_array, "axis_labels") and hasattr(path_or_array, "data"):
         return open_layer(path_or_array, optics, frame_rate_hz)
+    if is_table(path_or_array):
+        msg = f"path_or_array is a {type(path_or_array).__name__}; give one array of it"
+        raise TypeError(msg)
     if isinstance(path_or_array, np.ndarray) and looks_wrapped(path_or_array):
         warn(
             "the array lies between -pi and pi on both sides of zero, as wrapped phase does and "
@@ -330,7 +335,7 @@ def square_pixel_um(data: xr.DataArray, name: str) -> float | None:
     Raises
     ------
     ValueError
-        If it is not as high as wide.
+        If it is not as high as wide, or in another unit.
     """
     known = [
         axis
@@ -338,6 +343,9 @@ def square_pixel_um(data: xr.DataArray, name: str) -> float | None:
         if data.sizes.get(axis, 1) > 1 and axis in data.coords and data[axis].attrs.get("units")
     ]
     steps = [spacing(data, axis, name) for axis in known]
+    if steps:
+        check_pixel(steps[0], steps[-1], name)
+        doubt_numbers(data, name)
     if len(steps) == 2:
         check_square(steps[0], steps[1], name, "correct the coordinates, or give optics")
     return steps[-1] if steps else None
@@ -377,6 +385,7 @@ def open_layer(layer: Any, optics: Optics | None, frame_rate_hz: float | None) -
     height, pixel = steps_in("um", scale[-2:], units[-2:]) if known else (None, None)
     if height and pixel and optics is None:
         check_square(height, pixel, str(layer.name), "correct the layer's scale, or give optics")
+        check_pixel(height, pixel, str(layer.name))
     video = Video(
         layer.data, pixel_um=pixel, interval_s=interval, colour=bool(getattr(layer, "rgb", False))
     )

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import Unsound, map_frames
 from napari_phase4d.io.video import LARGEST_SIDE, USUAL_NAMES, Found, Video, listed, memory_lacks
+from napari_phase4d.words import shown
 
 __all__ = [
     "KINDS",
@@ -77,22 +78,28 @@ class RawLayout:
         for name in ("height", "width", "header_bytes", "gap_bytes"):
             value = getattr(self, name)
             if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
-                msg = f"{name} of raw frames must be a whole number, but is {value!r}"
+                msg = f"{name} of raw frames must be a whole number, but is {shown(value)}"
                 raise TypeError(msg)
         for name in ("height", "width"):
             value = getattr(self, name)
             if not 1 <= value <= LARGEST_SIDE:
-                msg = f"the {name} of raw frames must be 1 to {LARGEST_SIDE}, but is {value!r}"
+                msg = (
+                    f"the {name} of raw frames must be 1 to {LARGEST_SIDE}, but is {shown(value)}"
+                )
                 raise ValueError(msg)
-        if self.dtype not in KINDS:
-            msg = f"raw pixels must be one of {', '.join(KINDS)}, but are {self.dtype!r}"
+        if not isinstance(self.dtype, str) or self.dtype not in KINDS:
+            msg = f"raw pixels must be one of {', '.join(KINDS)}, but are {shown(self.dtype)}"
             raise ValueError(msg)
-        if self.byte_order not in ("<", ">"):
-            msg = f'the byte order of raw pixels must be "<" or ">", but is {self.byte_order!r}'
+        if not isinstance(self.byte_order, str) or self.byte_order not in ("<", ">"):
+            msg = (
+                f'the byte order of raw pixels must be "<" or ">", but is {shown(self.byte_order)}'
+            )
             raise ValueError(msg)
         for name in ("header_bytes", "gap_bytes"):
             if getattr(self, name) < 0:
-                msg = f"{name} of a raw file must be 0 or more, but is {getattr(self, name)!r}"
+                msg = (
+                    f"{name} of a raw file must be 0 or more, but is {shown(getattr(self, name))}"
+                )
                 raise ValueError(msg)
 
     @property

@@ -208,6 +208,7 @@ def refuse_choice(path: Path, dataset: str | None) -> None:
 
 def read_file(path: Path, dataset: str | None, raw: RawLayout | None) -> Video:
     """Open one file; its ending says how."""
+    check_there(path)  # one of a folder may be a pipe too
     suffix = path.suffix.lower()
     if raw is not None:
         refuse_choice(path, dataset)

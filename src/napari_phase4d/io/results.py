@@ -37,7 +37,14 @@ from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, 
 from napari_phase4d.later import pd, tifffile, xr
 from napari_phase4d.stacks import AXES, PLAIN_AXES, coordinate, in_units, looks_wrapped
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
-from napari_phase4d.words import as_numbers, as_path, check_positive, local_path, shown
+from napari_phase4d.words import (
+    as_numbers,
+    as_path,
+    check_positive,
+    checked_call,
+    local_path,
+    shown,
+)
 
 __all__ = [
     "holds_phase",
@@ -251,6 +258,9 @@ def read_results(path: str | Path) -> xr.DataArray:
     write_phase : Writes it, with an example.
     """
     path = local_path(path)
+    if not path.exists():
+        msg = f"there is no file or folder {path}"
+        raise FileNotFoundError(msg)
     return read_zarr_result(path) if path.is_dir() else read_tiff_result(path)
 
 
@@ -264,6 +274,8 @@ def result_attrs(path: str | Path) -> dict[str, Any] | None:
     if address_of(path) is not None:
         return None
     path = local_path(path)
+    if path.exists() and not (path.is_dir() or path.is_file()):  # a pipe would be waited for
+        return None
     description = zarr_description(path) if path.is_dir() else tiff_description(path)
     return None if description is None else dict(restored(description.get("attrs", {})))
 
@@ -277,6 +289,7 @@ def as_table_file(path: str | Path) -> Path:
     return path if path.suffix else path.with_suffix(".csv")
 
 
+@checked_call
 def write_table(path: str | Path, table: pd.DataFrame) -> Path:
     """Write a table as CSV and return its path, which gets the ending .csv if it has none.
 

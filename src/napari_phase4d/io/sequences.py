@@ -285,6 +285,9 @@ def read_image(path: Path) -> Video:
 
 def load_image(path: Path) -> NDArray[Any]:
     """Return an image, (y, x) where its channels are equal, or raise OSError in one sentence."""
+    if path.exists() and not path.is_file():  # which might be waited for without an end
+        msg = f"{path.name} is not a file, but a folder, a pipe or a device"
+        raise Unsound(msg)
     try:
         if path.suffix.lower() in TIFF_SUFFIXES:
             with quiet(), tifffile.TiffFile(path) as tif:

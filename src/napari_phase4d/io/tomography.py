@@ -12,7 +12,15 @@ from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import AXES, on_grid_of, pixel_um, unwrapped_stack, wavelengths_of
-from napari_phase4d.words import as_numbers, check_type, counted, local_path, warn
+from napari_phase4d.words import (
+    as_numbers,
+    check_type,
+    checked_call,
+    counted,
+    local_path,
+    shown,
+    warn,
+)
 
 __all__ = ["sinogram", "write_sinogram"]
 
@@ -172,7 +180,7 @@ def chosen_frames(stack: xr.DataArray, time: int | None, view: int | None) -> ND
     """Return all views of a time, or all times of a view."""
     axis, number = ("time", time) if time is not None else ("angle", view)
     if isinstance(number, bool) or not isinstance(number, (int, np.integer)):
-        msg = f"{axis} must be the number of a {axis}, counted from 0, but is {number!r}"
+        msg = f"{axis} must be the number of a {axis}, counted from 0, but is {shown(number)}"
         raise TypeError(msg)
     if not 0 <= number < stack.sizes[axis]:
         msg = f"there is no {axis} {number}; there are {stack.sizes[axis]}, counted from 0"
@@ -219,6 +227,7 @@ def warn_of_few(angles: NDArray[np.float64]) -> None:
         )
 
 
+@checked_call
 def write_sinogram(path: str | Path, data: xr.Dataset) -> Path:
     """Write a sinogram as HDF5: ``field``, ``rytov``, ``angles``, and the rest as attributes.
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import bz2
-import lzma
 import math
 import threading
-import zlib
 from collections.abc import Callable, Mapping
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
+from zipfile import ZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +28,7 @@ from napari_phase4d.io.video import (
     chosen_places,
     other_arrays,
 )
+from napari_phase4d.io.zarr_packing import check_packed_once, check_unpacked
 from napari_phase4d.words import size_in_words
 
 __all__ = ["ZarrReader", "is_zarr", "read_zarr"]
@@ -37,20 +37,6 @@ __all__ = ["ZarrReader", "is_zarr", "read_zarr"]
 MARKS = ("zarr.json", ".zarray", ".zgroup", ".zmetadata")
 #: Pieces that hold several frames are kept unpacked up to this size.
 LARGEST_KEPT = 2**28
-#: Bytes at the beginning of a piece that say how it is packed.
-HEAD_BYTES = 32
-#: A piece may unpack to so many times what it stands for; filters may add some.
-MOST_UNPACKED = 2
-#: What unpacks streams that don't say how much they hold, and by what factor they pack at most.
-STREAMS: Mapping[str, tuple[Callable[[], Any], float]] = {
-    "gzip": (lambda: zlib.decompressobj(31), 1032),
-    "zlib": (zlib.decompressobj, 1032),
-    "bz2": (bz2.BZ2Decompressor, 5e7),
-    "lzma": (lzma.LZMADecompressor, 1e5),
-}
-#: Streams that hold less than this are not looked into, and others so many bytes at a time.
-HARMLESS, PART_BYTES = 2**28, 2**20
-ZSTD_MAGIC = b"\x28\xb5\x2f\xfd"
 
 
 def is_zarr(path: Path) -> bool:
@@ -343,6 +329,7 @@ def check_sound(path: Path, array: Any) -> None:
             "code; save it as plain numbers"
         )
         raise Unsound(msg)
+    check_packed_once(path, metadata)
     piece = math.prod(int(n) for n in array.chunks) * np.dtype(array.dtype).itemsize
     if piece > LARGEST_PIECE:
         msg = (
@@ -373,74 +360,34 @@ def check_pieces(
     all comes after them: then the recording ended there.
     """
     if not path.is_dir():
+        if address_of(path) is None:
+            check_zipped(path, name, array, place)
         return
     files = files_of(path, name, array, place)
     if not files and not goes_on(path, name, array, place, axis):
         msg = "nothing of it is in the store"
         raise OSError(msg)
-    if array.shards is not None:
-        return
-    packing = packing_of(array.metadata)
-    holds = math.prod(int(n) for n in array.chunks) * np.dtype(array.dtype).itemsize
     for file in files:
         with file.open("rb") as opened_file:
-            head = opened_file.read(HEAD_BYTES)
-        if "blosc" in packing and int.from_bytes(head[12:16], "little") > file.stat().st_size:
-            msg = f"its piece {file.name} is cut short"
-            raise OSError(msg)
-        if unpacked_bytes(file, head, packing, MOST_UNPACKED * holds) > MOST_UNPACKED * holds:
-            msg = f"its piece {file.name} would unpack to more than {holds} bytes"
-            raise OSError(msg)
+            check_unpacked(opened_file, file.stat().st_size, file.name, array)
 
 
-def unpacked_bytes(file: Path, head: bytes, packing: str, limit: int) -> int:
-    """Return how many bytes a packed piece says, or is found, to hold; 0 where it can't be told.
-
-    Parameters
-    ----------
-    file : Path
-        The piece.
-    head : bytes
-        Its first bytes.
-    packing : str
-        Name of what packed it last, in small letters.
-    limit : int
-        What is packed by gzip and the like doesn't say it: it is unpacked up to here to see.
-    """
-    if "blosc" in packing:  # c-blosc's header
-        return int.from_bytes(head[4:8], "little")
-    if "lz4" in packing:  # as numcodecs writes it
-        return int.from_bytes(head[:4], "little")
-    if "zstd" in packing:
-        return zstd_bytes(head)
-    for name, (stream_of, ratio) in STREAMS.items():
-        if name in packing and file.stat().st_size * ratio > max(limit, HARMLESS):
-            return streamed_bytes(file, stream_of(), limit)
-    return 0
+def check_zipped(path: Path, name: str, array: Any, place: list[int]) -> None:
+    """Raise OSError if a piece of a frame in a zipped store would unpack to far too much."""
+    store = zipped(path, path.stat().st_mtime_ns)
+    for key in keys_of(array, place):
+        try:
+            info = store.getinfo(f"{name}/{key}".lstrip("/"))
+        except KeyError:
+            continue
+        with store.open(info) as file:
+            check_unpacked(file, info.file_size, key, array)
 
 
-def streamed_bytes(file: Path, stream: Any, limit: int) -> int:
-    """Return how many bytes a piece unpacks to, of which one part at a time is held."""
-    found, packed = 0, file.read_bytes()
-    while found <= limit and not stream.eof:
-        part = len(stream.decompress(packed, PART_BYTES))
-        found += part
-        # zlib gives back what it has not looked at; the others keep it.
-        packed = getattr(stream, "unconsumed_tail", b"")
-        if not part and not packed:
-            break
-    return found
-
-
-def zstd_bytes(head: bytes) -> int:
-    """Return how many bytes a Zstandard frame says that it holds (RFC 8878, section 3.1.1.1)."""
-    if head[:4] != ZSTD_MAGIC or len(head) < 5:
-        return 0
-    descriptor = head[4]
-    single = descriptor >> 5 & 1
-    size = (single, 2, 4, 8)[descriptor >> 6]
-    start = 5 + (1 - single) + (0, 1, 2, 4)[descriptor & 3]
-    return int.from_bytes(head[start : start + size], "little") + (256 if size == 2 else 0)
+@lru_cache(maxsize=2)
+def zipped(path: Path, changed_ns: int) -> ZipFile:
+    """Return an open zip, whose list of contents takes long to read."""
+    return ZipFile(path)
 
 
 def keys_of(array: Any, place: list[int]) -> list[str]:
@@ -471,12 +418,6 @@ def goes_on(path: Path, name: str, array: Any, place: list[int], axis: int | Non
     return any(
         files_of(path, name, array, [*place[:axis], time, *place[axis + 1 :]]) for time in later
     )
-
-
-def packing_of(metadata: Any) -> str:
-    """Return the name of what packs the pieces of an array last."""
-    codecs = getattr(metadata, "codecs", None) or (getattr(metadata, "compressor", None),)
-    return type(codecs[-1]).__name__.lower()
 
 
 def ome_image(attrs: Mapping[str, Any]) -> dict[str, Any] | None:

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.io.atomic import folder_written_whole, written_whole
+from napari_phase4d.io.atomic import folder_written_whole, text_of, written_whole
 from napari_phase4d.io.describing import (
     PROGRAM,
     checked,
@@ -112,7 +112,7 @@ def note_zarr_result(path: Path, stack: xr.DataArray) -> None:
     """
     file = path / NOTE
     try:
-        note = json.loads(file.read_text(encoding="utf-8"))
+        note = json.loads(text_of(file))
         note["attributes"][PROGRAM] = described(stack)
     except (ValueError, KeyError, TypeError) as error:
         msg = f"{path.name} is damaged: it does not say any more what it is"
@@ -291,7 +291,7 @@ class ZarrFrames:
 def zarr_description(path: str | Path) -> dict[str, Any] | None:
     """Return what `write_zarr_result` noted in a folder, or None if it did not write it."""
     try:
-        note = json.loads((Path(path) / NOTE).read_text(encoding="utf-8"))
+        note = json.loads(text_of(Path(path) / NOTE))
         return checked(note["attributes"][PROGRAM])
     except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
@@ -341,7 +341,7 @@ def set_length(array: Path, n_times: int) -> None:
     n_times : int
         How many there are.
     """
-    note = json.loads((array / NOTE).read_text(encoding="utf-8"))
+    note = json.loads(text_of(array / NOTE))
     note["shape"][0] = n_times
     with written_whole(array / NOTE) as temporary:
         temporary.write_text(json.dumps(note, indent=2) + "\n", encoding="utf-8")

@@ -37,9 +37,11 @@ from napari_phase4d.words import (
     as_path,
     check_bool,
     check_call,
+    checked_call,
     counted,
     is_expected,
     local_path,
+    printable,
     sentence_of,
 )
 
@@ -89,17 +91,21 @@ class Summary:
 
     @staticmethod
     def check_own(out: Path) -> None:
-        """Refuse a folder in which a table lies that no batch has made.
+        """Refuse a folder in which a table lies that no batch has made, or a pipe for its log.
 
         Raises
         ------
         OSError
             If there is one, or it can't be read.
         """
-        for name, begins in ((TABLE, "number,file,folder,status"), (CELLS, "file,cell")):
+        begins_with = {TABLE: "number,file,folder,status", CELLS: "file,cell", LOG: ""}
+        for name, begins in begins_with.items():
             path = out / name
             if not path.exists():
                 continue
+            if not path.is_file():
+                msg = f"{path} is not a file, as that of a batch is; choose another --out"
+                raise OSError(msg)
             with path.open("rb") as lines:
                 if lines.read(len(begins)).decode(errors="replace") != begins:
                     msg = f"{path} is of no batch, and would be replaced; choose another --out"
@@ -157,7 +163,7 @@ class Summary:
 
     def head(self, number: int) -> str:
         """Return what the lines on a file begin with."""
-        name = readable(Path(self.files[number]).name)
+        name = printable(readable(Path(self.files[number]).name))
         return f"[{number + 1} of {len(self.files)}] {name}"
 
     def reporting(self, number: int, progress: ProgressCall | None) -> ProgressCall | None:
@@ -220,9 +226,10 @@ def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
+@checked_call
 def run_batch(
     recipe: Recipe,
-    files: Sequence[str | Path],
+    files: str | Path | Sequence[str | Path],
     out: str | Path,
     *,
     resume: bool = False,

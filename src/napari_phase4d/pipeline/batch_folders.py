@@ -23,7 +23,7 @@ import numpy as np
 import psutil
 
 from napari_phase4d.io import PROGRAM
-from napari_phase4d.io.atomic import put_in_place, remove_folder, written_whole
+from napari_phase4d.io.atomic import put_in_place, remove_folder, text_of, written_whole
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline.provenance import (
     Fingerprint,
@@ -34,13 +34,14 @@ from napari_phase4d.pipeline.provenance import (
 )
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.task import UNWATCHED, Task
-from napari_phase4d.words import address_of
+from napari_phase4d.words import address_of, as_path, checked_call
 
 __all__ = [
     "NOTE",
     "alone",
     "asked_for",
     "complete",
+    "damaged_note",
     "digest_of",
     "made_whole",
     "noted",
@@ -164,7 +165,7 @@ def began(number: int) -> str:
 def mark_in(lock: Path) -> dict[str, Any] | None:
     """Return what a lock says, None if it says nothing."""
     try:
-        found = json.loads(lock.read_text(encoding="utf-8"))
+        found = json.loads(text_of(lock))
     except (OSError, ValueError, RecursionError):
         return None
     return found if isinstance(found, dict) else None
@@ -196,6 +197,7 @@ LONGEST = 200
 ENDINGS = (".zarr", ".ome")
 
 
+@checked_call
 def result_folders(files: Sequence[str | Path], out: str | Path) -> list[Path]:
     """Return a folder for every file, right in ``out``, and not the same for two files.
 
@@ -203,7 +205,7 @@ def result_folders(files: Sequence[str | Path], out: str | Path) -> list[Path]:
     and as many of the folders that they lie in as it takes to tell them apart, so that the order
     of the files does not matter.
     """
-    paths = [Path(file) for file in files]
+    paths, out = [as_path(file) for file in files], as_path(out)
     groups: dict[str, list[int]] = defaultdict(list)
     for i, path in enumerate(paths):
         groups[plain_name(path).casefold()].append(i)
@@ -333,15 +335,20 @@ def check_replaceable(folder: Path) -> None:
 
 
 def damaged_note(folder: Path) -> bool:
-    """Say whether a folder holds what a crash of the machine has left of a note."""
+    """Say whether a folder holds what a crash of the machine has left of a note.
+
+    What says anything of another program is not damaged, but the user's.
+    """
     path = folder / NOTE
     if not path.is_file() or path.is_symlink():
         return False
     try:
-        json.loads(path.read_text(encoding="utf-8"))
+        found = json.loads(text_of(path))
     except (OSError, ValueError, RecursionError):
         return True
-    return False
+    if isinstance(found, dict) and found.get("program") == PROGRAM:
+        return noted(folder) is None
+    return not found
 
 
 def set_aside(folder: Path) -> None:
@@ -428,7 +435,7 @@ def write_note(
 def noted(folder: Path) -> dict[str, Any] | None:
     """Return what `write_note` noted in a folder, None if it did not or it is damaged."""
     try:
-        note = json.loads((folder / NOTE).read_text(encoding="utf-8"))
+        note = json.loads(text_of(folder / NOTE))
     except (OSError, ValueError, RecursionError):
         return None
     if not isinstance(note, dict) or note.get("program") != PROGRAM:

@@ -28,7 +28,7 @@ from napari_phase4d.pipeline.streaming import ProblemOnDisk
 from napari_phase4d.stacks import wrapped_stack
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import METHODS, Problem
-from napari_phase4d.words import address_of, local_path
+from napari_phase4d.words import address_of, local_path, shown
 
 __all__ = ["checked_form", "holds_outcome", "lying_in", "read_outcome", "write_files"]
 
@@ -134,7 +134,7 @@ def checked_form(form: str | None) -> Form | None:
         if form == known:
             return known  # type: ignore[no-any-return]
     if form is not None:
-        msg = f"form must be tiff or zarr, but is {form!r}"
+        msg = f"form must be tiff or zarr, but is {shown(form)}"
         raise ValueError(msg)
     return None
 

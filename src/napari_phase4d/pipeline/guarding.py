@@ -14,14 +14,15 @@ from napari_phase4d.io import OME_TIFF, OME_ZARR, PROGRAM, holds_phase
 from napari_phase4d.io.atomic import remove_dead, written_whole
 from napari_phase4d.io.results import is_result
 from napari_phase4d.io.zarr_files import is_zarr
-from napari_phase4d.pipeline.batch_folders import NOTE, alone, noted
+from napari_phase4d.pipeline.batch_folders import NOTE, alone, damaged_note, noted
 from napari_phase4d.pipeline.folder import checked_form, lying_in, write_files
 from napari_phase4d.pipeline.places import make_folder
 from napari_phase4d.pipeline.provenance import Fingerprint, source_of
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
 from napari_phase4d.task import CancelledCall, ProgressCall, Task
-from napari_phase4d.words import local_path
+from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.words import checked_call, local_path
 
 __all__ = ["ResultFolder", "result_folder", "write_outcome"]
 
@@ -49,12 +50,14 @@ class ResultFolder:
     def __init__(self, folder: Path, planned: Sequence[str], lying: Iterable[str] = ()) -> None:
         self.folder, self.planned, self.lying = folder, planned, set(lying)
         note = noted(folder)
+        #: Whether the note that lies there is one of this program, or what is left of one.
+        self.may_note = note is not None or damaged_note(folder)
         #: Names of what earlier runs have made.
         noted_files = note["files"] if note else []
         self.own: set[str] = {f["name"] for f in noted_files if is_as_noted(folder, f)}
         #: Names of what they have made and somebody has changed since.
         self.changed = {f["name"] for f in noted_files} - self.own
-        if not (folder / NOTE).exists():
+        if note is None and (self.may_note or not (folder / NOTE).exists()):
             self.own = made_before(folder, planned)
         #: The input, where it lies in the folder, and whether an earlier run made it.
         self.given, self.foreign = "", set[str]()
@@ -80,7 +83,7 @@ class ResultFolder:
             if is_input:
                 msg = f"results would be written over the input {path}; choose another folder"
                 raise OSError(msg)
-            if name not in self.own and not (name == NOTE and is_damaged_or_own(path)):
+            if name not in self.own and not (name == NOTE and self.may_note):
                 how = "was changed since" if name in self.changed else "was not made by a run"
                 msg = (
                     f"{path} is there already and {how}; move it away, or choose another folder "
@@ -185,6 +188,7 @@ def result_folder(
         raise
 
 
+@checked_call
 def write_outcome(
     outcome: Outcome,
     folder: str | Path,
@@ -259,17 +263,16 @@ def write_outcome(
 
 
 def made_before(folder: Path, planned: Sequence[str]) -> set[str]:
-    """Return what a run of version 0.1.0 made in a folder, which left no note of it."""
-    there = {name for name in planned if (folder / name).exists()}
-    stacks = there - set(FILES)
-    if not there >= set(FILES) or not stacks:
+    """Return what a run made in a folder that has no note of it, or a damaged one.
+
+    Runs of version 0.1.0 left none. Results that are not planned now are of it too.
+    """
+    trust = [f"confidence_{method}" for method in METHODS]
+    possible = {*planned, *names_of((*STACKS, *METHODS, *trust, "cells")), *FILES, *CELL_TABLES}
+    there = {name for name in possible if (folder / name).exists()}
+    if not there > set(FILES) or not all(looks_own(folder / name) for name in there):
         return set()
-    try:
-        Recipe.from_file(folder / "recipe.json")
-        ours = all(is_result(folder / name) for name in stacks)
-    except (OSError, ValueError):
-        return set()
-    return there if ours else set()
+    return there
 
 
 def planned_names(recipe: Recipe, *, with_cells: bool = False) -> list[str]:
@@ -279,8 +282,12 @@ def planned_names(recipe: Recipe, *, with_cells: bool = False) -> list[str]:
     of_cells = ("cells",) if with_cells else ()
     tables = CELL_TABLES if with_cells else ()
     stacks = (*STACKS, *recipe.methods, *trust, *of_cells)
-    names = [f"{stack}{end}" for stack in stacks for end in ENDINGS]
-    return [*names, *FILES, *tables]
+    return [*names_of(stacks), *FILES, *tables]
+
+
+def names_of(stacks: Iterable[str]) -> list[str]:
+    """Return the names that stacks may have as files."""
+    return [f"{stack}{end}" for stack in stacks for end in ENDINGS]
 
 
 def check_outside(folder: Path, recording: Path) -> None:
@@ -329,6 +336,8 @@ def is_as_noted(folder: Path, noted_file: dict[str, Any]) -> bool:
 
 def looks_own(path: Path) -> bool:
     """Say whether a file holds what a run writes under its name."""
+    if not (path.is_file() or path.is_dir()):  # a pipe would be waited for
+        return False
     try:
         if path.name.endswith(ENDINGS):
             return is_result(path)
@@ -340,15 +349,6 @@ def looks_own(path: Path) -> bool:
     except (OSError, ValueError):
         return False
     return True
-
-
-def is_damaged_or_own(note: Path) -> bool:
-    """Say whether a note is one of this program, or what a crash has left of one."""
-    try:
-        found = json.loads(note.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError):
-        return note.is_file() and not note.is_symlink()
-    return isinstance(found, dict) and found.get("program") == PROGRAM
 
 
 def remove(path: Path) -> None:

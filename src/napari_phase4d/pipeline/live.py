@@ -39,7 +39,7 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Threads, Watch, in_threads
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
 from napari_phase4d.unwrapping.frames import left_out_note
-from napari_phase4d.words import as_path, check_call, check_type, counted
+from napari_phase4d.words import as_path, check_call, check_type, counted, shown
 
 __all__ = ["shown_method", "watch"]
 
@@ -251,11 +251,11 @@ def finish(camera: FromCamera, listener: Listener) -> None:
 def check_limits(frames: int | None, patience_s: float, frame_patience_s: float) -> None:
     """Refuse numbers of frames and seconds that can't be meant."""
     if frames is not None and (not isinstance(frames, int) or frames < 1):
-        msg = f"frames must be a number of frames, 1 or more, but is {frames!r}"
+        msg = f"frames must be a number of frames, 1 or more, but is {shown(frames)}"
         raise ValueError(msg)
     for name, seconds in (("patience_s", patience_s), ("frame_patience_s", frame_patience_s)):
         if not seconds > 0:
-            msg = f"{name} must be a number of seconds above 0, but is {seconds!r}"
+            msg = f"{name} must be a number of seconds above 0, but is {shown(seconds)}"
             raise ValueError(msg)
 
 

@@ -34,7 +34,7 @@ from napari_phase4d.unwrapping import (
     graph_bytes,
     working_frames,
 )
-from napari_phase4d.words import size_in_words
+from napari_phase4d.words import checked_call, size_in_words
 
 __all__ = [
     "Needs",
@@ -372,6 +372,7 @@ def stacks_beside(folder: str | Path, form: str | None) -> Iterator[Path]:
         remove_folder(hidden)
 
 
+@checked_call
 def make_folder(out: Path) -> None:
     """Make the folder for results.
 

@@ -23,6 +23,7 @@ from napari_phase4d.pipeline.starting import FOUND_BY
 from napari_phase4d.sample import is_sample
 from napari_phase4d.task import THREADS, UNWATCHED, CancelledCall, Task, Watch, finished
 from napari_phase4d.unwrapping import METHODS
+from napari_phase4d.words import checked_call
 
 __all__ = [
     "Fingerprint",
@@ -141,6 +142,7 @@ def fingerprinting(source: str | Path) -> Iterator[Hashing]:
         hashing.stop()
 
 
+@checked_call
 def fingerprint(source: str | Path, cancelled: CancelledCall | None = None) -> Fingerprint:
     """Return the fingerprint of a file, a folder, a pattern with ``*``, or a sample.
 

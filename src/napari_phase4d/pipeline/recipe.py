@@ -25,7 +25,7 @@ from napari_phase4d.io import RawLayout
 from napari_phase4d.io.atomic import written_whole
 from napari_phase4d.optics import Optics
 from napari_phase4d.unwrapping import check_method, options_by_id
-from napari_phase4d.words import local_path
+from napari_phase4d.words import local_path, shown
 
 __all__ = ["DEFAULT_METHODS", "PAPER_METHODS", "PHASE_SETTINGS", "Recipe"]
 
@@ -177,7 +177,7 @@ class Recipe(BaseModel):
             msg = f"it must not be {value}"
             raise ValueError(msg)
         if wants_bool and not isinstance(value, bool | np.bool_):
-            msg = f"it must be True or False, but is {value!r}"
+            msg = f"it must be True or False, but is {shown(value)}"
             raise ValueError(msg)
         if info.field_name in ("recording", "reference", "dataset") and isinstance(value, Path):
             return str(value)
@@ -190,19 +190,22 @@ class Recipe(BaseModel):
     def _one_frame_will_do(cls, value: Any) -> Any:
         if isinstance(value, str):
             if value != "auto":
-                msg = f'it must be "auto" or frames (time, angle), but is {value!r}'
+                msg = f'it must be "auto" or frames (time, angle), but is {shown(value)}'
                 raise ValueError(msg)
             return value
         try:
             frames = [value] if all(np.ndim(part) == 0 for part in value) and value else value
             whole = [tuple(frame) for frame in frames]
         except TypeError as error:
-            msg = f'it must be "auto" or frames (time, angle) such as ((0, 0),), but is {value!r}'
+            msg = (
+                'it must be "auto" or frames (time, angle) such as ((0, 0),), but is '
+                f"{shown(value)}"
+            )
             raise ValueError(msg) from error
         numbers = [n for frame in whole for n in frame]
         plain = all(isinstance(n, int | np.integer) and not isinstance(n, bool) for n in numbers)
-        if not plain or any(len(frame) != 2 for frame in whole):
-            msg = f"it must be frames (time, angle) of whole numbers, but is {value!r}"
+        if not whole or not plain or any(len(frame) != 2 for frame in whole):
+            msg = f"it must be frames (time, angle) of whole numbers, but is {shown(value)}"
             raise ValueError(msg)
         return tuple((int(t), int(a)) for t, a in whole)
 
@@ -386,6 +389,6 @@ def first_fault(error: ValidationError) -> str:
 def one_of(name: str, value: str, known: Any) -> str:
     """Return a value if it is known, else raise ValueError."""
     if value not in known:
-        msg = f"{name} must be one of {', '.join(known)}, but is {value!r}"
+        msg = f"{name} must be one of {', '.join(known)}, but is {shown(value)}"
         raise ValueError(msg)
     return value

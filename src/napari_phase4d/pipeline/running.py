@@ -59,7 +59,7 @@ from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.given import all_known
 from napari_phase4d.unwrapping.growing.rows import integrated
 from napari_phase4d.unwrapping.problem import checked_boundaries
-from napari_phase4d.words import check_type, sentence_of, warn
+from napari_phase4d.words import check_type, checked_call, sentence_of, warn
 
 __all__ = [
     "Outcome",
@@ -114,6 +114,7 @@ class Outcome:
     cells_error: Exception | None = None
 
 
+@checked_call
 def run(
     recipe: Recipe,
     recording: Recording | None = None,

@@ -23,7 +23,7 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
-from napari_phase4d.words import frame_in_words
+from napari_phase4d.words import checked_call, frame_in_words
 
 __all__ = [
     "FOUND_BY",
@@ -37,6 +37,7 @@ __all__ = [
 ]
 
 
+@checked_call
 def open_by(recipe: Recipe) -> Recording | xr.DataArray:
     """Open the file or sample that a recipe names: holograms, or wrapped phase.
 

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import AXES, KIND, UNWRAPPED, WRAPPED, coordinate
-from napari_phase4d.words import as_numbers, check_positive, check_type, shown
+from napari_phase4d.words import as_numbers, check_positive, check_type, checked_call, shown
 
 __all__ = [
     "Ellipsoid",
@@ -124,6 +124,7 @@ def rotation(axis: str, degrees: float) -> NDArray[np.float64]:
     return np.array(matrices[axis], dtype=np.float64)
 
 
+@checked_call
 def projected_phase(
     bodies: Sequence[Ellipsoid],
     angle_deg: float,
@@ -195,6 +196,7 @@ def wrap(phase: xr.DataArray) -> xr.DataArray:
     return (phase - 2 * np.pi * turns).astype(np.float32)
 
 
+@checked_call
 def phase_stack(
     bodies_at: Bodies,
     *,

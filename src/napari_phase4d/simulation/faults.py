@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
 from napari_phase4d.simulation.ellipsoids import wrap
-from napari_phase4d.words import check_type
+from napari_phase4d.words import check_finite, check_type, checked_call, shown
 
 __all__ = ["FAULTS", "LOSES_FRAME", "with_fault", "with_noise"]
 
@@ -136,6 +136,7 @@ FAULTS = (*OF_PHASE, *OF_CAMERA)
 LOSES_FRAME = tuple(name for name in OF_CAMERA if "pixels" not in name)
 
 
+@checked_call
 def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int = 0) -> xr.Dataset:
     """Let something go wrong half way through a recording, and add noise.
 
@@ -163,9 +164,12 @@ def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int =
         If there is no such fault.
     """
     if fault not in FAULTS:
-        msg = f"fault must be one of {', '.join(FAULTS)}, but is {fault!r}"
+        msg = f"fault must be one of {', '.join(FAULTS)}, but is {shown(fault)}"
         raise ValueError(msg)
     rng = np.random.default_rng(seed)
+    if "phase" not in data or check_finite("noise_rad", noise_rad) < 0 or seed < 0:
+        msg = 'data must hold the exact "phase", and noise_rad and seed must be 0 or more'
+        raise ValueError(msg)
     exact: Stack = data["phase"].values
     half = len(exact) // 2
     if fault in OF_PHASE:
@@ -182,6 +186,7 @@ def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int =
     return xr.Dataset({"phase": truth, "wrapped": wrapped}, attrs=data.attrs)
 
 
+@checked_call
 def with_noise(
     data: xr.Dataset, noise_rad: float = 0.0, drift_rad: float = 0.0, seed: int = 0
 ) -> xr.Dataset:
@@ -208,6 +213,10 @@ def with_noise(
     if "phase" not in data:
         msg = f'data holds {", ".join(map(str, data)) or "nothing"}, but no exact "phase"'
         raise ValueError(msg)
+    for name, value in (("noise_rad", noise_rad), ("drift_rad", drift_rad), ("seed", seed)):
+        if check_finite(name, value) < 0:
+            msg = f"{name} must be 0 or more, but is {value}"
+            raise ValueError(msg)
     rng = np.random.default_rng(seed)
     exact = data["phase"]
     values = exact.values + rng.normal(0, 1, exact.shape).astype(np.float32) * np.float32(

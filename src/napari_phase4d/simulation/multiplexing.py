@@ -23,7 +23,14 @@ from napari_phase4d.stacks import (
     wavelength_coordinate,
     wavelengths_of,
 )
-from napari_phase4d.words import as_numbers, check_number, check_type
+from napari_phase4d.words import (
+    as_numbers,
+    check_finite,
+    check_number,
+    check_type,
+    checked_call,
+    shown,
+)
 
 __all__ = ["CARRIERS", "at_wavelengths", "multiplexed_video", "step_phantom"]
 
@@ -35,6 +42,7 @@ PUPIL_RADIUS = 0.089
 EXPOSURE = 0.9
 
 
+@checked_call
 def multiplexed_video(
     phase: xr.DataArray,
     optics: Optics | None = None,
@@ -127,6 +135,18 @@ def multiplexed_video(
     n_times, n_angles, height, width = phase.shape
     amplitudes = [1.0] * n_angles if beam_amplitudes is None else list(beam_amplitudes)
     check_beams(n_angles, carriers, amplitudes, bits, unevenness)
+    for argument, value, most in (
+        ("pupil_radius", pupil_radius, 1),
+        ("reference_amplitude", reference_amplitude, 1e3),
+        ("full_well_electrons", full_well_electrons, 1e12),
+        ("read_noise_electrons", read_noise_electrons, 1e9),
+        ("drift_rad", drift_rad, 1e6),
+        ("seed", seed, 2**128),
+    ):
+        if not 0 <= check_finite(argument, value) <= most:
+            msg = f"{argument} must be a number from 0 to {most:g}, but is {shown(value)}"
+            raise ValueError(msg)
+    check_finite("curvature_rad", curvature_rad)
     rng = np.random.default_rng(seed)
     envelope = uneven_beam((height, width), unevenness)
     light = wavelengths_of(phase) if WAVELENGTH in phase.coords else None
@@ -259,6 +279,7 @@ def tilted_wave(shape: tuple[int, int], carrier: tuple[float, float]) -> NDArray
 PATHS_UM = (0.25, 0.6, 1.5, 4.0, 9.0, 20.0)
 
 
+@checked_call
 def at_wavelengths(
     data: xr.Dataset, wavelengths_um: Sequence[float], *, cauchy_um2: float = 0.0
 ) -> xr.Dataset:
@@ -302,6 +323,9 @@ def at_wavelengths(
     (2, [0.532, 0.6328])
     """
     check_type("data", data, xr.Dataset, 'give one with "phase", as step_phantom() does')
+    if "phase" not in data:
+        msg = f'data holds {", ".join(map(str, data)) or "nothing"}, but no exact "phase"'
+        raise ValueError(msg)
     exact = data["phase"]
     own = wavelengths_of(exact)
     if own is None or len(set(own)) > 1 or WAVELENGTH in exact.coords:
@@ -309,7 +333,7 @@ def at_wavelengths(
         raise ValueError(msg)
     light = np.sort(as_numbers("wavelengths_um", wavelengths_um).astype(np.float64).ravel())
     if not len(light) or not (light > 0).all() or (np.diff(light) <= 0).any():
-        msg = f"wavelengths_um must be different lengths above 0, but is {wavelengths_um!r}"
+        msg = f"wavelengths_um must be different lengths above 0, but is {shown(wavelengths_um)}"
         raise ValueError(msg)
     bent = check_number("cauchy_um2", cauchy_um2)
     dispersion = (1 + bent / light**2) / (1 + bent / own[0] ** 2)
@@ -380,6 +404,9 @@ def step_phantom(
     """
     check_asked(shape, n_times, angles_deg, optics)
     optics = optics or Optics()
+    if len(paths_um) == 0:
+        msg = "paths_um must be lengths in micrometres, one for each plate, but is empty"
+        raise ValueError(msg)
     columns = math.ceil(math.sqrt(len(paths_um) * shape[1] / shape[0]))
     rows = math.ceil(len(paths_um) / columns)
     cell_y, cell_x = shape[0] // (rows + 1), shape[1] // (columns + 1)

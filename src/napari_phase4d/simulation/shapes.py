@@ -23,6 +23,7 @@ from napari_phase4d.simulation.ellipsoids import (
     rotation,
     with_exact_phase,
 )
+from napari_phase4d.words import shown
 
 __all__ = [
     "HARD_SHAPES",
@@ -203,7 +204,7 @@ def moving_shape(
 def check_named(name: str, known: Mapping[str, object]) -> None:
     """Raise ValueError if there is no shape of that name."""
     if name not in known:
-        msg = f"shape must be one of {', '.join(known)}, but is {name!r}"
+        msg = f"shape must be one of {', '.join(known)}, but is {shown(name)}"
         raise ValueError(msg)
 
 

@@ -20,8 +20,10 @@ __all__ = [
     "SINCE",
     "UNITS",
     "WAVELENGTH",
+    "check_pixel",
     "check_rising",
     "coordinate",
+    "doubt_numbers",
     "factor_to",
     "in_full",
     "in_units",
@@ -314,6 +316,13 @@ def pixel_um(stack: xr.DataArray, name: str) -> tuple[float, float]:
         If they have no spacing, or one that light can't resolve.
     """
     height, width = (spacing(stack, axis, name) for axis in ("y", "x"))
+    check_pixel(height, width, name)
+    doubt_numbers(stack, name)
+    return height, width
+
+
+def check_pixel(height: float, width: float, name: str) -> None:
+    """Refuse a pixel that no light resolves; warn of one that is probably in another unit."""
     said = f"a pixel of {name} is {height:.4g} x {width:.4g} um wide"
     advice = 'say the unit along both axes, as in stack["x"].attrs["units"] = '
     if min(height, width) < NO_PIXEL_UM:
@@ -323,7 +332,20 @@ def pixel_um(stack: xr.DataArray, name: str) -> tuple[float, float]:
         warn(f'{said}, which is very small; if that is in millimetres, {advice}"mm"')
     if max(height, width) > LARGE_PIXEL_UM:
         warn(f'{said}, which is very large; if that is in nanometres, {advice}"nm"')
-    return height, width
+
+
+def doubt_numbers(stack: xr.DataArray, name: str) -> None:
+    """Warn of coordinates that are probably the numbers of pixels, and no micrometres."""
+    for axis in ("y", "x"):
+        if axis not in stack.coords or stack[axis].ndim != 1:
+            continue
+        places = stack[axis].values
+        if len(places) > 2 and places.dtype.kind in "iu" and (np.diff(places) == 1).all():
+            warn(
+                f"the {axis} coordinates of {name} are {places[0]}, {places[1]}, {places[2]}, as "
+                "numbers of pixels are, and count as micrometres; give them times the pixel"
+            )
+            return
 
 
 def spacing(stack: xr.DataArray, axis: str, name: str) -> float:

@@ -338,7 +338,7 @@ def checked_labels(given: Any, name: str = "the labels") -> xr.DataArray:
         labels: xr.DataArray = given
     else:
         # Lazy ones as well, which are not to come into memory whole.
-        values = given if hasattr(given, "dask") else np.asarray(given)
+        values = plain(given, name)
         if values.ndim not in PLAIN_AXES:
             msg = f"{name} must have two to four axes, but are {values.shape}"
             raise ValueError(msg)

@@ -48,6 +48,7 @@ from napari_phase4d.unwrapping.given import (
     relative_amplitude,
 )
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
+from napari_phase4d.words import shown
 
 __all__ = ["FIELD", "GRAPH", "Boundary", "Problem", "SharedSteps", "checked_boundaries"]
 
@@ -526,7 +527,7 @@ class Problem(SharedSteps):
         if mask is None or (isinstance(mask, str) and mask == "auto"):
             return np.ones(shape, dtype=bool)
         if isinstance(mask, str):
-            msg = f'mask must be an array, "auto" or None, but is {mask!r}'
+            msg = f'mask must be an array, "auto" or None, but is {shown(mask)}'
             raise ValueError(msg)
         found = np.broadcast_to(np.asarray(mask_on(mask, self.template, "the mask")), shape)
         if not found.any():
@@ -541,11 +542,12 @@ def checked_boundaries(
     """Return the boundary frames as a list of index pairs that exist."""
     try:
         pairs = np.atleast_2d(np.asarray(boundary))
-    except ValueError:  # pairs of different lengths
+    except (TypeError, ValueError):  # pairs of different lengths, or no numbers at all
         pairs = np.empty(0)
     if pairs.size == 0 or pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         msg = (
-            f"boundary must be (time, angle) frame numbers, one pair or several, not {boundary!r}"
+            "boundary must be (time, angle) frame numbers, one pair or several, not "
+            f"{shown(boundary)}"
         )
         raise ValueError(msg)
     found: list[Boundary] = []

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import functools
 import re
+import sys
 import threading
 import warnings
 from collections.abc import Callable, Iterator, Mapping
@@ -174,13 +175,23 @@ def installed_methods(own: Mapping[str, Method]) -> dict[str, Method]:
     for point in sorted(entry_points(group=GROUP), key=lambda p: p.name):
         try:
             found[point.name] = loaded(point, {*own, *found})
-        except (Exception, SystemExit) as error:  # whatever the package does wrong
-            why = " ".join(str(error).split()) or type(error).__name__
+        except KeyboardInterrupt:  # the user's, as far as can be told
+            raise
+        except BaseException as error:  # whatever the package does wrong, sys.exit() too
+            why = words_of(error)
             warnings.warn(
                 f"the unwrapping method {point.name!r} of {package_of(point)} is left out: {why}",
                 stacklevel=2,
             )
     return found
+
+
+def words_of(error: BaseException) -> str:
+    """Return what an error of another package says, its name where that says nothing."""
+    try:
+        return " ".join(str(error).split()) or type(error).__name__
+    except Exception:  # nor does it know how to say it
+        return type(error).__name__
 
 
 def loaded(point: EntryPoint, taken: set[str]) -> Method:
@@ -199,7 +210,11 @@ def loaded(point: EntryPoint, taken: set[str]) -> Method:
     if not ID.fullmatch(point.name):
         msg = "an id is made of small letters, digits and single hyphens"
         raise ValueError(msg)
-    method = point.load()
+    outlets = sys.stdout, sys.stderr
+    try:
+        method = point.load()
+    finally:
+        sys.stdout, sys.stderr = outlets  # what it put in their place
     if not isinstance(method, Method):
         msg = f"{point.value} is a {type(method).__name__}, not a Method"
         raise TypeError(msg)

@@ -25,7 +25,7 @@ from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.light.synthetic import check_wavelengths
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS, Option
-from napari_phase4d.words import warn
+from napari_phase4d.words import shown, warn
 
 __all__ = [
     "ONE_OF",
@@ -269,7 +269,7 @@ def check_method(method: str, options: Mapping[str, Any]) -> str:
     if isinstance(method, str) and method not in METHODS:
         method = next((name for name, facts in METHODS.items() if facts.label == method), method)
     if not isinstance(method, str) or method not in METHODS:
-        msg = f"method must be one of {', '.join(METHODS)}, but is {method!r}"
+        msg = f"method must be one of {', '.join(METHODS)}, but is {shown(method)}"
         raise ValueError(msg)
     known = [o.name for o in METHODS[method].options]
     unknown = [name for name in options if name not in known]
@@ -280,10 +280,12 @@ def check_method(method: str, options: Mapping[str, Any]) -> str:
         value = options.get(option.name, option.default)
         if not takes(option, value):
             kind = type(option.default).__name__
-            msg = f"the option {option.name} of {method} takes a {kind}, but got {value!r}"
+            msg = f"the option {option.name} of {method} takes a {kind}, but got {shown(value)}"
             raise TypeError(msg)
         if option.choices and value not in option.choices:
-            msg = f"{option.name} must be one of {', '.join(option.choices)}, but is {value!r}"
+            msg = (
+                f"{option.name} must be one of {', '.join(option.choices)}, but is {shown(value)}"
+            )
             raise ValueError(msg)
     return method
 

@@ -16,7 +16,7 @@ from napari_phase4d._napari.preferences import own_optics
 from napari_phase4d._napari.session import Plan, Session, plan_cell_by_methods, plan_cells
 from napari_phase4d._napari.steps.step import Step, in_grid, increment_field, index_field
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
-from napari_phase4d._napari.widgets.result_table import ResultTable
+from napari_phase4d._napari.widgets.result_table import ResultTable, on_screen
 from napari_phase4d.analysis import Cells, CellSettings, most_trusted
 from napari_phase4d.holography import pair_distance
 from napari_phase4d.io import write_table
@@ -34,11 +34,12 @@ NOTHING = "Press Find cells: each gets a curve, with its error, and a row."
 PLOTTED = {
     "dry mass (pg)": "dry mass error (pg)",
     "area (um^2)": "",
-    "mass density (pg/um^2)": "",
-    "mean optical path difference (nm)": "",
+    "mass density (pg/um^2)": "mass density error (pg/um^2)",
+    "mean optical path difference (nm)": "mean optical path difference error (nm)",
+    "largest optical path difference (nm)": "",
     "mean phase (rad)": "",
     "volume (um^3)": "volume error (um^3)",
-    "mean height (um)": "",
+    "mean height (um)": "mean height error (um)",
     "speed (um/s)": "",
     "circularity": "",
 }
@@ -83,7 +84,9 @@ class CellsPart(Step):
         )
         self.quantity = self.watched(
             ComboBox(
-                name="cell_quantity", choices=list(PLOTTED)[:1], tooltip="What the plot shows."
+                name="cell_quantity",
+                choices=[(on_screen(name), name) for name in list(PLOTTED)[:1]],
+                tooltip="What the plot shows.",
             )
         )
         self.column.addLayout(self.row(self.go, self.quantity.native))
@@ -176,10 +179,10 @@ class CellsPart(Step):
         in_grid(
             self,
             (
-                ("of", self.result),
+                ("result", self.result),
                 ("cells", self.source),
                 ("dn/dc", self.increment),
-                ("index", self.index),
+                ("object index", self.index),
             ),
         )
         least = self.label("smallest")
@@ -354,7 +357,8 @@ class CellsPart(Step):
         with self.own_change():
             self.source.value = FOUND
             kept = self.quantity.value
-            self.quantity.choices = [name for name in PLOTTED if name in cells.table.columns]
+            there = [name for name in PLOTTED if name in cells.table.columns]
+            self.quantity.choices = [(on_screen(name), name) for name in there]
             if kept in self.quantity.choices:
                 self.quantity.value = kept
         self._name_button()
@@ -384,11 +388,11 @@ class CellsPart(Step):
             tables = {f"cell {n}": cells.table[cells.table["cell"] == n] for n in wanted}
             colours = {f"cell {n}": colour_of(int(n)) for n in wanted}
         curves = {key: over_time(t, name, angle, times) for key, t in tables.items()}
-        error = PLOTTED[str(name)]
+        error, words = PLOTTED[str(name)], on_screen(str(name))
         banded = error and len(curves) <= MOST_BANDS
         bands = {k: over_time(t, error, angle, times) for k, t in tables.items()} if banded else {}
         self.plot.show_traces(
-            [Panel(times, curves, f"time (s), at {where}", str(name), now, bands, colours)]
+            [Panel(times, curves, f"time (s), at {where}", words, now, bands, colours)]
         )
 
     def save_to(self, path: str | Path) -> None:

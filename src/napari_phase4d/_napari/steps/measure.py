@@ -29,7 +29,7 @@ from napari_phase4d._napari.viewing.pointing import (
     regions_of_layer,
 )
 from napari_phase4d._napari.widgets.curves import CurvePlot, Panel
-from napari_phase4d._napari.widgets.result_table import ResultTable
+from napari_phase4d._napari.widgets.result_table import ResultTable, on_screen
 from napari_phase4d._napari.widgets.section import split
 from napari_phase4d.analysis import Traces, most_trusted, traces_of
 from napari_phase4d.io import write_table
@@ -150,7 +150,7 @@ class TracePart(Step):
             "draw_region",
             "Adds a layer to draw in. The curves then show the mean where it was drawn; in the "
             "tab Measure, a region that was drawn on a cell goes along with it.",
-            self.presenter.start_regions,
+            self._start_region,
         )
         self.follow = self.button(
             "Follow the mouse", "follow_mouse", "Show the pixel under the mouse.", self.unpin
@@ -167,6 +167,10 @@ class TracePart(Step):
         self.session.outcome_changed.connect(self._forget)
         self.session.recording_changed.connect(self._forget)
         self.session.truth_changed.connect(self._start)
+
+    def _start_region(self) -> None:
+        self.presenter.start_regions()
+        self.said.emit("Click the corners of the region on the canvas, double-click to end it.")
 
     def cursor_moved(self) -> None:
         """Follow the mouse, unless a region is looked at."""
@@ -339,7 +343,11 @@ class MeasurePart(Step):
             "Measure", "measure", "Table and plot of every region over time.", self.measure
         )
         self.quantity = self.watched(
-            ComboBox(name="quantity", choices=list(PLOTTED[:1]), tooltip="What the plot shows.")
+            ComboBox(
+                name="quantity",
+                choices=[(on_screen(PLOTTED[0]), PLOTTED[0])],
+                tooltip="What the plot shows.",
+            )
         )
         self.column.addLayout(self.row(self.go, self.quantity.native))
         self.plot = CurvePlot()
@@ -390,10 +398,10 @@ class MeasurePart(Step):
         in_grid(
             self,
             (
-                ("of", self.result),
-                ("in", self.regions),
+                ("result", self.result),
+                ("region", self.regions),
                 ("dn/dc", self.increment),
-                ("index", self.index),
+                ("object index", self.index),
             ),
         )
         self.follow = self.watched(
@@ -496,7 +504,8 @@ class MeasurePart(Step):
         """Show what was measured."""
         self.table.show_frame(self.measured, MEASURED)
         with self.own_change():
-            self.quantity.choices = [name for name in PLOTTED if name in self.measured.columns]
+            there = [name for name in PLOTTED if name in self.measured.columns]
+            self.quantity.choices = [(on_screen(name), name) for name in there]
         self._draw()
 
     def _draw(self) -> None:
@@ -507,7 +516,8 @@ class MeasurePart(Step):
             return
         shown, where = of_view(self.measured, self.presenter.current_frame()[1])
         times = shown["time (s)"].unique()
-        self.plot.show_curves(times, curves_of(shown, name), f"time (s), at {where}", str(name))
+        curves, words = curves_of(shown, name), on_screen(str(name))
+        self.plot.show_curves(times, curves, f"time (s), at {where}", words)
 
     def _region_choices(self) -> list[Any]:
         layers = [la for la in self.presenter.viewer.layers if is_region_layer(la)]

@@ -273,7 +273,11 @@ class BoundaryPart(Step):
         frames = self.session.start_frames
         if not frames:
             return "Start: the safest frame, which is being looked for …"
-        return start_words(frames, found=self.session.recipe.boundary == "auto", of=data["phase"])
+        automatic = self.session.recipe.boundary == "auto"
+        words = start_words(frames, found=automatic, of=data["phase"])
+        if automatic or any(is_safe(self.session.scores, *frame) for frame in frames):
+            return words
+        return f"{words[:-1]}, not safe: ★ is safer."
 
     def _clicked(self, time: int, angle: int, *, more: bool) -> None:
         """Start from the frame that was clicked on, or from that one too; show it."""
@@ -342,13 +346,24 @@ class BoundaryPart(Step):
         self.thumbnail.show_frame(frame, "<br>".join(lines), mask)
 
 
+#: Shares of the object on which methods agree, from which on a frame is safe, and rather safe.
+SAFE, RATHER_SAFE = 0.99, 0.95
+
+
+def is_safe(scores: Any, time: int, angle: int) -> bool:
+    """Say whether a frame is at least rather safe, the safest, or nothing is known of it yet."""
+    if scores is None or (time, angle) == tuple(scores.attrs["best"]):
+        return True
+    return float(scores.values[time, angle]) > RATHER_SAFE
+
+
 def words_on_score(scores: Any, time: int, angle: int) -> str:
     """Say how safe a frame is, and why."""
     if scores is None:
         return "Its safety is being looked at …"
     score = float(scores.values[time, angle])
     best = (time, angle) == tuple(scores.attrs["best"])
-    verdict = "safe" if score > 0.99 else "rather safe" if score > 0.95 else "not safe"
+    verdict = "safe" if score > SAFE else "rather safe" if score > RATHER_SAFE else "not safe"
     if best:
         verdict = "the safest"
     return (

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from contextlib import nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,6 +12,7 @@ from napari.utils import Colormap, CyclicLabelColormap, DirectLabelColormap
 from numpy.typing import NDArray
 from psygnal import Signal
 
+from napari_phase4d._napari.turns import Steps
 from napari_phase4d._napari.viewing.layers import layer_tuple, places_of_views, shown
 from napari_phase4d.analysis import Cells, copied_labels
 from napari_phase4d.io import step_of
@@ -44,6 +44,7 @@ class ReadyLayers:
         numbers = Points(**numbers_layer(cells, f"numbers of {label}", colours))
         outlines = Labels(**cells_layer(cells.labels, f"cells of {label}", colours))
         outlines.contour = OUTLINE
+        outlines.opacity = 1.0  # else the picture would mix into the colour that tells a cell
         return cls(cells, numbers, outlines)
 
 
@@ -93,27 +94,31 @@ class CellLayers:
         """Make the layers of cells that are to be shown next; this may be done in any thread."""
         self._ready = None if cells.table.empty else ReadyLayers.of(cells)
 
-    def show(self, cells: Cells | None) -> None:
+    def showing(self, cells: Cells | None) -> Steps:
         """Show cells instead of those of before; a layer in which was painted stays, hidden."""
+        ready, self._ready = self._ready, None
         if self.is_edited:
             self.outlines.visible = False  # what was painted is the user's
             self.outlines = None
         gone = [layer for layer in self.layers if layer in self.viewer.layers]
-        # napari collects all garbage after each layer that is removed; in a batch, once.
-        with self.viewer.layers.batched_update() if len(gone) > 1 else nullcontext():
-            for layer in gone:
-                self.viewer.layers.remove(layer)
         self.forget()
-        ready, self._ready = self._ready, None
+        # napari collects all garbage after each layer that is removed, so that each has its turn.
+        for layer in gone:
+            if layer in self.viewer.layers:
+                self.viewer.layers.remove(layer)
+            yield
         if cells is None or cells.table.empty:
             return
         if ready is None or ready.cells is not cells:
             ready = ReadyLayers.of(cells)
+        yield
         self._cells = cells
         self._angle = -1
         self.turn_to(self._angle_on_screen())
+        yield
         # Outlines lie on top: they are what is painted in.
         self._numbers = self.viewer.add_layer(ready.numbers)
+        yield
         self.outlines = self.viewer.add_layer(ready.outlines)
         self.came_up.emit()
 

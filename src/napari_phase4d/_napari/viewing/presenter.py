@@ -477,7 +477,7 @@ class Presenter(Stage):
         if result is not None and result in self.viewer.layers:
             self._show_as("cells")
             yield from self._together([result])
-        self.cells.show(cells)
+        yield from self.cells.showing(cells)
 
     def frame_changed(self) -> None:
         """Follow the sliders."""

@@ -14,7 +14,7 @@ from qtpy.QtGui import QFontInfo, QPalette, QShowEvent
 from qtpy.QtWidgets import QLabel, QStackedLayout, QWidget
 
 from napari_phase4d.io.atomic import written_whole
-from napari_phase4d.plotting import CURVE_COLOURS
+from napari_phase4d.plotting import CURVE_COLOURS, EXACT
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,12 +55,16 @@ MOST_LEGEND = 0.4
 
 
 def curve_styles(names: Sequence[str]) -> dict[str, dict[str, Any]]:
-    """Return colour, dashes and width of each curve, by the order of the names."""
+    """Return colour, dashes and width of each curve, by the order of the names.
+
+    The truth takes no colour from a method: it has that of the words, see `Picture.paint`.
+    """
     n_colours = len(CURVE_COLOURS)
+    places = {name: i for i, name in enumerate(name for name in names if name != EXACT)}
     return {
         name: {
-            "color": CURVE_COLOURS[i % n_colours],
-            "linestyle": DASHES[i // n_colours % len(DASHES)],
+            "color": CURVE_COLOURS[places.get(name, 0) % n_colours],
+            "linestyle": DASHES[places.get(name, 0) // n_colours % len(DASHES)],
             "linewidth": THINNEST + THICKER * (len(names) - 1 - i),
         }
         for i, name in enumerate(names)
@@ -188,6 +192,14 @@ def paint_figure(figure: Figure, foreground: str, background: str) -> None:
     for legend in figure.legends:
         for text in legend.get_texts():
             text.set_color(foreground)
+
+
+def paint_truth(figure: Figure, foreground: str) -> None:
+    """Give the truth's line in the legend a colour."""
+    for legend in figure.legends:
+        for line, text in zip(legend.get_lines(), legend.get_texts(), strict=True):
+            if text.get_text() == EXACT:
+                line.set_color(foreground)
 
 
 def paint_axes(axes: Axes, foreground: str) -> None:
@@ -472,6 +484,9 @@ class CurveFigure:
         paint_figure(self.figure, foreground, background)
         for drawn in self._drawn:
             drawn.mark.set_color(foreground)
+            if EXACT in drawn.lines:
+                drawn.lines[EXACT].set_color(foreground)
+        paint_truth(self.figure, foreground)
         self._show_legend()
         self.redraw(everything=True)
 

@@ -6,10 +6,20 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from qtpy.QtCore import Qt
-from qtpy.QtGui import QColor, QGuiApplication, QKeyEvent, QKeySequence, QShowEvent
+from qtpy.QtGui import (
+    QColor,
+    QGuiApplication,
+    QIcon,
+    QKeyEvent,
+    QKeySequence,
+    QPixmap,
+    QShowEvent,
+)
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
+    QStyledItemDelegate,
+    QStyleOptionViewItem,
     QTableWidget,
     QTableWidgetItem,
     QWidget,
@@ -17,10 +27,24 @@ from qtpy.QtWidgets import (
 
 from napari_phase4d.later import pd
 
-__all__ = ["ResultTable"]
+__all__ = ["ResultTable", "on_screen"]
 
 #: Most rows that are laid out; the clipboard and files hold all.
 MOST_ROWS = 500
+
+
+def on_screen(heading: str) -> str:
+    """Return a heading of a file with the signs of its units.
+
+    Examples
+    --------
+    >>> on_screen("area (um^2)"), on_screen("angle (deg)")
+    ('area (µm²)', 'angle (°)')
+    """
+    name, bracket, unit = heading.partition(" (")
+    for plain, sign in (("um", "µm"), ("^2", "²"), ("^3", "³"), ("deg", "°")):
+        unit = unit.replace(plain, sign)
+    return name + bracket + unit
 
 
 class Cell(QTableWidgetItem):  # type: ignore[misc]
@@ -36,6 +60,21 @@ class Cell(QTableWidgetItem):  # type: ignore[misc]
         if isinstance(mine, str) or isinstance(theirs, str):
             return str(mine) < str(theirs)
         return bool(mine < theirs)
+
+
+class TrueColours(QStyledItemDelegate):  # type: ignore[misc]
+    """Draws the squares of selected rows in their own colours: Qt would tint them."""
+
+    def initStyleOption(self, option: QStyleOptionViewItem | None, index: Any) -> None:  # noqa: N802 - Qt's name
+        """Take the same picture for a row that is selected."""
+        super().initStyleOption(option, index)
+        colour = index.data(Qt.ItemDataRole.DecorationRole)
+        if option is not None and isinstance(colour, QColor):
+            square = QPixmap(option.decorationSize)
+            square.fill(colour)
+            icon = QIcon(square)
+            icon.addPixmap(square, QIcon.Mode.Selected)
+            option.icon = icon
 
 
 class ResultTable(QTableWidget):  # type: ignore[misc]
@@ -54,6 +93,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         self.setObjectName(name)
         self._frame: pd.DataFrame | None = None
         self.setAccessibleName(name.replace("_", " "))
+        self.setItemDelegate(TrueColours(self))
         self.setTabKeyNavigation(False)  # Tab leaves the table; arrows go through it
         self.verticalHeader().setVisible(False)
         self.setStyleSheet("QHeaderView::section { padding: 1px 2px; }")

@@ -332,7 +332,7 @@ def weighed_steps(
         How many frames to work on at a time.
     """
     start = scene.frames.start[0]
-    # Several blocks wait for each other, and each takes a hundred bytes a pixel.
+    # Several blocks wait for each other, and each takes some fifty bytes a pixel.
     most = max(STEP_PIXELS // math.prod(scene.shape[1:]), 1)
     frames = frames or min(working_frames(scene.part), most)
     ahead, behind = blocks_outwards(scene.shape[0], start, frames)

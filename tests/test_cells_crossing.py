@@ -1,0 +1,130 @@
+"""Cells that swim over one another keep their numbers, and so do those that only touch."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import napari_phase4d as p4d
+from napari_phase4d.analysis.cells import keep_apart
+
+N_TIMES, SIDE, RADIUS, SPEED = 41, 96, 9.0, 1.6
+MIDDLE = N_TIMES // 2
+
+
+def cap(y: float, x: float, radius: float) -> np.ndarray:
+    """Return the phase of a ball."""
+    rows, columns = np.mgrid[:SIDE, :SIDE]
+    inside = 1 - ((rows - y) ** 2 + (columns - x) ** 2) / radius**2
+    return 5.0 * np.sqrt(np.maximum(inside, 0))
+
+
+def recording(ways: list[np.ndarray], radii: tuple[float, ...], noise: float) -> xr.DataArray:
+    """Return the phase of balls on their ways (time, 2), about the middle of the field."""
+    phase = np.zeros((N_TIMES, 1, SIDE, SIDE))
+    for way, radius in zip(ways, radii, strict=True):
+        for t, (y, x) in enumerate(way + SIDE / 2):
+            phase[t, 0] += cap(y, x, radius)
+    phase += np.random.default_rng(0).normal(0, noise, phase.shape)
+    return xr.DataArray(
+        phase.astype(np.float32),
+        dims=("time", "angle", "y", "x"),
+        coords={"time": np.arange(N_TIMES) / 6, "angle": [0.0]}
+        | {axis: np.arange(SIDE) / 2 for axis in "yx"},
+    )
+
+
+def straight(heading_deg: float, aside: float = 0.0) -> np.ndarray:
+    """Return a way through the middle of the field, or past it, pixels."""
+    along = np.array([np.sin(np.deg2rad(heading_deg)), np.cos(np.deg2rad(heading_deg))])
+    steps = SPEED * (np.arange(N_TIMES) - MIDDLE)
+    return steps[:, None] * along + aside * np.array([along[1], -along[0]])
+
+
+def numbers_on(cells: xr.DataArray, way: np.ndarray, frame: int) -> int:
+    y, x = np.rint(way[frame] + SIDE / 2).astype(int)
+    return int(cells.values[frame, 0, y, x])
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.4])
+@pytest.mark.parametrize("turned", [60, 100, 150, 180])
+@pytest.mark.parametrize(("aside", "radii"), [(0, (9.0, 9.0)), (4, (9.0, 8.0)), (2, (10.0, 7.0))])
+def test_cells_that_cross_keep_their_numbers(
+    noise: float, turned: float, aside: float, radii: tuple[float, float]
+) -> None:
+    ways = [straight(20), straight(20 + turned, aside)]
+    cells = p4d.find_cells(recording(ways, radii, noise))
+    first, last = ([numbers_on(cells, way, frame) for way in ways] for frame in (4, -5))
+    assert sorted(first) == [1, 2]
+    assert last == first
+    assert cells.attrs["parents"] == []
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.4])
+def test_cells_that_touch_and_turn_round_keep_their_numbers(noise: float) -> None:
+    away = RADIUS * 0.97 + SPEED * np.abs(np.arange(N_TIMES) - MIDDLE)
+    ways = [np.stack([0 * away, sign * away], axis=1) for sign in (-1, 1)]
+    cells = p4d.find_cells(recording(ways, (RADIUS, RADIUS), noise))
+    first, last = ([numbers_on(cells, way, frame) for way in ways] for frame in (8, -9))
+    assert sorted(first) == [1, 2]
+    assert last == first
+
+
+def test_a_cell_that_has_crossed_another_divides() -> None:
+    ways = [straight(0), straight(180)]
+    parts = [way.copy() for way in (ways[0], ways[0])]
+    for side, part in zip((-1, 1), parts, strict=True):
+        part[:, 0] += side * np.maximum(1.2 * (np.arange(N_TIMES) - 34), 0)
+    phase = recording([ways[1]], (RADIUS,), 0.1)
+    for t in range(N_TIMES):
+        if t < 36:
+            phase.values[t, 0] += cap(*(ways[0][t] + SIDE / 2), RADIUS)
+        else:
+            for part in parts:
+                phase.values[t, 0] += cap(*(part[t] + SIDE / 2), 0.72 * RADIUS)
+    cells = p4d.find_cells(phase)
+    mother = numbers_on(cells, ways[0], 4)
+    assert numbers_on(cells, ways[0], 34) == mother
+    assert [parent for _, parent in cells.attrs["parents"]] == [mother, mother]
+
+
+def test_a_cell_that_comes_in_beside_another_is_no_daughter() -> None:
+    """It appears at the border, where the other one has just come in itself."""
+    labels = np.zeros((8, 1, SIDE, SIDE), dtype=np.int32)
+    for t in range(8):
+        comes = cap(56, 3, 11) > 0
+        labels[t, 0][comes & (t >= 4)] = 2
+        labels[t, 0][cap(40, 10 + t, 12) > 0] = 1
+    cells = p4d.follow_cells(labels)
+    assert [len(np.unique(frame)) - 1 for frame in cells.values] == [1] * 4 + [2] * 4
+    assert {int(cells.values[t, 0, 40, 10 + t]) for t in range(8)} == {1}
+    assert cells.attrs["parents"] == []
+
+
+def test_errors_grow_while_cells_lie_over_one_another() -> None:
+    ways, optics = [straight(20), straight(150, 3)], p4d.Optics()
+    phase = recording(ways, (RADIUS, RADIUS), 0.1)
+    table = p4d.measure(phase, p4d.find_cells(phase), optics)
+    true = optics.dry_mass_pg(5.0 * 2 / 3 * np.pi * RADIUS**2, 0.25)
+    off = (table["dry mass (pg)"] - true).abs()
+    assert off.max() > true / 4  # so that there is something to be unsure about
+    assert 0.55 < (off <= table["dry mass error (pg)"]).mean() < 0.85
+    assert (off <= 2 * table["dry mass error (pg)"]).mean() > 0.9
+    assert (off > 10 * table["dry mass error (pg)"]).sum() == 0
+
+
+def test_overlaps_that_are_none_are_refused() -> None:
+    phase = recording([straight(20)], (RADIUS,), 0.1)
+    cells = p4d.find_cells(phase).assign_attrs(overlaps="all")
+    with pytest.raises(ValueError, match="the cells note overlaps as"):
+        p4d.measure(phase, cells, p4d.Optics())
+
+
+@pytest.mark.parametrize(("width", "kept"), [(7, 1), (20, 2)])
+def test_splinters_of_a_covered_cell_are_not_kept_apart(width: int, kept: int) -> None:
+    labels = np.zeros((2, 48, 64), dtype=np.int32)
+    labels[0, 12:36, 10:34], labels[0, 12:36, 34 : 34 + width] = 1, 2
+    labels[1] = labels[0] > 0
+    keep_apart(labels)
+    assert labels[1].max() == kept

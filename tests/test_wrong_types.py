@@ -1,0 +1,148 @@
+"""Everything that is no argument at all, given to what is public: one sentence of this program."""
+
+from __future__ import annotations
+
+import datetime as dt
+import decimal
+import inspect
+import os
+import traceback
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pytest
+import xarray as xr
+
+import napari_phase4d as p4d
+from napari_phase4d import analysis, holography, pipeline, plotting, simulation
+from napari_phase4d import io as files
+from napari_phase4d.words import checked_call, in_words, parts_of
+from test_wrong_input import EXACT, FRAMES, LOBE, OPTICS, RECORDING, WRAPPED
+
+DATA = xr.Dataset({"phase": EXACT, "wrapped": WRAPPED})
+UNWRAPPED = p4d.unwrap(WRAPPED, "spatial-2d")
+CELL = np.ones(WRAPPED.shape[-2:], bool)
+FOUND = {"a": UNWRAPPED}
+
+#: A call that is right, of which one argument at a time is made wrong.
+RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
+    p4d.unwrap: {"phase": WRAPPED, "method": "temporal"},
+    p4d.compare: {"phase": WRAPPED, "methods": ["temporal"]},
+    p4d.confidence: {"unwrapped": UNWRAPPED, "phase": WRAPPED},
+    p4d.measure: {"unwrapped": EXACT, "regions": {"a": CELL}, "optics": OPTICS},
+    p4d.score_boundaries: {"phase": WRAPPED},
+    p4d.find_cells: {"unwrapped": EXACT},
+    p4d.follow_cells: {"labels": np.ones((2, 8, 8), int)},
+    p4d.power_spectrum: {"rec": RECORDING},
+    p4d.find_lobes: {"rec": RECORDING, "n_views": 1},
+    p4d.reconstruct: {"rec": RECORDING, "lobes": [LOBE]},
+    p4d.open_recording: {"path_or_array": FRAMES},
+    p4d.open_phase: {"path": "phase.npy"},
+    p4d.read_results: {"path": "result.ome.tif"},
+    p4d.write_phase: {"path": "written.ome.tif", "stack": UNWRAPPED},
+    p4d.Optics: {},
+    p4d.Lobe: {"carrier": (0.2, 0.25), "radius": 0.08},
+    p4d.RawLayout: {"height": 8, "width": 8},
+    p4d.CellSettings: {},
+    p4d.Recipe: {},
+    p4d.run: {"recipe": p4d.Recipe(recording="phase.npy", content="phase")},
+    analysis.difference: {"result": EXACT, "reference": EXACT},
+    analysis.mean_squared_error: {"unwrapped": EXACT, "truth": EXACT},
+    analysis.wrong_cycle_share: {"unwrapped": EXACT, "truth": EXACT},
+    analysis.itoh_margin: {"phase": EXACT},
+    analysis.residues: {"wrapped": WRAPPED},
+    analysis.traces: {"results": FOUND, "frame": (0, 0), "where": (1, 1)},
+    analysis.most_trusted: {"results": FOUND},
+    analysis.best_known: {"results": FOUND},
+    analysis.polygon_mask: {"vertices_yx": [(0, 0), (0, 5), (5, 5)], "shape": (8, 8)},
+    analysis.region_masks: {"labels": np.ones((8, 8), int)},
+    analysis.with_wavelength: {"table": pd.DataFrame(), "wavelength_um": 0.6},
+    analysis.summary_of_cells: {"table": pd.DataFrame()},
+    analysis.cells_in: {"unwrapped": EXACT, "optics": OPTICS},
+    analysis.with_empty_field: {"unwrapped": UNWRAPPED, "wrapped": WRAPPED},
+    simulation.with_noise: {"data": DATA},
+    simulation.at_wavelengths: {"data": DATA, "wavelengths_um": [0.5, 0.6]},
+    files.write_table: {"path": "table.csv", "table": pd.DataFrame({"a": [1]})},
+    files.write_figure: {"path": "figure.png", "figure": None},
+    pipeline.fingerprint: {"source": "phase.npy"},
+    pipeline.result_folders: {"files": ["a.npy"], "out": "out"},
+    pipeline.make_folder: {"out": Path("out")},
+    pipeline.read_outcome: {"folder": "out"},
+    pipeline.open_by: {"recipe": p4d.Recipe(recording="phase.npy", content="phase")},
+    pipeline.write_outcome: {"outcome": None, "folder": "out"},
+    plotting.named_results: {"comparison": None},
+    plotting.colour_of: {"cell": 1},
+    holography.lobe_warnings: {"lobes": [LOBE]},
+}  # fmt: skip
+WRONG: list[Any] = [
+    None, True, -1, 2.5, np.nan, "x", "", b"x", [], ["a"], [1], (1, 2, 3), {}, {"a": 1}, {1: 2},
+    set(), object(), int, 1j, 10**400, "\0", "\ud800", Path("nope/x.tif"), iter([1]),
+    dt.datetime(2020, 1, 1, tzinfo=dt.UTC), decimal.Decimal(1), np.zeros(0), np.array("a"),
+    np.array([None]), np.zeros((2, 2, 2, 2, 2)), np.ma.masked_all((4, 32, 40)),
+    np.datetime64("2020"), xr.DataArray(3.0), xr.Dataset(), DATA, EXACT.rename(x="q"),
+    pd.DataFrame(), pd.Series([1.0]), RECORDING, OPTICS,
+]  # fmt: skip
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("call", RIGHT, ids=lambda call: call.__name__)
+def test_no_error_of_another_package_comes_out(
+    call: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    np.save("phase.npy", WRAPPED.values)
+    p4d.write_phase("result.ome.tif", UNWRAPPED)
+    ours = str(Path(p4d.__file__).parent)
+    for name in inspect.signature(call).parameters:
+        for wrong in WRONG:
+            error = error_of(call, **{**RIGHT[call], name: wrong})
+            if error is not None:
+                raised = traceback.extract_tb(error.__traceback__)[-1].filename
+                assert raised.startswith(ours + os.sep) or raised == "<string>", (name, wrong)
+                assert str(error), (name, wrong)
+                assert "\n" not in str(error), (name, wrong)
+
+
+def error_of(call: Callable[..., Any], **given: Any) -> Exception | None:
+    """Return what a call raises of the kinds that are for the user."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            call(**given)
+    except (TypeError, ValueError, OSError) as error:
+        return error
+    return None
+
+
+def example(
+    a: int, b: tuple[int, int], c: str | Path | None = None, d: Any = 0, **e: p4d.Optics
+) -> int:
+    return a
+
+
+@pytest.mark.parametrize(
+    ("given", "sentence"),
+    [
+        ({"a": True, "b": (1, 2)}, "a must be a whole number, but is True"),
+        ({"a": 1, "b": (1, 2, 3)}, "b must be 2 values, each a whole number, but is (1, 2, 3)"),
+        ({"a": 1, "b": np.ones(3)}, "b must be 2 values, each a whole number, but is ndarray"),
+        ({"a": 1, "b": (1, 2), "c": 3}, "c must be a text or a path or None, but is 3"),
+    ],
+)
+def test_what_a_function_says_that_it_takes(given: dict[str, Any], sentence: str) -> None:
+    with pytest.raises(TypeError) as caught:
+        checked_call(example)(**given)
+    assert str(caught.value).startswith(sentence)
+
+
+def test_what_is_right_goes_through() -> None:
+    call = checked_call(example)
+    for pair in ((1, 2), [1, 2], np.array([1, 2])):
+        assert call(np.int64(3), pair, Path("x"), object()) == 3
+    assert call.__name__ == "example"
+    assert parts_of("Mapping[str, int | None] | None", "|") == ["Mapping[str, int | None]", "None"]
+    assert in_words("Sequence[str] | Optics", example) == "a list, each a text or an Optics"
