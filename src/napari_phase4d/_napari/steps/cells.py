@@ -29,6 +29,8 @@ from napari_phase4d.words import counted, view_in_words
 __all__ = ["CellsPart"]
 
 FOUND = "find them"
+#: Pixels that a list needs that shows these words.
+WIDTH_OF_FOUND = 110
 NOTHING = "Press Find cells: each gets a curve, with its error, and a row."
 #: What is plotted over time, the most asked for first, and the column of its error.
 PLOTTED = {
@@ -185,6 +187,8 @@ class CellsPart(Step):
                 ("object index", self.index),
             ),
         )
+        # Its usual words need a little more than half of the room; in a larger font there is more.
+        self.source.native.setMinimumWidth(WIDTH_OF_FOUND)
         least = self.label("smallest")
         least.setToolTip(self.smallest.tooltip)
         least.setBuddy(self.smallest.native)
