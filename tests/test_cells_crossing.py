@@ -13,37 +13,44 @@ N_TIMES, SIDE, RADIUS, SPEED = 41, 96, 9.0, 1.6
 MIDDLE = N_TIMES // 2
 
 
-def cap(y: float, x: float, radius: float) -> np.ndarray:
+def cap(y: float, x: float, radius: float, side: int = SIDE) -> np.ndarray:
     """Return the phase of a ball."""
-    rows, columns = np.mgrid[:SIDE, :SIDE]
+    rows, columns = np.mgrid[:side, :side]
     inside = 1 - ((rows - y) ** 2 + (columns - x) ** 2) / radius**2
     return 5.0 * np.sqrt(np.maximum(inside, 0))
 
 
-def recording(ways: list[np.ndarray], radii: tuple[float, ...], noise: float) -> xr.DataArray:
+def recording(
+    ways: list[np.ndarray], radii: tuple[float, ...], noise: float, side: int = SIDE
+) -> xr.DataArray:
     """Return the phase of balls on their ways (time, 2), about the middle of the field."""
-    phase = np.zeros((N_TIMES, 1, SIDE, SIDE))
+    phase = np.zeros((len(ways[0]), 1, side, side))
     for way, radius in zip(ways, radii, strict=True):
-        for t, (y, x) in enumerate(way + SIDE / 2):
-            phase[t, 0] += cap(y, x, radius)
+        for t, (y, x) in enumerate(way + side / 2):
+            phase[t, 0] += cap(y, x, radius, side)
     phase += np.random.default_rng(0).normal(0, noise, phase.shape)
     return xr.DataArray(
         phase.astype(np.float32),
         dims=("time", "angle", "y", "x"),
-        coords={"time": np.arange(N_TIMES) / 6, "angle": [0.0]}
-        | {axis: np.arange(SIDE) / 2 for axis in "yx"},
+        coords={"time": np.arange(len(phase)) / 6, "angle": [0.0]}
+        | {axis: np.arange(side) / 2 for axis in "yx"},
     )
 
 
 def straight(heading_deg: float, aside: float = 0.0) -> np.ndarray:
     """Return a way through the middle of the field, or past it, pixels."""
+    return through(heading_deg, aside, np.arange(N_TIMES) - MIDDLE)
+
+
+def through(heading_deg: float, aside: float, frames: np.ndarray) -> np.ndarray:
+    """Return a way that is at the middle of the field, or nearest to it, in frame 0."""
     along = np.array([np.sin(np.deg2rad(heading_deg)), np.cos(np.deg2rad(heading_deg))])
-    steps = SPEED * (np.arange(N_TIMES) - MIDDLE)
+    steps = SPEED * frames
     return steps[:, None] * along + aside * np.array([along[1], -along[0]])
 
 
 def numbers_on(cells: xr.DataArray, way: np.ndarray, frame: int) -> int:
-    y, x = np.rint(way[frame] + SIDE / 2).astype(int)
+    y, x = np.rint(way[frame] + cells.sizes["y"] / 2).astype(int)
     return int(cells.values[frame, 0, y, x])
 
 
@@ -59,6 +66,44 @@ def test_cells_that_cross_keep_their_numbers(
     assert sorted(first) == [1, 2]
     assert last == first
     assert cells.attrs["parents"] == []
+
+
+@pytest.mark.parametrize("aside", [0, 3])
+@pytest.mark.parametrize("turned", [180, 120, 90])
+def test_a_cell_that_crosses_two_others_keeps_its_number(turned: float, aside: float) -> None:
+    frames, first, second = np.arange(61), 18, 44
+    own = through(0, 0, frames - 30)
+    met = [
+        through(turned, aside, frames - first) + own[first],
+        through(-turned, aside, frames - second) + own[second],
+    ]
+    cells = p4d.find_cells(recording([own, *met], (RADIUS,) * 3, 0.2, side=150))
+    of_own = [numbers_on(cells, own, frame) for frame in (8, 31, 54)]
+    assert of_own == of_own[:1] * 3
+    for way, at in zip(met, (first, second), strict=True):
+        during = {
+            cell
+            for cell, _, begin, _ in cells.attrs["overlaps"]
+            if abs(6 * begin - at) < (second - first) / 2
+        }
+        before, after = (numbers_on(cells, way, frame) for frame in (at - 13, at + 13))
+        assert before == after
+        assert during == {of_own[0], before}
+
+
+@pytest.mark.parametrize("aside", [0, 1.5])
+def test_cells_that_cross_twice_keep_their_numbers(aside: float) -> None:
+    """They turn round and come back; before that, one of them crosses a third."""
+    frames, third_at = np.arange(101), 36
+    own, other = (through(heading, aside, 34 - abs(frames - 50)) for heading in (0, 180))
+    third = through(90, 0, frames - third_at) + own[third_at]
+    cells = p4d.find_cells(recording([own, other, third], (RADIUS,) * 3, 0.2, side=150))
+    of_way = [
+        {numbers_on(cells, way, frame) for frame in (*seen, third_at - 12, third_at + 12)}
+        for way, seen in ((own, (3, 70, 97)), (other, (3, 70, 97)), (third, ()))
+    ]
+    assert [len(numbers) for numbers in of_way] == [1, 1, 1]
+    assert len(set.union(*of_way)) == 3
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.4])

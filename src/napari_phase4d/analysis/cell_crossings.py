@@ -114,8 +114,7 @@ class Ways:
         for one, others in self._beside.items():
             for other in others:
                 self._meet(self.track[one], self.track[other], self.frames[one])
-        for pair, met in sorted(self._meetings(), key=lambda each: each[1][0]):
-            self._go_straight(pair, met)
+        self._untwist()
         ends = ((self._spots[kid][0], self._spots[parent][-1]) for kid, parent in left)
         return [(int(self.track[a]), int(self.track[b])) for a, b in ends]
 
@@ -269,21 +268,53 @@ class Ways:
 
     # ---- on their own ways -----------------------------------------------------------------
 
+    def _untwist(self) -> None:
+        """Look at all meetings, the earliest first, and exchange tracks that have swum on."""
+        waiting = self._in_order()
+        while waiting:
+            pair, met = waiting.pop()
+            self._meets[pair] -= set(range(met[0], met[1] + 1))
+            since = self._crossed_at(pair, met)
+            if since is not None:
+                self._exchange(pair, since)
+                waiting = self._in_order()
+
+    def _in_order(self) -> list[tuple[tuple[int, int], list[int]]]:
+        """Return the meetings that were not looked at, the earliest last."""
+        return sorted(self._meetings(), key=lambda each: (each[1][0], each[0]), reverse=True)
+
+    def _exchange(self, pair: tuple[int, int], since: int) -> None:
+        """Let two tracks be each other from a frame on, also where they meet others later."""
+        later = self.frames >= since
+        one, other = (later & (self.track == number) for number in pair)
+        self.track[one], self.track[other] = pair[1], pair[0]
+        turned = dict(zip(pair, reversed(pair), strict=True))
+        moved: list[tuple[int, int, int]] = []
+        for met, frames in self._meets.items():
+            if len(turned.keys() & set(met)) == 1:
+                gone = {frame for frame in frames if frame >= since}
+                frames.difference_update(gone)
+                moved += [(*met, frame) for frame in gone]
+        for a, b, frame in moved:
+            self._meet(turned.get(a, a), turned.get(b, b), frame)
+
     def _meetings(self) -> Iterable[tuple[tuple[int, int], list[int]]]:
         """Yield pairs of tracks, and the frames from which to which they meet."""
         for pair, frames in self._meets.items():
+            if not frames:
+                continue
             ordered = np.array(sorted(frames))
             for run in np.split(ordered, np.flatnonzero(np.diff(ordered) > PAUSE) + 1):
                 yield pair, [int(run[0]), int(run[-1])]
 
-    def _go_straight(self, pair: tuple[int, int], met: list[int]) -> None:
-        """Exchange two tracks from where they cover each other most, if they swim on so."""
+    def _crossed_at(self, pair: tuple[int, int], met: list[int]) -> int | None:
+        """Return the frame in which two tracks cover each other most, if they have swum on."""
         spots = [np.flatnonzero(self.track == number) for number in pair]
         before = [s[self.frames[s] < met[0]][-FRAMES:] for s in spots]
         after = [s[self.frames[s] > met[1]][:FRAMES] for s in spots]
         sides = [side for side in (before, after) if all(len(s) for s in side)]
         if not sides:
-            return
+            return None
         apart = float(np.mean([sum(self.areas[s].mean() for s in side) for side in sides]))
         covered: dict[int, float] = defaultdict(float)
         for of_one in spots:
@@ -293,7 +324,7 @@ class Ways:
         for of_one in spots:
             self.mixed[of_one[np.isin(self.frames[of_one], over)]] = True
         if len(sides) < 2 or not covered or min(covered.values()) > COVERED * apart:
-            return
+            return None
         middle = min(covered, key=lambda frame: covered[frame])
         length = max(met[1] - met[0], FRAMES)
         come, gone = ([self._way(s, middle, length) for s in side] for side in (before, after))
@@ -301,9 +332,7 @@ class Ways:
             sum(float(np.sum((come[i] - gone[j]) ** 2)) for i, j in enumerate(order))
             for order in ((0, 1), (1, 0))
         )
-        if crossed < kept:
-            for of_one, number in zip(spots, reversed(pair), strict=True):
-                self.track[of_one[self.frames[of_one] >= middle]] = number
+        return middle if crossed < kept else None
 
     def _way(self, spots: Ints, frame: int, length: int) -> Floats:
         """Return where a cell would be in a frame, its size, and how far it swims meanwhile."""
