@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -144,6 +146,54 @@ def test_a_cell_that_comes_in_beside_another_is_no_daughter() -> None:
     cells = p4d.follow_cells(labels)
     assert [len(np.unique(frame)) - 1 for frame in cells.values] == [1] * 4 + [2] * 4
     assert {int(cells.values[t, 0, 40, 10 + t]) for t in range(8)} == {1}
+    assert cells.attrs["parents"] == []
+
+
+def drawn(cells_at: Callable[[int], list[np.ndarray]]) -> xr.DataArray:
+    """Return labels of the cells of 14 frames, each numbered anew in each frame."""
+    labels = np.zeros((14, 1, SIDE, SIDE), dtype=np.int32)
+    for t, frame in enumerate(labels[:, 0]):
+        for number, cell in enumerate(cells_at(t), 1):
+            frame[cell] = number
+    times = {"time": np.arange(14) / 6, "angle": [0.0]}
+    return xr.DataArray(labels, dims=("time", "angle", "y", "x"), coords=times)
+
+
+@pytest.mark.parametrize(("x", "speed", "frames"), [(90, 5, 9), (58, 1, 3), (58, 1, 1)])
+def test_a_daughter_that_is_soon_gone_is_one(x: int, speed: int, frames: int) -> None:
+    """It leaves in the third frame, or is not found any more."""
+    parts_at = 5
+
+    def cells_at(t: int) -> list[np.ndarray]:
+        if t < parts_at:
+            return [cap(48, x - 10, 12) > 0]
+        since = t - parts_at
+        other = [cap(48, x + speed * since, 9) > 0] if since < frames else []
+        return [cap(48, x - 19 - since, 9) > 0, *(cell for cell in other if cell.any())]
+
+    cells = p4d.follow_cells(drawn(cells_at))
+    seen = [np.unique(frame[frame > 0]).tolist() for frame in cells.values]
+    assert seen[parts_at - 1 : parts_at + 1] == [[1], [2, 3]]
+    assert seen[parts_at + 3 :] == [[2]] * 6
+    assert cells.attrs["parents"] == [[2, 1], [3, 1]]
+
+
+@pytest.mark.parametrize("cut_at", [0, 7])
+@pytest.mark.parametrize(("start", "speed"), [(40, 1), (75, 2)])
+def test_a_cell_that_is_cut_for_two_frames_is_one(cut_at: int, start: int, speed: int) -> None:
+    """Through its middle or at its side, in the field or while it leaves."""
+
+    def cells_at(t: int) -> list[np.ndarray]:
+        cell = cap(48, start + speed * t, 12) > 0
+        rows = np.arange(SIDE)[:, None]
+        parts = [cell & (rows < 47 - cut_at), cell & (rows > 48 - cut_at)]
+        return parts if t in (7, 8) else [cell]
+
+    cells = p4d.follow_cells(drawn(cells_at))
+    assert [np.unique(frame[frame > 0]).tolist() for frame in cells.values[:9]] == (
+        [[1]] * 7 + [[1, 2]] * 2
+    )
+    assert set(np.unique(cells.values[9:])) <= {0, 1}
     assert cells.attrs["parents"] == []
 
 

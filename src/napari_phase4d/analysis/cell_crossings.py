@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DAUGHTER", "Ways", "touching_pairs"]
+__all__ = ["DAUGHTER", "LEAST_PART", "Ways", "touching_pairs"]
 
 #: Cells touch where at most so many pixels lie between them.
 BETWEEN = 2
@@ -22,6 +22,9 @@ SHARED = 0.95
 #: A daughter takes at most this share of its parent's area, and less where the other one begins at
 #: the border of the frame.
 DAUGHTER, DAUGHTER_AT_EDGE = 0.85, 0.75
+#: Smaller than this share of the one beside it, a part is no cell: neither is it what is left of
+#: one that another covers, nor a daughter if it is gone again at once.
+LEAST_PART = 0.35
 #: Frames before and after a meeting by which the way of a cell is told.
 FRAMES = 5
 #: Cells that do not touch for so many frames are still in the same meeting.
@@ -171,7 +174,7 @@ class Ways:
         """Return the daughters of a track that parts, none if it was several cells before."""
         kids = self._kids[number]
         guests = self._hidden.pop(number, []) or self._late(kids)
-        lasting = [kid for kid in kids if not self._is_splinter(kid)]
+        lasting = [kid for kid in kids if not self._is_splinter(kid, kids)]
         if guests:
             self._go_on(number, guests, kids)
         elif len(lasting) == 1:
@@ -195,11 +198,22 @@ class Ways:
         most = DAUGHTER_AT_EDGE if came_in else DAUGHTER
         return bool(self.areas[begins[kid]] <= most * whole)
 
-    def _is_splinter(self, number: int) -> bool:
-        """Say whether a track is gone again at once."""
-        end = self._end(number)
+    def _is_splinter(self, number: int, kids: list[int]) -> bool:
+        """Say whether a track is gone again at once, and was no daughter either.
+
+        A daughter may soon leave at the border, or not be found any more. A part that is small, or
+        that another part takes in again, was cut off by mistake.
+        """
+        end, last = self._end(number), self._spots[number][-1]
         short = end - self._start(number) < PAUSE
-        return short and end < int(self.frames[-1]) and number not in self._kids
+        if not short or end >= int(self.frames[-1]) or number in self._kids:
+            return False
+        begins = {kid: self.areas[self._spots[kid][0]] for kid in kids}
+        small = begins[number] < LEAST_PART * max(begins.values())
+        sisters = [spot for kid in kids for spot in self._spots[kid] if kid != number]
+        return bool(small and not self.at_edge[last]) or any(
+            self.frames[spot] == end and self._takes_in(spot, last) for spot in sisters
+        )
 
     def _late(self, kids: list[int]) -> list[int]:
         """Return the track of which a splinter was still seen when it parted as one of these."""
@@ -234,14 +248,22 @@ class Ways:
         for other in np.flatnonzero(self.frames == frame).tolist():
             if other == spot:
                 continue
-            among = self._spots[int(self.track[other])]
-            then = among[min(among.index(other) + 1, len(among) - 1)]
+            then = self._next(other)
             close = other in self._beside[spot]
-            grown = self.areas[then] - self.areas[other] >= TAKEN_IN * self.areas[spot]
             way = float(np.hypot(*(self.places[then, :2] - self.places[spot, :2])))
-            if (close or grown) and way < best:
+            if (close or self._takes_in(other, spot)) and way < best:
                 best, host = way, int(self.track[other])
         return host
+
+    def _next(self, spot: int) -> int:
+        """Return the spot that follows one on its track, itself where it is the last."""
+        among = self._spots[int(self.track[spot])]
+        return among[min(among.index(spot) + 1, len(among) - 1)]
+
+    def _takes_in(self, other: int, spot: int) -> bool:
+        """Say whether a cell grows by what another one had."""
+        grown = self.areas[self._next(other)] - self.areas[other]
+        return bool(grown >= TAKEN_IN * self.areas[spot])
 
     def _go_on(self, host: int, guests: list[int], kids: list[int]) -> None:
         """Name the parts of a track after it, and those that were hidden in it, the nearest."""
