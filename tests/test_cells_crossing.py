@@ -195,6 +195,20 @@ def test_a_cell_that_is_cut_for_two_frames_is_one(cut_at: int, start: int, speed
     )
     assert set(np.unique(cells.values[9:])) <= {0, 1}
     assert cells.attrs["parents"] == []
+    assert all(6 * end < 9 for _, _, _, end in cells.attrs["overlaps"])
+
+
+def test_a_cell_that_is_cut_for_a_moment_may_divide_soon_after() -> None:
+    def cells_at(t: int) -> list[np.ndarray]:
+        if t >= 8:
+            return [cap(48 + side * (9 + t - 8), 48, 8.5) > 0 for side in (-1, 1)]
+        cell, rows = cap(48, 48, 12) > 0, np.arange(SIDE)[:, None]
+        return [cell & (rows < 47), cell & (rows > 48)] if t == 3 else [cell]
+
+    cells = p4d.follow_cells(drawn(cells_at))
+    seen = [np.unique(frame[frame > 0]).tolist() for frame in cells.values]
+    assert seen == [[1]] * 3 + [[1, 2]] + [[1]] * 4 + [[3, 4]] * 6
+    assert cells.attrs["parents"] == [[3, 1], [4, 1]]
 
 
 def test_errors_grow_while_cells_lie_over_one_another() -> None:

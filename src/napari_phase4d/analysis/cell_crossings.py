@@ -101,8 +101,11 @@ class Ways:
         self._kids: dict[int, list[int]] = defaultdict(list)
         for daughter, parent in divisions:
             self._kids[parent].append(daughter)
+        self._born = {daughter for daughter, _ in divisions}
         #: Tracks that have ended in another one.
         self._hidden: dict[int, list[int]] = defaultdict(list)
+        #: Tracks of parts that were cut off by mistake: no cells that others could take in.
+        self._cut_off: set[int] = set()
         #: Track to the one that it goes on from.
         self._names: dict[int, int] = {}
         #: Whether a spot is several cells, or a part of what several cover.
@@ -132,14 +135,13 @@ class Ways:
 
     def _parted(self) -> list[tuple[int, int]]:
         """Let the parts of a cell that was several go on as these; return the other divisions."""
-        born = {kid for some in self._kids.values() for kid in some}
         events = [
             (self._end(number), ENDS + (number in self._kids), number) for number in self._spots
         ]
         events += [
             (self._start(number) - 1, STARTS, number)
             for number in self._spots
-            if number not in born
+            if number not in self._born
         ]
         left: list[tuple[int, int]] = []
         for frame, kind, number in sorted(events):
@@ -157,9 +159,17 @@ class Ways:
 
     def _go_in(self, number: int) -> None:
         """Hide a track that ends in the one that has taken it in, if there is one."""
-        host = self._host_of(number)
+        host = None if self._was_cut_off(number) else self._host_of(number)
         if host is not None:
             self._hidden[host] += [number, *self._hidden.pop(number, [])]
+
+    def _was_cut_off(self, number: int) -> bool:
+        """Say whether a track is no cell but a part that was there for a moment."""
+        start = self._spots[number][0]
+        from_nowhere = number not in self._names and number not in self._born
+        short = self._end(number) - self._start(number) < PAUSE
+        came_in = self.at_edge[start] or self._start(number) == int(self.frames[0])
+        return number in self._cut_off or bool(from_nowhere and short and not came_in)
 
     def _come_out(self, number: int) -> None:
         """Let a track that begins beside another be the one that was hidden in that."""
@@ -179,6 +189,7 @@ class Ways:
             self._go_on(number, guests, kids)
         elif len(lasting) == 1:
             self._names[lasting[0]] = self._name(number)
+            self._cut_off |= set(kids) - set(lasting)
         elif all(self._is_daughter(kid, number, kids) for kid in kids):
             return kids
         else:  # another has come close to it
