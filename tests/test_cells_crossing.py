@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from collections.abc import Callable
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
+from napari_phase4d.analysis.cell_table import shared
 from napari_phase4d.analysis.cells import keep_apart
 
 N_TIMES, SIDE, RADIUS, SPEED = 41, 96, 9.0, 1.6
@@ -221,6 +224,25 @@ def test_errors_grow_while_cells_lie_over_one_another() -> None:
     assert 0.55 < (off <= table["dry mass error (pg)"]).mean() < 0.85
     assert (off <= 2 * table["dry mass error (pg)"]).mean() > 0.9
     assert (off > 10 * table["dry mass error (pg)"]).sum() == 0
+
+
+def test_the_memory_for_overlaps_grows_with_the_table_alone() -> None:
+    """A thousand overlaps in twelve thousand rows would be 12 MB for each way to note them."""
+    rows = [(cell, time, 0.0, True) for time in range(400) for cell in range(1, 31)]
+    table = pd.DataFrame(rows, columns=["cell", "time (s)", "angle (deg)", "whole"])
+    mixed = (table["cell"] < 26) & (table["time (s)"] % 10).between(6, 8)
+    masses = np.where(mixed, 40.0, 50.0)
+    overlaps = [
+        (cell, 0.0, begin, begin + 2.0) for cell in range(1, 26) for begin in range(6, 400, 10)
+    ]
+    tracemalloc.start()
+    try:
+        off = shared(table, masses, overlaps)
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert most < 4e6
+    np.testing.assert_allclose(off, np.where(mixed, 10.0, 0.0))
 
 
 def test_overlaps_that_are_none_are_refused() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
@@ -178,21 +179,21 @@ def shared(
     together is shared between them.
     """
     off = np.zeros(len(table))
-    cells, times, angles = (
-        table[name].to_numpy(np.float64) for name in ("cell", "time (s)", "angle (deg)")
-    )
-    runs = [
-        (cells == cell) & (angles == angle) & (begin <= times) & (times <= end)
-        for cell, angle, begin, end in overlaps
-    ]
-    mixed = np.any(runs, axis=0) if runs else off > 0
-    for (cell, angle, *_), run in zip(overlaps, runs, strict=True):
-        own = (cells == cell) & (angles == angle)
-        free = np.flatnonzero(own & ~mixed & table["whole"].to_numpy(bool))
-        if len(free) and run.any():
-            free = free[np.argsort(times[free])]
-            way = masses[run] - np.interp(times[run], times[free], masses[free])
-            off[run] = math.sqrt(float(np.mean(way**2)))
+    times, whole = table["time (s)"].to_numpy(np.float64), table["whole"].to_numpy(bool)
+    spans: dict[tuple[float, float], list[tuple[float, float]]] = defaultdict(list)
+    for cell, angle, begin, end in overlaps:
+        spans[cell, angle].append((begin, end))
+    # As many masks as overlaps, each of all rows, would take more memory than the table.
+    rows_of = table.groupby(["cell", "angle (deg)"]).indices
+    for key in spans.keys() & rows_of.keys():
+        rows = np.sort(rows_of[key])
+        runs = [rows[(begin <= times[rows]) & (times[rows] <= end)] for begin, end in spans[key]]
+        free = np.setdiff1d(rows[whole[rows]], np.concatenate(runs))
+        free = free[np.argsort(times[free])]
+        for run in runs if len(free) else ():
+            if len(run):
+                way = masses[run] - np.interp(times[run], times[free], masses[free])
+                off[run] = math.sqrt(float(np.mean(way**2)))
     return off
 
 
