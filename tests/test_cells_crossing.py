@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
+from napari_phase4d.analysis import summary_of_cells
 from napari_phase4d.analysis.cell_table import shared
 from napari_phase4d.analysis.cells import keep_apart
 
@@ -224,6 +225,23 @@ def test_errors_grow_while_cells_lie_over_one_another() -> None:
     assert 0.55 < (off <= table["dry mass error (pg)"]).mean() < 0.85
     assert (off <= 2 * table["dry mass error (pg)"]).mean() > 0.9
     assert (off > 10 * table["dry mass error (pg)"]).sum() == 0
+
+
+def test_a_cell_that_is_never_seen_alone_has_no_error() -> None:
+    """Only the frames are measured in which one of two cells lies over the other."""
+    phase = recording([straight(20), straight(150, 3)], (RADIUS, RADIUS), 0.1)
+    cells = p4d.find_cells(phase)
+    overlaps = np.array(cells.attrs["overlaps"])
+    begin, end = np.rint(6 * overlaps[overlaps[:, 0] == 1, 2:]).astype(int).T
+    frames = slice(begin[0], end[0] + 1)
+    table = p4d.measure(phase[frames], cells[frames], p4d.Optics())
+    own = table[table["cell"] == 1]
+    assert len(own) > 3
+    assert own["dry mass (pg)"].notna().all()
+    for name in ("dry mass", "mass density", "mean optical path difference"):
+        assert own.filter(regex=f"^{name} error").isna().all(axis=None)
+    summary = summary_of_cells(table)
+    assert summary["dry mass error (pg)"].isna().tolist()[0]
 
 
 def test_the_memory_for_overlaps_grows_with_the_table_alone() -> None:
