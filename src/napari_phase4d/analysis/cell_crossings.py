@@ -8,7 +8,7 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["DAUGHTER", "Ways", "touching_pairs"]
+__all__ = ["DAUGHTER", "LEAST_PART", "Ways", "touching_pairs"]
 
 #: Cells touch where at most so many pixels lie between them.
 BETWEEN = 2
@@ -22,6 +22,9 @@ SHARED = 0.95
 #: A daughter takes at most this share of its parent's area, and less where the other one begins at
 #: the border of the frame.
 DAUGHTER, DAUGHTER_AT_EDGE = 0.85, 0.75
+#: Smaller than this share of the one beside it, a part is no cell: neither is it what is left of
+#: one that another covers, nor a daughter if it is gone again at once.
+LEAST_PART = 0.35
 #: Frames before and after a meeting by which the way of a cell is told.
 FRAMES = 5
 #: Cells that do not touch for so many frames are still in the same meeting.
@@ -98,8 +101,11 @@ class Ways:
         self._kids: dict[int, list[int]] = defaultdict(list)
         for daughter, parent in divisions:
             self._kids[parent].append(daughter)
+        self._born = {daughter for daughter, _ in divisions}
         #: Tracks that have ended in another one.
         self._hidden: dict[int, list[int]] = defaultdict(list)
+        #: Tracks of parts that were cut off by mistake: no cells that others could take in.
+        self._cut_off: set[int] = set()
         #: Track to the one that it goes on from.
         self._names: dict[int, int] = {}
         #: Whether a spot is several cells, or a part of what several cover.
@@ -114,8 +120,7 @@ class Ways:
         for one, others in self._beside.items():
             for other in others:
                 self._meet(self.track[one], self.track[other], self.frames[one])
-        for pair, met in sorted(self._meetings(), key=lambda each: each[1][0]):
-            self._go_straight(pair, met)
+        self._untwist()
         ends = ((self._spots[kid][0], self._spots[parent][-1]) for kid, parent in left)
         return [(int(self.track[a]), int(self.track[b])) for a, b in ends]
 
@@ -130,14 +135,13 @@ class Ways:
 
     def _parted(self) -> list[tuple[int, int]]:
         """Let the parts of a cell that was several go on as these; return the other divisions."""
-        born = {kid for some in self._kids.values() for kid in some}
         events = [
             (self._end(number), ENDS + (number in self._kids), number) for number in self._spots
         ]
         events += [
             (self._start(number) - 1, STARTS, number)
             for number in self._spots
-            if number not in born
+            if number not in self._born
         ]
         left: list[tuple[int, int]] = []
         for frame, kind, number in sorted(events):
@@ -155,9 +159,17 @@ class Ways:
 
     def _go_in(self, number: int) -> None:
         """Hide a track that ends in the one that has taken it in, if there is one."""
-        host = self._host_of(number)
+        host = None if self._was_cut_off(number) else self._host_of(number)
         if host is not None:
             self._hidden[host] += [number, *self._hidden.pop(number, [])]
+
+    def _was_cut_off(self, number: int) -> bool:
+        """Say whether a track is no cell but a part that was there for a moment."""
+        start = self._spots[number][0]
+        from_nowhere = number not in self._names and number not in self._born
+        short = self._end(number) - self._start(number) < PAUSE
+        came_in = self.at_edge[start] or self._start(number) == int(self.frames[0])
+        return number in self._cut_off or bool(from_nowhere and short and not came_in)
 
     def _come_out(self, number: int) -> None:
         """Let a track that begins beside another be the one that was hidden in that."""
@@ -172,11 +184,12 @@ class Ways:
         """Return the daughters of a track that parts, none if it was several cells before."""
         kids = self._kids[number]
         guests = self._hidden.pop(number, []) or self._late(kids)
-        lasting = [kid for kid in kids if not self._is_splinter(kid)]
+        lasting = [kid for kid in kids if not self._is_splinter(kid, kids)]
         if guests:
             self._go_on(number, guests, kids)
         elif len(lasting) == 1:
             self._names[lasting[0]] = self._name(number)
+            self._cut_off |= set(kids) - set(lasting)
         elif all(self._is_daughter(kid, number, kids) for kid in kids):
             return kids
         else:  # another has come close to it
@@ -196,11 +209,22 @@ class Ways:
         most = DAUGHTER_AT_EDGE if came_in else DAUGHTER
         return bool(self.areas[begins[kid]] <= most * whole)
 
-    def _is_splinter(self, number: int) -> bool:
-        """Say whether a track is gone again at once."""
-        end = self._end(number)
+    def _is_splinter(self, number: int, kids: list[int]) -> bool:
+        """Say whether a track is gone again at once, and was no daughter either.
+
+        A daughter may soon leave at the border, or not be found any more. A part that is small, or
+        that another part takes in again, was cut off by mistake.
+        """
+        end, last = self._end(number), self._spots[number][-1]
         short = end - self._start(number) < PAUSE
-        return short and end < int(self.frames[-1]) and number not in self._kids
+        if not short or end >= int(self.frames[-1]) or number in self._kids:
+            return False
+        begins = {kid: self.areas[self._spots[kid][0]] for kid in kids}
+        small = begins[number] < LEAST_PART * max(begins.values())
+        sisters = [spot for kid in kids for spot in self._spots[kid] if kid != number]
+        return bool(small and not self.at_edge[last]) or any(
+            self.frames[spot] == end and self._takes_in(spot, last) for spot in sisters
+        )
 
     def _late(self, kids: list[int]) -> list[int]:
         """Return the track of which a splinter was still seen when it parted as one of these."""
@@ -235,14 +259,22 @@ class Ways:
         for other in np.flatnonzero(self.frames == frame).tolist():
             if other == spot:
                 continue
-            among = self._spots[int(self.track[other])]
-            then = among[min(among.index(other) + 1, len(among) - 1)]
+            then = self._next(other)
             close = other in self._beside[spot]
-            grown = self.areas[then] - self.areas[other] >= TAKEN_IN * self.areas[spot]
             way = float(np.hypot(*(self.places[then, :2] - self.places[spot, :2])))
-            if (close or grown) and way < best:
+            if (close or self._takes_in(other, spot)) and way < best:
                 best, host = way, int(self.track[other])
         return host
+
+    def _next(self, spot: int) -> int:
+        """Return the spot that follows one on its track, itself where it is the last."""
+        among = self._spots[int(self.track[spot])]
+        return among[min(among.index(spot) + 1, len(among) - 1)]
+
+    def _takes_in(self, other: int, spot: int) -> bool:
+        """Say whether a cell grows by what another one had."""
+        grown = self.areas[self._next(other)] - self.areas[other]
+        return bool(grown >= TAKEN_IN * self.areas[spot])
 
     def _go_on(self, host: int, guests: list[int], kids: list[int]) -> None:
         """Name the parts of a track after it, and those that were hidden in it, the nearest."""
@@ -269,21 +301,53 @@ class Ways:
 
     # ---- on their own ways -----------------------------------------------------------------
 
+    def _untwist(self) -> None:
+        """Look at all meetings, the earliest first, and exchange tracks that have swum on."""
+        waiting = self._in_order()
+        while waiting:
+            pair, met = waiting.pop()
+            self._meets[pair] -= set(range(met[0], met[1] + 1))
+            since = self._crossed_at(pair, met)
+            if since is not None:
+                self._exchange(pair, since)
+                waiting = self._in_order()
+
+    def _in_order(self) -> list[tuple[tuple[int, int], list[int]]]:
+        """Return the meetings that were not looked at, the earliest last."""
+        return sorted(self._meetings(), key=lambda each: (each[1][0], each[0]), reverse=True)
+
+    def _exchange(self, pair: tuple[int, int], since: int) -> None:
+        """Let two tracks be each other from a frame on, also where they meet others later."""
+        later = self.frames >= since
+        one, other = (later & (self.track == number) for number in pair)
+        self.track[one], self.track[other] = pair[1], pair[0]
+        turned = dict(zip(pair, reversed(pair), strict=True))
+        moved: list[tuple[int, int, int]] = []
+        for met, frames in self._meets.items():
+            if len(turned.keys() & set(met)) == 1:
+                gone = {frame for frame in frames if frame >= since}
+                frames.difference_update(gone)
+                moved += [(*met, frame) for frame in gone]
+        for a, b, frame in moved:
+            self._meet(turned.get(a, a), turned.get(b, b), frame)
+
     def _meetings(self) -> Iterable[tuple[tuple[int, int], list[int]]]:
         """Yield pairs of tracks, and the frames from which to which they meet."""
         for pair, frames in self._meets.items():
+            if not frames:
+                continue
             ordered = np.array(sorted(frames))
             for run in np.split(ordered, np.flatnonzero(np.diff(ordered) > PAUSE) + 1):
                 yield pair, [int(run[0]), int(run[-1])]
 
-    def _go_straight(self, pair: tuple[int, int], met: list[int]) -> None:
-        """Exchange two tracks from where they cover each other most, if they swim on so."""
+    def _crossed_at(self, pair: tuple[int, int], met: list[int]) -> int | None:
+        """Return the frame in which two tracks cover each other most, if they have swum on."""
         spots = [np.flatnonzero(self.track == number) for number in pair]
         before = [s[self.frames[s] < met[0]][-FRAMES:] for s in spots]
         after = [s[self.frames[s] > met[1]][:FRAMES] for s in spots]
         sides = [side for side in (before, after) if all(len(s) for s in side)]
         if not sides:
-            return
+            return None
         apart = float(np.mean([sum(self.areas[s].mean() for s in side) for side in sides]))
         covered: dict[int, float] = defaultdict(float)
         for of_one in spots:
@@ -293,7 +357,7 @@ class Ways:
         for of_one in spots:
             self.mixed[of_one[np.isin(self.frames[of_one], over)]] = True
         if len(sides) < 2 or not covered or min(covered.values()) > COVERED * apart:
-            return
+            return None
         middle = min(covered, key=lambda frame: covered[frame])
         length = max(met[1] - met[0], FRAMES)
         come, gone = ([self._way(s, middle, length) for s in side] for side in (before, after))
@@ -301,9 +365,7 @@ class Ways:
             sum(float(np.sum((come[i] - gone[j]) ** 2)) for i, j in enumerate(order))
             for order in ((0, 1), (1, 0))
         )
-        if crossed < kept:
-            for of_one, number in zip(spots, reversed(pair), strict=True):
-                self.track[of_one[self.frames[of_one] >= middle]] = number
+        return middle if crossed < kept else None
 
     def _way(self, spots: Ints, frame: int, length: int) -> Floats:
         """Return where a cell would be in a frame, its size, and how far it swims meanwhile."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from typing import Any
 
@@ -112,9 +113,8 @@ def table_of_cells(
     masses, errors = masses * own, errors * own
     errors = np.hypot(errors, shared(table, masses, overlaps))
     area = table["count"].to_numpy() * pixel_um2
-    increment = refraction_increment_ml_per_g
-    mass = np.array([optics.dry_mass_pg(s, pixel_um2, increment) for s in masses])
-    mass_error = np.array([optics.dry_mass_pg(e, pixel_um2, increment) for e in errors])
+    mass_of_one = optics.dry_mass_pg(1.0, pixel_um2, refraction_increment_ml_per_g)
+    mass, mass_error = masses * mass_of_one, errors * mass_of_one  # a NaN stays one
     mean, mean_error = (each / table["count"].to_numpy() for each in (sums, errors))
     largest = table["largest"].to_numpy() * table["along"].to_numpy()
     columns: dict[str, Any] = {
@@ -175,24 +175,26 @@ def shared(
     """Return how far masses lie from those before and after, where cells lie over one another.
 
     It is the root mean square over each time that they do: nobody knows how what they have
-    together is shared between them.
+    together is shared between them. It is NaN where a cell is never seen alone and whole.
     """
     off = np.zeros(len(table))
-    cells, times, angles = (
-        table[name].to_numpy(np.float64) for name in ("cell", "time (s)", "angle (deg)")
-    )
-    runs = [
-        (cells == cell) & (angles == angle) & (begin <= times) & (times <= end)
-        for cell, angle, begin, end in overlaps
-    ]
-    mixed = np.any(runs, axis=0) if runs else off > 0
-    for (cell, angle, *_), run in zip(overlaps, runs, strict=True):
-        own = (cells == cell) & (angles == angle)
-        free = np.flatnonzero(own & ~mixed & table["whole"].to_numpy(bool))
-        if len(free) and run.any():
-            free = free[np.argsort(times[free])]
-            way = masses[run] - np.interp(times[run], times[free], masses[free])
-            off[run] = math.sqrt(float(np.mean(way**2)))
+    times, whole = table["time (s)"].to_numpy(np.float64), table["whole"].to_numpy(bool)
+    spans: dict[tuple[float, float], list[tuple[float, float]]] = defaultdict(list)
+    for cell, angle, begin, end in overlaps:
+        spans[cell, angle].append((begin, end))
+    # As many masks as overlaps, each of all rows, would take more memory than the table.
+    rows_of = table.groupby(["cell", "angle (deg)"]).indices
+    for key in spans.keys() & rows_of.keys():
+        rows = np.sort(rows_of[key])
+        runs = [rows[(begin <= times[rows]) & (times[rows] <= end)] for begin, end in spans[key]]
+        free = np.setdiff1d(rows[whole[rows]], np.concatenate(runs))
+        free = free[np.argsort(times[free])]
+        for run in runs:
+            if not len(free):
+                off[run] = np.nan
+            elif len(run):
+                way = masses[run] - np.interp(times[run], times[free], masses[free])
+                off[run] = math.sqrt(float(np.mean(way**2)))
     return off
 
 

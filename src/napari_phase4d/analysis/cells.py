@@ -17,7 +17,7 @@ import scipy
 import skimage
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.analysis.cell_crossings import DAUGHTER, Ways, touching_pairs
+from napari_phase4d.analysis.cell_crossings import DAUGHTER, LEAST_PART, Ways, touching_pairs
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
@@ -29,8 +29,6 @@ __all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
 
 #: A cell of the frame before takes part in a blob where this share of it lies in the blob.
 OVERLAP = 0.35
-#: What is left of a cell that another covers is kept apart while it has this share of the other.
-LEAST_PART = 0.35
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
 #: frames without them as here.
 REACH, GAP, MOST_GAP = 1.0, 2, 1000

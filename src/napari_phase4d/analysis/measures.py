@@ -194,6 +194,7 @@ def measure(
         column after it, "dry mass error (pg)" and so on. An error is one standard deviation: of
         means over as much empty field, of where the cell ends, of pixels in doubt, and of how
         cells that lie over one another share what they hold; not of the refraction increment.
+        It is NaN while a cell lies over another if it is never seen alone and wholly in view.
 
         Where views differ in wavelength, "wavelength (um)" stands beside the angle.
 
