@@ -8,7 +8,7 @@ import inspect
 import os
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -139,10 +139,85 @@ def test_what_a_function_says_that_it_takes(given: dict[str, Any], sentence: str
     assert str(caught.value).startswith(sentence)
 
 
+class OneByOne:
+    """What gives its parts one by one and can't tell how many they are."""
+
+    def __init__(self, parts: Iterable[Any]) -> None:
+        self.parts = parts
+
+    def __iter__(self) -> Iterator[Any]:
+        return iter(self.parts)
+
+
 def test_what_is_right_goes_through() -> None:
     call = checked_call(example)
-    for pair in ((1, 2), [1, 2], np.array([1, 2])):
+    for pair in ((1, 2), [1, 2], np.array([1, 2]), pd.Series([1, 2], index=[5, 6])):
         assert call(np.int64(3), pair, Path("x"), object()) == 3
+    assert call(np.array(3), (1, 2)) == 3
     assert call.__name__ == "example"
-    assert parts_of("Mapping[str, int | None] | None", "|") == ["Mapping[str, int | None]", "None"]
+    assert parts_of("Mapping[str, int | None] | None", "|") == ("Mapping[str, int | None]", "None")
     assert in_words("Sequence[str] | Optics", example) == "a list, each a text or an Optics"
+
+
+#: A right call in its usual form, and others that say the same.
+SAME: dict[str, tuple[Callable[[Any], Any], Any, list[Callable[[Any], Any]]]] = {
+    "pictures": (plotting.phase_limits, [*EXACT.values[0]], [np.array, tuple]),
+    "files": (
+        lambda files: pipeline.result_folders(files, "out"),
+        ["b/a.npy", "a.npy"],
+        [iter, pd.Series, pd.Index, np.array, OneByOne],
+    ),
+    "wavelengths": (
+        lambda light: simulation.at_wavelengths(DATA, light)["phase"].values.tolist(),
+        [0.5, 0.6],
+        [iter, pd.Series, np.array, xr.DataArray, OneByOne, lambda f: [*map(np.array, f)]],
+    ),
+    "noise": (
+        lambda noise: simulation.with_noise(DATA, noise)["phase"].values.tolist(),
+        0.3,
+        [np.array, xr.DataArray, np.float64],
+    ),
+    "lobes": (
+        lambda lobes: p4d.reconstruct(RECORDING, lobes, background="none").to_dict(),
+        [LOBE],
+        [iter, pd.Series, tuple, OneByOne],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", SAME)
+def test_what_says_the_same_gives_the_same(case: str) -> None:
+    call, usual, others = SAME[case]
+    expected = call(usual)
+    for as_another in others:
+        assert call(as_another(usual)) == expected
+
+
+def test_a_movie_takes_what_gives_its_frames_one_by_one(tmp_path: Path) -> None:
+    frames = [np.full((8, 8, 3), grey, np.uint8) for grey in (0, 90, 180)]
+    usual = files.write_movie(tmp_path / "usual.gif", frames).read_bytes()
+    for number, as_another in enumerate((iter, np.array, OneByOne)):
+        path = files.write_movie(tmp_path / f"{number}.gif", as_another(frames))
+        assert path.read_bytes() == usual
+
+
+def test_a_batch_takes_files_that_are_found_one_by_one(tmp_path: Path) -> None:
+    for name in ("a.npy", "b.npy"):
+        np.save(tmp_path / name, WRAPPED.values)
+    recipe = p4d.Recipe(content="phase", methods=("spatial-2d",))
+    table = pipeline.run_batch(recipe, tmp_path.glob("*.npy"), tmp_path / "out")
+    assert table["status"].tolist() == ["done", "done"]
+    again = pipeline.run_batch(recipe, table["file"], tmp_path / "out", resume=True)
+    assert again["status"].tolist() == ["complete already"] * 2
+
+
+@pytest.mark.parametrize("wrong", [np.ones(3), np.ones((2, 2)), ["a"], "a", pd.Series([1.0])])
+def test_numbers_and_words_are_no_lobes(wrong: Any) -> None:
+    with pytest.raises(TypeError, match="lobes must be a list, each a Lobe"):
+        holography.lobe_warnings(wrong)
+
+
+@pytest.mark.parametrize("wrong", ["a.npy", {"a.npy": 1}, pd.DataFrame({"a": ["b"]}), [3], 3])
+def test_words_tables_and_numbers_are_no_files(wrong: Any) -> None:
+    with pytest.raises(TypeError, match="files must be a list, each a text or a path"):
+        pipeline.result_folders(wrong, "out")

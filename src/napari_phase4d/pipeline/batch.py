@@ -6,7 +6,7 @@ import errno
 import math
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -229,7 +229,7 @@ NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 @checked_call
 def run_batch(
     recipe: Recipe,
-    files: str | Path | Sequence[str | Path],
+    files: str | Path | Iterable[str | Path],
     out: str | Path,
     *,
     resume: bool = False,
@@ -254,7 +254,7 @@ def run_batch(
     ----------
     recipe : Recipe
         All settings but the recording.
-    files : sequence of str or Path
+    files : iterable of str or Path
         Recordings or wrapped phase; what is given twice is run once.
     out : str or Path
         Folder for the results; made if it is not there.
@@ -297,8 +297,7 @@ def run_batch(
     Cancelled
         If ``cancelled()`` returned True; what is complete stays, nothing is half-written.
     """
-    if isinstance(files, str | Path):
-        files = [files]
+    files = [files] if isinstance(files, str | Path) else list(files)
     check_bool("resume", resume)
     for name, call in {"told": told, "prepared": prepared, "finished": finished}.items():
         check_call(name, call)

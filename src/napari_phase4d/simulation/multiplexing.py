@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -281,7 +281,7 @@ PATHS_UM = (0.25, 0.6, 1.5, 4.0, 9.0, 20.0)
 
 @checked_call
 def at_wavelengths(
-    data: xr.Dataset, wavelengths_um: Sequence[float], *, cauchy_um2: float = 0.0
+    data: xr.Dataset, wavelengths_um: Iterable[float], *, cauchy_um2: float = 0.0
 ) -> xr.Dataset:
     """Show an object at several wavelengths, each from all of its angles.
 
@@ -294,7 +294,7 @@ def at_wavelengths(
     data : Dataset
         With exact ``phase`` in radians, dims (time, angle, y, x), at one wavelength, which its
         ``attrs["wavelength_um"]`` holds, as `step_phantom` or `swimming_euglena` makes it.
-    wavelengths_um : sequence of float
+    wavelengths_um : iterable of float
         In micrometres, all different.
     cauchy_um2 : float, optional
         C in square micrometres, default 0: an object without dispersion. At the wavelength of
@@ -331,6 +331,7 @@ def at_wavelengths(
     if own is None or len(set(own)) > 1 or WAVELENGTH in exact.coords:
         msg = 'data must note its one wavelength, as attrs["wavelength_um"] of its phase'
         raise ValueError(msg)
+    wavelengths_um = list(wavelengths_um)
     light = np.sort(as_numbers("wavelengths_um", wavelengths_um).astype(np.float64).ravel())
     if not len(light) or not (light > 0).all() or (np.diff(light) <= 0).any():
         msg = f"wavelengths_um must be different lengths above 0, but is {shown(wavelengths_um)}"
