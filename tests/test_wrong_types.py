@@ -6,6 +6,7 @@ import datetime as dt
 import decimal
 import inspect
 import os
+import re
 import traceback
 import warnings
 from collections.abc import Callable, Iterable, Iterator
@@ -157,6 +158,37 @@ def test_what_is_right_goes_through() -> None:
     assert call.__name__ == "example"
     assert parts_of("Mapping[str, int | None] | None", "|") == ("Mapping[str, int | None]", "None")
     assert in_words("Sequence[str] | Optics", example) == "a list, each a text or an Optics"
+
+
+#: What is of another kind -> how its refusal ends, which says where to get the right one.
+ADVISED: dict[str, tuple[Callable[[], Any], str]] = {
+    "noise": (lambda: simulation.with_noise(3), 'a Dataset, but is 3; give one with "phase", as'),
+    "fault": (lambda: simulation.with_fault(3, "black frame"), 'is 3; give one with "phase", as'),
+    "light": (lambda: simulation.at_wavelengths(3, [0.5]), 'is 3; give one with "phase", as step'),
+    "video": (lambda: simulation.multiplexed_video(3), "is 3; give exact phase, as budding_yeast"),
+    "optics": (lambda: simulation.multiplexed_video(EXACT, 3), "is 3; give Optics(wavelength_um="),
+    "spectrum": (lambda: p4d.power_spectrum(3), "is 3; open_recording() makes one of a file or a"),
+    "sinogram": (lambda: files.write_sinogram("a.h5", 3), "is 3; give what sinogram() returned"),
+    "recipe": (lambda: p4d.run(3), "a Recipe, but is 3; give Recipe(...), or Recipe.from_file(pa"),
+    "recording": (lambda: p4d.run(p4d.Recipe(), 3), "None, but is 3; open_recording() makes on"),
+    "batch": (lambda: pipeline.run_batch(3, [], "out"), "is 3; give Recipe(...), or Recipe.from_"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", ADVISED)
+def test_a_refusal_says_where_to_get_the_right_one(case: str) -> None:
+    call, sentence = ADVISED[case]
+    with pytest.raises(TypeError, match=re.escape(sentence)):
+        call()
+
+
+@pytest.mark.parametrize(
+    ("name", "wanted"),
+    [("resume", "True or False"), *((n, "a function") for n in ("told", "prepared", "finished"))],
+)
+def test_a_batch_refuses_what_is_no_switch_and_no_function(name: str, wanted: str) -> None:
+    with pytest.raises(TypeError, match=f"{name} must be {wanted}.*, but is 3"):
+        pipeline.run_batch(p4d.Recipe(), [], "out", **{name: 3})  # type: ignore[arg-type]
 
 
 #: A right call in its usual form, and others that say the same.

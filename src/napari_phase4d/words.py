@@ -280,8 +280,9 @@ def as_taken(name: str, value: Any, function: Callable[..., Any], advice: str) -
     plain = as_plain(value)
     if is_any_of(plain, said, function):
         return plain
-    msg = f"{name} must be {in_words(said, function)}, but is {shown(value)}"
-    raise TypeError(f"{msg}; {advice}" if advice else msg)
+    end = f"; {advice}" if advice else ""
+    msg = f"{name} must be {in_words(said, function)}, but is {shown(value)}{end}"
+    raise TypeError(msg)
 
 
 def as_plain(value: Any) -> Any:

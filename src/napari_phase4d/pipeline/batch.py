@@ -34,10 +34,8 @@ from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import (
+    advised_call,
     as_path,
-    check_bool,
-    check_call,
-    checked_call,
     counted,
     is_expected,
     local_path,
@@ -226,7 +224,7 @@ def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
-@checked_call
+@advised_call(recipe="give Recipe(...), or Recipe.from_file(path)")
 def run_batch(
     recipe: Recipe,
     files: str | Path | Iterable[str | Path],
@@ -298,9 +296,6 @@ def run_batch(
         If ``cancelled()`` returned True; what is complete stays, nothing is half-written.
     """
     files = [files] if isinstance(files, str | Path) else list(files)
-    check_bool("resume", resume)
-    for name, call in {"told": told, "prepared": prepared, "finished": finished}.items():
-        check_call(name, call)
     wish = Wish(
         recipe, resume, checked_form(form), truth, scheduler, cancelled, prepared, finished
     )
