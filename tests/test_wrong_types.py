@@ -17,6 +17,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from matplotlib.figure import Figure
 
 import napari_phase4d as p4d
 from napari_phase4d import analysis, holography, pipeline, plotting, simulation
@@ -61,23 +62,34 @@ RIGHT: dict[Callable[..., Any], dict[str, Any]] = {
     analysis.best_known: {"results": FOUND},
     analysis.polygon_mask: {"vertices_yx": [(0, 0), (0, 5), (5, 5)], "shape": (8, 8)},
     analysis.region_masks: {"labels": np.ones((8, 8), int)},
-    analysis.with_wavelength: {"table": pd.DataFrame(), "wavelength_um": 0.6},
-    analysis.summary_of_cells: {"table": pd.DataFrame()},
+    analysis.with_wavelength: {"wavelength_um": 0.6},
+    analysis.summary_of_cells: {},
     analysis.cells_in: {"unwrapped": EXACT, "optics": OPTICS},
     analysis.with_empty_field: {"unwrapped": UNWRAPPED, "wrapped": WRAPPED},
     simulation.with_noise: {"data": DATA},
     simulation.at_wavelengths: {"data": DATA, "wavelengths_um": [0.5, 0.6]},
     files.write_table: {"path": "table.csv", "table": pd.DataFrame({"a": [1]})},
-    files.write_figure: {"path": "figure.png", "figure": None},
+    files.write_figure: {"path": "figure.png", "figure": Figure()},
     pipeline.fingerprint: {"source": "phase.npy"},
     pipeline.result_folders: {"files": ["a.npy"], "out": "out"},
     pipeline.make_folder: {"out": Path("out")},
-    pipeline.read_outcome: {"folder": "out"},
+    pipeline.read_outcome: {},
     pipeline.open_by: {"recipe": p4d.Recipe(recording="phase.npy", content="phase")},
-    pipeline.write_outcome: {"outcome": None, "folder": "out"},
-    plotting.named_results: {"comparison": None},
+    pipeline.write_outcome: {"folder": "out"},
+    plotting.named_results: {"comparison": p4d.compare(WRAPPED, ["spatial-2d"])},
     plotting.colour_of: {"cell": 1},
     holography.lobe_warnings: {"lobes": [LOBE]},
+}  # fmt: skip
+#: What else belongs to it, made when it is asked for, in the folder of the test.
+MADE: dict[Callable[..., Any], Callable[[], dict[str, Any]]] = {
+    analysis.with_wavelength: lambda: {
+        "table": analysis.noise_figures(p4d.reconstruct(RECORDING, [LOBE]))
+    },
+    analysis.summary_of_cells: lambda: {"table": analysis.cells_in(EXACT, OPTICS).table},
+    pipeline.write_outcome: lambda: {"outcome": outcome()},
+    pipeline.read_outcome: lambda: {
+        "folder": pipeline.write_outcome(outcome(), "out")[0].parent
+    },
 }  # fmt: skip
 WRONG: list[Any] = [
     None, True, -1, 2.5, np.nan, "x", "", b"x", [], ["a"], [1], (1, 2, 3), {}, {"a": 1}, {1: 2},
@@ -89,6 +101,11 @@ WRONG: list[Any] = [
 ]  # fmt: skip
 
 
+def outcome() -> pipeline.Outcome:
+    """Return what comes of the wrapped phase that lies in the folder of the test."""
+    return p4d.run(p4d.Recipe(recording="phase.npy", content="phase", methods=("spatial-2d",)))
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("call", RIGHT, ids=lambda call: call.__name__)
 def test_no_error_of_another_package_comes_out(
@@ -97,10 +114,12 @@ def test_no_error_of_another_package_comes_out(
     monkeypatch.chdir(tmp_path)
     np.save("phase.npy", WRAPPED.values)
     p4d.write_phase("result.ome.tif", UNWRAPPED)
+    right = RIGHT[call] | MADE.get(call, dict)()
+    assert error_of(call, **right) is None
     ours = str(Path(p4d.__file__).parent)
     for name in inspect.signature(call).parameters:
         for wrong in WRONG:
-            error = error_of(call, **{**RIGHT[call], name: wrong})
+            error = error_of(call, **{**right, name: wrong})
             if error is not None:
                 raised = traceback.extract_tb(error.__traceback__)[-1].filename
                 assert raised.startswith(ours + os.sep) or raised == "<string>", (name, wrong)
@@ -186,9 +205,11 @@ def test_a_refusal_says_where_to_get_the_right_one(case: str) -> None:
     ("name", "wanted"),
     [("resume", "True or False"), *((n, "a function") for n in ("told", "prepared", "finished"))],
 )
-def test_a_batch_refuses_what_is_no_switch_and_no_function(name: str, wanted: str) -> None:
+def test_a_batch_refuses_what_is_no_switch_and_no_function(
+    name: str, wanted: str, tmp_path: Path
+) -> None:
     with pytest.raises(TypeError, match=f"{name} must be {wanted}.*, but is 3"):
-        pipeline.run_batch(p4d.Recipe(), [], "out", **{name: 3})  # type: ignore[arg-type]
+        pipeline.run_batch(p4d.Recipe(), [], tmp_path, **{name: 3})  # type: ignore[arg-type]
 
 
 #: A right call in its usual form, and others that say the same.
