@@ -207,7 +207,7 @@ def first_lines() -> Iterator[str]:
     for what, action in (
         ("curves of the pixel under the mouse", partial(point_at, viewer)),
         ("a region is drawn by the mouse", partial(draw_region, viewer, dock)),
-        ("it is measured, and plotted", partial(dock.compare.measuring.measure)),
+        ("it is measured, and plotted", dock.compare.measuring.measure),
     ):
         part = dock.compare.measuring if what.startswith("it is") else dock.compare.trace
         dock.compare.tabs.setCurrentWidget(part)
@@ -254,7 +254,7 @@ def played(viewer: Any) -> float:
     dims.play(0, PLAYED)
     rest(4)
     dims.stop()
-    return (len(times) - 1) / (times[-1] - times[0])
+    return (len(times) - 1) / (times[-1] - times[0]) if len(times) > 1 else 0.0
 
 
 def slider_lines() -> Iterator[str]:

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.colors import ListedColormap
+from mpl_toolkits.axes_grid1.anchored_artists import AnchoredSizeBar
 from PIL import Image
 
 import napari_phase4d as p4d
@@ -288,6 +289,22 @@ def test_figure_in_svg_keeps_the_names_as_words(columns, tmp_path: Path) -> None
     words = {"".join(e.itertext()).strip() for e in root.iter() if e.tag.endswith("}text")}
     assert {"2-D", "T/A", "WL1", "phase (rad)", "-7°", "21°"} <= words
     assert sum(1 for e in root.iter() if e.tag.endswith("}image")) >= 6
+
+
+@pytest.mark.parametrize(("first", "step"), [(33.0, 0.5), (-100.0, 0.5), (16.0, -0.5), (0.0, 2.0)])
+def test_a_scale_bar_is_as_long_as_it_says(columns, first: float, step: float) -> None:
+    """Also of a part of a field, left of the origin, and from right to left."""
+    stack = next(iter(columns.values()))
+    n = stack.sizes["x"]
+    stack = stack.assign_coords(x=("x", first + step * np.arange(n), {"units": "um"}))
+    axis = comparison_figure({"2-D": stack}, [(0, 0)]).axes[0]
+    # The picture is as wide as its pixels are together, and the bar a part of that.
+    width = abs(axis.get_xlim()[1] - axis.get_xlim()[0])
+    assert width == pytest.approx(n * abs(step))
+    (bar,) = (a for a in axis.artists if isinstance(a, AnchoredSizeBar))
+    (drawn,) = bar.size_bar.get_children()
+    assert bar.txt_label.get_text() == f"{drawn.get_width():g} µm"
+    assert 0.12 * width < drawn.get_width() <= 0.3 * width
 
 
 def test_figure_in_png_has_the_colours_of_the_phase(columns, tmp_path: Path) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -109,3 +111,19 @@ def test_many_large_views_are_bounded(small_video, monkeypatch: pytest.MonkeyPat
     monkeypatch.setattr(reconstruction, "MOST_FOCUS_PIXELS", 1)
     find_focus(work, small_video)
     assert seen == [2, 1]
+
+
+def test_farther_than_the_field_can_hold_is_said(small_video) -> None:
+    lobes = p4d.find_lobes(small_video, 2)
+    with pytest.warns(UserWarning, match=r"beyond the edges .* stay within (\d+) um") as said:
+        far = p4d.reconstruct(small_video, lobes, refocus_um=1e5)
+    (number,) = re.findall(r"within (\d+) um", str(said[0].message))
+    most = float(number)
+    optics, radius = small_video.optics, max(lobe.radius for lobe in lobes)
+    # Light of so fine detail has come from one field aside.
+    sine = radius / np.sqrt(2) / optics.pixel_um * optics.wavelength_um / optics.medium_index
+    assert most == pytest.approx(128 * optics.pixel_um / np.tan(np.arcsin(sine)), rel=0.1)
+    assert far.attrs["refocus_fields_walked"] > 1000
+    # Below, nothing is said: warnings are errors here.
+    near = p4d.reconstruct(small_video, lobes, refocus_um=-0.9 * most)
+    assert near.attrs["refocus_fields_walked"] < 1

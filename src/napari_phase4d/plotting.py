@@ -202,19 +202,10 @@ def add_scale_bar(axis: Axes, stack: xr.DataArray) -> None:
         return
     _, width, height, _ = extent_of(stack)
     length = round_length(SCALE_BAR * width)
-    bar = AnchoredSizeBar(
-        axis.transData,
-        length,
-        f"{length:g} µm",
-        "lower right",
-        pad=0.3,
-        color="white",
-        frameon=False,
-        size_vertical=0.01 * height,
-        sep=2,
-        fontproperties=FontProperties(size=7),
-    )
-    axis.add_artist(bar)
+    looks = {"color": "white", "frameon": False, "fontproperties": FontProperties(size=7)}
+    size = {"pad": 0.3, "sep": 2, "size_vertical": 0.01 * height}
+    words = f"{length:g} µm"
+    axis.add_artist(AnchoredSizeBar(axis.transData, length, words, "lower right", **size, **looks))
 
 
 def round_length(most: float) -> float:
@@ -405,7 +396,14 @@ def phase_scale(low: float, high: float) -> Colormap:
 
 def extent_of(stack: xr.DataArray) -> tuple[float, float, float, float]:
     """Return the edges of a frame in micrometres, as matplotlib wants them."""
-    return (0.0, float(stack["x"][-1]) or 1.0, float(stack["y"][-1]) or 1.0, 0.0)
+    width, height = (length_of(stack[axis].values) for axis in ("x", "y"))
+    return (0.0, width, height, 0.0)
+
+
+def length_of(places: NDArray[Any]) -> float:
+    """Return how far even places reach from edge to edge; 1 for a single one."""
+    n = len(places)
+    return abs(float(places[-1] - places[0])) * n / (n - 1) or 1.0 if n > 1 else 1.0
 
 
 def time_label(stack: xr.DataArray, t: int) -> str:

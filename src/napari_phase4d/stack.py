@@ -231,7 +231,7 @@ class InMemory:
 
 
 class Unwritten(InMemory):
-    """A stack in memory that takes none before it is first written to.
+    """A stack in memory that takes none before it is first written to; for one process.
 
     Parameters
     ----------

@@ -5,8 +5,10 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections import Counter
 from pathlib import Path
 
+import numpy as np
 import pytest
 from napari.settings import get_settings
 from qtpy.QtCore import Qt
@@ -19,6 +21,11 @@ from qtpy.QtWidgets import (
     QTableWidget,
     QWidget,
 )
+
+import napari_phase4d as p4d
+from napari_phase4d._napari.widgets.curves import CurvePlot
+from napari_phase4d._napari.widgets.spectrum_canvas import VIEW_COLORS, SpectrumCanvas
+from napari_phase4d._napari.widgets.view_strip import ViewStrip
 
 pytestmark = pytest.mark.gui
 
@@ -46,12 +53,12 @@ def test_every_field_says_what_it_is(ready) -> None:
 def test_tab_leaves_every_table(ready, click, qtbot) -> None:
     ready.session.unwrap(["temporal"])
     click("measure")
-    for name in ("lobe_table", "results_table", "measure_table", "cells_table"):
-        for table in ready.findChildren(QTableWidget):
-            if table.objectName() == name:
-                assert not table.tabKeyNavigation(), name
+    tables = {table.objectName(): table for table in ready.findChildren(QTableWidget)}
+    assert set(tables) == {"lobe_table", "result_table", "measure_table", "cells_table"}
+    for name, table in tables.items():
+        assert not table.tabKeyNavigation(), name
     ready.show_step(1)
-    table = ready.findChild(QTableWidget, "lobe_table")
+    table = tables["lobe_table"]
     QApplication.processEvents()
     ready.window().activateWindow()
     table.setFocus()
@@ -66,14 +73,65 @@ def test_tab_leaves_every_table(ready, click, qtbot) -> None:
 def test_the_dock_grows_with_the_font(dock, qtbot) -> None:
     settings = get_settings().appearance
     before, size = dock.minimumWidth(), settings.font_size
+    heading = dock.sections[0].heading
+    low = heading.fontMetrics().height()
     settings.font_size = int(1.5 * size)
     try:
         qtbot.waitUntil(lambda: dock.minimumWidth() > before, timeout=3000)
-        heading = dock.sections[0].heading
+        assert heading.fontMetrics().height() > low
         assert heading.height() >= heading.fontMetrics().height()
     finally:
         settings.font_size = size
     qtbot.waitUntil(lambda: dock.minimumWidth() == before, timeout=3000)
+
+
+LOBES = [p4d.Lobe((0.1, 0.05), 0.05), p4d.Lobe((-0.2, 0.25), 0.05)]
+
+
+def letters_in(plot: CurvePlot, spectrum: SpectrumCanvas, strip: ViewStrip) -> dict[str, float]:
+    """Return how large the letters of plot, spectrum and captions are, by what is drawn."""
+    axes, legend = plot.figure.axes[0], plot.figure.legends[0]
+    canvas = spectrum.grab().toImage()
+    places = [(x, y) for x in range(canvas.width()) for y in range(canvas.height())]
+    colours = Counter(canvas.pixelColor(x, y).name() for x, y in places)
+    grey = sum(count for name, count in colours.items() if name[1:3] == name[3:5] == name[5:])
+    return {
+        "label": axes.xaxis.label.get_window_extent().height,
+        "ticks": axes.get_xticklabels()[0].get_window_extent().height,
+        "legend": legend.get_texts()[0].get_window_extent().height,
+        "number of a circle": colours[VIEW_COLORS[0]],
+        "name of a beat": grey - colours["#000000"],
+        "caption": strip.height() - strip.places()[0].height(),
+    }
+
+
+def test_pictures_and_plots_grow_with_the_font(dock, qtbot) -> None:
+    plot, spectrum, strip = made = CurvePlot(dock), SpectrumCanvas(dock), ViewStrip(dock)
+    for picture, side in zip(made, (300, 230, 160), strict=True):
+        picture.setFixedSize(side, side)  # so that it is the letters that grow
+        picture.show()
+    spectrum.set_lobes(LOBES)
+    strip.set_views([np.zeros((90, 90), np.float32)], ["view 1"])
+    plot.show_curves([0, 1, 2], {"region 1": [1, 2, 3]}, "time (s)", "dry mass (pg)")
+    QApplication.processEvents()
+    frames = dock.unwrap.boundary.map
+    before, high = letters_in(*made), frames.sizeHint().height()
+    settings = get_settings().appearance
+    width, size = dock.minimumWidth(), settings.font_size
+    settings.font_size = round(1.5 * size)
+    try:
+        qtbot.waitUntil(lambda: dock.minimumWidth() > width, timeout=3000)
+        QApplication.processEvents()
+        after = letters_in(*made)
+        for name in ("label", "ticks", "legend"):
+            assert after[name] > 1.25 * before[name], name
+        assert all(after[name] > before[name] for name in before), (before, after)
+        assert frames.sizeHint().height() > high
+    finally:
+        settings.font_size = size
+    qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=3000)
+    QApplication.processEvents()
+    assert letters_in(*made) == before
 
 
 def test_the_window_is_no_larger_than_the_screen(viewer, qtbot) -> None:

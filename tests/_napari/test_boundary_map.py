@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from matplotlib import colormaps
 from qtpy.QtCore import QEvent, QPoint, QPointF, Qt
-from qtpy.QtGui import QColor, QHelpEvent, QImage, QKeySequence, QPalette, QShortcut
+from qtpy.QtGui import QColor, QFontMetricsF, QHelpEvent, QImage, QKeySequence, QPalette, QShortcut
 from qtpy.QtTest import QTest
-from qtpy.QtWidgets import QApplication, QLineEdit, QToolTip, QVBoxLayout, QWidget
+from qtpy.QtWidgets import QApplication, QDockWidget, QLineEdit, QToolTip, QVBoxLayout, QWidget
 
 from napari_phase4d._napari.widgets.boundary_map import BoundaryMap
 
@@ -394,3 +394,37 @@ def test_what_does_not_fit_is_refused(shown: Any) -> None:
         widget.set_path("A/T")
     with pytest.raises(ValueError, match="there are 3 times and 0 angles"):
         widget.set_frames([0, 1, 2], [])
+
+
+@pytest.mark.gui
+def test_the_legend_keeps_its_last_word_beside_a_scroll_bar(
+    ready: Any, click: Any, qtbot: Any
+) -> None:
+    click("more_methods")
+    click("options_region-growing")  # so that the panel has more than fits
+    qtbot.waitUntil(ready.scroll.verticalScrollBar().isVisible, timeout=3000)
+    narrowest = ready.minimumWidth()
+    panel = next(d for d in ready.window().findChildren(QDockWidget) if d.isAncestorOf(ready))
+    ready.window().resizeDocks([panel], [narrowest], Qt.Orientation.Horizontal)
+    qtbot.waitUntil(lambda: ready.width() == narrowest, timeout=3000)
+    widget = ready.unwrap.boundary.map
+    shape = ready.session.reconstruction["phase"].shape[:2]
+    widget.set_scores(np.full(shape, 0.9))
+    widget.set_best((0, 0))
+    widget.set_boundaries([(0, 0)])
+    widget.set_path("temporal-angular")
+    QApplication.processEvents()
+    seen = pixels(picture(widget)).astype(int)
+    legend = seen[: int(widget._grid().top)]
+    red = np.flatnonzero((legend[..., 0] - legend[..., 2] > 80).any(axis=0))
+    blue = np.flatnonzero((legend[..., 2] - legend[..., 0] > 80).any(axis=0))
+    assert blue.size
+    assert red.size
+    assert red.max() > blue.max()
+    # Right of the red arrow stands its word, whole.
+    written = np.abs(legend - legend[0, 0]).max(axis=(0, 2)) > 60
+    word = np.flatnonzero(written[red.max() + 2 :]) + red.max() + 2
+    wide = QFontMetricsF(widget._font()).horizontalAdvance("then")
+    assert word.size
+    assert np.ptp(word) == pytest.approx(wide, abs=4)
+    assert word.max() < widget.width() - 1

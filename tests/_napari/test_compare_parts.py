@@ -96,6 +96,37 @@ def test_results_are_linked_and_named(viewer, compared) -> None:
     assert all(layer.colormap.name == "magma" for layer in layers)
 
 
+#: Height of digits as a share of their font.
+DIGIT = 0.73
+
+
+def numbers_beside(viewer: Any, layer: Any) -> tuple[list[float], float]:
+    """Return the numbers beside a layer's colour bar, and the least free space between two."""
+    drawn = viewer.window._qt_viewer.canvas._layer_overlay_to_visual[layer]
+    ticks = drawn[layer.colorbar].node.ticks
+    places = ticks._text.pos[:, 1] * ticks.transform.scale[1]
+    high = DIGIT * layer.colorbar.font_size * 96 / 72
+    return [float(n) for n in ticks._text.text], np.abs(np.diff(places)).min() - high
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("methods", [2, 9])
+def test_the_colour_bar_has_numbers_to_read_colours_by(
+    viewer: Any, dock: Any, click: Any, tick_only: Any, methods: int
+) -> None:
+    dock.session.set_phase(p4d.simulation.swimming_euglena((60, 72), 3, peak_rad=20)["wrapped"])
+    tick_only(*list(METHODS)[:methods])
+    click("run")
+    for press in (None, "show_confidence", "show_difference"):
+        if press:
+            click(press)
+        (bar,) = [la for la in viewer.layers if la.visible and la.colorbar.visible]
+        viewer.screenshot(canvas_only=True, flash=False)  # so that it has been drawn
+        numbers, free = numbers_beside(viewer, bar)
+        assert len(set(numbers)) == len(numbers) >= 2, (press, numbers)
+        assert free > 1, (press, numbers)
+
+
 @pytest.mark.thorough
 def test_difference_to_any_result(viewer, compared, qtbot) -> None:
     compared.compare.difference.value = "less T/A"

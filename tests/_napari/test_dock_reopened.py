@@ -142,8 +142,8 @@ def test_a_script_that_ends_while_the_dock_is_open_ends_well() -> None:
 STARTING = """
 import os, sys, threading, time
 import napari, numpy, pint
-from napari_phase4d._napari.jobs import giving_way
-from qtpy.QtWidgets import QApplication, QWidget
+from napari_phase4d._napari.jobs import Gate, giving_way
+from qtpy.QtWidgets import QApplication
 
 go, start = threading.Event(), threading.Thread.start
 def held(thread):  # what is loaded ahead must not be taken for what the window itself loads
@@ -174,7 +174,7 @@ while not loops() and time.monotonic() < end:
 def store():
     import zarr
     zarr.create_group(zarr.storage.MemoryStore())
-giving_way(store)
+giving_way(store, Gate())
 def niceness(thread):  # only Linux tells threads apart
     return os.getpriority(os.PRIO_PROCESS, thread.native_id) if sys.platform == "linux" else 0
 print(*{niceness(thread) - niceness(threading.main_thread()) for thread in loops()})
@@ -227,3 +227,29 @@ def test_what_cannot_be_got_ready_holds_up_nothing_else() -> None:
 
     load_ahead((fail, lambda: begun.append("next")), lambda: False).join()
     assert begun == ["next"]
+
+
+#: Closes the window while work goes on that does not look whether it is to stop.
+ENDLESS = """
+import time
+from qtpy.QtWidgets import QApplication
+from napari_phase4d._napari.demo import viewer_with_dock
+from napari_phase4d._napari.session import Plan
+
+viewer, dock = viewer_with_dock(show=True)
+dock.jobs.start(Plan("endless", lambda task: time.sleep(120), lambda result: None))
+end = time.monotonic() + 0.5
+while time.monotonic() < end:
+    QApplication.processEvents()
+assert dock.jobs.running
+viewer.close()
+"""
+
+
+@pytest.mark.thorough
+def test_work_that_does_not_stop_holds_up_no_end_of_the_program() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", ENDLESS], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "Aborted" not in done.stderr

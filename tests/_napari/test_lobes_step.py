@@ -6,7 +6,7 @@ import itertools
 
 import numpy as np
 import pytest
-from driving import drag
+from driving import drag, let_settle
 from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QWidget
 
@@ -161,3 +161,24 @@ def test_views_in_doubt_are_looked_at_first(dock, click, small_video) -> None:
     assert dock.lobes.doubts()
     assert not dock.sections[2].is_open
     assert dock.sections[1].is_open
+
+
+def test_a_circle_on_the_zero_order_is_doubted_folded_or_not(ready, click, qtbot) -> None:
+    section = ready.sections[1]
+    if not section.is_open:
+        qtbot.mouseClick(section.heading, Qt.MouseButton.LeftButton)
+    QApplication.processEvents()
+    assert section.badge.text() == "✓ done"
+    drag(ready.lobes.canvas, ready.session.lobes[0].carrier, (0.02, 0.02))
+    let_settle(qtbot, ready)
+    assert section.badge.text() == "⚠ look"
+    assert "zero order" in ready.lobes.warnings.text()
+    qtbot.mouseClick(section.heading, Qt.MouseButton.LeftButton)  # folds it
+    let_settle(qtbot, ready)
+    assert not section.is_open
+    assert section.badge.isVisible()
+    assert section.badge.text() == "⚠ look"
+    click("drift")  # what is said at the headings is worked out anew
+    assert not section.is_open
+    assert section.badge.text() == "⚠ look"
+    assert "zero order" in section.badge.toolTip()

@@ -192,3 +192,18 @@ def test_views_of_a_few_pixels_are_said(ready, click) -> None:
     assert n_x < 12
     assert f"Only {n_x} × {n_y} pixels are resolved" in ready.phase.facts.text()
     assert ready.sections[2].badge.text() == "⚠ look"
+
+
+def test_a_refocus_that_the_field_cannot_hold_is_said(ready, click) -> None:
+    click("reconstruct")
+    badge = ready.sections[2].badge
+    assert badge.text() == "✓ done"
+    type_into(ready.phase.refocus.native, "100000")  # a tenth of a metre
+    click("reconstruct")
+    assert badge.text() == "⚠ look"
+    assert "beyond the edges of the field" in badge.toolTip()
+    assert "stay within" in ready.phase.facts.text()
+    type_into(ready.phase.refocus.native, "5")
+    click("reconstruct")
+    assert badge.text() == "✓ done"
+    assert "beyond the edges" not in ready.phase.facts.text()

@@ -21,7 +21,11 @@ from qtpy.QtWidgets import (
     QApplication,
     QComboBox,
     QLabel,
+    QLineEdit,
+    QStyle,
+    QStyleOptionComboBox,
     QTabBar,
+    QTableWidget,
     QWidget,
 )
 
@@ -218,18 +222,59 @@ def test_nothing_is_cut_in_a_large_font(viewer, dock, ready, qtbot) -> None:
     qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=5000)
 
 
+def test_nothing_is_cut_on_a_small_screen(viewer, ready, click, qtbot) -> None:
+    ready.session.unwrap(("angular", "directional-l1"))
+    ready.session.measure()
+    ready.session.find_cells()
+    click("show_difference")
+    assert (viewer.window.geometry()[2:]) == (1280, 720)
+    cut = {}
+    for number in range(len(ready.sections)):
+        ready.show_step(number)
+        qtbot.wait(60)
+        cut[number] = cut_off(ready)
+    for tab in range(ready.compare.tabs.count()):
+        ready.compare.tabs.setCurrentIndex(tab)
+        qtbot.wait(60)
+        cut[ready.compare.tabs.tabText(tab)] = cut_off(ready)
+    assert not any(cut.values()), cut
+
+
 def cut_off(dock: Any) -> list[str]:
     """Return the names of what is narrower than its words, or beyond the panel's right edge."""
     port = dock.scroll.viewport()
     found = []
-    kinds = (QAbstractButton, QLabel, QAbstractSpinBox, QComboBox)
+    kinds = (QAbstractButton, QLabel, QAbstractSpinBox, QComboBox, QTableWidget)
     for widget in (w for kind in kinds for w in port.findChildren(kind) if w.isVisible()):
         if not widget.objectName() or widget.objectName().startswith("qt_"):
             continue
         right = widget.mapTo(port, widget.rect().topRight()).x()
-        words = widget.text() if isinstance(widget, QAbstractButton | QLabel) else ""
-        wraps = isinstance(widget, QLabel) and widget.wordWrap()
-        needed = 0 if wraps or "<" in words else widget.fontMetrics().horizontalAdvance(words)
-        if right > port.width() or needed > widget.width():
+        words, room = words_and_room(widget)
+        if right > port.width() or widget.fontMetrics().horizontalAdvance(words) > room:
             found.append(f"{widget.objectName()}: {words!r}")
+        if isinstance(widget, QTableWidget) and widget.horizontalScrollBar().maximum():
+            found.append(f"{widget.objectName()}: columns")
     return found
+
+
+#: Free pixels that a field leaves at both sides of its text.
+BESIDE_TEXT = 4
+
+
+def words_and_room(widget: QWidget) -> tuple[str, float]:
+    """Return what a widget says in one line, and how many pixels it has for that."""
+    if isinstance(widget, QAbstractSpinBox):
+        return widget.text(), widget.findChild(QLineEdit).width() - BESIDE_TEXT
+    if isinstance(widget, QComboBox):
+        option = QStyleOptionComboBox()
+        option.initFrom(widget)
+        part = QStyle.SubControl.SC_ComboBoxEditField
+        box = widget.style().subControlRect(
+            QStyle.ComplexControl.CC_ComboBox, option, part, widget
+        )
+        return widget.currentText(), box.width()
+    if isinstance(widget, QTableWidget):
+        return "", widget.width()
+    words = widget.text()
+    wraps = isinstance(widget, QLabel) and widget.wordWrap()
+    return "" if wraps or "<" in words else words, widget.width()

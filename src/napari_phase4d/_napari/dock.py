@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import qtpy
+from napari.settings import get_settings
 from napari.utils.notifications import show_warning
 from napari.viewer import Viewer
 from qtpy.QtCore import QEvent, QObject, QSize, QTimer
@@ -269,7 +270,15 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
             self.close_down()
 
     def _fit_font(self) -> None:
-        """Be as wide as the words of this font need, at most half of the screen."""
+        """Take the size of napari's font, and be as wide as its words need.
+
+        Napari gives its size to labels, buttons and fields by their kind. Headings, tables,
+        pictures and plots have it from here. The width is at most half of the screen.
+        """
+        font, size = self.font(), float(get_settings().appearance.font_size)
+        if font.pointSizeF() != size:
+            font.setPointSizeF(size)
+            self.setFont(font)
         screen = self.screen()
         most = WIDTH if screen is None else max(WIDTH, screen.availableGeometry().width() // 2)
         self.status.ensurePolished()

@@ -28,8 +28,11 @@ __all__ = ["Jobs", "Latest", "TimeLeft", "in_words", "sentence_of"]
 TELL_EVERY_MS = 100
 #: While results come up on screen.
 LOOK_AGAIN_MS = 10
-#: Work that was told to stop gets so long at the end of the program.
-LONGEST_END_MS = 3000
+#: Work that was told to stop gets so long at the end of the program, and the look whether it is
+#: over a little more.
+LONGEST_END_S, LONGEST_END_MS = 2.5, 3000
+#: Seconds between two looks at whether anybody still waits for work.
+LOOK_WHO_WAITS_S = 0.1
 #: Of work in threads; the window's thread has 0.
 NICENESS = 7
 
@@ -163,8 +166,8 @@ class Jobs(QObject):  # type: ignore[misc]
         ended = Ended()
 
         work = partial(ended.do, plan.work, Task(report, stop.is_set))
-        worker = create_worker(giving_way, work, _start_thread=False, _ignore_errors=True)
         gate = self._gate
+        worker = create_worker(giving_way, work, gate, _start_thread=False, _ignore_errors=True)
         worker.returned.connect(
             lambda _: None if gate.closed else self._returned(worker, plan, ended)
         )
@@ -289,13 +292,16 @@ class Jobs(QObject):  # type: ignore[misc]
             self.idle.emit("" if again else plan.title)
 
 
-def giving_way(work: Callable[[], None]) -> None:
+def giving_way(work: Callable[[], None], gate: Gate) -> None:
     """Do work in a thread that waits, as do those that it starts, where the window has to do.
 
     On two cores, two threads of work make the window's own take twice its time. Only Linux tells
     the threads of a program apart here. Qt's threads are lent to other plugins too, and nobody
     may take the waiting back: so it is a thread of its own, for which Qt's waits. Where there can
     be none, Qt's does the work, and does not give way.
+
+    Nobody waits for ever: work that does not stop soon after its window has closed is left to
+    itself, and ends with the program, which would neither end nor do so without a crash else.
     """
 
     def nicely() -> None:
@@ -310,7 +316,9 @@ def giving_way(work: Callable[[], None]) -> None:
     except RuntimeError:  # the system has no more threads
         work()
         return
-    thread.join()
+    while thread.is_alive() and not gate.closed:
+        thread.join(LOOK_WHO_WAITS_S)
+    thread.join(LONGEST_END_S)
 
 
 #: Of all windows, for the end of the program.
@@ -446,7 +454,9 @@ class Latest(QObject):  # type: ignore[misc]
         stop = gate.stop = threading.Event()
 
         work = partial(ended.do, question.work, Task(None, stop.is_set))
-        self._worker = create_worker(work, _start_thread=False, _ignore_errors=True)
+        self._worker = create_worker(
+            giving_way, work, gate, _start_thread=False, _ignore_errors=True
+        )
         self._worker.returned.connect(
             lambda _: None if gate.closed else self._ended(question, stop, ended)
         )

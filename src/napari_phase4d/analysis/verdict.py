@@ -216,9 +216,8 @@ def best_known(
     if truth is not None:
         return truth, "the exact phase"
     method = most_trusted(results)
-    return results[
-        method
-    ], f"the result of {METHODS[method].label if method in METHODS else method}"
+    label = METHODS[method].label if method in METHODS else method
+    return results[method], f"the result of {label}"
 
 
 def steps_sentence(margin: xr.Dataset, basis: str) -> str:

@@ -39,6 +39,7 @@ from napari_phase4d.holography.lobes import (
 )
 from napari_phase4d.holography.lost import usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
+from napari_phase4d.holography.refocusing import fields_walked, refocus_advice
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
@@ -213,7 +214,12 @@ def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
     attrs : mapping
         The notes of a reconstruction.
     """
-    every = (background_advice(attrs), curvature_advice(attrs), fringe_advice(attrs))
+    every = (
+        background_advice(attrs),
+        curvature_advice(attrs),
+        fringe_advice(attrs),
+        refocus_advice(attrs),
+    )
     return [advice for advice in every if advice]
 
 
@@ -354,14 +360,22 @@ def with_refocus(
         focus = find_focus(work, rec, cancelled=task.cancelled)
         refocus_um, note = focus.distance_um, focus_note(focus)
     distance_um = checked_distance(refocus_um)
+    optics = with_common_light(rec.optics, work)
     carry = propagator_for(
         work.demodulate.shape,
         work.demodulate.output_shape,
-        with_common_light(rec.optics, work),
+        optics,
         distance_um,
         work.light,
     )
     note["refocus_um"] = distance_um
+    note["refocus_fields_walked"] = fields_walked(
+        distance_um,
+        max(lobe["radius"] for lobe in work.attrs["lobes"]) / optics.pixel_um,
+        optics.wavelength_um,
+        optics.medium_index,
+        min(work.demodulate.shape) * optics.pixel_um,
+    )
     return replace(work, refocus=carry, attrs=work.attrs | note)
 
 

@@ -11,8 +11,9 @@ evanescent and are cut off.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
+from typing import Any
 
 import numpy as np
 import scipy
@@ -28,8 +29,10 @@ __all__ = [
     "PixelSize",
     "Propagator",
     "check_light",
+    "fields_walked",
     "pixel_sides",
     "propagate",
+    "refocus_advice",
     "refocused",
 ]
 
@@ -264,6 +267,61 @@ def refocused(
     for name in ("phase", "amplitude"):
         moved[name].attrs |= note
     return moved
+
+
+#: Sine of the steepest angle that light is taken to come from.
+STEEPEST = 0.95
+
+
+def fields_walked(
+    distance_um: float, finest: float, wavelength_um: float, medium_index: float, side_um: float
+) -> float:
+    """Return how far light walks aside while it is carried along, in sizes of the field.
+
+    Detail of the transverse frequency f leaves at the sine f wavelength / n. Half of a disk of
+    frequencies lies beyond 1 / sqrt(2) of its radius: looked at is the light on that ring. At 1,
+    it comes from one whole field aside, where a mirrored edge stands for what nobody recorded;
+    its phase in the transfer function, too, then changes by half a turn from one frequency to the
+    next.
+
+    Parameters
+    ----------
+    distance_um : float
+        How far the field is carried, in micrometres in the medium.
+    finest : float
+        Radius of the disk of frequencies, in cycles per micrometre in the sample.
+    wavelength_um : float
+        Vacuum wavelength in micrometres.
+    medium_index : float
+        Refractive index round the object.
+    side_um : float
+        Shorter side of the field in micrometres.
+
+    Returns
+    -------
+    float
+        Above 1, most of what is seen can't have been recorded.
+    """
+    sine = min(finest / math.sqrt(2) * wavelength_um / medium_index, STEEPEST)
+    return abs(distance_um) * sine / math.sqrt(1 - sine**2) / side_um
+
+
+def refocus_advice(attrs: Mapping[str, Any]) -> str:
+    """Say where a field was carried farther than it can hold; empty if it was not.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a reconstruction.
+    """
+    walked = attrs.get("refocus_fields_walked", 0)
+    if walked <= 1:
+        return ""
+    distance = attrs["refocus_um"]
+    return (
+        f"refocusing by {distance:.4g} um needs light from beyond the edges of the field, which "
+        f"was not recorded: stay within {abs(distance) / walked:.2g} um"
+    )
 
 
 def pixel_of(ds: xr.Dataset | xr.DataArray) -> tuple[float, float]:

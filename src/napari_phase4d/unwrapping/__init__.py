@@ -36,6 +36,7 @@ from napari_phase4d.unwrapping.network_flow import loop_sums
 from napari_phase4d.unwrapping.problem import Problem, SharedSteps
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS, STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.running import (
+    ONE_OF,
     all_options,
     check_light,
     check_method,
@@ -46,12 +47,14 @@ from napari_phase4d.unwrapping.running import (
     options_by_id,
     run_method,
     unwrap,
+    why_unsuited,
 )
 
 __all__ = [
     "BUILT_IN",
     "CAUSAL",
     "METHODS",
+    "ONE_OF",
     "ORDERS",
     "SCORED_PIXELS",
     "SCORED_TIMES",
@@ -99,6 +102,7 @@ __all__ = [
     "supports_by_steps",
     "unwrap",
     "views_by_light",
+    "why_unsuited",
     "working_blocks",
     "working_frames",
 ]

@@ -104,6 +104,9 @@ class Method:
     leaves_out : bool
         Whether frames that say nothing are left out; its results then list them as
         ``attrs["lost_frames"]``.
+    along : tuple of str
+        Dimensions, "time" or "angle", that it goes along. Where one of them has a single frame,
+        another method gives the same.
     """
 
     label: str
@@ -121,6 +124,7 @@ class Method:
     name: str = ""
     package: str = ""
     wavelengths: int = 1
+    along: tuple[str, ...] = ()
 
 
 # ---- methods that other packages bring ------------------------------------------------------
@@ -305,6 +309,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along the angle only",
+        along=chain.ORDERS["angular"],
     ),
     "temporal": Method(
         "Temporal",
@@ -314,6 +319,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along time only",
+        along=chain.ORDERS["temporal"],
     ),
     "temporal-angular": Method(
         "T/A",
@@ -323,6 +329,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along time, then angle",
+        along=chain.ORDERS["temporal-angular"],
     ),
     "angular-temporal": Method(
         "A/T",
@@ -332,6 +339,7 @@ BUILT_IN: dict[str, Method] = {
         CHAIN_OPTIONS,
         streams=True,
         name="along angle, then time",
+        along=chain.ORDERS["angular-temporal"],
     ),
     "laplacian": Method(
         "LBE",
@@ -400,6 +408,7 @@ BUILT_IN: dict[str, Method] = {
         block_bytes=OF_GROWING,
         scratch_bytes=OF_GROUPS,
         name="reliability in time, y and x",
+        along=("time",),
     ),
     "network-flow": Method(
         "Flow",

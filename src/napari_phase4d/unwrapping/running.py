@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
@@ -27,6 +28,7 @@ from napari_phase4d.unwrapping.registry import METHODS, Option
 from napari_phase4d.words import shown, warn
 
 __all__ = [
+    "ONE_OF",
     "LentProblem",
     "all_options",
     "check_light",
@@ -38,10 +40,13 @@ __all__ = [
     "options_by_id",
     "run_method",
     "unwrap",
+    "why_unsuited",
 ]
 
 #: How choices are called on screen, where not by their own name.
 SPOKEN = {"phasetools": "PhaseTools"}
+#: What is said of a dimension in which there is a single frame.
+ONE_OF = {"time": "one time", "angle": "one view"}
 
 
 def unwrap(
@@ -300,18 +305,25 @@ def options_by_id(options: Mapping[str, Mapping[str, Any]]) -> dict[str, Mapping
     return found
 
 
-def methods_for(wavelengths_um: Sequence[float] | NDArray[np.floating] | None) -> list[str]:
+#: Wavelength of each view in micrometres; None where it is not known.
+Light = Sequence[float] | NDArray[np.floating] | None
+
+
+def methods_for(wavelengths_um: Light, shape: Sequence[int] | None = None) -> list[str]:
     """Return the methods that suit views of such wavelengths.
 
     Parameters
     ----------
     wavelengths_um : sequence of float or None
         Wavelength of each view in micrometres; None where it is not known.
+    shape : sequence of int, optional
+        How many times and views there are. Default: more than one of each.
 
     Returns
     -------
     list of str
-        Ids among `METHODS`, all but those that need more wavelengths than there are.
+        Ids among `METHODS`, all but those that need more wavelengths than there are, or go along
+        something of which there is only one.
 
     Examples
     --------
@@ -319,9 +331,41 @@ def methods_for(wavelengths_um: Sequence[float] | NDArray[np.floating] | None) -
     False
     >>> "synthetic-wavelength" in methods_for([0.532, 0.6328])
     True
+    >>> "temporal" in methods_for(None, (1, 2))
+    False
     """
-    known = 1 if wavelengths_um is None else len(set(wavelengths_um))
-    return [name for name, method in METHODS.items() if method.wavelengths <= known]
+    return [method for method in METHODS if not why_unsuited(method, wavelengths_um, shape)]
+
+
+def why_unsuited(method: str, wavelengths_um: Light, shape: Sequence[int] | None = None) -> str:
+    """Say why a method makes no sense for such views, in one sentence; "" where it does.
+
+    Parameters
+    ----------
+    method : str
+        Id among `METHODS`.
+    wavelengths_um, shape
+        As in `methods_for`.
+
+    Returns
+    -------
+    str
+        Names the method that gives the same, where there is one.
+    """
+    facts, views = METHODS[method], Counter([] if wavelengths_um is None else wavelengths_um)
+    if facts.wavelengths > max(1, len(views)):
+        return f"It needs {facts.wavelengths} wavelengths for each angle."
+    if shape is None:
+        return ""
+    # Views of another wavelength are unwrapped by themselves.
+    counts = {"time": shape[0], "angle": max(views.values(), default=shape[1])}
+    left = {dim for dim in facts.along if counts[dim] > 1}
+    if len(left) == len(facts.along):
+        return ""
+    missing = " and ".join(ONE_OF[dim] for dim in facts.along if dim not in left)
+    same = next(other for other in METHODS.values() if set(other.along) == left)
+    along = " and ".join(facts.along)
+    return f"It goes along {along}, but there is only {missing}: {same.label} gives the same."
 
 
 def check_light(

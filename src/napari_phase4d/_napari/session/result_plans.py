@@ -64,20 +64,28 @@ Part: TypeAlias = "tuple[str, str, xr.DataArray]"
 RUNS = itertools.count(1)
 
 
-def plan_unwrapping(state: State) -> Plan:
-    """Plan to unwrap with the chosen methods, one after another.
+def plan_unwrapping(state: State, methods: Sequence[str] | None = None) -> Plan:
+    """Plan to unwrap with several methods, one after another.
+
+    Parameters
+    ----------
+    state : State
+        The session.
+    methods : sequence of str, optional
+        Their ids. Default: those that are ticked and make sense for the phase.
 
     Raises
     ------
     ValueError
-        If there is no phase for the present settings, or no method is chosen.
+        If there is no phase for the present settings, or no method to run.
     """
-    data = ready_phase(state)
+    methods = state.to_run if methods is None else tuple(methods)
+    data = ready_phase(state, methods)
     recording, chosen, truth = state.recording, state.recipe, state.truth
     recipe = state.phase_recipe.changed(
         boundary=state.start_frames or "auto",
         mask=chosen.mask,
-        methods=chosen.methods,
+        methods=methods,
         options=chosen.options,
         confidence=chosen.confidence,
         cells=None,  # they are looked for when that is asked for
@@ -146,13 +154,13 @@ def plan_unwrapping(state: State) -> Plan:
     )
 
 
-def ready_phase(state: State) -> xr.Dataset:
-    """Return the phase to unwrap; ValueError if it is old, or no method is ticked."""
+def ready_phase(state: State, methods: Sequence[str]) -> xr.Dataset:
+    """Return the phase to unwrap; ValueError if it is old, or there is no method to run."""
     data = state.needed_reconstruction()
     if phase_is_stale(state):
         msg = "the lobes or settings have changed since; press Reconstruct in step 3 again"
         raise ValueError(msg)
-    if not state.recipe.methods:
+    if not methods:
         msg = "no method is ticked; tick at least one in step 4"
         raise ValueError(msg)
     return data
@@ -199,7 +207,7 @@ def plan_estimate(state: State) -> Plan:
     ValueError
         If there is no phase yet.
     """
-    data, recipe = state.needed_reconstruction(), state.recipe
+    data, recipe = state.needed_reconstruction(), state.recipe.changed(methods=state.to_run)
     if state.start_frames:  # found already, which takes no time any more
         recipe = recipe.changed(boundary=state.start_frames)
 

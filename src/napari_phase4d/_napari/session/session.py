@@ -122,7 +122,8 @@ class Session(State):
         if boundary is not None:
             settings["boundary"] = (tuple(boundary),)
         self.update(**settings)
-        plan_unwrapping(self).run()
+        # Who names methods gets them, whether they make sense for the phase or not.
+        plan_unwrapping(self, None if methods is None else self.recipe.methods).run()
         return self.needed_outcome().comparison.table
 
     def weigh(self) -> dict[str, xr.DataArray]:
@@ -191,7 +192,7 @@ class Session(State):
             plans.append(plan_scores(self, unasked=True))
         if self.reconstruction is not None and self.noise is None:
             plans.append(plan_noise(self))
-        if self.estimate is None and self.reconstruction is not None and self.recipe.methods:
+        if self.estimate is None and self.reconstruction is not None and self.to_run:
             plans.append(plan_estimate(self))
         # Without WL1, weighing would first have to compute it.
         if REFERENCE in self.results and not self.confidence and self.place is None:

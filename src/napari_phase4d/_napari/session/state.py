@@ -17,7 +17,8 @@ from napari_phase4d.io import RawLayout
 from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
 from napari_phase4d.recording import Recording
-from napari_phase4d.unwrapping import METHODS, best_frame
+from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.unwrapping import METHODS, best_frame, why_unsuited
 
 __all__ = ["Changed", "State", "StepState", "phase_is_stale", "step_states"]
 
@@ -130,6 +131,20 @@ class State:
         """Whether there is a result of directional L1 to hold the frames against by now."""
         reference = self.results.get(REFERENCE)
         return reference is not None and reference is not self.scored_by and self.place is None
+
+    def why_unsuited(self, method: str) -> str:
+        """Say why a method makes no sense for the phase that there is; "" where it does."""
+        if self.reconstruction is None:
+            return why_unsuited(method, None)
+        phase = self.reconstruction["phase"]
+        return why_unsuited(method, wavelengths_of(phase), phase.shape[:2])
+
+    @property
+    def to_run(self) -> tuple[str, ...]:
+        """The ticked methods, without those that make no sense for the phase that there is."""
+        if self.reconstruction is None:
+            return self.recipe.methods
+        return tuple(m for m in self.recipe.methods if not self.why_unsuited(m))
 
     def update(self, **settings: Any) -> None:
         """Change settings of the recipe.
@@ -578,6 +593,6 @@ def results_are_stale(state: State) -> bool:
     now, then = state.recipe, state.outcome.recipe
     if now.mask != then.mask or start_is_stale(state):
         return True
-    ticked = [m for m in now.methods if m in state.results]
+    ticked = [m for m in state.to_run if m in state.results]
     same = all(now.options.get(m, {}) == then.options.get(m, {}) for m in ticked)
-    return not same or len(ticked) < len(now.methods)
+    return not same or len(ticked) < len(state.to_run)

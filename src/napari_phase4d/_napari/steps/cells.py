@@ -51,8 +51,8 @@ HEADINGS = {
         ".0f",
     ),
     "parent": ("parent", "The cell that it came from by division.", ".0f"),
-    "from (s)": ("from (s)", "When it is first seen."),
-    "to (s)": ("to (s)", "When it is last seen."),
+    "from (s)": ("from s", "When it is first seen, in seconds."),
+    "to (s)": ("to s", "When it is last seen, in seconds."),
     "dry mass (pg)": ("pg", "Dry mass: median over its frames and views.", ".2f"),
     "dry mass error (pg)": ("±", "One standard deviation of the mass in a single frame.", ".2f"),
     "area (um^2)": ("µm²", "Area: median over its frames and views.", ".1f"),
@@ -176,15 +176,9 @@ class CellsPart(Step):
                 "cosine of the viewing angle. For angles in the medium that were typed in.",
             )
         )
-        in_grid(
-            self,
-            (
-                ("result", self.result),
-                ("cells", self.source),
-                ("dn/dc", self.increment),
-                ("object index", self.index),
-            ),
-        )
+        # Two grids, so that the longer words of one take no room from the other.
+        in_grid(self, (("result", self.result), ("cells", self.source)))
+        in_grid(self, (("dn/dc", self.increment), ("object index", self.index)))
         least = self.label("smallest")
         least.setToolTip(self.smallest.tooltip)
         least.setBuddy(self.smallest.native)
@@ -350,9 +344,9 @@ class CellsPart(Step):
             return
         summary = cells.summary
         summary["parent"] = summary["parent"].where(summary["parent"] > 0)
-        self.table.show_frame(
-            summary, HEADINGS, colours=[colour_of(int(n)) for n in summary["cell"]]
-        )
+        # A column in which nothing stands takes the room of one that says something.
+        told = summary.dropna(axis="columns", how="all")
+        self.table.show_frame(told, HEADINGS, colours=[colour_of(int(n)) for n in summary["cell"]])
         self.reset_choices()
         with self.own_change():
             self.source.value = FOUND

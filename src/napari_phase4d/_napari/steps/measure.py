@@ -291,6 +291,21 @@ PLOTTED = (
     "area (um^2)",
     "mean phase (rad)",
 )
+#: Column of the table to its heading and what it means. The file and the clipboard hold more: what
+#: was typed beside "Measure".
+MEASURED = {
+    "method": ("method", "The unwrapping method."),
+    "region": ("region", "What was measured."),
+    "time (s)": ("s", "Time in seconds."),
+    "angle (deg)": ("°", "Viewing angle in degrees."),
+    "wavelength (um)": ("λ µm", "Wavelength in micrometres."),
+    "area (um^2)": ("µm²", "Area in square micrometres."),
+    "mean phase (rad)": ("rad", "Mean phase in radians."),
+    "mean optical path difference (nm)": ("nm", "Mean optical path difference in nanometres."),
+    "mean height (um)": ("µm", "Mean height in micrometres, by the index that is given."),
+    "volume (um^3)": ("µm³", "Volume in cubic micrometres, by the index that is given."),
+    "dry mass (pg)": ("pg", "Dry mass in picograms, by the refraction increment that is given."),
+}
 #: What can be saved: the table, or a picture of the plot.
 KINDS, PICTURES = "Table (*.csv);;Plot (*.png *.svg)", (".png", ".svg")
 
@@ -380,15 +395,9 @@ class MeasurePart(Step):
         )
         self.increment = self.watched(increment_field("increment"))
         self.index = self.watched(index_field("object_index"))
-        in_grid(
-            self,
-            (
-                ("result", self.result),
-                ("region", self.regions),
-                ("dn/dc", self.increment),
-                ("object index", self.index),
-            ),
-        )
+        # Two grids, so that the longer words of one take no room from the other.
+        in_grid(self, (("result", self.result), ("region", self.regions)))
+        in_grid(self, (("dn/dc", self.increment), ("object index", self.index)))
         self.follow = self.watched(
             CheckBox(
                 name="regions_follow",
@@ -487,7 +496,7 @@ class MeasurePart(Step):
 
     def _show_measured(self) -> None:
         """Show what was measured."""
-        self.table.show_frame(self.measured)
+        self.table.show_frame(self.measured, MEASURED)
         with self.own_change():
             there = [name for name in PLOTTED if name in self.measured.columns]
             self.quantity.choices = [(on_screen(name), name) for name in there]

@@ -287,7 +287,8 @@ def doubts_of_reconstruction(data: xr.Dataset) -> list[str]:
         doubts.append("The focus was found at the end of the search; it may lie beyond.")
     if attrs.get("drift_removed") and attrs["background_share"] < LITTLE_EMPTY:
         doubts.append("Little empty field is in view; check that the background is at 0.")
-    doubts += [f"{each[0].upper()}{each[1:]}." for each in reconstruction_advice(attrs)]
+    advice = (each.replace(" um", " µm") for each in reconstruction_advice(attrs))
+    doubts += [f"{each[0].upper()}{each[1:]}." for each in advice]
     if attrs.get("lost_times"):
         count, first = len(attrs["lost_times"]), attrs["lost_times"][0]
         doubts.append(

@@ -29,13 +29,13 @@ LINKED = ("contrast_limits", "colormap", "gamma")
 #: More layers than this in the grid get small labels.
 CROWD = 6
 #: Size of a name in points; width and height of a colour bar in pixels, and of its numbers in
-#: points: first the usual ones, then the small ones.
+#: points: first the usual ones, then the small ones. Ten numbers beside a bar do not touch.
 NAME_FONT = (10.0, 8.0)
 #: A name that its cell is too narrow for gets smaller letters, but never smaller than that.
 LEAST_FONT = 6.0
 #: Pixels beside a name, and width of a letter in pixels for each point of the font.
 BESIDE, LETTER = 24.0, 0.95
-COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 110.0), (6.0, 52.0)), (8.0, 6.0)
+COLORBAR_SIZE, COLORBAR_FONT = ((9.0, 110.0), (6.0, 72.0)), (8.0, 6.0)
 #: An object is where phase exceeds this share of its largest, and is shown with so much room.
 OBJECT_SHARE, ROOM = 0.1, 1.25
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from qtpy.QtCore import QEvent, QSize, Qt
-from qtpy.QtGui import QPalette, QShowEvent
+from qtpy.QtGui import QFontInfo, QPalette, QShowEvent
 from qtpy.QtWidgets import QLabel, QStackedLayout, QWidget
 
 from napari_phase4d.io.atomic import written_whole
@@ -26,7 +26,10 @@ if TYPE_CHECKING:
 
 __all__ = ["CurvePlot", "Panel", "curve_styles", "steady_limits"]
 
-FONT_POINTS, LEGEND_POINTS = 8.0, 7.5
+#: Sizes of words and of the legend, as shares of the widget's font.
+WORDS, LEGEND = 8 / 9, 7.5 / 9
+#: Points of the font for which spaces are given.
+USUAL_POINTS = 9.0
 DASHES = ("-", (0, (4, 1.5)), (0, (1.2, 1.2)))
 #: Width of the last curve in points, and how much wider each before it is: where several
 #: coincide, each is still seen.
@@ -35,7 +38,8 @@ THINNEST, THICKER = 1.2, 0.25
 MARGIN = 0.12
 #: Limits stay as they are while the curves fill at least this share of them.
 WELL_FILLED = 0.45
-#: Space for ticks and words round the panels, and between two of them, in 1/96 inch.
+#: Space for ticks and words round the panels, and between two of them, in 1/96 inch with the
+#: usual font.
 LEFT, RIGHT, BOTTOM, TOP = 54, 12, 38, 8
 BESIDE = 40
 #: Room that a tick takes with its number, in 1/96 inch.
@@ -98,7 +102,7 @@ def steady_limits(
     return low - room, high + room
 
 
-def place_legend(figure: Figure, lines: Sequence[Line2D]) -> Legend | None:
+def place_legend(figure: Figure, lines: Sequence[Line2D], points: float) -> Legend | None:
     """Put a legend at the top in as many columns as fit; None if it would take too much room.
 
     Parameters
@@ -107,6 +111,8 @@ def place_legend(figure: Figure, lines: Sequence[Line2D]) -> Legend | None:
         Its other legends are removed.
     lines : sequence of Line2D
         One a name.
+    points : float
+        Size of its letters.
     """
     for legend in list(figure.legends):
         legend.remove()
@@ -115,7 +121,7 @@ def place_legend(figure: Figure, lines: Sequence[Line2D]) -> Legend | None:
             handles=list(lines),
             loc="upper center",
             ncols=columns,
-            fontsize=LEGEND_POINTS,
+            fontsize=points,
             frameon=False,
             handlelength=1.6,
             handletextpad=0.5,
@@ -134,9 +140,9 @@ def place_legend(figure: Figure, lines: Sequence[Line2D]) -> Legend | None:
     return None
 
 
-def arrange_panels(figure: Figure) -> None:
-    """Spread the panels, side by side, over the room that the legend leaves."""
-    unit = figure.dpi / 96
+def arrange_panels(figure: Figure, points: float) -> None:
+    """Spread the panels, side by side, over the room that the legend and a font leave."""
+    unit = figure.dpi / 96 * points / USUAL_POINTS
     total_width, total_height = figure.bbox.width / unit, figure.bbox.height / unit
     top = TOP + sum(legend.get_window_extent().height / unit for legend in figure.legends)
     words_between = any(axes.get_ylabel() for axes in figure.axes[1:])
@@ -264,6 +270,7 @@ class CurvePlot(QWidget):  # type: ignore[misc]
         if self._live is None:
             self._live = CurveFigure(self.logicalDpiX())
             self._stack.addWidget(self._live.canvas)
+            self._letter()
             self._paint()
         self._stack.setCurrentWidget(self._live.canvas)
         self._live.show(panels)
@@ -320,11 +327,17 @@ class CurvePlot(QWidget):  # type: ignore[misc]
             self._live.redraw(everything=True)
 
     def changeEvent(self, event: QEvent | None) -> None:  # noqa: N802
-        """Follow the theme."""
+        """Follow the theme and the font."""
         super().changeEvent(event)
-        changes = (QEvent.Type.PaletteChange, QEvent.Type.StyleChange)
+        changes = (QEvent.Type.PaletteChange, QEvent.Type.StyleChange, QEvent.Type.FontChange)
         if event is not None and event.type() in changes:
+            self._letter()
             self._paint()
+
+    def _letter(self) -> None:
+        """Use the size of the window's font."""
+        if self._live is not None:
+            self._live.letter(QFontInfo(self.font()).pointSizeF())
 
     def _paint(self) -> None:
         """Use the colours of the theme."""
@@ -420,6 +433,7 @@ class CurveFigure:
         self.canvas.mpl_connect("resize_event", self._resized)
         self.canvas.mpl_connect("draw_event", self._keep_pictures)
         self._colours = ("black", "white")
+        self._points = USUAL_POINTS
         self._drawn: list[Drawn] = []
         self._made_for: tuple[Any, ...] = ()
         self._ground: Any = None
@@ -447,6 +461,22 @@ class CurveFigure:
             for panel, drawn, (_, curves) in zip(panels, self._drawn, data, strict=True)
         ]
         self.redraw(everything=any(moved))
+
+    def letter(self, points: float) -> None:
+        """Give words and numbers the size that goes with a font of so many points."""
+        if points == self._points:
+            return
+        self._points = points
+        for drawn in self._drawn:
+            self._size_words(drawn.axes)
+        if self._drawn:
+            self._arrange()
+
+    def _size_words(self, axes: Axes) -> None:
+        points = WORDS * self._points
+        axes.xaxis.label.set_fontsize(points)
+        axes.yaxis.label.set_fontsize(points)
+        axes.tick_params(labelsize=points)
 
     def paint(self, foreground: str, background: str) -> None:
         """Give everything but the curves these colours."""
@@ -502,9 +532,9 @@ class CurveFigure:
                 for name in panel.curves
             }
             mark = axes.axvline(0.0, linewidth=1, linestyle=":", animated=True)
-            axes.set_xlabel(panel.x_label, fontsize=FONT_POINTS)
-            axes.set_ylabel(panel.y_label, fontsize=FONT_POINTS)
-            axes.tick_params(labelsize=FONT_POINTS)
+            axes.set_xlabel(panel.x_label)
+            axes.set_ylabel(panel.y_label)
+            self._size_words(axes)
             axes.ticklabel_format(useOffset=False)
             self._drawn.append(Drawn(axes, x, lines, mark))
         self._arrange()
@@ -514,8 +544,8 @@ class CurveFigure:
         every: dict[str, Line2D] = {}
         for drawn in self._drawn:
             every = drawn.lines | every
-        place_legend(self.figure, list(every.values()))
-        arrange_panels(self.figure)
+        place_legend(self.figure, list(every.values()), LEGEND * self._points)
+        arrange_panels(self.figure, self._points)
         for drawn in self._drawn:
             set_positions(drawn.axes, drawn.x)
         self.paint(*self._colours)

@@ -6,7 +6,15 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from qtpy.QtCore import Qt
-from qtpy.QtGui import QColor, QGuiApplication, QIcon, QKeyEvent, QKeySequence, QPixmap
+from qtpy.QtGui import (
+    QColor,
+    QGuiApplication,
+    QIcon,
+    QKeyEvent,
+    QKeySequence,
+    QPixmap,
+    QShowEvent,
+)
 from qtpy.QtWidgets import (
     QAbstractItemView,
     QHeaderView,
@@ -102,7 +110,7 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
     def show_frame(
         self,
         frame: pd.DataFrame,
-        headings: Mapping[str, tuple[str, ...]] | None = None,
+        headings: Mapping[str, tuple[str, ...]],
         tooltips: Mapping[int, str] | None = None,
         colours: Sequence[str] = (),
     ) -> None:
@@ -112,28 +120,25 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         ----------
         frame : DataFrame
             Texts and numbers.
-        headings : mapping, optional
+        headings : mapping
             Column to its heading, tooltip and, if it is not ".3g", the format of its numbers;
-            other columns are left out. Default: all columns with their names.
+            other columns are left out.
         tooltips : mapping of int to str, optional
             Row number to what is said of it.
         colours : sequence of str, optional
             Colour of a square at the beginning of each row.
         """
         self._frame = frame
-        known: Mapping[str, tuple[str, ...]] = headings or {
-            str(name): (on_screen(str(name)), str(name)) for name in frame.columns
-        }
-        names = [name for name in known if name in frame.columns]
+        names = [name for name in headings if name in frame.columns]
         self.setSortingEnabled(False)
         self.setColumnCount(len(names))
-        self.setHorizontalHeaderLabels([known[name][0] for name in names])
+        self.setHorizontalHeaderLabels([headings[name][0] for name in names])
         rows = min(len(frame), MOST_ROWS)
         self.setRowCount(rows)
         for column, name in enumerate(names):
-            self.horizontalHeaderItem(column).setToolTip(known[name][1])
+            self.horizontalHeaderItem(column).setToolTip(headings[name][1])
             for row, value in enumerate(frame[name].iloc[:rows]):
-                cell = Cell(value, *known[name][2:])
+                cell = Cell(value, *headings[name][2:])
                 cell.setToolTip((tooltips or {}).get(row, ""))
                 if column == 0 and row < len(colours):
                     cell.setData(Qt.ItemDataRole.DecorationRole, QColor(colours[row]))
@@ -151,6 +156,11 @@ class ResultTable(QTableWidget):  # type: ignore[misc]
         header.setStretchLastSection(False)
         self.resizeColumnsToContents()
         header.setStretchLastSection(True)
+
+    def showEvent(self, event: QShowEvent | None) -> None:  # noqa: N802 - Qt's name
+        """Fit the columns anew: the last one was stretched over the room that there was before."""
+        super().showEvent(event)
+        self._fit()
 
     def _make_room(self, column: int, _: Any) -> None:
         """Let the heading that is sorted by show its mark beside its words."""

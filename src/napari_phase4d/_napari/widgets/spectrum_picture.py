@@ -13,6 +13,7 @@ from qtpy.QtGui import (
     QBrush,
     QColor,
     QFont,
+    QFontInfo,
     QImage,
     QPainter,
     QPainterPath,
@@ -27,7 +28,7 @@ from qtpy.QtWidgets import QGraphicsScene, QGraphicsView, QSizePolicy, QWidget
 from napari_phase4d.holography import Lobe, StrayTerm, stray_terms
 from napari_phase4d.later import xr
 
-__all__ = ["VIEW_COLORS", "PlaneView", "paint_marks", "view_color"]
+__all__ = ["VIEW_COLORS", "PlaneView", "paint_marks", "sized", "view_color"]
 
 #: Least, preferred and largest side in pixels.
 LEAST, SIDE, MOST = 200, 230, 300
@@ -156,7 +157,8 @@ GHOST = QColor(210, 210, 210, 150)
 CONJUGATE_ALPHA = 210
 #: Half the length of the cross at zero frequency, in pixels.
 CROSS = 7
-NUMBER_SIZE, LABEL_SIZE = 13, 9
+#: Sizes of numbers and labels, as shares of the widget's font.
+NUMBER_SIZE, LABEL_SIZE = 13 / 12, 9 / 12
 #: Of more beats than this, only those that disturb the chosen view have a label.
 LABELLED_BEATS = 3
 
@@ -239,7 +241,8 @@ def paint_cross(painter: QPainter, plane: Plane) -> None:
 def paint_ghosts(painter: QPainter, plane: Plane, lobes: Sequence[Lobe], chosen: int) -> None:
     """Draw the zero order and the beats, dotted, and their labels where there is room."""
     terms = stray_terms(lobes)
-    taken = [box for lobe in lobes for box in boxes_of(plane, lobe)]
+    number = sized(painter.font(), NUMBER_SIZE).pixelSize()
+    taken = [box for lobe in lobes for box in boxes_of(plane, lobe, number)]
     for term in terms:
         few = term.pair is None or len(terms) - 1 <= LABELLED_BEATS
         labelled = few or (chosen >= 0 and term.disturbs(lobes[chosen]))
@@ -260,24 +263,25 @@ def paint_label(
     taken: list[QRectF],
 ) -> None:
     """Write what a ghost is under its top or over its bottom, if nothing else stands there."""
+    font = sized(painter.font(), LABEL_SIZE)
     for side in (-1, 1):
         rim = plane.point(centre[0] + side * term.radius, centre[1])
-        middle = rim - QPointF(0, side * LABEL_SIZE)
-        path = text_path(painter.font(), plane, middle, term.label, LABEL_SIZE)
+        middle = rim - QPointF(0, side * font.pixelSize())
+        path = text_path(font, plane, middle, term.label)
         if not any(path.boundingRect().intersects(box) for box in taken):
             taken.append(path.boundingRect())
             paint_text(painter, path, GHOST)
             return
 
 
-def boxes_of(plane: Plane, lobe: Lobe) -> Iterator[QRectF]:
-    """Yield the places of the circle of a view, of its conjugate and of its number."""
+def boxes_of(plane: Plane, lobe: Lobe, number: int) -> Iterator[QRectF]:
+    """Yield the places of the circle of a view, of its conjugate and of its number, so high."""
     ky, kx = lobe.carrier
     reach = lobe.radius * np.sqrt(0.5)
     for y, x in ((ky, kx), (-ky, -kx)):
         yield QRectF(plane.point(y - reach, x - reach), plane.point(y + reach, x + reach))
-    half = QPointF(NUMBER_SIZE / 2, NUMBER_SIZE / 2)
-    middle = number_place(plane, lobe)
+    half = QPointF(number / 2, number / 2)
+    middle = number_place(plane, lobe, number)
     yield QRectF(middle - half, middle + half)
 
 
@@ -294,14 +298,16 @@ def paint_view(painter: QPainter, plane: Plane, lobe: Lobe, index: int, is_chose
     color = view_color(index)
     painter.setPen(QPen(color, CHOSEN_LINE if is_chosen else LINE))
     paint_circle(painter, plane, lobe.carrier, lobe.radius)
-    words = str(index + 1)
-    path = text_path(painter.font(), plane, number_place(plane, lobe), words, NUMBER_SIZE)
+    font = sized(painter.font(), NUMBER_SIZE)
+    font.setBold(True)
+    middle = number_place(plane, lobe, font.pixelSize())
+    path = text_path(font, plane, middle, str(index + 1))
     paint_text(painter, path, color)
 
 
-def number_place(plane: Plane, lobe: Lobe) -> QPointF:
-    """Return the middle of the number of a view."""
-    out = (lobe.radius * plane.scale + 0.7 * NUMBER_SIZE) * np.sqrt(0.5)
+def number_place(plane: Plane, lobe: Lobe, size: int) -> QPointF:
+    """Return the middle of the number of a view, which is so many pixels high."""
+    out = (lobe.radius * plane.scale + 0.7 * size) * np.sqrt(0.5)
     return plane.point(*lobe.carrier) + QPointF(out, -out)
 
 
@@ -313,11 +319,15 @@ def paint_circle(
     painter.drawEllipse(plane.point(*centre), reach, reach)
 
 
-def text_path(family: QFont, plane: Plane, middle: QPointF, words: str, size: int) -> QPainterPath:
+def sized(font: QFont, share: float) -> QFont:
+    """Return a font as large as a share of another, in whole pixels, so that it is sharp."""
+    other = QFont(font)
+    other.setPixelSize(max(round(share * QFontInfo(font).pixelSize()), 1))
+    return other
+
+
+def text_path(font: QFont, plane: Plane, middle: QPointF, words: str) -> QPainterPath:
     """Return the outline of a short text round its middle, but within the plane."""
-    font = QFont(family)
-    font.setPixelSize(size)
-    font.setBold(size == NUMBER_SIZE)
     path = QPainterPath()
     path.addText(QPointF(0, 0), font, words)
     box, square = path.boundingRect(), plane.square

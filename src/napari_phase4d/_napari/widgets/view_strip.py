@@ -12,16 +12,17 @@ from qtpy.QtCore import QPointF, QRectF, QSize, Qt
 from qtpy.QtGui import QColor, QImage, QPainter, QPaintEvent, QPen, QPixmap
 from qtpy.QtWidgets import QHBoxLayout, QLabel, QSizePolicy, QWidget
 
-from napari_phase4d._napari.widgets.spectrum_picture import VIEW_COLORS, view_color
+from napari_phase4d._napari.widgets.spectrum_picture import VIEW_COLORS, sized, view_color
 from napari_phase4d.plotting import OBJECT_COLOUR
 
 __all__ = ["Thumbnail", "ViewStrip", "phase_image"]
 
 NOTHING_YET = "The wrapped phase appears here."
 GREY = QColor(140, 140, 140)
-#: Line round a picture, space between pictures, and height of a caption, in pixels.
-FRAME, GAP, CAPTION = 2.0, 4.0, 14.0
-CAPTION_SIZE = 11
+#: Line round a picture and space between pictures, in pixels.
+FRAME, GAP = 2.0, 4.0
+#: Height of a caption's row and of its letters, as shares of the widget's font.
+CAPTION, CAPTION_SIZE = 14 / 12, 11 / 12
 TINY = 1e-6
 
 
@@ -82,12 +83,20 @@ class ViewStrip(QWidget):  # type: ignore[misc]
 
     def places(self) -> list[QRectF]:
         """Return where the pictures are drawn, without frames, in pixels of this widget."""
+        caption = self._caption()
         choices = [
-            [fitted(p, cell) for p, cell in zip(self._pictures, self._cells(n), strict=True)]
+            [
+                fitted(picture, cell, caption)
+                for picture, cell in zip(self._pictures, self._cells(n), strict=True)
+            ]
             for n in range(1, len(self._pictures) + 1)
         ]
         # As many columns as give the largest pictures.
         return max(choices, key=lambda places: places[0].width(), default=[])
+
+    def _caption(self) -> int:
+        """Return the height of a caption's row in pixels."""
+        return int(sized(self.font(), CAPTION).pixelSize())
 
     def paintEvent(self, event: QPaintEvent | None) -> None:  # noqa: N802 - Qt's name
         """Draw pictures, frames and captions."""
@@ -97,16 +106,15 @@ class ViewStrip(QWidget):  # type: ignore[misc]
             painter.setPen(GREY)
             words = Qt.AlignmentFlag.AlignCenter | Qt.TextFlag.TextWordWrap
             painter.drawText(self.rect().adjusted(6, 6, -6, -6), words, NOTHING_YET)
-        font = painter.font()
-        font.setPixelSize(CAPTION_SIZE)
-        painter.setFont(font)
+        painter.setFont(sized(self.font(), CAPTION_SIZE))
+        caption = self._caption()
         for index, place in enumerate(self.places()):
             picture, color = self._pictures[index], view_color(index)
             painter.drawPixmap(place, picture, QRectF(picture.rect()))
             painter.setPen(QPen(color, FRAME))
             edge = FRAME / 2
             painter.drawRect(place.adjusted(-edge, -edge, edge, edge))
-            below = QRectF(place.left(), place.bottom() + FRAME, place.width(), CAPTION)
+            below = QRectF(place.left(), place.bottom() + FRAME, place.width(), caption)
             painter.setPen(self.palette().color(self.foregroundRole()))
             painter.drawText(below, Qt.AlignmentFlag.AlignCenter, self._captions[index])
         painter.end()
@@ -116,14 +124,14 @@ class ViewStrip(QWidget):  # type: ignore[misc]
         return QSize(125, 230)
 
 
-def fitted(picture: QPixmap, cell: QRectF) -> QRectF:
+def fitted(picture: QPixmap, cell: QRectF, caption: int) -> QRectF:
     """Return the largest place for a picture that leaves room for its frame and caption."""
-    width, height = cell.width() - 2 * FRAME, cell.height() - 2 * FRAME - CAPTION
+    width, height = cell.width() - 2 * FRAME, cell.height() - 2 * FRAME - caption
     scale = max(min(width / picture.width(), height / picture.height()), 0.0)
     width, height = picture.width() * scale, picture.height() * scale
     # Frames on whole pixels are sharp.
     left = np.floor(cell.center().x() - width / 2 + TINY)
-    top = np.floor(cell.center().y() - (height + CAPTION) / 2 + TINY)
+    top = np.floor(cell.center().y() - (height + caption) / 2 + TINY)
     return QRectF(QPointF(left, top), QPointF(left + width, top + height))
 
 

@@ -110,7 +110,7 @@ def follow(
     forward : bool
         Whether that frame lies before the block.
     """
-    own = block.of(course.near)
+    own = block.of(course.way)
     whole = (len(block), *step.shape[1:])
     shape = (len(block), math.prod(step.shape[1:]))
     followed, doubt = np.empty(shape, np.float32), np.empty(shape, np.float32)
@@ -162,7 +162,7 @@ def second_opinion(
 ) -> None:
     """Put the second opinion on the steps of a block where it differs and is no more doubtful."""
     course, kept = weighed.along[axis], weighed.by_axis[axis].kept
-    own = weighed.block.of(course.near)
+    own = weighed.block.of(course.way)
     rough = doubt
     if np.ndim(course.fade):
         rough = doubt + np.asarray(course.fade)[own]

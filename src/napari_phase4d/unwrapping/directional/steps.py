@@ -436,7 +436,7 @@ class Courses:
 
     Parameters
     ----------
-    near : Block
+    way : Block
         The frames: those of the block, and the one next to it on the way from the start.
     difference : ndarray of float32
         Difference of the wrapped phases in radians.
@@ -447,7 +447,7 @@ class Courses:
         less the noise, in radians; infinite where it is not known.
     """
 
-    near: Block
+    way: Block
     difference: Image
     fade: Image | np.float32
     unsteady: Image
