@@ -303,3 +303,19 @@ def test_a_cluster_without_workers_is_soon_said(tmp_path: Path) -> None:
         with pytest.raises(OSError, match="sleeping: all workers of the cluster are gone"):
             next(results)
         assert monotonic() - began < 15
+
+
+def test_a_scheduler_that_asks_for_certificates_is_not_said_to_be_off() -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(OSError, match="give dask its certificates .* may be missing") as found:
+        Cluster("tls://127.0.0.1:9")
+    timeout = found.value.__cause__
+    assert "ssl_context" in str(timeout.__cause__ if timeout else "")
+
+
+def test_what_keeps_from_a_scheduler_is_kept() -> None:
+    pytest.importorskip("distributed")
+    with pytest.raises(OSError, match="start one with 'dask scheduler'$") as found:
+        Cluster("tcp://127.0.0.1:9")
+    timeout = found.value.__cause__
+    assert isinstance(timeout.__cause__ if timeout else None, ConnectionRefusedError)

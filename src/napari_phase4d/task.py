@@ -14,7 +14,6 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -376,10 +375,11 @@ class Cluster:
         except ImportError as error:
             msg = 'a cluster needs one more package; run: pip install "napari-phase4d[cluster]"'
             raise ImportError(msg) from error
+        there = address
         try:
-            there = scheduler_in(Path(address)) if address.endswith(".json") else address
-            if not answers(there):
-                raise TimeoutError(address)
+            if address.endswith(".json"):
+                there = scheduler_in(Path(address))
+            check_answers(there)
             # Not for all of dask: what this process reads by itself is its own work.
             self._client: Any = Client(there, timeout=ANSWER_S, set_as_default=False)
         except (OSError, ValueError) as error:
@@ -387,6 +387,11 @@ class Cluster:
                 f"no dask scheduler answers at {printable(address)}; start one with "
                 "'dask scheduler'"
             )
+            if there.startswith("tls://"):
+                msg += (
+                    ", or, if one runs there, give dask its certificates "
+                    "(distributed.comm.tls in dask's configuration), which may be missing"
+                )
             raise OSError(msg) from error
         if not self._client.nthreads():
             self._client.close()
@@ -477,8 +482,8 @@ def scheduler_in(file: Path) -> str:
     return address
 
 
-def answers(address: str) -> bool:
-    """Say whether a scheduler takes connections at an address.
+def check_answers(address: str) -> None:
+    """Raise TimeoutError, from what is wrong, unless a scheduler takes connections at an address.
 
     A scheduler greets first, by a short message whose length comes first. What else may listen
     there says nothing, as a web server does, or something that is no such length; a client would
@@ -487,23 +492,29 @@ def answers(address: str) -> bool:
     place = urlsplit(address if "://" in address else f"tcp://{address}")
     port = place.port  # ValueError if there can't be such a one
     found = threading.Event()
+    wrong: list[Exception] = []
 
     def look() -> None:
-        with suppress(OSError, UnicodeError):
-            where = (place.hostname or "", port or SCHEDULER_PORT)
+        where = (place.hostname or "", port or SCHEDULER_PORT)
+        try:
             with socket.create_connection(where, ANSWER_S) as open_:
                 if greets(open_):
                     found.set()
+        except (OSError, UnicodeError) as error:
+            wrong.append(error)
 
     def connect() -> None:
-        with suppress(Exception):  # whatever the packages of other protocols raise
+        try:
             asyncio.run(greeted(address))
             found.set()
+        except Exception as error:  # whatever the packages of other protocols raise
+            wrong.append(error)
 
     looking = threading.Thread(target=look if place.scheme == "tcp" else connect, daemon=True)
     looking.start()
     looking.join(ANSWER_S)
-    return found.is_set()
+    if not found.is_set():
+        raise TimeoutError(address) from next(iter(wrong), None)
 
 
 async def greeted(address: str) -> None:

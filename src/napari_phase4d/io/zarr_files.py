@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 import threading
 from collections.abc import Callable, Mapping
-from functools import lru_cache
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
 from zipfile import ZipFile
 
 import numpy as np
@@ -28,7 +28,7 @@ from napari_phase4d.io.video import (
     chosen_places,
     other_arrays,
 )
-from napari_phase4d.io.zarr_packing import check_packed_once, check_unpacked
+from napari_phase4d.io.zarr_packing import Pieces, check_packed_once
 from napari_phase4d.words import size_in_words
 
 __all__ = ["ZarrReader", "is_zarr", "read_zarr"]
@@ -132,6 +132,9 @@ class ZarrReader(FrameReader):
         self.leading = leading
         self._lock = threading.Lock()
         self._array: Any = None
+        self._pieces: Pieces | None = None
+        #: A zipped store; what lies in it takes long to list. It is closed with the reader.
+        self._zip: ZipFile | None = None
         #: The last frame that a server is known to have, where it had nothing of one before.
         self._there = -1
         self._block = (0, np.empty((0, *shape[1:]), dtype))
@@ -146,7 +149,7 @@ class ZarrReader(FrameReader):
                 if step * math.prod(self.shape[1:]) * self.dtype.itemsize > LARGEST_KEPT:
                     step = 1
                 first = index - index % step
-                check_pieces(self.path, self.name, array, self._place(array, index), self.axis)
+                self._check_pieces(array, index)
                 block = self._read(array, first, min(first + step, self.shape[0]))
                 self._check_sent(array, index)
                 if step > 1:
@@ -189,6 +192,18 @@ class ZarrReader(FrameReader):
         if self.axis is not None:
             place[self.axis] = slice(first, stop)
         return np.asarray(array[tuple(place)]).reshape(stop - first, *self.shape[1:])
+
+    def _check_pieces(self, array: Any, index: int) -> None:
+        """Raise OSError if the pieces of a frame are missing, cut short or hold too much."""
+        if self._pieces is None:
+            self._pieces = Pieces(array)
+        place = self._place(array, index)
+        if self.path.is_dir():
+            check_pieces(self.path, self.name, array, place, self._pieces, self.axis)
+        elif address_of(self.path) is None:
+            if self._zip is None:
+                self._zip = ZipFile(self.path)
+            check_zipped(self._zip, self.name, array, place, self._pieces)
 
     def _check_sent(self, array: Any, index: int) -> None:
         """Raise OSError if a server had nothing of a frame, nor of any later one."""
@@ -351,7 +366,7 @@ def check_regular(path: Path, *files: Path) -> None:
 
 
 def check_pieces(
-    path: Path, name: str, array: Any, place: list[int], axis: int | None = None
+    path: Path, name: str, array: Any, place: list[int], pieces: Pieces, axis: int | None
 ) -> None:
     """Raise OSError if the pieces of a frame in a folder are missing or cut short.
 
@@ -359,35 +374,31 @@ def check_pieces(
     it could not make smaller. Missing pieces are black, which Zarr leaves out, unless nothing at
     all comes after them: then the recording ended there.
     """
-    if not path.is_dir():
-        if address_of(path) is None:
-            check_zipped(path, name, array, place)
-        return
     files = files_of(path, name, array, place)
     if not files and not goes_on(path, name, array, place, axis):
         msg = "nothing of it is in the store"
         raise OSError(msg)
     for file in files:
-        with file.open("rb") as opened_file:
-            check_unpacked(opened_file, file.stat().st_size, file.name, array)
+        found = file.stat()
+        stamp = (str(file), found.st_mtime_ns, found.st_size)
+        pieces.check(partial(opened_file, file), found.st_size, file.name, stamp)
 
 
-def check_zipped(path: Path, name: str, array: Any, place: list[int]) -> None:
+def opened_file(path: Path) -> IO[bytes]:
+    """Return an open file."""
+    return path.open("rb")
+
+
+def check_zipped(store: ZipFile, name: str, array: Any, place: list[int], pieces: Pieces) -> None:
     """Raise OSError if a piece of a frame in a zipped store would unpack to far too much."""
-    store = zipped(path, path.stat().st_mtime_ns)
     for key in keys_of(array, place):
         try:
             info = store.getinfo(f"{name}/{key}".lstrip("/"))
         except KeyError:
             continue
-        with store.open(info) as file:
-            check_unpacked(file, info.file_size, key, array)
-
-
-@lru_cache(maxsize=2)
-def zipped(path: Path, changed_ns: int) -> ZipFile:
-    """Return an open zip, whose list of contents takes long to read."""
-    return ZipFile(path)
+        pieces.check_entry(store, info, key)
+        stamp = (info.filename, info.header_offset, info.file_size)
+        pieces.check(partial(store.open, info), info.file_size, key, stamp)
 
 
 def keys_of(array: Any, place: list[int]) -> list[str]:
