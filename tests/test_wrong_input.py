@@ -352,6 +352,18 @@ DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: measure(with_places(EXACT, "y", range(32)), CELL, OPTICS),
         "as numbers of pixels are, and count as micrometres",
     ),
+    "pixels by their numbers, as floats": (
+        lambda: measure(with_places(EXACT, "x", np.arange(40.0)), CELL, OPTICS),
+        "x coordinates of the phase are 0, 1, 2, ... without a unit, as numbers of pixels are",
+    ),
+    "pixels by their numbers, once unwrapped": (
+        lambda: measure(unwrap(with_places(WRAPPED, "x", np.arange(40.0))), CELL, OPTICS),
+        "as numbers of pixels are",
+    ),
+    "pixels of a video by their numbers, as floats": (
+        lambda: p4d.open_recording(video(x=np.arange(64.0), y=np.arange(64.0))),
+        "as numbers of pixels are",
+    ),
     "pixels of a video by their numbers": (
         lambda: p4d.open_recording(video(x=np.arange(64), y=np.arange(64))), "numbers of pixels"
     ),
@@ -473,6 +485,19 @@ def test_settings_of_phantoms_are_refused(case: str) -> None:
 @pytest.mark.parametrize("case", DOUBTED)
 def test_what_is_probably_wrong_is_doubted(case: str) -> None:
     doubted(*DOUBTED[case])
+
+
+@pytest.mark.parametrize("kind", [int, float])
+def test_a_pixel_of_1_um_that_says_so_is_not_doubted(kind: type) -> None:
+    places = {axis: np.arange(EXACT.sizes[axis], dtype=kind) for axis in ("y", "x")}
+    stack = with_places(with_places(EXACT, "y", places["y"], "um"), "x", places["x"], "um")
+    sides = {axis: (axis, np.arange(64, dtype=kind), {"units": "um"}) for axis in ("y", "x")}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        table = measure(stack, CELL, OPTICS)
+        recording = p4d.open_recording(video(**sides))
+    assert (table["area (um^2)"] == 32 * 40).all()
+    assert recording.optics.pixel_um == pytest.approx(1)
 
 
 def test_masks_follow_their_names() -> None:

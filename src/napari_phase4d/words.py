@@ -9,7 +9,8 @@ import os
 import re
 import sys
 import warnings
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import islice
 from numbers import Integral, Real
 from os import PathLike
 from pathlib import Path
@@ -22,6 +23,7 @@ from numpy.typing import NDArray
 __all__ = [
     "EXPECTED",
     "address_of",
+    "advised_call",
     "as_numbers",
     "as_path",
     "check_bool",
@@ -33,6 +35,7 @@ __all__ = [
     "checked_call",
     "counted",
     "frame_in_words",
+    "has_parts",
     "is_expected",
     "is_list",
     "is_table",
@@ -224,7 +227,7 @@ KINDS: Mapping[str, tuple[str, Callable[[Any], bool]]] = {
     "Mapping": ("a mapping of names", lambda value: isinstance(value, Mapping)),
     "Sequence": ("a list", lambda value: is_list(value)),
     "tuple": ("a list", lambda value: is_list(value)),
-    "Iterable": ("a list", lambda value: is_list(value) or isinstance(value, Iterator)),
+    "Iterable": ("a list", lambda value: has_parts(value)),
     "ProgressCall": ("a function", callable),
     "CancelledCall": ("a function", callable),
     "Callable": ("a function", callable),
@@ -238,18 +241,29 @@ def checked_call(function: Callable[P, R]) -> Callable[P, R]:
 
     Kinds are those of its annotations; what they name that is not known here is not looked at.
     """
+    return advised_call()(function)
 
-    @functools.wraps(function)
-    def checked(*args: P.args, **kwargs: P.kwargs) -> R:
-        taken = taken_by(function)
-        given = dict(zip(taken, args, strict=False)) | kwargs
-        for name, value in given.items():
-            if name in taken and not fits(value, taken[name], function):
-                msg = f"{name} must be {in_words(taken[name], function)}, but is {shown(value)}"
-                raise TypeError(msg)
-        return function(*args, **kwargs)
 
-    return checked
+def advised_call(**advice: str) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Do as `checked_call`, and say of an argument by this name where to get the right one."""
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        call: Callable[..., R] = function
+
+        def right(name: str, value: Any) -> Any:
+            return as_taken(name, value, call, advice.get(name, ""))
+
+        @functools.wraps(function)
+        def checked(*args: P.args, **kwargs: P.kwargs) -> R:
+            names = taken_by(call)
+            more = args[len(names) :]  # too many, which Python refuses
+            in_order = [right(name, value) for name, value in zip(names, args, strict=False)]
+            named = {name: right(name, value) for name, value in kwargs.items()}
+            return call(*in_order, *more, **named)
+
+        return checked
+
+    return decorate
 
 
 @functools.cache
@@ -258,40 +272,100 @@ def taken_by(function: Callable[..., Any]) -> dict[str, str]:
     return {name: str(p.annotation) for name, p in inspect.signature(function).parameters.items()}
 
 
+def as_taken(name: str, value: Any, function: Callable[..., Any], advice: str) -> Any:
+    """Return a value as a function takes it; TypeError if it is of no kind that this says."""
+    said = taken_by(function).get(name)
+    if said is None or is_any_of(value, said, function):
+        return value
+    plain = as_plain(value)
+    if is_any_of(plain, said, function):
+        return plain
+    end = f"; {advice}" if advice else ""
+    msg = f"{name} must be {in_words(said, function)}, but is {shown(value)}{end}"
+    raise TypeError(msg)
+
+
+def as_plain(value: Any) -> Any:
+    """Return an array of no axis as its number and a column of a table as a list."""
+    if is_of(value, "pandas", "Series"):
+        return list(value)
+    if getattr(value, "ndim", None) != 0 or isinstance(value, np.ma.MaskedArray):
+        return value
+    kind = getattr(getattr(value, "dtype", None), "kind", "")
+    return value.item() if kind and kind in "iuf" else value
+
+
 def fits(value: Any, said: str, function: Callable[..., Any]) -> bool:
+    """Say whether a value, or the number or the list that it stands for, is of a kind."""
+    return is_any_of(value, said, function) or is_any_of(as_plain(value), said, function)
+
+
+def is_any_of(value: Any, said: str, function: Callable[..., Any]) -> bool:
     """Say whether a value is of a kind that an annotation names."""
     return any(is_kind(value, one, function) for one in parts_of(said, "|"))
 
 
 def is_kind(value: Any, said: str, function: Callable[..., Any]) -> bool:
     """Say whether a value is of one kind, as are its parts where it is a list or a mapping."""
-    head, _, inside = said.removesuffix("]").partition("[")
+    head, inside = head_of(said)
     if head not in KINDS:
-        known = function.__globals__.get(head)
-        return known is Any or not inspect.isclass(known) or isinstance(value, known)
+        return is_of_class(value, head, function)
+    look = PARTS.get(head)
     if not KINDS[head][1](value):
         return False
-    kinds = parts_of(inside, ",")
-    if head == "tuple" and getattr(value, "ndim", 0) > 0:
-        of_numbers = value.ndim == 1 and value.dtype.kind in "iuf"
-        return bool(of_numbers and len(value) == len(kinds))
-    if head == "Mapping" and len(kinds) == 2:
-        pairs = list(value.items())[:LOOKED_AT]
-        return all(fits(k, kinds[0], function) and fits(v, kinds[1], function) for k, v in pairs)
-    if head == "Sequence" and hasattr(value, "dtype") and value.dtype.kind not in "biuf":
-        value = list(value)
-    elif head == "Sequence" and hasattr(value, "dtype"):
-        return inside.partition("[")[0] not in function.__globals__  # numbers are no Lobe
-    if head not in ("Sequence", "tuple") or not isinstance(value, (list, tuple)):
+    return look is None or look(value, parts_of(inside, ","), function)
+
+
+def is_of_class(value: Any, name: str, function: Callable[..., Any]) -> bool:
+    """Say whether a value is of a class as a function's module knows it; what else may be."""
+    known = function.__globals__.get(name)
+    return known is Any or not inspect.isclass(known) or isinstance(value, known)
+
+
+def pairs_fit(value: Any, kinds: Sequence[str], function: Callable[..., Any]) -> bool:
+    """Say whether names and values of a mapping are of their kinds."""
+    if len(kinds) != 2:
         return True
-    if head == "tuple" and "..." not in kinds:
-        return len(value) == len(kinds) and all(
-            fits(one, kind, function) for one, kind in zip(value, kinds, strict=True)
-        )
-    return all(fits(one, kinds[0], function) for one in value[:LOOKED_AT]) if kinds else True
+    pairs = islice(value.items(), LOOKED_AT)
+    return all(fits(k, kinds[0], function) and fits(v, kinds[1], function) for k, v in pairs)
 
 
-def parts_of(said: str, sign: str) -> list[str]:
+def values_fit(value: Any, kinds: Sequence[str], function: Callable[..., Any]) -> bool:
+    """Say whether a list holds as many values as there are kinds, each of its own."""
+    if "..." in kinds or not kinds:
+        return all_fit(value, kinds, function)
+    return len(value) == len(kinds) and all(
+        fits(one, kind, function) for one, kind in zip(value, kinds, strict=True)
+    )
+
+
+def all_fit(value: Any, kinds: Sequence[str], function: Callable[..., Any]) -> bool:
+    """Say whether all parts are of a kind; what may give its parts only once is not looked at."""
+    is_array = hasattr(value, "dtype") and hasattr(value, "__getitem__")
+    if not kinds or not (is_array or isinstance(value, (list, tuple))):
+        return True
+    if is_array:  # its numbers, or its rows, are all of one kind
+        value = np.asarray(value[: 1 if value.dtype.kind in "biufc" else LOOKED_AT])
+    return all(fits(one, kinds[0], function) for one in islice(value, LOOKED_AT))
+
+
+#: What looks at the parts of a kind.
+PARTS: Mapping[str, Callable[[Any, Sequence[str], Callable[..., Any]], bool]] = {
+    "Mapping": pairs_fit,
+    "tuple": values_fit,
+    "Sequence": all_fit,
+    "Iterable": all_fit,
+}
+
+
+def head_of(said: str) -> tuple[str, str]:
+    """Return the name of a kind and what it says in brackets."""
+    head, _, inside = said.removesuffix("]").partition("[")
+    return head, inside
+
+
+@functools.cache
+def parts_of(said: str, sign: str) -> tuple[str, ...]:
     """Return the parts of an annotation between signs outside of brackets."""
     found, depth = [""], 0
     for letter in said:
@@ -300,19 +374,19 @@ def parts_of(said: str, sign: str) -> list[str]:
             found.append("")
         else:
             found[-1] += letter
-    return [part.strip() for part in found if part.strip()]
+    return tuple(part.strip() for part in found if part.strip())
 
 
 def in_words(said: str, function: Callable[..., Any]) -> str:
     """Return what an annotation says, for a sentence."""
     words = []
     for one in parts_of(said, "|"):
-        head, _, inside = one.removesuffix("]").partition("[")
+        head, inside = head_of(one)
         named = KINDS[head][0] if head in KINDS else f"{article_of(head)} {head}"
         kinds = [kind for kind in parts_of(inside, ",") if kind != "..."]
         if head == "tuple" and len(kinds) > 1:
             named = f"{len(kinds)} values, each {in_words(kinds[0], function)}"
-        elif head in ("Sequence", "tuple") and kinds:
+        elif head in ("Sequence", "tuple", "Iterable") and kinds:
             named = f"a list, each {in_words(kinds[0], function)}"
         if named not in words:
             words.append(named)
@@ -343,9 +417,15 @@ def is_of(value: Any, package: str, kind: str) -> bool:
 
 def is_list(value: Any) -> bool:
     """Say whether a value has parts in an order."""
+    return has_parts(value) and hasattr(value, "__len__") and not is_table(value)
+
+
+def has_parts(value: Any) -> bool:
+    """Say whether a value gives parts one by one, of which no one need know how many."""
     if isinstance(value, (str, bytes, Mapping)) or not isinstance(value, Iterable):
         return False
-    return hasattr(value, "__len__") and getattr(value, "ndim", 1) > 0 and not is_table(value)
+    axes = getattr(value, "ndim", 1)
+    return axes == 1 or (axes > 0 and not is_table(value))
 
 
 def is_table(value: Any) -> bool:

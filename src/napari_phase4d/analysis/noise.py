@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.words import checked_call
+from napari_phase4d.words import as_numbers, checked_call, shown
 
 __all__ = ["noise_figures", "noise_sentence", "with_wavelength"]
 
@@ -129,8 +129,13 @@ def with_wavelength(
     if "temporal_phase_mrad" not in table or "spatial_phase_mrad" not in table:
         msg = "table has no columns of phase noise; give the one that noise_figures() makes"
         raise ValueError(msg)
+    light = as_numbers("wavelength_um", wavelength_um)
+    if light.shape not in ((), (len(table),)):
+        given = shown(wavelength_um)
+        msg = f"wavelength_um must be one number, or one for each view, but is {given}"
+        raise ValueError(msg)
     paths = {
-        f"{name}_path_nm": table[f"{name}_phase_mrad"] * wavelength_um / (2 * np.pi)
+        f"{name}_path_nm": table[f"{name}_phase_mrad"] * light / (2 * np.pi)
         for name in ("temporal", "spatial")
     }
     return table.assign(**paths)[COLUMNS]

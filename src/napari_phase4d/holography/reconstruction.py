@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import Any, Literal
@@ -44,7 +44,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
-from napari_phase4d.words import check_bool, check_number, is_list, shown, warn
+from napari_phase4d.words import check_bool, check_number, has_parts, is_list, shown, warn
 
 __all__ = [
     "PhaseSettings",
@@ -85,7 +85,7 @@ class PhaseSettings:
 
 def reconstruct(
     rec: Recording,
-    lobes: Sequence[Lobe],
+    lobes: Iterable[Lobe],
     reference: Reference = None,
     *,
     window: str = "smooth-disk",
@@ -104,7 +104,7 @@ def reconstruct(
     ----------
     rec : Recording
         The hologram video; read one frame at a time.
-    lobes : sequence of Lobe
+    lobes : iterable of Lobe
         The views; the result holds them in the order of their angles, and of their wavelengths
         where angles repeat. Where two have the same angle and wavelength, the views are numbered
         instead.
@@ -197,9 +197,9 @@ def reconstruct(
         tilt_per_frame,
         first_frames,
     )
-    lobes = list(lobes) if is_list(lobes) else lobes
-    work = frame_reconstructor(rec, lobes, settings, Task(None, cancelled))
-    for doubt in lobe_doubts(lobes):
+    views: Any = list(lobes) if has_parts(lobes) else lobes
+    work = frame_reconstructor(rec, views, settings, Task(None, cancelled))
+    for doubt in lobe_doubts(views):
         warn(doubt)
     for advice in reconstruction_advice(work.attrs):
         warn(f"{rec.name}: {advice}")

@@ -16,7 +16,7 @@ from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe
 from napari_phase4d.later import xr
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
-from napari_phase4d.words import check_type, checked_call
+from napari_phase4d.words import advised_call
 
 __all__ = [
     "MAIN_LOBE",
@@ -33,7 +33,7 @@ __all__ = [
 ]
 
 
-@checked_call
+@advised_call(rec="open_recording() makes one of a file or an array")
 def power_spectrum(
     rec: Recording,
     *,
@@ -81,7 +81,6 @@ def power_spectrum(
     {'ky': 512, 'kx': 512}
     """
     task = Task(progress, cancelled)
-    check_type("rec", rec, Recording, "open_recording() makes one of a file or an array")
     if max_frames is not None and max_frames < 1:
         msg = f"max_frames must be 1 or more, but is {max_frames}"
         raise ValueError(msg)

@@ -330,18 +330,16 @@ def open_data_array(
 
 
 def square_pixel_um(data: xr.DataArray, name: str) -> float | None:
-    """Return the width of a pixel by the places along y and x, None where they name no unit.
+    """Return the width of a pixel by the places along y and x, None where there are none.
+
+    Without a unit they count as micrometres.
 
     Raises
     ------
     ValueError
         If it is not as high as wide, or in another unit.
     """
-    known = [
-        axis
-        for axis in ("y", "x")
-        if data.sizes.get(axis, 1) > 1 and axis in data.coords and data[axis].attrs.get("units")
-    ]
+    known = [axis for axis in ("y", "x") if data.sizes.get(axis, 1) > 1 and axis in data.coords]
     steps = [spacing(data, axis, name) for axis in known]
     if steps:
         check_pixel(steps[0], steps[-1], name)

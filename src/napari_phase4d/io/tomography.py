@@ -13,9 +13,9 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import AXES, on_grid_of, pixel_um, unwrapped_stack, wavelengths_of
 from napari_phase4d.words import (
+    advised_call,
     as_numbers,
     check_type,
-    checked_call,
     counted,
     local_path,
     shown,
@@ -227,7 +227,7 @@ def warn_of_few(angles: NDArray[np.float64]) -> None:
         )
 
 
-@checked_call
+@advised_call(data="give what sinogram() returned")
 def write_sinogram(path: str | Path, data: xr.Dataset) -> Path:
     """Write a sinogram as HDF5: ``field``, ``rytov``, ``angles``, and the rest as attributes.
 
@@ -256,7 +256,6 @@ def write_sinogram(path: str | Path, data: xr.Dataset) -> Path:
     if path.suffix.lower() not in ("", ".h5", ".hdf5"):
         msg = f"a sinogram is written as .h5, but the name is {path.name}"
         raise ValueError(msg)
-    check_type("data", data, xr.Dataset, "give what sinogram() returned")
     if not {"field", "rytov"} <= set(data.data_vars) or "angle" not in data.coords:
         msg = "data is no sinogram; give what sinogram() returned"
         raise ValueError(msg)

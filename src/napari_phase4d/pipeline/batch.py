@@ -6,7 +6,7 @@ import errno
 import math
 import time
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -34,10 +34,8 @@ from napari_phase4d.pipeline.running import Outcome, run
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import (
+    advised_call,
     as_path,
-    check_bool,
-    check_call,
-    checked_call,
     counted,
     is_expected,
     local_path,
@@ -226,10 +224,10 @@ def facts_of_input(known: dict[str, Any]) -> dict[str, Any]:
 NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EROFS)
 
 
-@checked_call
+@advised_call(recipe="give Recipe(...), or Recipe.from_file(path)")
 def run_batch(
     recipe: Recipe,
-    files: str | Path | Sequence[str | Path],
+    files: str | Path | Iterable[str | Path],
     out: str | Path,
     *,
     resume: bool = False,
@@ -254,7 +252,7 @@ def run_batch(
     ----------
     recipe : Recipe
         All settings but the recording.
-    files : sequence of str or Path
+    files : iterable of str or Path
         Recordings or wrapped phase; what is given twice is run once.
     out : str or Path
         Folder for the results; made if it is not there.
@@ -297,11 +295,7 @@ def run_batch(
     Cancelled
         If ``cancelled()`` returned True; what is complete stays, nothing is half-written.
     """
-    if isinstance(files, str | Path):
-        files = [files]
-    check_bool("resume", resume)
-    for name, call in {"told": told, "prepared": prepared, "finished": finished}.items():
-        check_call(name, call)
+    files = [files] if isinstance(files, str | Path) else list(files)
     wish = Wish(
         recipe, resume, checked_form(form), truth, scheduler, cancelled, prepared, finished
     )

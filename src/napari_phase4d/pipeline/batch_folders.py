@@ -14,7 +14,7 @@ import socket
 import time
 import zlib
 from collections import defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
@@ -198,7 +198,7 @@ ENDINGS = (".zarr", ".ome")
 
 
 @checked_call
-def result_folders(files: Sequence[str | Path], out: str | Path) -> list[Path]:
+def result_folders(files: Iterable[str | Path], out: str | Path) -> list[Path]:
     """Return a folder for every file, right in ``out``, and not the same for two files.
 
     It is called like the file without its ending. Files that share such a name keep their ending,

@@ -59,7 +59,7 @@ from napari_phase4d.unwrapping.directional.least_turns import sink_side
 from napari_phase4d.unwrapping.given import all_known
 from napari_phase4d.unwrapping.growing.rows import integrated
 from napari_phase4d.unwrapping.problem import checked_boundaries
-from napari_phase4d.words import check_type, checked_call, sentence_of, warn
+from napari_phase4d.words import advised_call, sentence_of, warn
 
 __all__ = [
     "Outcome",
@@ -114,7 +114,10 @@ class Outcome:
     cells_error: Exception | None = None
 
 
-@checked_call
+@advised_call(
+    recipe="give Recipe(...), or Recipe.from_file(path)",
+    recording="open_recording() makes one of a file",
+)
 def run(
     recipe: Recipe,
     recording: Recording | None = None,
@@ -171,9 +174,6 @@ def run(
     19
     """
     task = Task(progress, cancelled)
-    check_type("recipe", recipe, Recipe, "give Recipe(...), or Recipe.from_file(path)")
-    if recording is not None:
-        check_type("recording", recording, Recording, "open_recording() makes one of a file")
     if recording is None and not recipe.recording:
         msg = "the recipe names no recording; give run() one, or a recipe with a file"
         raise ValueError(msg)

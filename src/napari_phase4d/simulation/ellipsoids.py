@@ -20,7 +20,6 @@ from napari_phase4d.words import as_numbers, check_positive, check_type, checked
 __all__ = [
     "Ellipsoid",
     "check_asked",
-    "check_optics",
     "is_count",
     "path_length_um",
     "phase_stack",

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
 from napari_phase4d.simulation.ellipsoids import wrap
-from napari_phase4d.words import check_finite, check_type, checked_call, shown
+from napari_phase4d.words import advised_call, check_finite, shown
 
 __all__ = ["FAULTS", "LOSES_FRAME", "with_fault", "with_noise"]
 
@@ -136,7 +136,7 @@ FAULTS = (*OF_PHASE, *OF_CAMERA)
 LOSES_FRAME = tuple(name for name in OF_CAMERA if "pixels" not in name)
 
 
-@checked_call
+@advised_call(data='give one with "phase", as budding_yeast() does')
 def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int = 0) -> xr.Dataset:
     """Let something go wrong half way through a recording, and add noise.
 
@@ -186,7 +186,7 @@ def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int =
     return xr.Dataset({"phase": truth, "wrapped": wrapped}, attrs=data.attrs)
 
 
-@checked_call
+@advised_call(data='give one with "phase", as budding_yeast() does')
 def with_noise(
     data: xr.Dataset, noise_rad: float = 0.0, drift_rad: float = 0.0, seed: int = 0
 ) -> xr.Dataset:
@@ -209,7 +209,6 @@ def with_noise(
         ``phase`` is the exact phase with the same noise and drift, so that an unwrapper that is
         right everywhere leaves no error; ``wrapped`` belongs to it.
     """
-    check_type("data", data, xr.Dataset, 'give one with "phase", as budding_yeast() does')
     if "phase" not in data:
         msg = f'data holds {", ".join(map(str, data)) or "nothing"}, but no exact "phase"'
         raise ValueError(msg)

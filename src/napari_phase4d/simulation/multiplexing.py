@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
-from napari_phase4d.simulation.ellipsoids import check_asked, check_optics, with_exact_phase, wrap
+from napari_phase4d.simulation.ellipsoids import check_asked, with_exact_phase, wrap
 from napari_phase4d.stacks import (
     AXES,
     KIND,
@@ -24,11 +24,9 @@ from napari_phase4d.stacks import (
     wavelengths_of,
 )
 from napari_phase4d.words import (
+    advised_call,
     as_numbers,
     check_finite,
-    check_number,
-    check_type,
-    checked_call,
     shown,
 )
 
@@ -42,7 +40,9 @@ PUPIL_RADIUS = 0.089
 EXPOSURE = 0.9
 
 
-@checked_call
+@advised_call(
+    phase="give exact phase, as budding_yeast() makes it", optics="give Optics(wavelength_um=...)"
+)
 def multiplexed_video(
     phase: xr.DataArray,
     optics: Optics | None = None,
@@ -126,9 +126,7 @@ def multiplexed_video(
     >>> rec.holograms.shape, str(rec.holograms.dtype)
     ((2, 512, 512), 'uint16')
     """
-    check_optics(optics)
     optics = optics or Optics()
-    check_type("phase", phase, xr.DataArray, "give exact phase, as budding_yeast() makes it")
     if phase.ndim != 4:
         msg = f"phase has dims {tuple(phase.dims)}; it must have time, angle, y and x"
         raise ValueError(msg)
@@ -279,9 +277,9 @@ def tilted_wave(shape: tuple[int, int], carrier: tuple[float, float]) -> NDArray
 PATHS_UM = (0.25, 0.6, 1.5, 4.0, 9.0, 20.0)
 
 
-@checked_call
+@advised_call(data='give one with "phase", as step_phantom() does')
 def at_wavelengths(
-    data: xr.Dataset, wavelengths_um: Sequence[float], *, cauchy_um2: float = 0.0
+    data: xr.Dataset, wavelengths_um: Iterable[float], *, cauchy_um2: float = 0.0
 ) -> xr.Dataset:
     """Show an object at several wavelengths, each from all of its angles.
 
@@ -294,7 +292,7 @@ def at_wavelengths(
     data : Dataset
         With exact ``phase`` in radians, dims (time, angle, y, x), at one wavelength, which its
         ``attrs["wavelength_um"]`` holds, as `step_phantom` or `swimming_euglena` makes it.
-    wavelengths_um : sequence of float
+    wavelengths_um : iterable of float
         In micrometres, all different.
     cauchy_um2 : float, optional
         C in square micrometres, default 0: an object without dispersion. At the wavelength of
@@ -322,7 +320,6 @@ def at_wavelengths(
     >>> two["phase"].sizes["angle"], two["wavelength"].values.tolist()
     (2, [0.532, 0.6328])
     """
-    check_type("data", data, xr.Dataset, 'give one with "phase", as step_phantom() does')
     if "phase" not in data:
         msg = f'data holds {", ".join(map(str, data)) or "nothing"}, but no exact "phase"'
         raise ValueError(msg)
@@ -331,11 +328,12 @@ def at_wavelengths(
     if own is None or len(set(own)) > 1 or WAVELENGTH in exact.coords:
         msg = 'data must note its one wavelength, as attrs["wavelength_um"] of its phase'
         raise ValueError(msg)
+    wavelengths_um = list(wavelengths_um)
     light = np.sort(as_numbers("wavelengths_um", wavelengths_um).astype(np.float64).ravel())
     if not len(light) or not (light > 0).all() or (np.diff(light) <= 0).any():
         msg = f"wavelengths_um must be different lengths above 0, but is {shown(wavelengths_um)}"
         raise ValueError(msg)
-    bent = check_number("cauchy_um2", cauchy_um2)
+    bent = float(cauchy_um2)
     dispersion = (1 + bent / light**2) / (1 + bent / own[0] ** 2)
     scale = (own[0] / light * dispersion).astype(np.float32)
     n_times, n_angles, height, width = exact.shape

@@ -153,7 +153,9 @@ def with_coordinates(stack: xr.DataArray, name: str) -> xr.DataArray:
         given = stack.coords[axis]
         places = in_usual_units(given, axis, name)
         check_places(places, axis, name, twice=axis == "angle" and WAVELENGTH in stack.coords)
-        if places is not given.values:
+        noted = given.attrs.get("units")
+        # Where no unit is noted none is added: the numbers may be those of pixels.
+        if given.dtype.kind in "mM" or (noted and noted != UNITS[axis]):
             units = {**given.attrs, "units": UNITS[axis]}
             if given.dtype.kind == "M":
                 units[SINCE] = str(given.values[0])
@@ -335,15 +337,16 @@ def check_pixel(height: float, width: float, name: str) -> None:
 
 
 def doubt_numbers(stack: xr.DataArray, name: str) -> None:
-    """Warn of coordinates that are probably the numbers of pixels, and no micrometres."""
+    """Warn of coordinates without a unit that are probably the numbers of pixels."""
     for axis in ("y", "x"):
-        if axis not in stack.coords or stack[axis].ndim != 1:
+        if axis not in stack.coords or stack[axis].ndim != 1 or stack[axis].attrs.get("units"):
             continue
         places = stack[axis].values
-        if len(places) > 2 and places.dtype.kind in "iu" and (np.diff(places) == 1).all():
+        if len(places) > 2 and places.dtype.kind in "iuf" and (np.diff(places) == 1).all():
             warn(
-                f"the {axis} coordinates of {name} are {places[0]}, {places[1]}, {places[2]}, as "
-                "numbers of pixels are, and count as micrometres; give them times the pixel"
+                f"the {axis} coordinates of {name} are {some(places)} without a unit, as numbers "
+                "of pixels are, and count as micrometres; give them times the pixel, or note that "
+                f'they are in micrometres: stack["{axis}"].attrs["units"] = "um"'
             )
             return
 
