@@ -323,7 +323,9 @@ def test_other_folders_and_empty_stacks_are_no_results(tmp_path: Path) -> None:
     zarr.save_array(tmp_path / "other.zarr", np.zeros((2, 3)))
     for path in (tmp_path, tmp_path / "other.zarr", tmp_path / "missing.ome.zarr"):
         assert not is_result(path)
-        with pytest.raises(OSError, match="holds no phase|can't be read|there is no file or folder"):
+        with pytest.raises(
+            OSError, match="holds no phase|can't be read|there is no file or folder"
+        ):
             read_results(path)
     with pytest.raises(ValueError, match=r"the stack for none\.ome\.zarr is empty"):
         write_phase(tmp_path / "none.ome.zarr", stack()[:0])
