@@ -219,7 +219,9 @@ recipes = st.builds(
     background=st.sampled_from(["none", "tilt", "curvature"]),
     drift=st.booleans(),
     mask=st.sampled_from(["auto", None]),
-    boundary=st.lists(st.tuples(*[st.integers(-99, 99)] * 2), max_size=3).map(tuple),
+    boundary=st.lists(st.tuples(*[st.integers(-99, 99)] * 2), min_size=1, max_size=3).map(
+        tuple
+    ),
     methods=st.lists(st.sampled_from(list(p4d.METHODS)), max_size=4).map(tuple),
     options=st.fixed_dictionaries({}, optional={
         "dilate-erode": st.fixed_dictionaries({

@@ -61,7 +61,8 @@ def test_layers_of_cells_are_made_outside_of_the_windows_thread(dock, click, mon
 def test_the_colour_of_a_cell_stays_when_its_row_is_chosen(qtbot) -> None:
     table = ResultTable("colours")
     qtbot.addWidget(table)
-    table.show_frame(pd.DataFrame({"cell": [1, 2]}), colours=["#3a9bdc", "#e08a00"])
+    cells = pd.DataFrame({"cell": [1, 2]})
+    table.show_frame(cells, {"cell": ("cell", "")}, colours=["#3a9bdc", "#e08a00"])
     table.show()
     table.selectRow(1)
     rect = table.visualItemRect(table.item(1, 0))

@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import tifffile
 import xarray as xr
 from driving import frame_on_canvas, let_settle
 from qtpy.QtCore import Qt
@@ -44,15 +46,23 @@ def test_an_error_stands_below_what_was_pressed(dock: Any, click: Callable[[str]
     assert not dock.status.property("wrong")
 
 
-def test_the_error_of_a_job_stands_there_too(ready: Any, click: Callable[[str], None]) -> None:
-    ready.session.update(methods=("synthetic-wavelength",))  # of one wavelength, as work finds out
-    click("run")
-    assert ready.status.property("wrong")
-    assert "wavelength" in ready.beside.text()
-    assert 0 < gap_below(ready, "run") < 60
-    ready.session.update(methods=("angular",))
-    click("run")
-    assert not ready.beside.isVisible()
+def test_the_error_of_a_job_stands_there_too(
+    dock: Any, click: Callable[[str], None], small_video: Any, tmp_path: Path
+) -> None:
+    """The frames are gone when they are to be read, as work finds out."""
+    frames = tmp_path / "frames"
+    frames.mkdir()
+    for number in range(6):
+        tifffile.imwrite(frames / f"{number}.tif", small_video.frame(number))
+    dock.session.open(frames)
+    away = frames.rename(tmp_path / "away")
+    click("find_lobes")
+    assert dock.status.property("wrong")
+    assert "can't be read" in dock.beside.text()
+    assert 0 < gap_below(dock, "find_lobes") < 60
+    away.rename(frames)
+    click("find_lobes")
+    assert not dock.beside.isVisible()
 
 
 def test_what_is_pressed_while_a_job_runs_moves_no_words(ready: Any, qtbot: Any) -> None:
