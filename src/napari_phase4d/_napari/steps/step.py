@@ -313,6 +313,16 @@ def focus_in_words(focus: Focus) -> str:
 NARROW = 90
 
 
+#: Qt's own way to leave the buttons out hides the number too, in this style and with Qt 6.11.3.
+NO_BUTTONS = "QAbstractSpinBox::up-button, QAbstractSpinBox::down-button { width: 0; height: 0; }"
+
+
+def without_buttons(field: FloatSpinBox) -> FloatSpinBox:
+    """Return a field for a number without buttons, for which a narrow one has no room."""
+    field.native.setStyleSheet(NO_BUTTONS)
+    return field
+
+
 def increment_field(name: str) -> FloatSpinBox:
     """Return a field for the refraction increment."""
     field = FloatSpinBox(
@@ -326,8 +336,7 @@ def increment_field(name: str) -> FloatSpinBox:
         "366, 1952); proteins have 0.185 (Barer & Joseph 1954) to 0.190 (Zhao et al. 2011).",
     )
     field.native.setSuffix(" mL/g")
-    field.native.setButtonSymbols(QAbstractSpinBox.ButtonSymbols.NoButtons)
-    return field
+    return without_buttons(field)
 
 
 def index_field(name: str) -> FloatSpinBox:
@@ -343,8 +352,7 @@ def index_field(name: str) -> FloatSpinBox:
     )
     field.native.setDecimals(4)
     field.native.setSpecialValueText("none")
-    field.native.setButtonSymbols(QAbstractSpinBox.ButtonSymbols.NoButtons)
-    return field
+    return without_buttons(field)
 
 
 def in_grid(step: Step, fields: Sequence[tuple[str, Any]]) -> None:
