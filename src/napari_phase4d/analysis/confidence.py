@@ -69,7 +69,7 @@ ROUGHEST = 4.0
 LOOSEST = -0.2
 #: Logarithm of the odds that the level of an object is wrong: so much, and so much for each factor
 #: of e in one and the residues that stand in the way of it. Fitted to WL1 on the same half.
-LEVEL_OF_OBJECT, PER_FACTOR = -11.26, 2.5
+LEVEL_OF_OBJECT, PER_FACTOR = -20.2, 4.57
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
@@ -90,7 +90,8 @@ def confidence(
     time, angle, y and x along steps that agree with the result, the one whose roughest step is
     smoothest. Where a result differs from directional L1, both ways compete. So it also falls
     where a whole object has slipped: then no smooth way leads into it, or a smoother one
-    contradicts it. Where every angle has several wavelengths, it is judged by how far these
+    contradicts it. And it falls for all of an object whose level is not known: residues are in
+    the way from any frame that would know it. Where every angle has several wavelengths, it is judged by how far these
     agree instead: sheer walls have no smooth way, and need none then.
 
     Parameters
@@ -348,7 +349,7 @@ def odds_of_right(support: Support, block: Block) -> Image:
 
 
 def level_known(residues: Residues, block: Block) -> Image:
-    """Return the chance that objects are not off as a whole, by what is in the way of their level."""
+    """Return the chance that the levels of objects are right, by the residues in their way."""
     counts = residues.read(block)
     known: Image = 1 / (1 + np.exp(np.float32(LEVEL_OF_OBJECT)) * (1 + counts) ** PER_FACTOR)
     return known.astype(np.float32)

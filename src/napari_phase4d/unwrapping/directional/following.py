@@ -76,7 +76,11 @@ def with_followed(
             # Not kept with every block that waits: they take as much memory as the phase.
             step = turned(course.difference)
             rough = weighed.by_axis[axis].rough
+            rough -= fade_of(course, block)
             followed, doubt = follow(course, step, rough, block, before, forward=forward)
+            if remembering:
+                remember(rough.reshape(-1), doubt.reshape(-1))
+            rough += fade_of(course, block)
             if block.start == start:
                 first[axis] = followed[0].copy(), doubt[0].copy()
             edge = -1 if forward else 0
@@ -85,8 +89,6 @@ def with_followed(
                 last[axis] = ends
             else:
                 first[axis] = ends
-            if remembering:
-                remember(rough.reshape(-1), doubt.reshape(-1))
             second_opinion(weighed, axis, step, followed, doubt)
         weighed.along.clear()
         yield weighed
@@ -165,6 +167,12 @@ def follow_lines(
         k += way
 
 
+def fade_of(course: Courses, block: Block) -> Image | np.float32:
+    """Return the roughness that fading amplitude stands for in a block."""
+    fade = course.fade
+    return fade[block.of(course.way)] if isinstance(fade, np.ndarray) else fade
+
+
 @compiled
 def remember(rough: Image, doubt: Image) -> None:
     """Let steps be no smoother than what they went through allows, in place.
@@ -184,9 +192,7 @@ def second_opinion(
     """Put the second opinion on the steps of a block where it differs and is no more doubtful."""
     course, kept = weighed.along[axis], weighed.by_axis[axis].kept
     own = weighed.block.of(course.way)
-    rough = doubt
-    if np.ndim(course.fade):
-        rough = doubt + np.asarray(course.fade)[own]
+    rough = doubt + fade_of(course, weighed.block)
     other = np.empty(rough.shape, dtype=bool)
     steps, opinions, doubts = (part.reshape(-1) for part in (step[own], followed, rough))
     if not mark_others(steps, opinions, doubts, kept.reshape(-1), other.reshape(-1)):
