@@ -392,6 +392,7 @@ def most_likely(found: Sequence[Sequence[Choice]], possible: Sequence[bool]) -> 
 
 def clues_of(
     peaks: Sequence[Peak],
+    places: Sequence[tuple[float, float]],
     looks: Sequence[tuple[Half, int]],
     spectra: Sequence[Spectrum],
     shape: tuple[int, int],
@@ -402,6 +403,8 @@ def clues_of(
     ----------
     peaks : sequence of Peak
         Candidates, the strongest first.
+    places : sequence of tuple of float
+        Where light that nothing scattered lies near to each; beats lie at the differences.
     looks : sequence of tuple
         Each the mean power on the half plane kx >= 0, and of how many frames it is the mean.
     spectra : sequence of ndarray of shape (y, x // 2 + 1)
@@ -409,16 +412,13 @@ def clues_of(
     shape : tuple of int
         Height and width of the frames.
     """
-    carriers = [peak.carrier for peak in peaks]
     first, *others = (vars(each) for each in profiles_of(peaks, looks, shape))
     clues = Clues(
         power=np.log([peak.power for peak in peaks]),
-        wander=np.log(wander(carriers, spectra, shape)),
-        distance=np.array(
-            [[pair_distance(a, b) for b in carriers] for a in [(0.0, 0.0), *carriers]]
-        ),
+        wander=np.log(wander([peak.carrier for peak in peaks], spectra, shape)),
+        distance=np.array([[pair_distance(a, b) for b in places] for a in [(0.0, 0.0), *places]]),
         ghost=np.array([peak.ghost for peak in peaks]),
-        beat=beat_table(carriers, max(BEAT_PIXELS / min(shape), 0.006)),
+        beat=beat_table(places, max(BEAT_PIXELS / min(shape), 0.006)),
         **first,
     )
     return [clues, *(replace(clues, **each) for each in others)]

@@ -134,6 +134,8 @@ class Plane:
         Height and width of the frames.
     peaks : list of Peak
         What stands out.
+    places : list of tuple of float
+        Where the wide window is brightest near each of them.
     """
 
     frame: NDArray[np.float32]
@@ -143,6 +145,7 @@ class Plane:
     wide_half: NDArray[np.float64]
     shape: tuple[int, int]
     peaks: list[Peak]
+    places: list[tuple[float, float]]
 
 
 def find_lobes(
@@ -223,7 +226,7 @@ def find_lobes(
     if not plain or len(plane.peaks) < (n_views or 1):
         raise ValueError(too_few(rec.name, plain, n_views or 1))
     halves = ((plane.half, len(plane.spectra)), (plane.wide_half, len(plane.wide)))
-    looks = clues_of(plane.peaks, halves, plane.spectra, plane.shape)
+    looks = clues_of(plane.peaks, plane.places, halves, plane.spectra, plane.shape)
     found = choices(looks, MAX_VIEWS if n_views is None else min(n_views + 1, MAX_VIEWS))
     likely, chances = most_likely(found, [can_be(each[0], plane.peaks) for each in found])
     best, *others = found[(n_views or likely) - 1]
@@ -305,7 +308,9 @@ def plane_of(rec: Recording, task: Task) -> Plane:
     seen = [index for index in indices if index not in lost]
     frame = rec.frame(seen[len(seen) // 2])
     wide = wide_spectra(rec, seen, frame)
-    return Plane(frame, spectra, half, wide, mean_power(wide), rec.frame_shape, peaks)
+    wide_half = mean_power(wide)
+    places = [brightest_near(peak.carrier, wide_half, rec.frame_shape) for peak in peaks]
+    return Plane(frame, spectra, half, wide, wide_half, rec.frame_shape, peaks, places)
 
 
 def wide_spectra(
@@ -337,7 +342,7 @@ def lobes_of(
     orient: bool,
 ) -> tuple[list[Lobe], list[float]]:
     """Return the lobes of a choice of peaks, in order, and the evidence for their signs."""
-    carriers = [carrier_near(plane.peaks[i], plane) for i in choice.views]
+    carriers = [carrier_near(i, plane) for i in choice.views]
     others = [p.carrier for i, p in enumerate(plane.peaks) if i not in choice.views and p.is_plain]
     # The 10 % quantile of exponential noise, times two.
     noise = 2 * float(np.quantile(plane.half[::4], 0.1)) / 0.105
@@ -356,15 +361,16 @@ def lobes_of(
     return ordered, [evidence[i] for i in order]
 
 
-def carrier_near(peak: Peak, plane: Plane) -> tuple[float, float]:
+def carrier_near(number: int, plane: Plane) -> tuple[float, float]:
     """Return the carrier of a view to a hundredth of a pixel of the spectrum.
 
     Where an object fills the middle of the frames, structure of its lobe may be brighter than the
     light that nothing scattered. That comes from round the object, so that the wide window tells.
     """
-    place = brightest_near(peak.carrier, plane.wide_half, plane.shape)
-    spectra = plane.spectra if place == peak.carrier else plane.wide
-    return refined(place, spectra, plane.shape)
+    peak, place = plane.peaks[number].carrier, plane.places[number]
+    if pair_distance(peak, place) * min(plane.shape) > MAIN_LOBE:
+        return refined(place, plane.wide, plane.shape)
+    return refined(peak, plane.spectra, plane.shape)
 
 
 def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:

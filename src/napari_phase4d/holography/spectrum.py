@@ -449,7 +449,7 @@ def brightest_near(
     Returns
     -------
     tuple of float
-        The carrier itself unless a maximum lies beside its main lobe.
+        The carrier itself where another peak outshines what is round it.
     """
     height, width = shape
     reach = [max(1, round(NEAR * n)) for n in shape]
@@ -462,7 +462,7 @@ def brightest_near(
     i, j = np.unravel_index(int(power.argmax()), power.shape)
     # At the rim of what is looked at lies the slope of another peak.
     inside = within[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].all()
-    if np.hypot(dy[i], dx[j]) <= MAIN_LOBE or not inside:
+    if not inside:
         return carrier
     return canonical((rows[i] / height, columns[j] / width), tolerance=0.5 / width)
 
