@@ -19,6 +19,10 @@ Each choice of peaks, with the half plane that each view truly lies in, gets a s
 in these clues, and a softmax over all choices makes it a chance. The weights were fitted to random
 simulated recordings (`benchmarks/layouts.py`). Where a sample beam is as smooth as the reference,
 no clue is left, and the chance says so.
+
+The clues are measured in two looks, and the chance is the mean of both: one window hides what lies
+near the border of the frames, the other what its side lobes outshine. Where they disagree,
+neither is believed.
 """
 
 from __future__ import annotations
