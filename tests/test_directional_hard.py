@@ -127,6 +127,17 @@ def test_a_wall_that_grows_through_a_turn(noise: float) -> None:
     assert error_of(data, empty) <= best
 
 
+def test_a_wall_that_noise_blurs() -> None:
+    """Some steps across it pass half a turn unseen, and look smooth at a whole one."""
+    y, x = np.mgrid[-32:32, -32:32]
+    cell = 3 * np.sqrt(np.maximum(1 - (y**2 + x**2) / 22**2, 0))
+    disc = np.hypot(y + 2, x - 2) < 8
+    frames = [cell + 8 * s * disc for s in np.linspace(0, 1, 20)]
+    phase = np.stack([np.stack(frames)] * 2, axis=1)
+    errors = [error_of(stack_of(phase, 0.7, seed), phase < 0.01) for seed in range(4)]
+    assert max(errors) <= 0.1, errors
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("fault", ["tilt per frame", "level per frame", "jump of level"])
 def test_every_frame_has_its_own_level_and_tilt(fault: str) -> None:

@@ -12,7 +12,7 @@ import scipy.fft
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d.holography.spectrum import refined
+from napari_phase4d.holography.spectrum import brightest_near, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
@@ -43,6 +43,44 @@ def test_structure_of_a_strong_lobe_takes_no_part_of_it_away(seed: int) -> None:
     """Weak peaks in a view's lobe hid where it ends, and its beat was taken instead."""
     case = layout(seed)
     assert case.found_by(p4d.find_lobes(case.rec, len(case.carriers)))
+
+
+@pytest.mark.parametrize("seed", [402339, 402693])
+def test_objects_near_the_border_of_a_view_are_seen(seed: int) -> None:
+    """A Blackman window hid them in one view, which then passed for the reference."""
+    case = layout(seed)
+    lobes = p4d.find_lobes(case.rec, len(case.carriers))
+    assert case.found_by(lobes) or lobes.doubts_of_views
+
+
+@pytest.mark.parametrize("seed", [402409, 404251])
+def test_carriers_are_found_beside_brighter_structure(seed: int) -> None:
+    """Large objects scatter nearly all light in the middle of the frame."""
+    case = layout(seed)
+    assert case.found_by(p4d.find_lobes(case.rec, len(case.carriers)))
+
+
+@pytest.mark.parametrize("place", [(0.2, 0.25), (0.0, 0.3), (-0.25, 0.0), (0.25, 0.01)])
+def test_the_brightest_place_near_a_carrier(place: tuple[float, float]) -> None:
+    """Also across an axis, but not on the slope of another peak."""
+    shape = (256, 200)
+    y, x = (scipy.fft.fftfreq(n) * n for n in shape)
+    row, column = (round(k * n) for k, n in zip(place, shape, strict=True))
+
+    def seen_from(down: int, across: int, width: float) -> tuple[float, float]:
+        power = np.zeros(shape)
+        for sign in (1, -1):
+            dy, dx = y[:, None] - sign * (row + down), x[None, :] - sign * (column + across)
+            power += np.exp(-(dy**2 + dx**2) / width**2)
+        carrier = (row / shape[0], column / shape[1])
+        return brightest_near(carrier, power[:, : shape[1] // 2 + 1], shape)
+
+    for down, across, width in ((0, 0, 1.0), (1, -1, 1.0), (4, -3, 1.0), (9, 9, 5.0)):
+        found = seen_from(down, across, width)
+        if width > 1:
+            down = across = 0
+        there = ((row + down) / shape[0], (column + across) / shape[1])
+        assert p4d.holography.pair_distance(found, there) < 1e-9
 
 
 def test_doubt_comes_with_another_choice_of_as_many_views(found) -> None:

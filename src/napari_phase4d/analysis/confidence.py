@@ -28,11 +28,13 @@ from napari_phase4d.unwrapping import (
     Astray,
     Judged,
     Problem,
+    Residues,
     Support,
     ViewsOf,
     all_wavelengths_known,
     astray,
     chance_by_wavelengths,
+    level_residues,
     run_method,
     supports_by_steps,
     working_blocks,
@@ -65,6 +67,9 @@ LEVEL, PER_RADIAN, PER_HOLD = -3.4, 1.0, -9.6
 ROUGHEST = 4.0
 #: No result is held less than this.
 LOOSEST = -0.2
+#: Logarithm of the odds that the level of an object is wrong: so much, and so much for each factor
+#: of e in one and the residues that stand in the way of it. Fitted to WL1 on the same half.
+LEVEL_OF_OBJECT, PER_FACTOR = -20.2, 4.57
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
@@ -85,7 +90,8 @@ def confidence(
     time, angle, y and x along steps that agree with the result, the one whose roughest step is
     smoothest. Where a result differs from directional L1, both ways compete. So it also falls
     where a whole object has slipped: then no smooth way leads into it, or a smoother one
-    contradicts it. Where every angle has several wavelengths, it is judged by how far these
+    contradicts it. And it falls for all of an object whose level is not known: residues are in
+    the way from any frame that would know it. Where every angle has several wavelengths, it is judged by how far these
     agree instead: sheer walls have no smooth way, and need none then.
 
     Parameters
@@ -252,7 +258,7 @@ def by_steps(
         wanted["reference"] = reference
     supports = supports_by_steps(problem, wanted, task)
     rival = problem.once("support", lambda: supports["reference"])
-    noise = astray(problem, task)
+    noise, residues = astray(problem, task), level_residues(problem, task)
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks) * len(results), "weighing the results", task)
     for name, result in results.items():
@@ -263,6 +269,7 @@ def by_steps(
             supports.get(name, rival),
             rival,
             noise,
+            residues,
             maps[name],
         )
         for _ in in_threads(chance, blocks, watch, wait=True):
@@ -283,6 +290,8 @@ class ChanceBlock:
         What the steps say of both.
     noise : Astray
         What noise does.
+    residues : Residues
+        What stands in the way of the levels of objects.
     found : Stack
         Where the chance goes.
     """
@@ -293,6 +302,7 @@ class ChanceBlock:
     own: Support
     rival: Support
     noise: Astray
+    residues: Residues
     found: Stack
 
     def __call__(self, block: Block) -> None:
@@ -302,6 +312,8 @@ class ChanceBlock:
         weight = np.where(differs, weight, np.maximum(weight, rival))
         still = 1 - self.noise.read(block)
         chance = still * weight / (1 + weight + np.where(differs, rival, 0))
+        # Another result has a level of its own.
+        chance *= np.where(differs, 1, level_known(self.residues, block))
         chance[self.problem.lost()[block.start : block.stop]] = 0
         self.found.write(block, chance.astype(np.float32))
 
@@ -334,6 +346,13 @@ def odds_of_right(support: Support, block: Block) -> Image:
     held = np.maximum(support.held.read(block), np.float32(LOOSEST))
     odds: Image = np.exp(-(LEVEL + PER_RADIAN * rough + PER_HOLD * held))
     return odds
+
+
+def level_known(residues: Residues, block: Block) -> Image:
+    """Return the chance that the levels of objects are right, by the residues in their way."""
+    counts = residues.read(block)
+    known: Image = 1 / (1 + np.exp(np.float32(LEVEL_OF_OBJECT)) * (1 + counts) ** PER_FACTOR)
+    return known.astype(np.float32)
 
 
 def whole_turns(one: Image, other: Image) -> Image:

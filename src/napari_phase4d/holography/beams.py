@@ -19,41 +19,30 @@ Each choice of peaks, with the half plane that each view truly lies in, gets a s
 in these clues, and a softmax over all choices makes it a chance. The weights were fitted to random
 simulated recordings (`benchmarks/layouts.py`). Where a sample beam is as smooth as the reference,
 no clue is left, and the chance says so.
+
+The clues are measured in two looks, and the chance is the mean of both: one window hides what lies
+near the border of the frames, the other what its side lobes outshine. Where they disagree,
+neither is believed.
 """
 
 from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.lobes import MAX_VIEWS, pair_distance
-from napari_phase4d.holography.spectrum import PLAIN, Half, Peak, Spectrum, half_plane
+from napari_phase4d.holography.profiles import EDGES, RING, profiles_of
+from napari_phase4d.holography.spectrum import PLAIN, Half, Peak, Spectrum
 
 __all__ = ["Choice", "Clues", "choices", "clues_of", "most_likely"]
 
-#: Lobes are looked at on a spectrum of about so many pixels across.
-COARSE = 256
-#: Width of the rings in which a lobe's profile is taken, in cycles per pixel, and their number.
-RING, RINGS = 1 / COARSE, 80
-#: Radii, in rings, at which the pupil's edge is looked for, and the rings on either side of it.
-EDGES = np.arange(5, 60)
-INSIDE, NEAR = 5, 4
-#: A mean over fewer pixels says nothing.
-ENOUGH = 4
-#: Peaks with less than this share of a peak's power take no part of its lobe away.
-OWN_SHARE = 0.1
 #: How far from the difference of two carriers their beat may be seen, in pixels of the spectrum.
 BEAT_PIXELS = 4.2
-#: Variance of the logarithm of power that is noise: pi^2 / 6.
-LOG_VARIANCE = np.pi**2 / 6
-#: Power within so many rings of the carrier is not scattered; farther than so many not counted.
-CORE, FAR = 3, 31
 #: Phase wander from frame to frame (rad) below which steadiness says nothing; frames it takes.
 WANDER_FLOOR_RAD, ENOUGH_FRAMES = 0.05, 4
 #: No single clue of power or steadiness outvotes the others by more than this (log of a ratio).
@@ -64,8 +53,8 @@ HIDDEN = 0.5
 MUCH_STRONGER = np.log(4)
 #: Carriers of two views lie farther apart than this, in cycles per pixel.
 LEAST_APART = 0.06
-#: Sets of n - 1 views that are tried with one more.
-KEPT = 600
+#: Sets of n - 1 views that are tried with one more, and sets of which a second look is taken.
+KEPT, LOOKED_AT = 600, 200
 
 #: What the clues count, in the order of `Clues.table`. They were fitted, but for the last, which
 #: few of the simulated recordings need. Each is fitted next to clues that say much the same, and
@@ -294,7 +283,7 @@ def members(indices: Indices, count: int) -> NDArray[np.bool_]:
     return found[:, :count]
 
 
-def choices(clues: Clues, most: int = MAX_VIEWS) -> list[list[Choice]]:
+def choices(looks: Sequence[Clues], most: int = MAX_VIEWS) -> list[list[Choice]]:
     """Return for every number of views the likeliest ways to read the peaks, best first.
 
     Every pair of peaks is looked at; larger sets are made of the best smaller ones with one more
@@ -302,8 +291,8 @@ def choices(clues: Clues, most: int = MAX_VIEWS) -> list[list[Choice]]:
 
     Parameters
     ----------
-    clues : Clues
-        Of all peaks.
+    looks : sequence of Clues
+        Of all peaks, in each look.
     most : int, optional
         Largest number of views.
 
@@ -312,6 +301,7 @@ def choices(clues: Clues, most: int = MAX_VIEWS) -> list[list[Choice]]:
     list of list of Choice
         For 1, 2 ... views, at most two each, up to as many as there are peaks.
     """
+    clues = looks[0]
     found: list[list[Choice]] = []
     views = np.arange(len(clues))[:, None]
     mirrored = np.zeros_like(views)
@@ -320,7 +310,7 @@ def choices(clues: Clues, most: int = MAX_VIEWS) -> list[list[Choice]]:
             views, mirrored = extended(views, mirrored, len(clues))
         table = clues.table(views, mirrored)
         score = table @ WEIGHTS
-        found.append(ranked(clues, views, mirrored, table, score))
+        found.append(ranked(looks, views, mirrored, table))
         if n > 1:
             best = np.argsort(-score)[:KEPT]
             views, mirrored = views[best], mirrored[best]
@@ -349,25 +339,41 @@ def extended(views: Indices, mirrored: Indices, count: int) -> tuple[Indices, In
 
 
 def ranked(
-    clues: Clues, views: Indices, mirrored: Indices, table: Values, score: Values
+    looks: Sequence[Clues], views: Indices, mirrored: Indices, table: Values
 ) -> list[Choice]:
-    """Return the two best choices of peaks; sets on other sides count together."""
-    weight = np.exp(score - score.max())
-    weight /= weight.sum()
+    """Return the two best choices of peaks; sets on other sides count together.
+
+    The chance of a set is the mean of those that the looks give it.
+    """
+    clues, *others = looks
+    chance = softmax(table @ WEIGHTS)
+    if others:
+        best = np.argsort(-chance)[:LOOKED_AT]
+        views, mirrored = views[best], mirrored[best]
+        tables = [table[best], *(look.table(views, mirrored) for look in others)]
+        each = [chance[best], *(softmax(other @ WEIGHTS) for other in tables[1:])]
+        chance, table = np.mean(each, axis=0), np.mean(tables, axis=0)
     _, which = np.unique(views, axis=0, return_inverse=True)
     which = which.ravel()
-    chances = np.bincount(which, weight)
+    chances = np.bincount(which, chance)
     found = []
     for peaks in np.argsort(-chances)[:2]:
         rows = np.flatnonzero(which == peaks)
-        best = rows[int(np.argmax(score[rows]))]
-        chance = float(chances[peaks])
-        tally = clues.tally(views[best], mirrored[best], table[best], chance)
-        sides = tuple(bool(side) for side in mirrored[best])
-        beats = clues.beats_of(views[best][None], mirrored[best][None])[0]
+        row = rows[int(np.argmax(chance[rows]))]
+        tally = clues.tally(views[row], mirrored[row], table[row], float(chances[peaks]))
+        sides = tuple(bool(side) for side in mirrored[row])
+        beats = clues.beats_of(views[row][None], mirrored[row][None])[0]
         seen = bool((~clues.ghost[beats[beats >= 0]]).any())
-        found.append(Choice(tuple(int(v) for v in views[best]), sides, chance, seen, tally))
+        chosen = tuple(int(v) for v in views[row])
+        found.append(Choice(chosen, sides, float(chances[peaks]), seen, tally))
     return found
+
+
+def softmax(score: Values) -> Values:
+    """Return chances that add up to 1."""
+    weight = np.exp(score - score.max())
+    chance: Values = weight / weight.sum()
+    return chance
 
 
 def most_likely(found: Sequence[Sequence[Choice]], possible: Sequence[bool]) -> tuple[int, Values]:
@@ -389,137 +395,37 @@ def most_likely(found: Sequence[Sequence[Choice]], possible: Sequence[bool]) -> 
 
 
 def clues_of(
-    peaks: Sequence[Peak], half: Half, spectra: Sequence[Spectrum], shape: tuple[int, int]
-) -> Clues:
-    """Measure the clues of all peaks.
+    peaks: Sequence[Peak],
+    places: Sequence[tuple[float, float]],
+    looks: Sequence[tuple[Half, int]],
+    spectra: Sequence[Spectrum],
+    shape: tuple[int, int],
+) -> list[Clues]:
+    """Measure the clues of all peaks in each of some looks.
 
     Parameters
     ----------
     peaks : sequence of Peak
         Candidates, the strongest first.
-    half : ndarray of shape (y, x // 2 + 1)
-        Mean power on the half plane kx >= 0.
-    spectra : sequence of ndarray of the same shape
-        Complex transforms of the frames that it is the mean of.
+    places : sequence of tuple of float
+        Where light that nothing scattered lies near to each; beats lie at the differences.
+    looks : sequence of tuple
+        Each the mean power on the half plane kx >= 0, and of how many frames it is the mean.
+    spectra : sequence of ndarray of shape (y, x // 2 + 1)
+        Complex transforms of the frames of the first look.
     shape : tuple of int
         Height and width of the frames.
     """
-    coarse, (ky, kx), pooled = coarser(half, shape)
-    frames = len(spectra) * pooled
-    # What is noise is the mean of so many exponentials.
-    floor = (
-        float(np.quantile(coarse, 0.1)) * frames / float(scipy.special.gammaincinv(frames, 0.1))
-    )
-    carriers = [peak.carrier for peak in peaks]
-    profiles = [profile(coarse, distance, own) for distance, own in owned(peaks, carriers, ky, kx)]
-    total, count, logs = (np.array(values) for values in zip(*profiles, strict=True))
-    radius = (np.arange(RINGS) + 0.5) * RING
-    scattered = np.maximum(total - floor * count, 0) * (np.arange(RINGS) < FAR)
-    power = np.maximum(scattered.sum(1), 1e-30)
-    return Clues(
+    first, *others = (vars(each) for each in profiles_of(peaks, looks, shape))
+    clues = Clues(
         power=np.log([peak.power for peak in peaks]),
-        width=np.log(np.sqrt((scattered * radius**2).sum(1) / power) + 1e-6),
-        core=np.log(scattered[:, :CORE].sum(1) / power + 1e-6),
-        wander=np.log(wander(carriers, spectra, shape)),
-        edge=falls(logs, count),
-        sharp=sharpness(logs, count, frames),
-        distance=np.array(
-            [[pair_distance(a, b) for b in carriers] for a in [(0.0, 0.0), *carriers]]
-        ),
+        wander=np.log(wander([peak.carrier for peak in peaks], spectra, shape)),
+        distance=np.array([[pair_distance(a, b) for b in places] for a in [(0.0, 0.0), *places]]),
         ghost=np.array([peak.ghost for peak in peaks]),
-        beat=beat_table(carriers, max(BEAT_PIXELS / min(shape), 0.006)),
+        beat=beat_table(places, max(BEAT_PIXELS / min(shape), 0.006)),
+        **first,
     )
-
-
-def coarser(half: Half, shape: tuple[int, int]) -> tuple[Half, tuple[Values, Values], int]:
-    """Return a spectrum pooled to about `COARSE` pixels across, its frequencies, and by how much.
-
-    A larger frame shows the same lobes on more pixels.
-    """
-    _, kx = half_plane(shape)
-    pool_y, pool_x = (max(1, n // COARSE) for n in shape)
-    rows, columns = np.arange(0, half.shape[0], pool_y), np.arange(0, half.shape[1], pool_x)
-    pooled = np.add.reduceat(np.add.reduceat(half, rows, axis=0), columns, axis=1)
-    heights = np.diff([*rows, half.shape[0]])[:, None]
-    widths = np.diff([*columns, half.shape[1]])[None, :]
-    # The rows of `fftfreq` wrap at the middle, their numbers do not.
-    middle_y = (np.arange(half.shape[0]) / shape[0])[rows][:, None] + (heights - 1) / 2 / shape[0]
-    middle_x = kx[:, columns] + (widths - 1) / 2 / shape[1]
-    return pooled / (heights * widths), (middle_y, middle_x), pool_y * pool_x
-
-
-def owned(
-    peaks: Sequence[Peak], carriers: Sequence[tuple[float, float]], ky: Values, kx: Values
-) -> list[tuple[Values, NDArray[np.bool_]]]:
-    """Return for each peak the distance of every frequency, and which of them it is nearest to.
-
-    Only zero and peaks that are not much weaker compete with it: those are mostly structure of
-    its own lobe, and would cut the lobe off before the pupil's edge. Strongest peaks come first.
-    """
-    distances = [
-        np.minimum(*(distance_to(side, ky, kx) for side in (k, (-k[0], -k[1])))) for k in carriers
-    ]
-    nearest = list(itertools.accumulate([distance_to((0.0, 0.0), ky, kx), *distances], np.minimum))
-    rivals = [sum(other.power >= OWN_SHARE * peak.power for other in peaks) for peak in peaks]
-    return [
-        (distance, distance <= nearest[count])
-        for distance, count in zip(distances, rivals, strict=True)
-    ]
-
-
-def distance_to(carrier: tuple[float, float], ky: Values, kx: Values) -> Values:
-    """Return the distance of frequencies from a carrier; a sampled spectrum repeats."""
-    dy, dx = ky - carrier[0], kx - carrier[1]
-    found: Values = np.hypot(dy - np.round(dy), dx - np.round(dx))
-    return found
-
-
-def profile(half: Half, distance: Values, own: NDArray[np.bool_]) -> tuple[Values, Values, Values]:
-    """Return the power, the pixels and the logarithms of power in each ring, summed."""
-    ring = np.minimum((distance[own] / RING).astype(int), RINGS - 1)
-    power = half[own]
-    each = (power, np.ones(power.size), np.log(power + 1e-30))
-    total, count, logs = (np.bincount(ring, v, RINGS).astype(np.float64) for v in each)
-    return total, count, logs
-
-
-def falls(logs: Values, count: Values) -> Values:
-    """Return by how much log power falls at every radius, (peak, radius); 0 where unknown."""
-    before, n_before = means(logs, count, EDGES - INSIDE, EDGES)
-    after, n_after = means(logs, count, EDGES, EDGES + INSIDE)
-    known = (n_before >= ENOUGH) & (n_after >= ENOUGH)
-    return np.where(known, before - after, 0.0)
-
-
-def sharpness(logs: Values, count: Values, frames: int) -> Values:
-    """Return how significant a fall is next to those on either side of it, (peak, radius).
-
-    In standard deviations, on a scale that large ones are compressed on (arsinh).
-    """
-    starts = (EDGES - 2 * NEAR, EDGES - NEAR, EDGES, EDGES + NEAR)
-    level, number = zip(
-        *(means(logs, count, np.maximum(s, 0), np.maximum(s + NEAR, 0)) for s in starts),
-        strict=True,
-    )
-    enough = [n >= ENOUGH for n in number]
-    each = [1 / np.maximum(n, 1) for n in number]
-    fall = level[1] - level[2]
-    variance = each[1] + each[2]
-    for known, drop, spread in (
-        (enough[0], level[0] - level[1], each[0]),
-        (enough[3], level[2] - level[3], each[3]),
-    ):
-        fall = fall - 0.5 * np.where(known, np.maximum(drop, 0), 0)
-        variance = variance + 0.25 * np.where(known, spread, 0)
-    deviations = fall / np.sqrt(LOG_VARIANCE * variance / frames)
-    return np.where(enough[1] & enough[2], np.arcsinh(deviations / 2), 0.0)
-
-
-def means(logs: Values, count: Values, start: Indices, stop: Indices) -> tuple[Values, Values]:
-    """Return the mean over rings from start to stop, (peak, radius), and the pixels in them."""
-    sums, numbers = (np.pad(np.cumsum(v, axis=1), ((0, 0), (1, 0))) for v in (logs, count))
-    number = numbers[:, stop] - numbers[:, start]
-    return (sums[:, stop] - sums[:, start]) / np.maximum(number, 1), number
+    return [clues, *(replace(clues, **each) for each in others)]
 
 
 def wander(

@@ -25,11 +25,14 @@ __all__ = [
     "Peak",
     "Spectrum",
     "add_power",
+    "brightest_near",
     "find_peaks",
     "half_plane",
     "power_spectrum",
     "refined",
+    "wide_window",
     "windowed_spectra",
+    "windowed_spectrum",
 ]
 
 
@@ -157,6 +160,20 @@ def frame_window(shape: tuple[int, int]) -> NDArray[np.float32]:
     return np.outer(rows, columns).astype(np.float32)
 
 
+@lru_cache(maxsize=4)
+def wide_window(shape: tuple[int, int]) -> NDArray[np.float32]:
+    """Return a window that is flat in the middle half and falls off as a cosine to the border.
+
+    It shows objects near the border and more of what is round them, of which the Blackman window
+    leaves next to nothing. Its side lobes are higher.
+    """
+    rows, columns = (
+        np.sin(np.pi / 2 * np.minimum(1, (np.minimum(i, n - 1 - i) + 0.5) / (n / 4))) ** 2
+        for i, n in ((np.arange(n), n) for n in shape)
+    )
+    return np.outer(rows, columns).astype(np.float32)
+
+
 def windowed_spectra(
     rec: Recording, indices: Sequence[int], watch: Watch
 ) -> tuple[list[NDArray[np.complex64]], dict[int, str]]:
@@ -218,6 +235,8 @@ DYNAMIC_RANGE = 1e-3
 PLAIN = 1e-2
 #: Peaks that are looked at; six views and all their beats are 21.
 MOST_PEAKS = 24
+#: A carrier is looked for so near to a peak, in cycles per pixel: not so far as the next one.
+NEAR = 0.03
 #: Half the width of a Blackman window's main lobe, in pixels of the spectrum.
 MAIN_LOBE = 3
 #: Ghosts are at least this much weaker than what they copy: shifted copies 3 dB, harmonics 10 dB.
@@ -413,8 +432,46 @@ def refined(
     return canonical((ky, kx), tolerance=0.5 / width)
 
 
+def brightest_near(
+    carrier: tuple[float, float], half: Half, shape: tuple[int, int]
+) -> tuple[float, float]:
+    """Return where the spectrum is brightest near a carrier, to a pixel of it.
+
+    Parameters
+    ----------
+    carrier : tuple of float
+        (ky, kx) in cycles per pixel.
+    half : ndarray of shape (y, x // 2 + 1)
+        Mean power on the half plane kx >= 0.
+    shape : tuple of int
+        Height and width of the frames.
+
+    Returns
+    -------
+    tuple of float
+        The carrier itself where another peak outshines what is round it.
+    """
+    height, width = shape
+    reach = [max(1, round(NEAR * n)) for n in shape]
+    rows, columns = (
+        round(k * n) + np.arange(-r, r + 1) for k, n, r in zip(carrier, shape, reach, strict=True)
+    )
+    dy, dx = (np.arange(-r, r + 1) for r in reach)
+    within = np.hypot(dy[:, None] / reach[0], dx[None, :] / reach[1]) <= 1
+    power = np.where(within, np.abs(patch(half, rows, columns, shape)), 0)
+    i, j = np.unravel_index(int(power.argmax()), power.shape)
+    # At the rim of what is looked at lies the slope of another peak.
+    inside = within[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].all()
+    if not inside:
+        return carrier
+    return canonical((rows[i] / height, columns[j] / width), tolerance=0.5 / width)
+
+
 def patch(
-    spectrum: Spectrum, rows: NDArray[np.intp], columns: NDArray[np.intp], shape: tuple[int, int]
+    spectrum: Spectrum | Half,
+    rows: NDArray[np.intp],
+    columns: NDArray[np.intp],
+    shape: tuple[int, int],
 ) -> Spectrum:
     """Return pixels of the whole spectrum from its half, F(-k) = F(k)*."""
     height, width = shape

@@ -13,6 +13,7 @@ from napari_phase4d.unwrapping.boundaries import (
 from napari_phase4d.unwrapping.causal import CAUSAL, Causal, causal_methods, for_what_comes
 from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.graph import graph_bytes
+from napari_phase4d.unwrapping.directional.residues import Residues, level_residues
 from napari_phase4d.unwrapping.directional.support import (
     Astray,
     Judged,
@@ -67,6 +68,7 @@ __all__ = [
     "Method",
     "Option",
     "Problem",
+    "Residues",
     "SharedSteps",
     "Support",
     "ViewsOf",
@@ -88,6 +90,7 @@ __all__ = [
     "is_known",
     "label_of",
     "left_out_advice",
+    "level_residues",
     "loop_sums",
     "median_of",
     "methods_for",

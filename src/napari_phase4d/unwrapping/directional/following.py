@@ -31,17 +31,21 @@ STEEP = 1.5
 HALF_A_TURN = np.float32(np.pi)
 #: Followed steps count where they are steadier than this, in radians.
 FOLLOWED = 3.0
+#: A step is at least this share as rough as the roughest change that it went through.
+REMEMBERED = np.float32(0.6)
 
 
 def followed_steps(
-    scene: Scene, floors: Floors, watch: Watch, *, frames: int = 0
+    scene: Scene, floors: Floors, watch: Watch, *, frames: int = 0, remembering: bool = True
 ) -> Iterator[Weighed]:
     """Yield all steps with their second opinions, see `weighed_steps` and `with_followed`."""
     steps = weighed_steps(scene, floors, watch, frames=frames)
-    return with_followed(steps, scene.frames.start[0])
+    return with_followed(steps, scene.frames.start[0], remembering=remembering)
 
 
-def with_followed(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
+def with_followed(
+    blocks: Iterable[Weighed], start: int, *, remembering: bool = True
+) -> Iterator[Weighed]:
     """Add the second opinions: steps followed along time from a frame where they are small.
 
     A wall that grows through half a turn looks smooth again near a whole one. Its step a moment
@@ -55,6 +59,8 @@ def with_followed(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
         From the start on, then those before it.
     start : int
         Frame at which the object is thin.
+    remembering : bool, optional
+        Whether steps are no smoother than what they went through allows, see `remember`.
     """
     first: dict[int, tuple[Image, Image]] = {}
     last: dict[int, tuple[Image, Image]] = {}
@@ -70,7 +76,11 @@ def with_followed(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
             # Not kept with every block that waits: they take as much memory as the phase.
             step = turned(course.difference)
             rough = weighed.by_axis[axis].rough
+            rough -= fade_of(course, block)
             followed, doubt = follow(course, step, rough, block, before, forward=forward)
+            if remembering:
+                remember(rough.reshape(-1), doubt.reshape(-1))
+            rough += fade_of(course, block)
             if block.start == start:
                 first[axis] = followed[0].copy(), doubt[0].copy()
             edge = -1 if forward else 0
@@ -157,15 +167,32 @@ def follow_lines(
         k += way
 
 
+def fade_of(course: Courses, block: Block) -> Image | np.float32:
+    """Return the roughness that fading amplitude stands for in a block."""
+    fade = course.fade
+    return fade[block.of(course.way)] if isinstance(fade, np.ndarray) else fade
+
+
+@compiled
+def remember(rough: Image, doubt: Image) -> None:
+    """Let steps be no smoother than what they went through allows, in place.
+
+    Where noise has blurred a wall, some of its steps passed half a turn unseen on its way to a
+    whole one. These look smooth then and have no second opinion, though what they went through was
+    rough: one of them that counts as certain would tie all that is inside to what is outside.
+    """
+    for i in range(len(rough)):
+        if doubt[i] < np.inf:
+            rough[i] = max(rough[i], REMEMBERED * doubt[i])
+
+
 def second_opinion(
     weighed: Weighed, axis: int, step: Image, followed: Image, doubt: Image
 ) -> None:
     """Put the second opinion on the steps of a block where it differs and is no more doubtful."""
     course, kept = weighed.along[axis], weighed.by_axis[axis].kept
     own = weighed.block.of(course.way)
-    rough = doubt
-    if np.ndim(course.fade):
-        rough = doubt + np.asarray(course.fade)[own]
+    rough = doubt + fade_of(course, weighed.block)
     other = np.empty(rough.shape, dtype=bool)
     steps, opinions, doubts = (part.reshape(-1) for part in (step[own], followed, rough))
     if not mark_others(steps, opinions, doubts, kept.reshape(-1), other.reshape(-1)):

@@ -351,7 +351,9 @@ def graphs(
     """Return the graph of each span, in some order; that of a single one is kept for others."""
 
     def all_of_them() -> Iterator[PixelGraph]:
-        return graphs_of(field.scene, followed_steps(field.scene, field.floors, watch), cores)
+        # By themselves: at rims of what moves, steps are smooth again after they were rough.
+        steps = followed_steps(field.scene, field.floors, watch, remembering=False)
+        return graphs_of(field.scene, steps, cores)
 
     if len(cores) > 1:
         return all_of_them()
