@@ -6,6 +6,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+import tifffile
 from qtpy.QtCore import QEvent, QPoint, QPointF, Qt, QTimer
 from qtpy.QtGui import QMouseEvent
 from qtpy.QtTest import QTest
@@ -107,3 +109,19 @@ def let_settle(qtbot: Any, dock: Any) -> None:
         lambda: not (dock.jobs.running or turns.pending or followers.frame_changed.pending),
         timeout=60_000,
     )
+
+
+def saved(folder: Path, name: str, holograms: Any) -> Path:
+    """Write a video as a plain TIFF, as a camera's program does."""
+    path = folder / f"{name}.tif"
+    tifffile.imwrite(path, np.asarray(holograms), photometric="minisblack", imagej=False)
+    return path
+
+
+def open_by_click(click: Any, dock: Any, path: Path) -> None:
+    """Open a file by the button of the first step and the dialog."""
+    answered = answer_dialog(path)
+    click("open_file")
+    assert answered()
+    assert dock.session.recording is not None
+    assert dock.session.recording.source == str(path)

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
-from driving import answer_dialog, let_settle
+from driving import let_settle, open_by_click, saved
 from napari.settings import get_settings
 from qtpy.QtCore import Qt
 from qtpy.QtTest import QTest
@@ -37,20 +36,6 @@ pytestmark = [pytest.mark.gui, pytest.mark.story]
 
 #: More presses of Tab than this lead nowhere.
 MOST_TABS = 150
-
-
-def saved(folder: Path, name: str, holograms: Any) -> Path:
-    path = folder / f"{name}.tif"
-    tifffile.imwrite(path, np.asarray(holograms), photometric="minisblack", imagej=False)
-    return path
-
-
-def open_by_click(click: Any, dock: Any, path: Path) -> None:
-    answered = answer_dialog(path)
-    click("open_file")
-    assert answered()
-    assert dock.session.recording is not None
-    assert dock.session.recording.source == str(path)
 
 
 @pytest.mark.thorough

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import tifffile
-from driving import answer_dialog
+from driving import open_by_click, saved
 
 import napari_phase4d as p4d
 from napari_phase4d.recording import Recording
@@ -46,18 +44,6 @@ def test_views_of_another_wavelength_are_no_other_angle() -> None:
     assert "angular" in methods_for([0.532, 0.6328, 0.532, 0.6328], (5, 4))
 
 
-def saved(folder: Path, recording: Recording, name: str) -> Path:
-    path = folder / name
-    tifffile.imwrite(path, recording.holograms.values, photometric="minisblack", imagej=False)
-    return path
-
-
-def open_by_click(click: Any, path: Path) -> None:
-    answered = answer_dialog(path)
-    click("open_file")
-    assert answered()
-
-
 @pytest.mark.gui
 @pytest.mark.thorough
 def test_one_frame_is_unwrapped_by_what_suits_it(
@@ -67,7 +53,7 @@ def test_one_frame_is_unwrapped_by_what_suits_it(
     single = p4d.simulation.multiplexed_video(
         exact["phase"].isel(angle=[0]), carriers=[(0.19, 0.21)]
     )
-    open_by_click(click, saved(tmp_path, single, "one.tif"))
+    open_by_click(click, dock, saved(tmp_path, "one", single.holograms.values))
     click("find_lobes")
     click("reconstruct")
     assert dock.session.reconstruction["phase"].shape[:2] == (1, 1)
@@ -89,7 +75,7 @@ def test_one_frame_is_unwrapped_by_what_suits_it(
 
     # What is ticked is as it was for a recording that has times and views.
     click("method_directional-l1")
-    open_by_click(click, saved(tmp_path, small_video, "video.tif"))
+    open_by_click(click, dock, saved(tmp_path, "video", small_video.holograms.values))
     click("find_lobes")
     click("reconstruct")
     ticked = [m for m in DEFAULT if m != "directional-l1"]
