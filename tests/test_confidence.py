@@ -10,7 +10,7 @@ from scipy.stats import rankdata
 import napari_phase4d as p4d
 from napari_phase4d.analysis import Verdict, residues, slip_warning, slipped_frames
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
-from napari_phase4d.stack import Block, InMemory
+from napari_phase4d.stack import Block, InMemory, blocks_of
 from napari_phase4d.unwrapping import (
     Judged,
     Problem,
@@ -160,21 +160,63 @@ def test_objects_that_slip_where_much_changes_at_once_are_warned_of(name: str) -
     assert said[~slipped].mean() <= 0.1
 
 
-def test_residues_in_the_way_of_a_level_are_those_of_the_best_way() -> None:
-    """A wall that stands has none; what turns up at once has those of its change, or its own."""
+def swirl() -> np.ndarray:
+    """Return a map (y, x) with two residues, in a disc round which it is empty."""
     y, x = np.mgrid[-16:16, -16:16]
-    swirl = np.where(np.hypot(y, x) < 11, np.arctan2(y + 0.5, x - 4.5), 0).astype(np.float32)
-    swirl -= np.where(np.hypot(y, x) < 11, np.arctan2(y + 0.5, x + 5.5), 0).astype(np.float32)
-    inside = np.hypot(y, x) < 9
-    some = abs(residues(swirl)).values.sum()
-    assert some == 2
-    frames = np.stack([0 * swirl, swirl, swirl, 0 * swirl, swirl])[:, None]
-    problem = Problem(frames.astype(np.float32))
-    block = Block(0, len(frames))
-    assert level_residues(problem).read(block)[1][0][inside].max() == some
-    thin = 0.3 * inside.astype(np.float32)
-    rising = np.stack([thin, swirl * 0.5, swirl, swirl, swirl])[:, None]
-    assert level_residues(Problem(rising.astype(np.float32))).read(block).max() == 0
+    found = np.arctan2(y + 0.5, x - 4.5) - np.arctan2(y + 0.5, x + 5.5)
+    found = np.where(np.hypot(y, x) < 11, found, 0).astype(np.float32)
+    assert abs(residues(found)).values.sum() == 2
+    return found
+
+
+@pytest.mark.parametrize("frames", [1, 2, 8])
+def test_residues_in_the_way_of_a_level_are_those_of_the_best_way(
+    frames: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What grows step by step has none; what turns up at once has its own, or of its change."""
+    monkeypatch.setattr(
+        "napari_phase4d.unwrapping.directional.residues.working_blocks",
+        lambda shape: blocks_of(shape, frames),
+    )
+    inside = swirl() != 0
+    every = Block(0, 5)
+    sudden = np.stack([0 * swirl(), swirl(), swirl(), 0 * swirl(), swirl()])[:, None]
+    found = level_residues(Problem(sudden)).read(every)
+    assert found[1, 0][inside].max() == 2
+    assert found[0].max() == 0
+    thin = np.float32(0.3) * inside
+    growing = np.stack([thin, swirl() / 2, swirl(), swirl(), swirl()])[:, None]
+    for order in (slice(None), slice(None, None, -1)):
+        problem = Problem(growing[order].astype(np.float32))
+        assert level_residues(problem).read(every).max() == 0
+
+
+def test_what_is_not_known_vouches_for_no_level() -> None:
+    """A hole in the mask of one frame lets no others through."""
+    frames = np.stack([swirl()] * 5)[:, None]
+    mask = np.ones(frames.shape, dtype=bool)
+    mask[2, 0, 14:18, 14:18] = False
+    counts = level_residues(Problem(frames, mask=mask)).read(Block(0, 5))
+    assert (counts[[0, 1, 3, 4]][:, :, 14:18, 14:18] > 0).all()
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(("side", "noise"), [(64, 0.9), (256, 0.9), (400, 0.7)])
+def test_noise_is_no_reason_to_doubt_a_level(side: int, noise: float) -> None:
+    """The same cell sampled finer has more pixels, and more residues that noise makes."""
+    y, x = np.mgrid[-1 : 1 : side * 1j, -1 : 1 : side * 1j]
+    cap = np.sqrt(np.maximum(1 - (y**2 + x**2) / 0.5, 0))
+    exact = (np.linspace(3, 14, 5)[:, None, None] * cap).astype(np.float32)[:, None]
+    noisy = exact + noise * np.random.default_rng(side).normal(size=exact.shape)
+    wrapped = xr.DataArray(
+        ((noisy + np.pi) % TURN - np.pi).astype(np.float32), dims=("time", "angle", "y", "x")
+    )
+    result = p4d.unwrap(wrapped, "directional-l1")
+    inside = exact > 0.05
+    assert (np.round((result.values - noisy) / TURN) != 0)[inside].mean() < 0.01
+    trust = p4d.confidence(result, wrapped).values
+    assert trust[inside].mean() > 0.97
+    assert slipped_frames(Problem(wrapped), xr.DataArray(trust, dims=wrapped.dims)).sum() <= 1
 
 
 @pytest.mark.slow

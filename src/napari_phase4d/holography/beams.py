@@ -22,7 +22,7 @@ no clue is left, and the chance says so.
 
 The clues are measured in two looks, and the chance is the mean of both: one window hides what lies
 near the border of the frames, the other what its side lobes outshine. Where they disagree,
-neither is believed.
+no choice has a high one.
 """
 
 from __future__ import annotations

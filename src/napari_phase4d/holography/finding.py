@@ -307,14 +307,14 @@ def plane_of(rec: Recording, task: Task) -> Plane:
     watch.step()
     seen = [index for index in indices if index not in lost]
     frame = rec.frame(seen[len(seen) // 2])
-    wide = wide_spectra(rec, seen, frame)
+    wide = wide_spectra(rec, seen, frame, watch)
     wide_half = mean_power(wide)
     places = [brightest_near(peak.carrier, wide_half, rec.frame_shape) for peak in peaks]
     return Plane(frame, spectra, half, wide, wide_half, rec.frame_shape, peaks, places)
 
 
 def wide_spectra(
-    rec: Recording, seen: Sequence[int], middle: NDArray[np.float32]
+    rec: Recording, seen: Sequence[int], middle: NDArray[np.float32], watch: Watch
 ) -> list[NDArray[np.complex64]]:
     """Transform a few of the frames that were seen, or the middle one, in a wide window."""
     window = wide_window(rec.frame_shape)
@@ -322,7 +322,11 @@ def wide_spectra(
     if count < 2:
         return [windowed_spectrum(middle, window)]
     places = np.linspace(0, len(seen) - 1, count).round().astype(int)
-    return [windowed_spectrum(rec.frame(seen[i]), window) for i in places]
+    found = []
+    for i in places:
+        watch.check()
+        found.append(windowed_spectrum(rec.frame(seen[i]), window))
+    return found
 
 
 def mean_power(spectra: Sequence[NDArray[np.complex64]]) -> NDArray[np.float64]:

@@ -156,7 +156,7 @@ class Look:
         Averaged are phasors less a surface (y, x), so that it blurs nothing that lies near to it,
         over so many pixels each way.
         """
-        unit = np.exp(1j * (self.phase - surface))
+        unit = self.lit * np.exp(1j * (self.phase - surface))  # what is dark says nothing
         mean = scipy.ndimage.uniform_filter(unit, side)
         found = copy(self)
         found.phase = np.angle(mean) + surface

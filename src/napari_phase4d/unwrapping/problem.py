@@ -50,12 +50,22 @@ from napari_phase4d.unwrapping.given import (
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
 from napari_phase4d.words import shown
 
-__all__ = ["FIELD", "GRAPH", "Boundary", "Problem", "SharedSteps", "checked_boundaries"]
+__all__ = [
+    "FIELD",
+    "GRAPH",
+    "RESIDUES",
+    "Boundary",
+    "Problem",
+    "SharedSteps",
+    "checked_boundaries",
+]
 
 #: Name of what the directional methods start from.
 FIELD = "field"
 #: Name of the graph of all pixels, which confidence goes along.
 GRAPH = "graph"
+#: Name of the residues that stand in the way of levels.
+RESIDUES = "residues"
 
 T = TypeVar("T")
 
@@ -98,6 +108,7 @@ class SharedSteps:
         """Let go of what the directional methods share: it is as large as many results."""
         self.forget(FIELD)
         self.forget(GRAPH)
+        self.forget(RESIDUES)
 
     def tidy(self) -> None:
         """Remove what was needed on the way only, where that lies on disk."""

@@ -31,7 +31,7 @@ STEEP = 1.5
 HALF_A_TURN = np.float32(np.pi)
 #: Followed steps count where they are steadier than this, in radians.
 FOLLOWED = 3.0
-#: A step is at least this share as rough as the roughest change that it went through.
+#: A step is at least this share as doubtful as it was once followed, see `remember`.
 REMEMBERED = np.float32(0.6)
 
 
@@ -179,7 +179,8 @@ def remember(rough: Image, doubt: Image) -> None:
 
     Where noise has blurred a wall, some of its steps passed half a turn unseen on its way to a
     whole one. These look smooth then and have no second opinion, though what they went through was
-    rough: one of them that counts as certain would tie all that is inside to what is outside.
+    rough: one of them that counts as certain would tie all that is inside to what is outside. A
+    step that was steep at the start may be one of these as well: nobody saw how it became so.
     """
     for i in range(len(rough)):
         if doubt[i] < np.inf:

@@ -6,6 +6,7 @@ Round a residue the steps of a wrapped map do not add up, so that its phase depe
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -17,16 +18,22 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, Stack
 from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.unwrapping.directional.methods import prepared
-from napari_phase4d.unwrapping.directional.scene import Scene
+from napari_phase4d.unwrapping.directional.scene import Scene, Shifts
 from napari_phase4d.unwrapping.directional.steps import boxed
 from napari_phase4d.unwrapping.frames import moved
 from napari_phase4d.unwrapping.given import working_blocks
-from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.problem import RESIDUES, Problem
 
 __all__ = ["Residues", "level_residues"]
 
-#: More are not counted: they fit into a byte.
+#: More are not counted: they fit into a byte. What is not known counts as so many.
 MOST = 255
+#: An object wider than this, in pixels, may have more of them: what counts is how much of its rim
+#: they take. Narrower ones are those that confidence was fitted to.
+WIDE = 35.0
+#: Noise of so many radians makes residues by itself, everywhere; they go when phasors are averaged
+#: over so many pixels along y and x, while those of steep rims mostly stay.
+NOISY, AVERAGED = 0.55, 3
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -39,20 +46,23 @@ class Residues:
 
     Parameters
     ----------
-    scene : Scene
-        What was unwrapped.
+    all_times : callable
+        See `Frames.all_times`.
+    shifts : ndarray of int, shape (kept time, angle, 2)
+        By how much frames were moved.
     counts : Stack
-        For its kept and moved frames, up to 255.
+        For kept and moved frames, up to 255.
     """
 
-    scene: Scene
+    all_times: Callable[[Block], NDArray[np.intp]]
+    shifts: Shifts
     counts: Stack
 
     def read(self, block: Block) -> Image:
         """Return it for some times."""
-        which = self.scene.frames.all_times(block)
+        which = self.all_times(block)
         kept = Block(int(which[0]), int(which[-1]) + 1)
-        back = -self.scene.shifts[kept.start : kept.stop]
+        back = -self.shifts[kept.start : kept.stop]
         counts = self.counts.read(kept).astype(np.float32)
         found: Image = moved(counts, back)[which - kept.start]
         return found
@@ -76,19 +86,17 @@ def level_residues(problem: Problem, task: Task = UNWATCHED) -> Residues:
 
     def count() -> Residues:
         scene = prepared(problem, task).scene
-        names = ("own_residues", "residues_of_changes", "residues_since", "residues")
-        own, changes, since, found = (
-            problem.store.temporary(name, scene.shape, "uint8") for name in names
-        )
+        names = ("residues", "residues_of_changes")
+        counts, changes = (problem.store.temporary(n, scene.shape, "uint8") for n in names)
         blocks = working_blocks(scene.shape)
         watch = Watch(3 * len(blocks), "counting residues", task)
-        for _ in in_threads(CountBlock(scene, own, changes), blocks, watch, wait=True):
+        for _ in in_threads(CountBlock(scene, counts, changes), blocks, watch, wait=True):
             pass
-        carry_on(own, changes, since, blocks, watch)
-        carry_back(since, changes, found, blocks, watch)
-        return Residues(scene, found)
+        carry_on(counts, changes, blocks, watch)
+        carry_back(counts, changes, blocks, watch)
+        return Residues(scene.frames.all_times, scene.shifts, counts)
 
-    return problem.once("residues", count)
+    return problem.once(RESIDUES, count)
 
 
 @dataclass(frozen=True)
@@ -110,22 +118,27 @@ class CountBlock:
     def __call__(self, block: Block) -> None:
         """Do a block."""
         scene = self.scene
-        seen, _, _ = boxed(scene, block.wider(0, 1, scene.shape[0]))
+        seen, numbers, _ = boxed(scene, block.wider(0, 1, scene.shape[0]))
+        seams = numbers.astype(np.int16)
         own, changes = (np.zeros((len(block), *scene.shape[1:]), np.uint8) for _ in range(2))
         inside = (slice(None), slice(None), *scene.box)
+        noisy = scene.noise > NOISY
         for i, angle in np.ndindex(len(block), scene.shape[1]):
             frame, after = (i, angle), (i + 1, angle)
             known, thing = seen.usable[frame], ~seen.empty[frame]
-            own[inside][frame] = of_objects(seen.phase[frame], known, thing)
+            own[inside][frame] = of_objects(seen.phase[frame], known, thing, seams[frame], noisy)
             if i + 1 < len(seen.phase):
                 change = turned(seen.phase[after] - seen.phase[frame])
                 both, either = known & seen.usable[after], thing | ~seen.empty[after]
-                changes[inside][frame] = of_objects(change, both, either)
+                sides = seams[frame] + np.int16(64) * seams[after]  # a seam of either frame
+                changes[inside][frame] = of_objects(change, both, either, sides, noisy)
         self.own.write(block, own)
         self.changes.write(block, changes)
 
 
-def of_objects(wrapped: Image, known: Mask, thing: Mask) -> Counts:
+def of_objects(
+    wrapped: Image, known: Mask, thing: Mask, seams: NDArray[np.int16], noisy: bool
+) -> Counts:
     """Return for every pixel of an object how many residues the object has; 0 elsewhere.
 
     Parameters
@@ -134,20 +147,40 @@ def of_objects(wrapped: Image, known: Mask, thing: Mask) -> Counts:
         Wrapped phase, or its change, in radians.
     known, thing : ndarray of bool, same shape
         Where it is known; where it is not empty field.
+    seams : ndarray of int, same shape
+        Pixels of different numbers are no neighbours.
+    noisy : bool
+        Whether noise by itself makes residues.
     """
-    thing = thing & known
     # Residues lie between four pixels, and those at a rim belong to what is inside.
-    labels, count = scipy.ndimage.label(scipy.ndimage.binary_dilation(thing))
+    labels, count = scipy.ndimage.label(scipy.ndimage.binary_dilation(thing & known))
     sums = np.zeros(count + 1, dtype=np.int64)
     if count:
-        count_residues(wrapped, known, labels, sums)
-    found: Counts = np.where(thing, np.minimum(sums, MOST).astype(np.uint8)[labels], 0)
-    return found.astype(np.uint8)
+        phase = averaged(wrapped, known) if noisy else wrapped
+        count_residues(phase, known, seams, labels, sums)
+        width = np.sqrt(np.bincount(labels.ravel(), minlength=count + 1))
+        sums = np.ceil(sums / np.maximum(width / WIDE, 1)).astype(np.int64)
+    each = np.minimum(sums, MOST).astype(np.uint8)
+    found: Counts = np.where(thing, np.where(known, each[labels], np.uint8(MOST)), np.uint8(0))
+    return found
+
+
+def averaged(wrapped: Image, known: Mask) -> Image:
+    """Return the phase of the mean phasor of the pixels round each one."""
+    unit = np.where(known, np.exp(1j * wrapped), 0)
+    parts = (scipy.ndimage.uniform_filter(part, AVERAGED) for part in (unit.real, unit.imag))
+    real, imaginary = parts
+    found: Image = np.arctan2(imaginary, real).astype(np.float32)
+    return found
 
 
 @compiled
 def count_residues(
-    wrapped: Image, known: Mask, labels: NDArray[np.int32], sums: NDArray[np.int64]
+    wrapped: Image,
+    known: Mask,
+    seams: NDArray[np.int16],
+    labels: NDArray[np.int32],
+    sums: NDArray[np.int64],
 ) -> None:
     """Add the residues of a map to those of the part that the pixel at their upper left is of."""
     turn = np.float32(2 * np.pi)
@@ -158,6 +191,9 @@ def count_residues(
                 known[y, x] and known[y, x + 1] and known[y + 1, x] and known[y + 1, x + 1]
             ):
                 continue
+            side = seams[y, x]
+            if seams[y, x + 1] != side or seams[y + 1, x] != side or seams[y + 1, x + 1] != side:
+                continue
             a, b = wrapped[y, x], wrapped[y, x + 1]
             c, d = wrapped[y + 1, x + 1], wrapped[y + 1, x]
             turns = np.rint((b - a) / turn) + np.rint((c - b) / turn)
@@ -165,32 +201,30 @@ def count_residues(
             sums[part] += abs(int(turns))
 
 
-def carry_on(own: Stack, changes: Stack, since: Stack, blocks: list[Block], watch: Watch) -> None:
-    """Write how many are in the way from any frame before, or from the frame itself."""
+def carry_on(counts: Stack, changes: Stack, blocks: list[Block], watch: Watch) -> None:
+    """Let a frame have no more in its way than the frame before, or what led from there."""
     last: Counts | None = None
     for block in blocks:
-        counts = own.read(block).copy()
+        here = counts.read(block).copy()
         around = block.wider(1, 0, block.stop)
         steps = changes.read(around)  # what led to a frame stands with the one before it
         for i, time in enumerate(block.times):
             if last is not None:
                 led = steps[time - 1 - around.start]
-                np.minimum(counts[i], np.maximum(led, last), out=counts[i])
-            last = counts[i]
-        since.write(block, counts)
+                np.minimum(here[i], np.maximum(led, last), out=here[i])
+            last = here[i]
+        counts.write(block, here)
         watch.step()
 
 
-def carry_back(
-    since: Stack, changes: Stack, found: Stack, blocks: list[Block], watch: Watch
-) -> None:
-    """Write how many are in the way from any frame, before or after."""
+def carry_back(counts: Stack, changes: Stack, blocks: list[Block], watch: Watch) -> None:
+    """Let a frame have no more in its way than the frame after, or what led there."""
     after: Counts | None = None
     for block in reversed(blocks):
-        counts, steps = since.read(block).copy(), changes.read(block)
+        here, steps = counts.read(block).copy(), changes.read(block)
         for i in reversed(range(len(block))):
             if after is not None:
-                np.minimum(counts[i], np.maximum(steps[i], after), out=counts[i])
-            after = counts[i]
-        found.write(block, counts)
+                np.minimum(here[i], np.maximum(steps[i], after), out=here[i])
+            after = here[i]
+        counts.write(block, here)
         watch.step()
