@@ -47,7 +47,7 @@ class Residues:
     Parameters
     ----------
     all_times : callable
-        See `Frames.all_times`.
+        Tells which kept frame stands for each of some times.
     shifts : ndarray of int, shape (kept time, angle, 2)
         By how much frames were moved.
     counts : Stack
