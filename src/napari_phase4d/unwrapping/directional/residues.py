@@ -18,7 +18,7 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, Stack
 from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.unwrapping.directional.methods import prepared
-from napari_phase4d.unwrapping.directional.scene import Scene, Shifts
+from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import boxed
 from napari_phase4d.unwrapping.frames import moved
 from napari_phase4d.unwrapping.given import working_blocks
@@ -55,7 +55,7 @@ class Residues:
     """
 
     all_times: Callable[[Block], NDArray[np.intp]]
-    shifts: Shifts
+    shifts: NDArray[np.intp]
     counts: Stack
 
     def read(self, block: Block) -> Image:
