@@ -29,6 +29,7 @@ __all__ = [
     "Floors",
     "Opinion",
     "Weighed",
+    "boxed",
     "courses_of",
     "fading",
     "floors_of",
