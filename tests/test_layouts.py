@@ -150,3 +150,18 @@ def test_carriers_are_refined_from_spectra_as_from_the_frame() -> None:
         coarse = (round(ky * shape[0]) / shape[0], round(kx * shape[1]) / shape[1])
         near = refined(coarse, [spectrum], shape)
         assert np.hypot((near[0] - ky) * shape[0], (near[1] - kx) * shape[1]) < 0.02
+
+
+@pytest.mark.parametrize("side", range(4, 41, 4))
+def test_tiny_frames_are_answered_or_refused_in_words(side: int) -> None:
+    """A lobe of a low frame may be only a few pixels high: too few for a border and more."""
+    y, x = np.mgrid[:side, :64]
+    phase = 2 * np.exp(-(((y - side / 2) / 2) ** 2) - ((x - 32) / 9) ** 2)
+    frames = 100 + 50 * np.cos(2 * np.pi * (0.25 * y + 0.2 * x) + phase)
+    for frame in (frames, frames.T, frames[:, :side]):
+        try:
+            rec = p4d.open_recording(frame[None].astype(np.uint8))
+            words = f"{len(p4d.find_lobes(rec, 1, radius=0.08))} lobe"
+        except ValueError as error:
+            words = str(error)
+        assert any(w in words for w in ("1 lobe", "at least 8 x 8", "shows 0 carriers"))

@@ -488,6 +488,8 @@ def lobe_extent(carrier: tuple[float, float], plane: Plane, noise: float, limit:
 DARK_SHARE = 0.3
 #: The border that is compared with the whole, in pixels.
 BORDER = 3
+#: A field less than this across shows no more of an object than its border, in pixels.
+SMALLEST_SIDE = 5
 #: Of larger fields the inner part of the lobe is looked at, about so many pixels of the spectrum
 #: across: signs need no detail.
 LARGEST_SIDE = 112
@@ -527,6 +529,8 @@ def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
 
 def evidence_of(field: Field) -> float:
     """Return `sign_evidence` of a field, which may still have its tilt."""
+    if min(field.shape) < SMALLEST_SIDE:
+        return 0.0
     fit = Surface("powers", 2, field.shape).fit(field)
     flat = field * np.exp(-1j * fit.surface)
     edge = max(2, min(flat.shape) // 16)
