@@ -241,6 +241,9 @@ NEAR = 0.03
 MAIN_LOBE = 3
 #: Ghosts are at least this much weaker than what they copy: shifted copies 3 dB, harmonics 10 dB.
 SHIFTED_COPY, HARMONIC = 0.5, 0.1
+#: A copy lies within so many pixels of the spectrum of where it is due (measured: 0.33 in JPEG,
+#: 0.15 in interlaced video), a harmonic farther off: it is a multiple, and its lobe another.
+GHOST_PIXELS, HARMONIC_PIXELS = 0.5, 0.8
 ZERO = (0.0, 0.0)
 #: Pixels of the spectrum on either side of a peak from which a carrier is refined.
 PATCH = 16
@@ -306,7 +309,7 @@ def find_peaks(half: Half, shape: tuple[int, int]) -> list[Peak]:
         for i in order
     ]
     peaks = [peak for peak in peaks if peak.power > DYNAMIC_RANGE * peaks[0].power]
-    return with_ghosts(apart(peaks, shape)[:MOST_PEAKS], shape)
+    return with_ghosts(apart(peaks, shape)[:MOST_PEAKS], half, shape)
 
 
 def half_plane(shape: tuple[int, int]) -> tuple[Half, Half]:
@@ -354,43 +357,74 @@ def apart(peaks: list[Peak], shape: tuple[int, int]) -> list[Peak]:
     return kept
 
 
-def with_ghosts(peaks: list[Peak], shape: tuple[int, int]) -> list[Peak]:
+def with_ghosts(peaks: list[Peak], half: Half, shape: tuple[int, int]) -> list[Peak]:
     """Mark what a camera, a video or JPEG makes of a stronger peak.
 
-    A view may lie there by chance, so ghosts stay; they are taken if nothing else will do.
+    A view may lie there by chance, so ghosts stay; they are taken if nothing else will do. A ghost
+    lies exactly where its source puts it, to a fraction of a pixel, a view only by rare chance.
     """
     marked: list[Peak] = []
-    tolerance = max(2.5 / min(shape), 0.004)
-    zero_order = Peak(ZERO, np.inf)
+    sources = [(ZERO, Peak(ZERO, np.inf))]
     for peak in peaks:
-        sources = (zero_order, *(p for p in marked if not p.ghost))
-        ghost = any(is_ghost(peak, stronger, tolerance) for stronger in sources)
+        place = between_pixels(peak.carrier, half, shape)
+        ghost = any(is_ghost(peak, place, stronger, at, shape) for at, stronger in sources)
         marked.append(replace(peak, ghost=ghost, relative=peak.power / peaks[0].power))
+        if not ghost:
+            sources.append((place, peak))
     return marked
 
 
-def is_ghost(peak: Peak, source: Peak, tolerance: float) -> bool:
+def between_pixels(
+    carrier: tuple[float, float], half: Half, shape: tuple[int, int]
+) -> tuple[float, float]:
+    """Return where a maximum lies between the pixels of the spectrum.
+
+    The logarithm of a Blackman window's main lobe is nearly a parabola.
+    """
+    height, width = shape
+    row, column = round(carrier[0] * height), round(carrier[1] * width)
+    near = np.arange(-1, 2)
+    logs = np.log(np.abs(patch(half, row + near, column + near, shape)) + 1e-30)
+    return ((row + vertex(logs[:, 1])) / height, (column + vertex(logs[1])) / width)
+
+
+def vertex(values: Half) -> float:
+    """Return where the parabola through the middle of three values and its neighbours peaks."""
+    bend = float(values[0] - 2 * values[1] + values[2])
+    if bend >= 0:
+        return 0.0
+    return float(np.clip((values[0] - values[2]) / (2 * bend), -0.5, 0.5))
+
+
+def is_ghost(
+    peak: Peak,
+    place: tuple[float, float],
+    source: Peak,
+    at: tuple[float, float],
+    shape: tuple[int, int],
+) -> bool:
     """Say whether a peak is a harmonic or a shifted copy of a stronger one.
 
     Interlaced video and JPEG's colour shift by half the sampling frequency, JPEG's blocks by
-    multiples of an eighth of it.
+    multiples of an eighth of it. Places are those between the pixels of the spectrum.
     """
-    ky, kx = source.carrier
+    ky, kx = at
+    tolerance = GHOST_PIXELS / min(shape)
     relative = peak.power / source.power
     if relative < SHIFTED_COPY and any(
-        pair_distance(peak.carrier, (ky + dy, kx + dx)) < tolerance
+        pair_distance(place, (ky + dy, kx + dx)) < tolerance
         for dy, dx in ((0.5, 0), (0, 0.5), (0.5, 0.5))
     ):
         return True
     if relative >= HARMONIC or source.carrier == ZERO:
         return False
     if any(
-        pair_distance(peak.carrier, (n * ky, n * kx)) < max(n, 1) * tolerance / 2
+        pair_distance(place, (n * ky, n * kx)) < (1 + max(n, 1)) / 2 * HARMONIC_PIXELS / min(shape)
         for n in (0.5, 2, 3, 4)
     ):
         return True
     blocks = ((ky + i / 8, kx + j / 8) for i in range(8) for j in range(8) if i or j)
-    return any(pair_distance(peak.carrier, k) < tolerance / 2 for k in blocks)
+    return any(pair_distance(place, k) < tolerance for k in blocks)
 
 
 def refined(
