@@ -98,6 +98,27 @@ def test_harmonic_is_no_view() -> None:
         p4d.find_lobes(rec, 2)
 
 
+@pytest.mark.parametrize("amplitude", [0.25, 0.5])
+@pytest.mark.parametrize("kind", ["copy", "harmonic"])
+def test_a_view_beside_where_a_ghost_would_lie_is_counted(kind: str, amplitude: float) -> None:
+    """A ghost lies there exactly, this weak view two pixels of the spectrum off."""
+    first = np.array((40.0, 50.0))
+    due = first - (128, 0) if kind == "copy" else 2 * first
+    carriers = [tuple(k / 256) for k in (first, due + np.array((2, 0)))]
+    exact = swimming_euglena((256, 256), 3, pixel_um=5.2 / 30, peak_rad=6)["phase"]
+    rec = multiplexed_video(
+        exact,
+        carriers=carriers,
+        pupil_radius=0.05,
+        beam_amplitudes=(1, amplitude),
+        reference_amplitude=2.5,
+    )
+    lobes = p4d.find_lobes(rec)
+    assert len(lobes) == 2
+    for carrier in carriers:
+        assert min(pair_distance(carrier, k.carrier) for k in lobes) < 0.004
+
+
 @pytest.mark.parametrize(
     ("frames", "n", "sentence"),
     [
