@@ -12,6 +12,7 @@ import scipy.fft
 import xarray as xr
 
 import napari_phase4d as p4d
+from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
 from napari_phase4d.holography.spectrum import brightest_near, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -100,6 +101,20 @@ def test_views_are_counted(n: int) -> None:
         exact["phase"], carriers=six[:n], pupil_radius=0.03, reference_amplitude=3.0
     )
     assert len(p4d.find_lobes(rec, None)) == n
+
+
+def test_the_number_counts_all_choices_of_so_many_views() -> None:
+    """The likeliest two of three peaks may explain less than the next likeliest two."""
+
+    def choice(views: tuple[int, ...], score: float) -> Choice:
+        tally = score * COUNT_WEIGHTS / (COUNT_WEIGHTS @ COUNT_WEIGHTS)
+        return Choice(views, tuple(False for _ in views), 0.5, True, tally)
+
+    found = [[choice((0,), 3.0)], [choice((0, 1), 0.0), choice((0, 2), 5.0)]]
+    likely, chances = most_likely(found, [[True], [True, True]])
+    assert likely == 2
+    assert chances == pytest.approx(np.array([0.119, 0.881]), abs=1e-3)
+    assert most_likely(found, [[True], [True, False]])[0] == 1
 
 
 def test_another_number_of_views_than_asked_for_is_said() -> None:

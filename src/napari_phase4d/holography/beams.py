@@ -80,11 +80,12 @@ WEIGHTS = np.array(
     ]
 )
 #: The same for the number of views: of those clues, and what `Clues.tally` adds. Fitted to fewer
-#: recordings, these were held to the sign that a clue has alone: what would have the other is 0.
+#: recordings (seeds 800000 to 803600), these were held to the sign that a clue has alone: what
+#: would have the other is 0. That also serves recordings with ghosts better.
 COUNT_WEIGHTS = np.array(
     [
-        *(5.09, -1.52, 0.61, 0.6, 0.0, 0.57, 0.91, -0.93, -0.81, -9.09, -4.73),
-        *(0.0, -2.07, -1.43, 0.0, -0.62, 1.56, -0.73, -2.79, 0.09, 1.61, -0.26),
+        *(7.16, -2.59, 1.42, 0.0, 0.0, 0.0, 1.16, -4.26, 0.0, -24.7, -6.37),
+        *(0.0, -3.22, -1.89, 0.0, -0.41, 0.52, -0.4, -4.64, 1.14, 2.26, -1.48),
     ]
 )
 
@@ -376,21 +377,26 @@ def softmax(score: Values) -> Values:
     return chance
 
 
-def most_likely(found: Sequence[Sequence[Choice]], possible: Sequence[bool]) -> tuple[int, Values]:
+def most_likely(
+    found: Sequence[Sequence[Choice]], possible: Sequence[Sequence[bool]]
+) -> tuple[int, Values]:
     """Return how many views there are, and the chance of every number from 1 on.
+
+    All choices count, since of so many views the likeliest may not be the one that explains most.
 
     Parameters
     ----------
     found : sequence of sequence of Choice
         What `choices` gave.
-    possible : sequence of bool
-        Whether there may be so many; if none may, all count.
+    possible : sequence of sequence of bool
+        Whether each may be; if none may, all count.
     """
-    score = np.array([each[0].tally @ COUNT_WEIGHTS for each in found])
-    if any(possible):
-        score = np.where(possible, score, -np.inf)
-    weight = np.exp(score - score.max())
-    chance: Values = weight / weight.sum()
+    number = np.concatenate([[n] * len(each) for n, each in enumerate(found)])
+    score = np.array([choice.tally @ COUNT_WEIGHTS for each in found for choice in each])
+    can = np.concatenate(possible)
+    if can.any():
+        score = np.where(can, score, -np.inf)
+    chance = np.bincount(number, softmax(score), len(found)).astype(np.float64)
     return int(np.argmax(chance)) + 1, chance
 
 
