@@ -16,6 +16,7 @@ from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_
 from napari_phase4d.stack import Block
 from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping.background import find_background
+from napari_phase4d.unwrapping.directional.bunches import Bunch
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import islands_of
 from napari_phase4d.unwrapping.directional.groups import PARTS, merged_edges
@@ -388,13 +389,13 @@ def test_turns_of_least_cost_are_found() -> None:
         edges = merged_edges(
             pairs[:, 0], pairs[:, 1], turns, costs, costs, weight.astype(np.float32)
         )
-        regions = SimpleNamespace(n=n, edges=edges, held=0, held_turns=0)
+        bunch = Bunch(np.arange(n, dtype=np.int32), 0, 0, edges)
         limit = None
         if trial % 2:
             lowest = rng.integers(-1, 2, n)
             price = PARTS * rng.uniform(0, 2, n)
             limit = Limit(np.arange(n), lowest, price, int(rng.choice([-1, 1])))
-        solver = LeastTurns(regions, lambda: None)
+        solver = LeastTurns(bunch, lambda: None)
         _, start = solver.start()
         assert start[0] == 0
         found = solver.descend(start, limit)
