@@ -11,7 +11,6 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Stack, Store
@@ -106,8 +105,8 @@ class EdgeList:
             np.ascontiguousarray(words[:, i : i + 2]).view(np.int64)[:, 0] for i in (3, 5)
         )
         rough = np.ascontiguousarray(words[:, 7]).view(np.float32)
-        ends = (np.ascontiguousarray(words[:, i]) for i in range(3))
-        return Edges(*ends, weight, ground, rough)
+        first, second, turns = (np.ascontiguousarray(words[:, i]) for i in range(3))
+        return Edges(first, second, turns, weight, ground, rough)
 
 
 @dataclass(frozen=True)

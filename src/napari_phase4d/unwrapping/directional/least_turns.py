@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -191,7 +192,7 @@ def sink_side(  # noqa: C901 - one loop, as published; calls would cost a third 
 #: Gains smaller than this share of the cost are rounding.
 SMALLEST_GAIN = 1e-9
 
-Turns = NDArray[np.int64]
+Turns = NDArray[np.signedinteger[Any]]
 
 
 @dataclass(frozen=True)
@@ -287,9 +288,7 @@ class LeastTurns:
     def beyond(self, turns: Turns) -> Numbers:
         """Return what each region pays beyond its limit."""
         return (
-            np.zeros(self.bunch.n)
-            if self.limit is None
-            else self.limit.paid(turns, self.bunch.n)
+            np.zeros(self.bunch.n) if self.limit is None else self.limit.paid(turns, self.bunch.n)
         )
 
     def best_move(self, turns: Turns, up: int) -> NDArray[np.bool_]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,7 +18,7 @@ from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
 from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
-from napari_phase4d.unwrapping.frames import border_medians, moved, object_mask
+from napari_phase4d.unwrapping.frames import border_medians, object_mask
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
 from napari_phase4d.unwrapping.problem import FIELD
@@ -31,7 +31,7 @@ TURN = np.float32(2 * np.pi)
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
 Short = NDArray[np.int16]
-Turns = NDArray[np.int64]
+Turns = NDArray[np.signedinteger[Any]]
 
 #: A pixel lies beyond the empty field if its phase does so by this many radians and twice the
 #: noise; each turn beyond costs as much as a step of so much roughness, in radians, that is off.
@@ -264,7 +264,7 @@ class Rims:
 def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block) -> Rims:
     """Look at a block for `side_of_object`."""
     regions = field.regions
-    seen = field.scene.read(block)
+    seen = field.scene.read(block, amplitude=True)
     free = seen.free
     region, relative = (part[free] for part in regions.read(block))
     phase = seen.phase[free]
@@ -340,16 +340,15 @@ def lifted(
     problem: Unwraps, field: Field, turns: Turns, level: NDArray[np.float64], block: Block
 ) -> tuple[Image, Whole]:
     """Return the unwrapped phase of a block of all times, and the region of every pixel."""
-    scene = field.scene
-    which = scene.frames.all_times(block)
-    kept = Block(int(which[0]), int(which[-1]) + 1)
-    region, relative = field.regions.read(kept)
-    estimate = scene.read(kept).phase + TURN * (turns[region] + relative).astype(np.float32)
-    back = -scene.shifts[kept.start : kept.stop]
-    own = which - kept.start
-    ground = problem.background().ground(level, block)
+
+    def of_kept(kept: Block) -> tuple[Image, Whole]:
+        region, relative = field.regions.read(kept)
+        phase = field.scene.read(kept).phase
+        return phase + TURN * (turns[region] + relative).astype(np.float32), region
+
+    estimate, region = field.scene.put_back(block, of_kept)
     wrapped, _ = problem.given.read(block)
-    return congruent(moved(estimate, back)[own] + ground, wrapped), moved(region, back)[own]
+    return congruent(estimate + problem.background().ground(level, block), wrapped), region
 
 
 def congruent(estimate: Image, wrapped: Image) -> Image:
@@ -453,7 +452,7 @@ def votes(part: Whole, off: Turns) -> Votes:
 
 def lifts(looks: list[tuple[Votes, Votes, Votes]], parts: Whole) -> Turns:
     """Return the turns to add to each region: the median of what is said first of its part."""
-    of_part = np.zeros(int(parts.max()) + 1, dtype=np.int64)
+    of_part = np.zeros(int(parts.max()) + 1, dtype=np.int32)
     known = np.zeros(len(of_part), dtype=bool)
     for kind in zip(*looks, strict=True):
         said = np.concatenate(kind)
