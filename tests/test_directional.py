@@ -16,6 +16,8 @@ from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_
 from napari_phase4d.stack import Block
 from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping.background import find_background
+from napari_phase4d.unwrapping.directional import bunches
+from napari_phase4d.unwrapping.directional.bunches import Bunch
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import islands_of
 from napari_phase4d.unwrapping.directional.groups import PARTS, merged_edges
@@ -47,7 +49,7 @@ class Still:
         self.background = SimpleNamespace(noise=0.0)
         self._seen = phase, empty, np.ones(phase.shape, bool), amplitude
 
-    def read(self, block: Block) -> Seen:
+    def read(self, block: Block, *, amplitude: bool = False) -> Seen:
         own = slice(block.start, block.stop)
         return Seen(*(part if part is None else part[own] for part in self._seen))
 
@@ -352,6 +354,25 @@ def test_steps_join_neighbours_only(frames: int) -> None:
     np.testing.assert_allclose(rough[1], rough[0] + 2, rtol=1e-5)
 
 
+@pytest.mark.parametrize("method", ["directional-l1", "directional-growing"])
+def test_regions_may_be_solved_in_bunches(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """What hangs together only through the empty field is solved apart, to the same turns."""
+    data = with_noise(moving_shape("dividing"), 0.6, seed=4)["wrapped"]
+    found = []
+    for edges in (1, 10**9):
+        monkeypatch.setattr(bunches, "BUNCH_EDGES", edges)
+        field = prepared(Problem(data), UNWATCHED)
+        some = field.regions.bunches
+        # Every region but the one that is held is in one bunch, with all its edges.
+        assert sorted(some.members) == sorted({*range(field.regions.n)} - {some.held})
+        found.append((len(some), sum(len(some.read(k).edges) for k in range(len(some)))))
+        found.append(p4d.unwrap(data, method).values)
+    assert found[0][0] > 10
+    assert found[2][0] == 1
+    assert found[0][1] == found[2][1]
+    np.testing.assert_array_equal(found[1], found[3])
+
+
 def test_cut_is_as_small_as_scipys() -> None:
     rng = np.random.default_rng(6)
     for _ in range(20):
@@ -388,13 +409,13 @@ def test_turns_of_least_cost_are_found() -> None:
         edges = merged_edges(
             pairs[:, 0], pairs[:, 1], turns, costs, costs, weight.astype(np.float32)
         )
-        regions = SimpleNamespace(n=n, edges=edges, held=0, held_turns=0)
+        bunch = Bunch(np.arange(n, dtype=np.int32), 0, 0, edges)
         limit = None
         if trial % 2:
             lowest = rng.integers(-1, 2, n)
             price = PARTS * rng.uniform(0, 2, n)
             limit = Limit(np.arange(n), lowest, price, int(rng.choice([-1, 1])))
-        solver = LeastTurns(regions, lambda: None)
+        solver = LeastTurns(bunch, lambda: None)
         _, start = solver.start()
         assert start[0] == 0
         found = solver.descend(start, limit)

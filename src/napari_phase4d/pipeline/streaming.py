@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from napari_phase4d.holography import FrameReconstructor
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline.starting import FrameSource
-from napari_phase4d.pipeline.stored import Shelf, Stored
+from napari_phase4d.pipeline.stored import Shelf, Stored, stored_at
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, limits_of, widest
 from napari_phase4d.stacks import AXES, KIND
 from napari_phase4d.task import UNWATCHED, Task, Threads, Watch, Workers
@@ -221,7 +221,11 @@ class ProblemOnDisk(Problem):
             return None
         data = self._amplitude.data
         bright = self.once("brightness", lambda: brightness_of(data))
-        return relative_amplitude(np.asarray(data[block.start : block.stop]), bright)
+        stored = stored_at(self._amplitude)  # read past the lazy stack, whose frames come singly
+        values = (
+            np.asarray(data[block.start : block.stop]) if stored is None else stored.read(block)
+        )
+        return relative_amplitude(values, bright)
 
     def in_memory(self) -> Problem:
         """Return the problem in memory, for methods that need all frames at once."""

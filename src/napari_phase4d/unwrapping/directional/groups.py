@@ -29,6 +29,7 @@ __all__ = [
     "join",
     "merged_edges",
     "no_edges",
+    "number_roots",
     "root_of",
     "runs_between",
     "weight_of",
@@ -110,6 +111,24 @@ def join(parent: Index, offset: Index, a: int, b: int, turns: int) -> None:
         parent[root_b], offset[root_b] = root_a, more
     else:
         parent[root_a], offset[root_a] = root_b, -more
+
+
+@compiled
+def number_roots(parent: Index, offset: Index, number: Index) -> int:
+    """Give what is joined one number, in the order of the roots; return how many there are.
+
+    Turns become those relative to the root.
+    """
+    count = 0
+    for i in range(len(parent)):
+        root, turns = root_of(parent, offset, i)
+        parent[i], offset[i] = root, turns
+        if root == i:
+            number[i] = count
+            count += 1
+        else:
+            number[i] = number[root]
+    return count
 
 
 def no_edges() -> Edges:

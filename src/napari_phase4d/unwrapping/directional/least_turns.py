@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.unwrapping.directional.regions import Regions
+from napari_phase4d.unwrapping.directional.bunches import Bunch
 from napari_phase4d.unwrapping.growing import grow_list
 
 __all__ = ["LeastTurns", "Limit", "graph_of_pairs", "sink_side"]
@@ -191,7 +192,7 @@ def sink_side(  # noqa: C901 - one loop, as published; calls would cost a third 
 #: Gains smaller than this share of the cost are rounding.
 SMALLEST_GAIN = 1e-9
 
-Turns = NDArray[np.int64]
+Turns = NDArray[np.signedinteger[Any]]
 
 
 @dataclass(frozen=True)
@@ -215,6 +216,11 @@ class Limit:
     weight: Numbers
     side: int
 
+    def of(self, bunch: Bunch, mine: NDArray[np.bool_]) -> Limit:
+        """Return what some pixels pay, the regions counted as they stand in a bunch."""
+        region = np.searchsorted(bunch.regions, self.region[mine])
+        return Limit(region, self.turns[mine], self.weight[mine], self.side)
+
     def paid(self, turns: Turns, n: int) -> Numbers:
         """Return what every region pays for its turns."""
         beyond = self.weight * np.maximum(self.side * (self.turns - turns[self.region]), 0)
@@ -222,7 +228,7 @@ class Limit:
 
 
 class LeastTurns:
-    """The turns of all regions for which sum W |k_q - k_p - J| is smallest.
+    """The turns of a bunch of regions for which sum W |k_q - k_p - J| is smallest.
 
     The cost is convex in the turns k, so that moving some regions up or down by one as long as
     that helps ends at its minimum (Darbon & Sigelle 2005; Bioucas-Dias & Valadao 2007); which
@@ -230,30 +236,30 @@ class LeastTurns:
 
     Parameters
     ----------
-    regions : Regions
-        With the edges between them. The region that is held never moves.
+    bunch : Bunch
+        The regions. The one that is held never moves.
     check : callable
         Called before every cut; may raise to stop.
     """
 
-    def __init__(self, regions: Regions, check: Callable[[], None]) -> None:
-        self.regions = regions
+    def __init__(self, bunch: Bunch, check: Callable[[], None]) -> None:
+        self.bunch = bunch
         self.check = check
-        self.held = regions.held
+        self.held = bunch.held
         self.limit: Limit | None = None
-        first, second = regions.edges.first, regions.edges.second
+        first, second = bunch.edges.first, bunch.edges.second
         # Edges are sorted by their regions.
         begins = np.append(True, (first[1:] != first[:-1]) | (second[1:] != second[:-1]))
         free = begins[: len(first)] & (first != self.held) & (second != self.held)
-        self.graph = graph_of_pairs(first[free], second[free], regions.n)
+        self.graph = graph_of_pairs(first[free], second[free], bunch.n)
 
     def start(self) -> tuple[NDArray[np.int32], Turns]:
         """Return the part of each region, and turns to start with: heaviest edges first."""
-        edges = self.regions.edges
+        edges = self.bunch.edges
         costs = -edges.weight.astype(np.float64)
-        parts, turns, _ = grow_list(edges.first, edges.second, edges.turns, costs, self.regions.n)
+        parts, turns, _ = grow_list(edges.first, edges.second, edges.turns, costs, self.bunch.n)
         # The island that is held is to have none.
-        level = turns[self.held] + self.regions.held_turns
+        level = turns[self.held] + self.bunch.held_turns
         return parts, turns.astype(np.int64) - level
 
     def descend(self, turns: Turns, limit: Limit | None = None) -> Turns:
@@ -274,7 +280,7 @@ class LeastTurns:
 
     def cost(self, turns: Turns) -> float:
         """Return the cost of some turns."""
-        edges = self.regions.edges
+        edges = self.bunch.edges
         steps = np.empty(len(edges))
         costs_of_edges(edges.first, edges.second, edges.turns, edges.weight, turns, steps)
         return float(steps.sum() + self.beyond(turns).sum())
@@ -282,14 +288,12 @@ class LeastTurns:
     def beyond(self, turns: Turns) -> Numbers:
         """Return what each region pays beyond its limit."""
         return (
-            np.zeros(self.regions.n)
-            if self.limit is None
-            else self.limit.paid(turns, self.regions.n)
+            np.zeros(self.bunch.n) if self.limit is None else self.limit.paid(turns, self.bunch.n)
         )
 
     def best_move(self, turns: Turns, up: int) -> NDArray[np.bool_]:
         """Return the regions whose move by ``up`` (1 or -1) makes the cost smallest."""
-        n, edges = self.regions.n, self.regions.edges
+        n, edges = self.bunch.n, self.bunch.edges
         start, head, reverse, place = self.graph
         of_first, of_second, capacity = np.zeros(n), np.zeros(n), np.zeros(len(place))
         weigh_moves(

@@ -4,20 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
-from napari_phase4d.task import Task, Watch, in_threads, watched
+from napari_phase4d.task import Task, Watch, in_threads
+from napari_phase4d.unwrapping.directional.bunches import Bunch, Bunches
 from napari_phase4d.unwrapping.directional.following import followed_steps
-from napari_phase4d.unwrapping.directional.groups import PARTS, weight_of
+from napari_phase4d.unwrapping.directional.groups import PARTS, Index, weight_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
 from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
-from napari_phase4d.unwrapping.frames import border_medians, moved, object_mask
+from napari_phase4d.unwrapping.frames import border_medians, object_mask
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
 from napari_phase4d.unwrapping.problem import FIELD
@@ -29,7 +30,8 @@ T = TypeVar("T")
 TURN = np.float32(2 * np.pi)
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
-Turns = NDArray[np.int64]
+Short = NDArray[np.int16]
+Turns = NDArray[np.signedinteger[Any]]
 
 #: A pixel lies beyond the empty field if its phase does so by this many radians and twice the
 #: noise; each turn beyond costs as much as a step of so much roughness, in radians, that is off.
@@ -110,24 +112,48 @@ def directional_growing(
     directions instead.
     """
     field = prepared(problem, task)
-    watch = Watch(1, "directional growing", task)
-    parts, turns = watched(lambda: grown(field.regions), watch)
-    watch.step()
+    watch = Watch(len(field.regions.bunches), "directional growing", task)
+    parts, turns = together(field.regions, grown, watch)
     return finish(problem, field, turns, parts, result, task)
 
 
-def grown(regions: Regions) -> tuple[Whole, Turns]:
+#: Part and turns of every region of a bunch.
+Placed = tuple[Whole, Turns]
+
+
+def together(
+    regions: Regions, work: Callable[[Bunch], Placed], watch: Watch
+) -> tuple[Whole, Turns]:
+    """Place each bunch of regions; return part and turns of all, the part that is held being 0."""
+    bunches = regions.bunches
+    parts = np.zeros(regions.n, dtype=np.int32)
+    turns = np.full(regions.n, -regions.held_turns, dtype=np.int32)
+
+    def place(number: int) -> tuple[Bunch, Placed]:
+        bunch = bunches.read(number)
+        return bunch, work(bunch)
+
+    count = 1
+    for bunch, (part, turned) in in_threads(place, range(len(bunches)), watch):
+        held = part == part[bunch.held]
+        parts[bunch.regions] = np.where(held, 0, part + count)
+        turns[bunch.regions] = turned
+        count += int(part.max()) + 1
+    return parts, turns
+
+
+def grown(bunch: Bunch) -> Placed:
     """Go along the edges, smoothest first, as Kruskal does; return part and turns of regions."""
-    edges = regions.edges
+    edges = bunch.edges
     votes = edges.ground > 0
     first, second, asked = (
         np.concatenate([column[votes], column])
         for column in (edges.first, edges.second, edges.turns)
     )
     costs = np.concatenate([-edges.ground[votes] / PARTS, edges.rough])
-    parts, turns, _ = grow_list(first, second, asked, costs, regions.n, overwrite=True)
-    level = turns[regions.held] + regions.held_turns
-    return parts, turns.astype(np.int64) - np.where(parts == parts[regions.held], level, 0)
+    parts, turns, _ = grow_list(first, second, asked, costs, bunch.n, overwrite=True)
+    level = turns[bunch.held] + bunch.held_turns
+    return parts, turns.astype(np.int64) - np.where(parts == parts[bunch.held], level, 0)
 
 
 def directional_l1(
@@ -156,12 +182,17 @@ def directional_l1(
     """
     field = prepared(problem, task)
     watch = Watch(2, "directional L1", task)
-    solver = watched(lambda: LeastTurns(field.regions, watch.check), watch)
-    parts, start = watched(solver.start, watch)
-    turns = watched(lambda: solver.descend(start), watch)
+    bunches = watch.quiet(len(field.regions.bunches))
+
+    def least(bunch: Bunch) -> Placed:
+        solver = LeastTurns(bunch, watch.check)
+        parts, start = solver.start()
+        return parts, solver.descend(start)
+
+    parts, turns = together(field.regions, least, bunches)
     watch.step()
     if one_sided:
-        turns = on_one_side(field, solver, turns, parts, watch)
+        turns = on_one_side(field, turns, parts, watch)
     watch.step()
     return finish(problem, field, turns, parts, result, task)
 
@@ -169,14 +200,24 @@ def directional_l1(
 # ---- on one side of the empty field ----------------------------------------------------------
 
 
-def on_one_side(
-    field: Field, solver: LeastTurns, plain: Turns, parts: Whole, watch: Watch
-) -> Turns:
+def on_one_side(field: Field, plain: Turns, parts: Whole, watch: Watch) -> Turns:
     """Return the turns of every region, after lying on the wrong side has had its price."""
     limit = side_of_object(field, plain, parts, watch)
-    if limit is None:
+    if limit is None or not len(limit.region):
         return plain
-    after = watched(lambda: solver.descend(plain, limit), watch)
+    bunches = field.regions.bunches
+    of_pixel = bunches.of_region[limit.region]
+
+    def least(number: int) -> tuple[Index, Turns]:
+        bunch = bunches.read(number)
+        solver = LeastTurns(bunch, watch.check)
+        turns = plain[bunch.regions].astype(np.int64)
+        return bunch.regions, solver.descend(turns, limit.of(bunch, of_pixel == number))
+
+    after = plain.copy()
+    numbers = np.unique(of_pixel).tolist()
+    for own, turns in in_threads(least, numbers, watch.quiet(len(numbers))):
+        after[own] = turns
     regions = field.regions
     object_ = np.where(parts == parts[regions.held], regions.size, 0)
     moved_ = object_[after != plain].sum() / max(object_.sum(), 1)
@@ -192,43 +233,53 @@ class Rims:
     ----------
     positive, clear : int
         Pixels that are more than a turn above the empty field; that are above or below it.
-    region, relative : ndarray of int
-        Region of each pixel of small regions, and its turns relative to it.
-    phase : ndarray of float
-        Its wrapped phase in radians.
+    region : ndarray of int
+        Region of each pixel of small regions.
+    least, most : ndarray of int
+        The fewest turns of that region with which the pixel lies not below the empty field, and
+        the most with which it lies not above.
     rough : ndarray of float
         As how rough a step its price counts, radians.
     """
 
     positive: int
     clear: int
-    region: Turns
-    relative: Turns
-    phase: NDArray[np.float64]
-    rough: NDArray[np.float64]
+    region: Index
+    least: Short
+    most: Short
+    rough: Image
+
+    def limit(self, side: int, turns: Turns, bunches: Bunches) -> Limit:
+        """Return what pixels pay on the wrong side, of the bunches in which any does.
+
+        In all others the turns are the least already.
+        """
+        whole = self.least if side > 0 else self.most
+        paying = bunches.of_region[self.region[side * (whole - turns[self.region]) > 0]]
+        mine = np.isin(bunches.of_region[self.region], paying[paying >= 0])
+        weight = np.round(PARTS * weight_of(self.rough[mine]))
+        return Limit(self.region[mine], whole[mine], weight, side)
 
 
 def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block) -> Rims:
     """Look at a block for `side_of_object`."""
     regions = field.regions
-    seen = field.scene.read(block)
+    seen = field.scene.read(block, amplitude=True)
     free = seen.free
     region, relative = (part[free] for part in regions.read(block))
     phase = seen.phase[free]
     unwrapped = phase + TURN * (turns[region] + relative).astype(np.float32)
     clear = joined[region] & (np.abs(unwrapped) > TURN)
     small = joined[region] & (regions.size[region] <= RIM)
-    rough = np.full(int(small.sum()), AS_ROUGH_AS)
+    rough = np.full(int(small.sum()), AS_ROUGH_AS, dtype=np.float32)
     if seen.amplitude is not None:
         rough += fading(seen.amplitude[free][small])
-    return Rims(
-        int((unwrapped[clear] > 0).sum()),
-        int(clear.sum()),
-        region[small].astype(np.int64),
-        relative[small].astype(np.int64),
-        phase[small].astype(np.float64),
-        rough,
-    )
+    allowed = BEYOND + 2 * field.scene.noise
+    own = phase[small].astype(np.float64)
+    bounds = (side * np.ceil((-allowed - side * own) / (2 * np.pi)) for side in (1, -1))
+    least, most = ((bound - relative[small]).astype(np.int16) for bound in bounds)
+    above = int((unwrapped[clear] > 0).sum())
+    return Rims(above, int(clear.sum()), region[small], least, most, rough)
 
 
 def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Limit | None:
@@ -243,19 +294,17 @@ def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Li
     def work(block: Block) -> Rims:
         return rims_of(field, turns, joined, block)
 
-    rims = list(in_threads(work, blocks, watch.quiet(len(blocks))))
-    clear = sum(rim.clear for rim in rims)
-    positive = sum(rim.positive for rim in rims) / clear if clear else 0.5
-    if 1 - NEARLY_ALL < positive < NEARLY_ALL:
+    looks = list(in_threads(work, blocks, watch.quiet(len(blocks))))
+    clear = sum(rims.clear for rims in looks)
+    above = sum(rims.positive for rims in looks) / clear if clear else 0.5
+    if 1 - NEARLY_ALL < above < NEARLY_ALL:
         return None
-    side = 1 if positive > 0.5 else -1
-    region, relative, phase, rough = (
-        np.concatenate([getattr(rim, name) for rim in rims])
-        for name in ("region", "relative", "phase", "rough")
+    region, least, most, rough = (
+        np.concatenate([getattr(rims, name) for rims in looks])
+        for name in ("region", "least", "most", "rough")
     )
-    allowed = BEYOND + 2 * field.scene.noise
-    free = (side * np.ceil((-allowed - side * phase) / (2 * np.pi))).astype(np.int64)
-    return Limit(region, free - relative, np.round(PARTS * weight_of(rough)), side)
+    rims = Rims(0, clear, region, least, most, rough)
+    return rims.limit(1 if above > 0.5 else -1, turns, field.regions.bunches)
 
 
 # ---- the result ------------------------------------------------------------------------------
@@ -276,7 +325,7 @@ def finish(
     """
     level = border_medians(problem.background().level, problem.first)
     blocks = working_blocks(problem.given.shape)
-    lift = np.zeros(field.regions.n, dtype=np.int64)
+    lift = np.zeros(field.regions.n, dtype=np.int32)
     if (parts != parts[field.regions.held]).any():
         problem.settle_frames(task)
         watch = Watch(len(blocks), "placing loose parts", task)
@@ -291,16 +340,15 @@ def lifted(
     problem: Unwraps, field: Field, turns: Turns, level: NDArray[np.float64], block: Block
 ) -> tuple[Image, Whole]:
     """Return the unwrapped phase of a block of all times, and the region of every pixel."""
-    scene = field.scene
-    which = scene.frames.all_times(block)
-    kept = Block(int(which[0]), int(which[-1]) + 1)
-    region, relative = field.regions.read(kept)
-    estimate = scene.read(kept).phase + TURN * (turns[region] + relative).astype(np.float32)
-    back = -scene.shifts[kept.start : kept.stop]
-    own = which - kept.start
-    ground = problem.background().ground(level, block)
+
+    def of_kept(kept: Block) -> tuple[Image, Whole]:
+        region, relative = field.regions.read(kept)
+        phase = field.scene.read(kept).phase
+        return phase + TURN * (turns[region] + relative).astype(np.float32), region
+
+    estimate, region = field.scene.put_back(block, of_kept)
     wrapped, _ = problem.given.read(block)
-    return congruent(moved(estimate, back)[own] + ground, wrapped), moved(region, back)[own]
+    return congruent(estimate + problem.background().ground(level, block), wrapped), region
 
 
 def congruent(estimate: Image, wrapped: Image) -> Image:
@@ -404,7 +452,7 @@ def votes(part: Whole, off: Turns) -> Votes:
 
 def lifts(looks: list[tuple[Votes, Votes, Votes]], parts: Whole) -> Turns:
     """Return the turns to add to each region: the median of what is said first of its part."""
-    of_part = np.zeros(int(parts.max()) + 1, dtype=np.int64)
+    of_part = np.zeros(int(parts.max()) + 1, dtype=np.int32)
     known = np.zeros(len(of_part), dtype=bool)
     for kind in zip(*looks, strict=True):
         said = np.concatenate(kind)

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.unwrapping.directional.bunches import Bunches, EdgeList, bunches_of
 from napari_phase4d.unwrapping.directional.groups import (
     PARTS,
     SURE,
@@ -30,6 +31,7 @@ from napari_phase4d.unwrapping.directional.groups import (
     grouped,
     join,
     merged_edges,
+    number_roots,
     root_of,
     runs_between,
     weight_of,
@@ -42,6 +44,8 @@ __all__ = ["FIELD_SHARE", "FIRM", "Regions", "find_regions"]
 FIELD_SHARE = 0.05
 #: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
 FIRM = -0.268
+#: As many times more room is made for groups where there is none left.
+ROOM = 1.25
 #: Edges that are collected before those that ask for the same are put together. Nearly all of
 #: these lie within some frames, so that older ones need not be looked at again before the end.
 MANY_EDGES = 300_000
@@ -55,8 +59,8 @@ class Regions:
     ----------
     n : int
         How many there are.
-    edges : Edges
-        Between them.
+    bunches : Bunches
+        They and the edges between them.
     held : int
         The region of the island of the empty field that has no turns.
     held_turns : int
@@ -77,7 +81,7 @@ class Regions:
     """
 
     n: int
-    edges: Edges
+    bunches: Bunches
     held: int
     held_turns: int
     size: Whole
@@ -148,7 +152,7 @@ def find_regions(scene: Scene, steps: Iterator[Weighed], store: Store, watch: Wa
     def work(weighed: Weighed) -> Grouped:
         return grouped(scene, weighed, groups, relative)
 
-    joining = Joining(scene)
+    joining = Joining(scene, store)
     for found in in_threads(work, steps, watch.quiet(0), wait=True, large=True):
         joining.add(found)
     return joining.regions(groups, relative)
@@ -164,9 +168,12 @@ class Joining:
     ----------
     scene : Scene
         What is unwrapped.
+    store : Store
+        Where the edges lie.
     """
 
-    def __init__(self, scene: Scene) -> None:
+    def __init__(self, scene: Scene, store: Store) -> None:
+        self._store = store
         self._start = scene.frames.start
         self._pixels = scene.shape[2] * scene.shape[3]
         self._parent = np.zeros(0, dtype=np.int32)
@@ -177,7 +184,7 @@ class Joining:
         self._fields = np.full((*scene.shape[:2], 3), -1, dtype=np.int64)
         #: Edges of the last frames, and those that have been put together.
         self._edges: list[Edges] = []
-        self._older: list[Edges] = []
+        self._older = EdgeList(store, "edges")
         #: The start's first time; the last time so far and the steps to the one after.
         self._first: Frame | None = None
         self._last: tuple[Frame, Opinion | None] | None = None
@@ -207,13 +214,11 @@ class Joining:
         if forward:
             self._last = found.last, found.later
         if sum(len(edges) for edges in self._edges) > MANY_EDGES:
-            first, second, turns, *rest = columns_of(self._edges)
-            turns += resolved(self._parent, self._offset, first)
-            turns -= resolved(self._parent, self._offset, second)
-            self._older.append(merged_edges(first, second, turns, *rest))
+            self._put_away()
 
     def regions(self, groups: Stack, relative: Stack) -> Regions:
         """Return what has been joined."""
+        self._put_away()
         region = np.empty(self._n, dtype=np.int32)
         offset = self._offset[: self._n]
         n = number_roots(self._parent[: self._n], offset, region)
@@ -222,22 +227,16 @@ class Joining:
             at, turns, n = n, 0, n + 1
         else:
             at, turns = int(region[held[0]]), int(offset[held[0]] + held[1])
-        count = len(others)
-        parts = [between(part, region, offset) for part in (*self._older, *self._edges)]
-        self._older.clear()
-        self._edges.clear()
-        parts.append(
-            ties_between(
-                np.full(count, at, dtype=np.int32),
-                region[others[:, 0]],
-                turns - (offset[others[:, 0]] + others[:, 1]),
-            )
+        ties = ties_between(
+            np.full(len(others), at, dtype=np.int32),
+            region[others[:, 0]],
+            turns - (offset[others[:, 0]] + others[:, 1]),
         )
-        edges = merged_edges(*columns_of(parts))
+        bunches = bunches_of(self._older, region, offset, n, (at, turns), ties, self._store)
         sizes = np.concatenate(self._sizes)
         return Regions(
             n,
-            edges,
+            bunches,
             at,
             turns,
             np.bincount(region, sizes, n).astype(np.int64),
@@ -248,13 +247,20 @@ class Joining:
             self._base,
         )
 
+    def _put_away(self) -> None:
+        """Put together the last edges that ask for the same, and store them."""
+        first, second, turns, *rest = columns_of(self._edges)
+        turns += resolved(self._parent, self._offset, first)
+        turns -= resolved(self._parent, self._offset, second)
+        self._older.append(merged_edges(first, second, turns, *rest))
+
     def _make_room(self, time: int, sizes: Whole) -> None:
         """Give the groups of one more time numbers."""
         self._base[time] = self._n
         self._n += len(sizes)
-        self._sizes.append(sizes)
+        self._sizes.append(sizes.astype(np.int32))  # pixels of a frame
         if self._n > len(self._parent):
-            room = max(self._n, 2 * len(self._parent))
+            room = max(self._n, int(ROOM * len(self._parent)))
             more = np.arange(len(self._parent), room, dtype=np.int32)
             self._parent = np.concatenate([self._parent, more])
             self._offset = np.concatenate([self._offset, np.zeros(len(more), dtype=np.int32)])
@@ -313,37 +319,12 @@ def join_runs(parent: Index, offset: Index, first: Index, second: Index, ends: I
 
 
 @compiled
-def number_roots(parent: Index, offset: Index, number: Index) -> int:
-    """Give what is joined one number, in the order of the roots; return how many there are.
-
-    Turns become those relative to the root.
-    """
-    count = 0
-    for i in range(len(parent)):
-        root, turns = root_of(parent, offset, i)
-        parent[i], offset[i] = root, turns
-        if root == i:
-            number[i] = count
-            count += 1
-        else:
-            number[i] = number[root]
-    return count
-
-
-@compiled
 def resolved(parent: Index, offset: Index, ids: Index) -> Index:
     """Replace groups by their roots, in place; return their turns relative to these."""
     turns = np.empty(len(ids), dtype=np.int32)
     for i in range(len(ids)):
         ids[i], turns[i] = root_of(parent, offset, ids[i])
     return turns
-
-
-def between(edges: Edges, region: Index, offset: Index) -> Edges:
-    """Return edges between groups as edges between their regions."""
-    turns = edges.turns + offset[edges.first] - offset[edges.second]
-    ends = region[edges.first], region[edges.second]
-    return Edges(*ends, turns, edges.weight, edges.ground, edges.rough)
 
 
 def ties_between(first: Index, second: Index, turns: Whole) -> Edges:

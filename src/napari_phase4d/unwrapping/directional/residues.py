@@ -6,7 +6,6 @@ Round a residue the steps of a wrapped map do not add up, so that its phase depe
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +19,6 @@ from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import boxed
-from napari_phase4d.unwrapping.frames import moved
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.problem import RESIDUES, Problem
 
@@ -46,25 +44,19 @@ class Residues:
 
     Parameters
     ----------
-    all_times : callable
-        Tells which kept frame stands for each of some times.
-    shifts : ndarray of int, shape (kept time, angle, 2)
-        By how much frames were moved.
+    scene : Scene
+        What is unwrapped.
     counts : Stack
         For kept and moved frames, up to 255.
     """
 
-    all_times: Callable[[Block], NDArray[np.intp]]
-    shifts: NDArray[np.intp]
+    scene: Scene
     counts: Stack
 
     def read(self, block: Block) -> Image:
         """Return it for some times."""
-        which = self.all_times(block)
-        kept = Block(int(which[0]), int(which[-1]) + 1)
-        back = -self.shifts[kept.start : kept.stop]
-        counts = self.counts.read(kept).astype(np.float32)
-        found: Image = moved(counts, back)[which - kept.start]
+        (counts,) = self.scene.put_back(block, lambda kept: (self.counts.read(kept),))
+        found: Image = counts.astype(np.float32)
         return found
 
 
@@ -94,7 +86,7 @@ def level_residues(problem: Problem, task: Task = UNWATCHED) -> Residues:
             pass
         carry_on(counts, changes, blocks, watch)
         carry_back(counts, changes, blocks, watch)
-        return Residues(scene.frames.all_times, scene.shifts, counts)
+        return Residues(scene, counts)
 
     return problem.once(RESIDUES, count)
 

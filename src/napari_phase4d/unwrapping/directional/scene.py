@@ -6,10 +6,10 @@ on a block of frames at a time, with the same numbers whatever the blocks are.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from itertools import product
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 import scipy
@@ -66,7 +66,7 @@ class Seen:
     empty, usable : ndarray of bool, same shape
         Empty field; pixels that count.
     amplitude : ndarray of float, same shape, or None
-        Amplitude as a share of its view's median.
+        Amplitude as a share of its view's median; None too where it was not asked for.
     """
 
     phase: Image
@@ -112,10 +112,10 @@ class Frames:
         self.start = nearest, recorded.first[1]
         self.shape = (len(self.kept), *recorded.given.shape[1:])
 
-    def read(self, block: Block) -> Seen:
-        """Return some of the kept frames."""
+    def read(self, block: Block, *, amplitude: bool = False) -> Seen:
+        """Return some of the kept frames; their amplitude only if it is asked for."""
         times = self.kept[block.start : block.stop]
-        seen = self._seen(times)
+        seen = self._seen(times, amplitude=amplitude)
         if self.lost[times].any():
             seen = Seen(seen.phase, seen.empty.copy(), seen.usable.copy(), seen.amplitude)
             for i, angle in np.argwhere(self.lost[times]):
@@ -145,19 +145,19 @@ class Frames:
         found = np.searchsorted(self.kept, np.arange(block.start, block.stop), side="right") - 1
         return np.maximum(found, 0)
 
-    def _seen(self, times: NDArray[np.intp]) -> Seen:
+    def _seen(self, times: NDArray[np.intp], *, amplitude: bool = False) -> Seen:
         """Return the frames of some rising times as they were seen."""
         around = Block(int(times[0]), int(times[-1]) + 1)
         wrapped, usable = self.recorded.given.read(around)
-        empty, amplitude = self.background.empty.read(around), self.recorded.amplitude_of(around)
+        empty = self.background.empty.read(around)
+        bright = self.recorded.amplitude_of(around) if amplitude else None
         if len(times) < len(around):
             own = times - around.start
             wrapped, usable, empty = wrapped[own], usable[own], empty[own]
-            amplitude = None if amplitude is None else amplitude[own]
+            bright = None if bright is None else bright[own]
         level, tilt = self.background.level[times], self.background.tilt[times]
-        return Seen(
-            turned(wrapped - self.background.ground_of(level, tilt)), empty, usable, amplitude
-        )
+        levelled = turned(wrapped - self.background.ground_of(level, tilt))
+        return Seen(levelled, empty, usable, bright)
 
     def _stand_in(self, seen: Seen, i: int, angle: int, time: int) -> None:
         """Fill the lost frame of a view in place from the frames round it."""
@@ -216,9 +216,9 @@ class Scene:
         """Shape of the box over the kept frames (time, angle, y, x)."""
         return (*self.shape[:2], *(s.stop - s.start for s in self.box))
 
-    def read(self, block: Block) -> Seen:
-        """Return some kept frames, moved into place, the noise averaged out."""
-        seen = self.frames.read(block)
+    def read(self, block: Block, *, amplitude: bool = False) -> Seen:
+        """Return some kept frames, moved into place, the noise averaged out; see `Frames.read`."""
+        seen = self.frames.read(block, amplitude=amplitude)
         shifts = self.shifts[block.start : block.stop]
         phase = moved(seen.phase, shifts)
         if self.averaged is not None:
@@ -243,6 +243,25 @@ class Scene:
     def noisy_phase(self, block: Block) -> Image:
         """Return the wrapped phase of some kept frames, moved into place, as it was seen."""
         return moved(self.frames.read(block).phase, self.shifts[block.start : block.stop])
+
+    def put_back(
+        self, block: Block, read: Callable[[Block], tuple[NDArray[Any], ...]]
+    ) -> tuple[NDArray[Any], ...]:
+        """Return stacks of a block of all times, moved back to where each frame was seen.
+
+        Parameters
+        ----------
+        block : Block
+            Of all times.
+        read : callable
+            Returns the stacks of some kept frames, moved into place.
+        """
+        which = self.frames.all_times(block)
+        kept = Block(int(which[0]), int(which[-1]) + 1)
+        back = -self.shifts[kept.start : kept.stop]
+        own = which - kept.start
+        found = (moved(stack, back) for stack in read(kept))
+        return tuple(s if len(own) == len(s) else s[own] for s in found)
 
     def seams(self, block: Block) -> NDArray[np.int8]:
         """Return how often each pixel of some frames has gone round the field, see `seams`."""

@@ -243,7 +243,8 @@ def along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> Along:
 
 def boxed(scene: Scene, block: Block) -> tuple[Seen, NDArray[np.int8], Image | None]:
     """Return the box of some frames, their seams, and the share of noise that is left there."""
-    seen, inside = scene.read(block), (slice(None), slice(None), *scene.box)
+    seen = scene.read(block, amplitude=True)
+    inside = (slice(None), slice(None), *scene.box)
     cut = Seen(
         np.ascontiguousarray(seen.phase[inside]),
         seen.empty[inside],

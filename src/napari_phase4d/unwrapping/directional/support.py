@@ -516,14 +516,15 @@ class Astray:
         scene = self.scene
         if scene.noise < NOISY:
             return np.zeros((len(block), *scene.shape[1:]), dtype=np.float32)
-        which = scene.frames.all_times(block)
-        kept = Block(int(which[0]), int(which[-1]) + 1)
-        away = np.abs(turned(scene.noisy_phase(kept) - scene.read(kept).phase))
-        odds = np.exp(
-            (away - np.float32(np.pi)) * np.float32(2 * np.pi / (APART * scene.noise**2))
-        )
-        back = -scene.shifts[kept.start : kept.stop]
-        return moved(odds / (1 + odds), back)[which - kept.start]
+
+        def of_kept(kept: Block) -> tuple[Image]:
+            away = np.abs(turned(scene.noisy_phase(kept) - scene.read(kept).phase))
+            per_radian = np.float32(2 * np.pi / (APART * scene.noise**2))
+            odds = np.exp((away - np.float32(np.pi)) * per_radian)
+            return (odds / (1 + odds),)
+
+        (found,) = scene.put_back(block, of_kept)
+        return found
 
 
 def astray(
