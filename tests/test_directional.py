@@ -20,14 +20,14 @@ from napari_phase4d.unwrapping.directional import bunches
 from napari_phase4d.unwrapping.directional.bunches import Bunch
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import islands_of
-from napari_phase4d.unwrapping.directional.groups import PARTS, merged_edges
+from napari_phase4d.unwrapping.directional.groups import PARTS, Edges, merged_edges
 from napari_phase4d.unwrapping.directional.least_turns import (
     LeastTurns,
     Limit,
     graph_of_pairs,
     sink_side,
 )
-from napari_phase4d.unwrapping.directional.methods import prepared
+from napari_phase4d.unwrapping.directional.methods import median_of, prepared
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen, follow_object, seams
 from napari_phase4d.unwrapping.directional.steps import Floors, roughness
 from napari_phase4d.unwrapping.given import noise_of
@@ -359,8 +359,8 @@ def test_regions_may_be_solved_in_bunches(method: str, monkeypatch: pytest.Monke
     """What hangs together only through the empty field is solved apart, to the same turns."""
     data = with_noise(moving_shape("dividing"), 0.6, seed=4)["wrapped"]
     found = []
-    for edges in (1, 10**9):
-        monkeypatch.setattr(bunches, "BUNCH_EDGES", edges)
+    for regions in (1, 10**9):
+        monkeypatch.setattr(bunches, "BUNCH_REGIONS", regions)
         field = prepared(Problem(data), UNWATCHED)
         some = field.regions.bunches
         # Every region but the one that is held is in one bunch, with all its edges.
@@ -371,6 +371,27 @@ def test_regions_may_be_solved_in_bunches(method: str, monkeypatch: pytest.Monke
     assert found[2][0] == 1
     assert found[0][1] == found[2][1]
     np.testing.assert_array_equal(found[1], found[3])
+
+
+def test_bunches_do_not_depend_on_how_edges_came(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where a long recording is cut decides how many edges are put together on the way."""
+    monkeypatch.setattr(bunches, "BUNCH_REGIONS", 4)
+    pairs = np.array([(1, 2), (0, 2), (3, 4), (0, 4), (5, 6), (6, 7), (8, 0)], dtype=np.int32)
+    found = []
+    for times in (1, 9):
+        ends = np.repeat(pairs, times, axis=0) if times > 1 else pairs
+        one = np.ones(len(ends), dtype=np.int64)
+        edges = Edges(*ends.T, one.astype(np.int32), one, one, one.astype(np.float32))
+        found.append(bunches.numbers_of_bunches(iter([edges]), 9, 0))
+    np.testing.assert_array_equal(*found)
+    assert found[0].tolist() == [-1, 0, 0, 0, 0, 1, 1, 1, 1]
+
+
+def test_loose_parts_may_be_counted_from_anywhere() -> None:
+    """A half between two turns is rounded to the same one."""
+    for base in (0, 1, -7):
+        said = np.array([(0, base + 2, 5), (0, base + 3, 5)])
+        assert median_of(said) - base == 3
 
 
 def test_cut_is_as_small_as_scipys() -> None:

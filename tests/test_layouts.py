@@ -13,7 +13,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
-from napari_phase4d.holography.spectrum import brightest_near, refined
+from napari_phase4d.holography.spectrum import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
@@ -115,6 +115,19 @@ def test_the_number_counts_all_choices_of_so_many_views() -> None:
     assert likely == 2
     assert chances == pytest.approx(np.array([0.119, 0.881]), abs=1e-3)
     assert most_likely(found, [[True], [True, False]])[0] == 1
+
+
+@pytest.mark.parametrize(("off", "ghost"), [(0.3, True), (1.5, False)])
+@pytest.mark.parametrize("axis", [0, 1])
+def test_a_ghost_lies_within_half_a_pixel_along_either_side(
+    axis: int, off: float, ghost: bool
+) -> None:
+    """Of long frames too, the pixels of whose spectrum are not square."""
+    shape, at = (128, 1024), (0.1, 0.2)
+    place = [at[0] + 0.5, at[1]]  # as interlaced video copies it
+    place[axis] += off / shape[axis]
+    source, peak = Peak(at, 1.0), Peak((place[0], place[1]), 0.2)
+    assert is_ghost(peak, peak.carrier, source, at, shape) == ghost
 
 
 def test_another_number_of_views_than_asked_for_is_said() -> None:

@@ -68,6 +68,8 @@ MAX_WIDE, WIDE_PIXELS = 4, 2**20
 #: recordings that no weight was fitted to and on 3,600 that the other half of was: it finds 38 of
 #: 40 and 18 of 19 wrong ones.
 SURE = SURE_NUMBER = 0.96
+#: With more of a chance than this it is said that another number was asked for than is there.
+CLEAR_NUMBER = 0.9
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
@@ -232,8 +234,8 @@ def find_lobes(
     can = [[can_be(choice, plane.peaks) for choice in each] for each in found]
     likely, chances = most_likely(found, can)
     best, *others = found[(n_views or likely) - 1]
-    if n_views is None and others and not can_be(best, plane.peaks):
-        best, others = others[0], [best]  # it was for another choice that so many were counted
+    if others and not can_be(best, plane.peaks):
+        best, others = others[0], [best]  # which of two counts is the one that may be
     if not can_be(best, plane.peaks):
         raise ValueError(too_few(rec.name, plain, len(best.views)))
     lobes, signs = lobes_of(best, plane, angles_deg, radius, orient=orient)
@@ -434,7 +436,7 @@ def number_doubts(wanted: int | None, likely: int, chances: NDArray[np.float64])
                 f"The spectrum looks like {counted(likely, 'view')} "
                 f"(chance {100 * chances[likely - 1]:.0f} %), but there may be {second}."
             )
-    elif likely != wanted and chances[likely - 1] > SURE_NUMBER:
+    elif likely != wanted and chances[likely - 1] > CLEAR_NUMBER:
         yield (
             f"{counted(wanted, 'view')} asked for, but the spectrum looks like "
             f"{counted(likely, 'view')}."

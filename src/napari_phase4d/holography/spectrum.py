@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -26,6 +27,7 @@ __all__ = [
     "Spectrum",
     "add_power",
     "brightest_near",
+    "is_ghost",
     "find_peaks",
     "half_plane",
     "power_spectrum",
@@ -245,6 +247,8 @@ SHIFTED_COPY, HARMONIC = 0.5, 0.1
 #: 0.15 in interlaced video), a harmonic farther off: it is a multiple, and its lobe another.
 GHOST_PIXELS, HARMONIC_PIXELS = 0.5, 0.8
 ZERO = (0.0, 0.0)
+#: A place in the spectrum (ky, kx), cycles per pixel.
+Place = tuple[float, float]
 #: Pixels of the spectrum on either side of a peak from which a carrier is refined.
 PATCH = 16
 
@@ -361,7 +365,8 @@ def with_ghosts(peaks: list[Peak], half: Half, shape: tuple[int, int]) -> list[P
     """Mark what a camera, a video or JPEG makes of a stronger peak.
 
     A view may lie there by chance, so ghosts stay; they are taken if nothing else will do. A ghost
-    lies exactly where its source puts it, to a fraction of a pixel, a view only by rare chance.
+    lies where its source puts it, to half a pixel of the spectrum, or up to two where that is
+    multiplied; a view does only by rare chance.
     """
     marked: list[Peak] = []
     sources = [(ZERO, Peak(ZERO, np.inf))]
@@ -409,22 +414,30 @@ def is_ghost(
     multiples of an eighth of it. Places are those between the pixels of the spectrum.
     """
     ky, kx = at
-    tolerance = GHOST_PIXELS / min(shape)
     relative = peak.power / source.power
     if relative < SHIFTED_COPY and any(
-        pair_distance(place, (ky + dy, kx + dx)) < tolerance
+        pixels_apart(place, (ky + dy, kx + dx), shape) < GHOST_PIXELS
         for dy, dx in ((0.5, 0), (0, 0.5), (0.5, 0.5))
     ):
         return True
     if relative >= HARMONIC or source.carrier == ZERO:
         return False
     if any(
-        pair_distance(place, (n * ky, n * kx)) < (1 + max(n, 1)) / 2 * HARMONIC_PIXELS / min(shape)
+        pixels_apart(place, (n * ky, n * kx), shape) < (1 + max(n, 1)) / 2 * HARMONIC_PIXELS
         for n in (0.5, 2, 3, 4)
     ):
         return True
     blocks = ((ky + i / 8, kx + j / 8) for i in range(8) for j in range(8) if i or j)
-    return any(pair_distance(place, k) < tolerance for k in blocks)
+    return any(pixels_apart(place, k, shape) < GHOST_PIXELS for k in blocks)
+
+
+def pixels_apart(a: Place, b: Place, shape: tuple[int, int]) -> float:
+    """Return how many pixels of the spectrum lie between a and b or -b, whichever is nearer."""
+    found = []
+    for sign in (1, -1):
+        off = [x - sign * y for x, y in zip(a, b, strict=True)]
+        found.append(math.hypot(*((d - round(d)) * n for d, n in zip(off, shape, strict=True))))
+    return min(found)
 
 
 def refined(

@@ -24,10 +24,11 @@ from napari_phase4d.unwrapping.directional.groups import (
     number_roots,
 )
 
-__all__ = ["Bunch", "Bunches", "EdgeList", "bunches_of"]
+__all__ = ["Bunch", "Bunches", "EdgeList", "bunches_of", "numbers_of_bunches"]
 
-#: Edges of a bunch, unless more hang together: enough to be worth a thread, few to hold.
-BUNCH_EDGES = 100_000
+#: Regions of a bunch, unless more hang together: enough to be worth a thread, few to hold. Edges
+#: are three times as many, but how many are put together differs with the blocks they came in.
+BUNCH_REGIONS = 30_000
 #: Numbers of 32 bits that an edge takes.
 WIDTH = 8
 
@@ -100,6 +101,7 @@ class EdgeList:
         return self._of(self._parts[part], block)
 
     def _of(self, part: Stack, block: Block) -> Edges:
+        """Return some edges of a part, as `append` packed them."""
         words = part.read(block).reshape(-1, WIDTH)
         weight, ground = (
             np.ascontiguousarray(words[:, i : i + 2]).view(np.int64)[:, 0] for i in (3, 5)
@@ -204,26 +206,26 @@ def bunches_of(
 
 def numbers_of_bunches(parts: Iterator[Edges], n: int, held: int) -> Index:
     """Return the bunch of every region: all that hangs together is in one; -1 if it is held."""
-    parent, none = np.arange(n).astype(np.int32), np.zeros(n, dtype=np.int32)
-    degree = np.zeros(n, dtype=np.int32)
+    parent, offset = np.arange(n).astype(np.int32), np.zeros(n, dtype=np.int32)
     for edges in parts:
-        unite(parent, none, degree, edges.first, edges.second, held)
+        unite(parent, offset, edges.first, edges.second, held)
     component = np.empty(n, dtype=np.int32)
-    count = number_roots(parent, none, component)
-    until = np.cumsum(np.bincount(component, degree, count))
-    _, bunch = np.unique((until - 1).clip(0) // BUNCH_EDGES, return_inverse=True)
+    number_roots(parent, offset, component)
+    # That which is held, if no other comes with it, may leave a bunch empty otherwise.
+    size = np.bincount(component)
+    size[component[held]] -= 1
+    _, bunch = np.unique((np.cumsum(size) - 1).clip(0) // BUNCH_REGIONS, return_inverse=True)
     found: Index = bunch.astype(np.int32)[component]
     found[held] = -1
     return found
 
 
 @compiled
-def unite(
-    parent: Index, none: Index, degree: Index, first: Index, second: Index, held: int
-) -> None:
-    """Join regions that edges lead between, except through the one that is held; count edges."""
+def unite(parent: Index, offset: Index, first: Index, second: Index, held: int) -> None:
+    """Join regions that edges lead between, except through the one that is held.
+
+    They are joined at equal turns: what counts is that they hang together.
+    """
     for i in range(len(first)):
-        a, b = first[i], second[i]
-        degree[a if a != held else b] += 1
-        if a != held and b != held:
-            join(parent, none, a, b, 0)
+        if first[i] != held and second[i] != held:
+            join(parent, offset, first[i], second[i], 0)

@@ -189,9 +189,6 @@ def sink_side(  # noqa: C901 - one loop, as published; calls would cost a third 
 # ---- the least turns ------------------------------------------------------------------------
 
 
-#: Gains smaller than this share of the cost are rounding.
-SMALLEST_GAIN = 1e-9
-
 Turns = NDArray[np.signedinteger[Any]]
 
 
@@ -216,10 +213,14 @@ class Limit:
     weight: Numbers
     side: int
 
-    def of(self, bunch: Bunch, mine: NDArray[np.bool_]) -> Limit:
-        """Return what some pixels pay, the regions counted as they stand in a bunch."""
-        region = np.searchsorted(bunch.regions, self.region[mine])
-        return Limit(region, self.turns[mine], self.weight[mine], self.side)
+    def some(self, which: slice | Turns) -> Limit:
+        """Return what some of the pixels pay."""
+        return Limit(self.region[which], self.turns[which], self.weight[which], self.side)
+
+    def of(self, bunch: Bunch) -> Limit:
+        """Return the same, the regions counted as they stand in a bunch that has all of them."""
+        region = np.searchsorted(bunch.regions, self.region)
+        return Limit(region, self.turns, self.weight, self.side)
 
     def paid(self, turns: Turns, n: int) -> Numbers:
         """Return what every region pays for its turns."""
@@ -260,7 +261,8 @@ class LeastTurns:
         parts, turns, _ = grow_list(edges.first, edges.second, edges.turns, costs, self.bunch.n)
         # The island that is held is to have none.
         level = turns[self.held] + self.bunch.held_turns
-        return parts, turns.astype(np.int64) - level
+        joined = parts == parts[self.held]
+        return parts, turns.astype(np.int64) - np.where(joined, level, 0)
 
     def descend(self, turns: Turns, limit: Limit | None = None) -> Turns:
         """Return the turns of least cost, from any others."""
@@ -271,19 +273,18 @@ class LeastTurns:
             self.check()
             moved = turns + up * self.best_move(turns, up)
             new = self.cost(moved)
-            if new < cost - SMALLEST_GAIN * max(cost, 1.0):
+            if new < cost:
                 turns, cost, failed = moved, new, 0
             else:
                 failed += 1
                 up = -up
         return turns
 
-    def cost(self, turns: Turns) -> float:
-        """Return the cost of some turns."""
+    def cost(self, turns: Turns) -> int:
+        """Return the cost of some turns, in parts as weights are: a whole number, so exact."""
         edges = self.bunch.edges
-        steps = np.empty(len(edges))
-        costs_of_edges(edges.first, edges.second, edges.turns, edges.weight, turns, steps)
-        return float(steps.sum() + self.beyond(turns).sum())
+        of_edges = cost_of_edges(edges.first, edges.second, edges.turns, edges.weight, turns)
+        return int(of_edges) + int(self.beyond(turns).sum())
 
     def beyond(self, turns: Turns) -> Numbers:
         """Return what each region pays beyond its limit."""
@@ -308,12 +309,12 @@ class LeastTurns:
 
 
 @compiled
-def costs_of_edges(
-    first: Index, second: Index, asked: Index, weight: Turns, turns: Turns, out: Numbers
-) -> None:
-    """Write what every edge costs, by the turns of the regions."""
-    for k in range(len(out)):
-        out[k] = np.float64(weight[k]) * abs(turns[second[k]] - turns[first[k]] - asked[k])
+def cost_of_edges(first: Index, second: Index, asked: Index, weight: Turns, turns: Turns) -> int:
+    """Return what all edges cost, by the turns of the regions."""
+    total = 0
+    for k in range(len(first)):
+        total += int(weight[k]) * abs(int(turns[second[k]]) - int(turns[first[k]]) - int(asked[k]))
+    return total
 
 
 @compiled

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -23,7 +24,14 @@ from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
 from napari_phase4d.unwrapping.problem import FIELD
 
-__all__ = ["Field", "Unwraps", "directional_growing", "directional_l1", "prepared"]
+__all__ = [
+    "Field",
+    "Unwraps",
+    "directional_growing",
+    "directional_l1",
+    "median_of",
+    "prepared",
+]
 
 T = TypeVar("T")
 
@@ -207,16 +215,20 @@ def on_one_side(field: Field, plain: Turns, parts: Whole, watch: Watch) -> Turns
         return plain
     bunches = field.regions.bunches
     of_pixel = bunches.of_region[limit.region]
+    order = np.argsort(of_pixel, kind="stable")
+    numbers, starts = np.unique(of_pixel[order], return_index=True)
+    cuts = [slice(*ends) for ends in pairwise([*starts, len(order)])]
 
-    def least(number: int) -> tuple[Index, Turns]:
+    def least(of_bunch: tuple[int, slice]) -> tuple[Index, Turns]:
+        number, cut = of_bunch
         bunch = bunches.read(number)
         solver = LeastTurns(bunch, watch.check)
         turns = plain[bunch.regions].astype(np.int64)
-        return bunch.regions, solver.descend(turns, limit.of(bunch, of_pixel == number))
+        return bunch.regions, solver.descend(turns, limit.some(order[cut]).of(bunch))
 
     after = plain.copy()
-    numbers = np.unique(of_pixel).tolist()
-    for own, turns in in_threads(least, numbers, watch.quiet(len(numbers))):
+    work = list(zip(numbers.tolist(), cuts, strict=True))
+    for own, turns in in_threads(least, work, watch.quiet(len(work))):
         after[own] = turns
     regions = field.regions
     object_ = np.where(parts == parts[regions.held], regions.size, 0)
@@ -277,6 +289,7 @@ def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block)
     allowed = BEYOND + 2 * field.scene.noise
     own = phase[small].astype(np.float64)
     bounds = (side * np.ceil((-allowed - side * own) / (2 * np.pi)) for side in (1, -1))
+    # A region of so few pixels has few turns.
     least, most = ((bound - relative[small]).astype(np.int16) for bound in bounds)
     above = int((unwrapped[clear] > 0).sum())
     return Rims(above, int(clear.sum()), region[small], least, most, rough)
@@ -464,10 +477,11 @@ def lifts(looks: list[tuple[Votes, Votes, Votes]], parts: Whole) -> Turns:
 
 
 def median_of(said: Votes) -> int:
-    """Return the median of turns, each of which is counted so often, rounded to an even one."""
+    """Return the median of turns, each of which is counted so often, a half rounded up."""
     said = said[np.argsort(said[:, 1])]
     until = np.cumsum(said[:, 2])
     low, high = (
         np.searchsorted(until, k, side="right") for k in ((until[-1] - 1) // 2, until[-1] // 2)
     )
-    return int(np.round((said[low, 1] + said[high, 1]) / 2))
+    # Always up, so that it does not matter what the part's turns are counted from.
+    return int((said[low, 1] + said[high, 1] + 1) // 2)

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Stack, Store
-from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.task import Watch, in_threads, watched
 from napari_phase4d.unwrapping.directional.bunches import Bunches, EdgeList, bunches_of
 from napari_phase4d.unwrapping.directional.groups import (
     PARTS,
@@ -155,7 +155,7 @@ def find_regions(scene: Scene, steps: Iterator[Weighed], store: Store, watch: Wa
     joining = Joining(scene, store)
     for found in in_threads(work, steps, watch.quiet(0), wait=True, large=True):
         joining.add(found)
-    return joining.regions(groups, relative)
+    return watched(lambda: joining.regions(groups, relative), watch)
 
 
 # ---- from frame to frame ---------------------------------------------------------------------
