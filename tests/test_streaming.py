@@ -11,18 +11,21 @@ import time
 import warnings
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+import zarr
 
 import napari_phase4d as p4d
 from napari_phase4d.io.lazy import FrameReader, lazy_frames
+from napari_phase4d.io.zarr_results import create_blocks
 from napari_phase4d.machine import measured
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
-from napari_phase4d.pipeline.stored import Shelf, new_folder, stored_at
+from napari_phase4d.pipeline.stored import Shelf, Stored, new_folder, stored_at
 from napari_phase4d.recording import Recording
 from napari_phase4d.stack import Block, block_at, block_frames, blocks_of
 from napari_phase4d.task import Cancelled, Cluster, Threads, Watch, in_threads
@@ -303,6 +306,58 @@ def test_threads_may_write_parts_of_the_same_piece(tmp_path: Path) -> None:
     with ThreadPoolExecutor(4) as pool:
         list(pool.map(write, blocks_of(stored.shape, 3)))  # a piece holds 16
     np.testing.assert_array_equal(stored.read(Block(0, 64)), frames)
+
+
+STACK = (11, 3, 6, 5)
+
+
+@pytest.mark.parametrize("packed", [False, True])
+def test_stacks_on_disk_are_zarr_whatever_reads_and_writes_them(
+    tmp_path: Path, packed: bool
+) -> None:
+    numbers = np.random.default_rng(0).normal(size=STACK).astype(np.float32)
+    path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=packed)
+    stored = Stored(path, STACK)
+    for block in blocks_of(STACK, 4):
+        stored.write(block, numbers[block.start : block.stop])
+    zarr_array = zarr.open_array(path, mode="r+")
+    assert np.array_equal(zarr_array[:], numbers)  # Zarr checks the sums
+    numbers[3:9, 1] = zarr_array[3:9, 1] = 7
+    stored.write(Block(4, 8), numbers[4:8, 2:] * 2, slice(2, 3))
+    numbers[4:8, 2] *= 2
+    for start, stop in combinations(range(len(numbers) + 1), 2):
+        for angles in (slice(None), slice(1, 3), slice(0, 1)):
+            found = stored.read(Block(start, stop), angles)
+            assert found.flags.c_contiguous
+            assert np.array_equal(found, numbers[start:stop, angles])
+    assert np.array_equal(zarr_array[:], numbers)
+    assert not [*path.rglob("*.partial")]
+
+
+def flipped(file: Path) -> None:
+    whole = bytearray(file.read_bytes())
+    whole[20] ^= 1
+    file.write_bytes(whole)
+
+
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[:-30])
+
+
+@pytest.mark.parametrize(
+    ("damage", "words"),
+    [(flipped, "is damaged"), (cut, "is cut short"), (Path.unlink, "No such file")],
+)
+def test_a_damaged_piece_of_a_stack_is_an_error(
+    tmp_path: Path, damage: Callable[[Path], None], words: str
+) -> None:
+    path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=False)
+    stored = Stored(path, STACK)
+    stored.write(Block(0, 11), np.ones(STACK, np.float32))
+    damage(path / "c" / "1" / "2" / "0" / "0")
+    assert (stored.read(Block(0, 4)) == 1).all()
+    with pytest.raises(OSError, match=words):
+        stored.read(Block(4, 8))
 
 
 @pytest.mark.parametrize("pixels", [1000, 40_000, 80_000, 131_000, 300_000, 655_360, 10**7])

@@ -43,9 +43,11 @@ __all__ = [
     "in_memory",
     "limits_of",
     "parts_over_time",
+    "read_all",
     "room_in",
     "stack_of",
     "widest",
+    "write_all",
 ]
 
 ALL = slice(None)
@@ -321,10 +323,12 @@ class FileStack:
         found = np.empty((len(block), *frames), self.dtype)
         with self.path.open("rb", 0) as file:
             if last - first == self.shape[1]:
-                read_all(file, self._place(block.start, 0), found)
+                file.seek(self._place(block.start, 0))
+                read_all(file, found)
             else:
                 for time, one in zip(block.times, found, strict=True):
-                    read_all(file, self._place(time, first), one)
+                    file.seek(self._place(time, first))
+                    read_all(file, one)
         return found
 
     def write(self, block: Block, values: NDArray[Any], angles: slice = ALL) -> None:
@@ -346,7 +350,8 @@ class FileStack:
         found = np.empty((self.shape[0], len(pixels)), self.dtype)
         with self.path.open("rb") as file:
             for time, row in enumerate(found):
-                read_all(file, self._place(time, 0) + pixels.start * found.itemsize, row)
+                file.seek(self._place(time, 0) + pixels.start * found.itemsize)
+                read_all(file, row)
         return found
 
     def write_pixels(self, pixels: Block, values: NDArray[Any]) -> None:
@@ -363,15 +368,14 @@ class FileStack:
         return (time * self.shape[1] + angle) * frame
 
 
-def read_all(file: FileIO | BufferedReader, start: int, out: NDArray[Any]) -> None:
-    """Read numbers from somewhere in a file into an array in order.
+def read_all(file: FileIO | BufferedReader, out: NDArray[Any]) -> None:
+    """Read numbers from where a file stands into an array in order.
 
     Raises
     ------
     OSError
         If the file ends before.
     """
-    file.seek(start)
     rest = out.reshape(-1).view(np.uint8)
     while rest.size:
         count = file.readinto(rest.data)
@@ -379,6 +383,13 @@ def read_all(file: FileIO | BufferedReader, start: int, out: NDArray[Any]) -> No
             msg = f"{file.name} is cut short"
             raise OSError(msg)
         rest = rest[count:]
+
+
+def write_all(file: FileIO, values: memoryview | bytes) -> None:
+    """Write bytes to where a file stands, all of them: a file may take some at a time."""
+    rest = memoryview(values)
+    while rest:
+        rest = rest[file.write(rest) or 0 :]
 
 
 # ---- stacks that come in --------------------------------------------------------------------

@@ -305,9 +305,9 @@ BORDER_ROWS, LEFT_OUT = 2, 3
 NOISY_RAD = 0.04
 #: Then the phasors of so many pixels each way are averaged: up to which noise, how many beyond.
 AVERAGING, MOST_AVERAGED = ((0.12, 3), (0.25, 5)), 7
-#: For each radian of noise beyond `NOISY_RAD` the limit of the odds rises by so much. Fitted to
-#: 260 objects of the same shapes in noise of 0.08 to 0.3 rad.
-ODDS_PER_RAD = 16.0
+#: For each radian of noise beyond `NOISY_RAD` the limit of the odds rises by so much: as much as
+#: leaves one in a hundred that are off untold, of 864 objects in noise of 0.05 to 0.3 rad.
+ODDS_PER_RAD = 8.0
 #: Roughness (rad) of a field that has texture of its own, if averaging leaves this share of it:
 #: of such a field the corners alone are asked.
 ROUGH_RAD, ROUGH_SHARE = 0.075, 0.8
