@@ -191,9 +191,7 @@ class PlainFrames:
         for frames in self._files(times):
             here = values[frames.start - times.start : frames.stop - times.start]
             for column, view in enumerate(range(*angles.indices(self._shape[1]))):
-                whole = np.zeros((self._frames, *self._shape[2:]), np.float32)
-                whole[: len(here)] = here[:, column]
-                self._write_file(self._path(frames.start, view), whole)
+                self._write_file(self._path(frames.start, view), here[:, column])
 
     def _files(self, times: slice) -> Iterator[slice]:
         """Yield which of some times lie in the same file."""
@@ -219,16 +217,21 @@ class PlainFrames:
                 msg = f"{path} is damaged"
                 raise OSError(msg)
 
-    @staticmethod
-    def _write_file(path: Path, frames: NDArray[np.float32]) -> None:
-        """Write a file under another name first: what reads it finds the whole of it, or none."""
-        numbers = bytes_of(frames)
+    def _write_file(self, path: Path, frames: NDArray[np.float32]) -> None:
+        """Write a file under another name first: what reads it finds the whole of it, or none.
+
+        The last file of a view has as many frames as all others: those beyond the end are 0.
+        """
         path.parent.mkdir(parents=True, exist_ok=True)
-        partial = path.with_suffix(f".{uuid.uuid4().hex}.partial")
+        partial, total = path.with_suffix(f".{uuid.uuid4().hex}.partial"), 0
+        beyond = [np.zeros(self._shape[2:], np.float32)] * (self._frames - len(frames))
         try:
             with partial.open("wb", 0) as file:
-                write_all(file, numbers.data)
-                write_all(file, bytes_of_sum(more_of_sum(0, numbers)))
+                for frame in (*frames, *beyond):
+                    numbers = bytes_of(np.ascontiguousarray(frame, np.float32))
+                    total = more_of_sum(total, numbers)
+                    write_all(file, numbers.data)
+                write_all(file, bytes_of_sum(total))
             partial.replace(path)
         except BaseException:
             partial.unlink(missing_ok=True)
