@@ -85,7 +85,7 @@ class Task:
     progress : callable, optional
         ``progress(done, total, message)``, called after each step.
     cancelled : callable, optional
-        ``cancelled()``; the work stops if it returns True.
+        ``cancelled()``; the work stops if it returns True. Several threads may ask at once.
 
     Raises
     ------
