@@ -238,6 +238,26 @@ def test_objects_that_slip_in_wl1_are_warned_of() -> None:
     assert slipped_frames(Problem(plain), trust).mean() <= 0.02
 
 
+def test_an_object_is_judged_above_the_field_of_its_frame() -> None:
+    """A frame that slips as a whole is right, an object whose field alone has slipped is not."""
+    exact = moving_shape("swelling")
+    phase = with_noise(exact, 0.2, seed=4)["wrapped"]
+    right = p4d.unwrap(phase, "directional-l1").assign_attrs(method="other")
+    problem, trust = Problem(phase), p4d.confidence(right, phase)
+    field, frame = exact["phase"].values < 0.5, (9, 1)
+
+    whole = right.copy(deep=True)
+    whole.values[frame] += TURN
+    assert np.array_equal(p4d.confidence(whole, phase), trust)
+
+    field_only = right.copy(deep=True)
+    field_only.values[frame][field[frame]] += TURN
+    doubted = p4d.confidence(field_only, phase)
+    assert doubted.values[frame][~field[frame]].mean() < 0.1
+    assert doubted.values[frame][field[frame]].mean() > 0.9
+    assert np.argwhere(slipped_frames(problem, doubted)).tolist() == [list(frame)]
+
+
 def test_a_pixel_is_held_by_most_of_its_steps() -> None:
     """The inside of a steep cell is held less than that of a flat one; a turn off, not at all."""
     y, x = np.mgrid[-24:24, -24:24]

@@ -307,7 +307,8 @@ class ChanceBlock:
 
     def __call__(self, block: Block) -> None:
         """Do a block."""
-        differs = whole_turns(self.result.read(block), self.reference.read(block)) != 0
+        turns = whole_turns(self.result.read(block), self.reference.read(block))
+        differs = above_field(turns, self.problem.background().empty.read(block)) != 0
         weight, rival = (odds_of_right(support, block) for support in (self.own, self.rival))
         weight = np.where(differs, weight, np.maximum(weight, rival))
         still = 1 - self.noise.read(block)
@@ -358,6 +359,19 @@ def level_known(residues: Residues, block: Block) -> Image:
 def whole_turns(one: Image, other: Image) -> Image:
     """Return by how many whole turns two results differ; 0 where either is not known."""
     found: Image = np.nan_to_num(np.round((one - other) / np.float32(TURN)))
+    return found
+
+
+def above_field(turns: Image, empty: Mask) -> Image:
+    """Return turns relative to the median of each frame's empty field (time, angle, y, x).
+
+    A method that lets a whole frame slip has its field a turn off with it: the object is right
+    above it. One that lets the field slip alone has all of the object wrong above it.
+    """
+    found = turns.copy()
+    for frame in np.ndindex(*turns.shape[:2]):
+        if empty[frame].any():
+            found[frame] -= np.round(np.median(turns[frame][empty[frame]]))
     return found
 
 
@@ -487,9 +501,10 @@ class Count:
         """Mark where not all results have the same wrap count."""
         found = np.zeros_like(field)
         if len(self.results) > 1:
+            empty = self.problem.background().empty.read(block)
             first, *others = (result.read(block) for result in self.results)
             for other in others:
-                found |= whole_turns(other, first) != 0
+                found |= above_field(whole_turns(other, first), empty) != 0
         return found
 
 
