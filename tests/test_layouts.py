@@ -13,6 +13,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
+from napari_phase4d.holography.finding import evidence_of, sign_doubts
 from napari_phase4d.holography.spectrum import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -127,7 +128,38 @@ def test_a_ghost_lies_within_half_a_pixel_along_either_side(
     place = [at[0] + 0.5, at[1]]  # as interlaced video copies it
     place[axis] += off / shape[axis]
     source, peak = Peak(at, 1.0), Peak((place[0], place[1]), 0.2)
-    assert is_ghost(peak, peak.carrier, source, at, shape) == ghost
+    assert is_ghost(peak, peak.carrier, at, source, shape) == ghost
+
+
+def saturated(
+    gain: float, carriers: list[tuple[float, float]], amplitudes: tuple[float, ...]
+) -> p4d.Recording:
+    """Return the video of a camera whose brightest pixels are cut off."""
+    exact = swimming_euglena((256, 256), 3, pixel_um=5.2 / 30, peak_rad=6)["phase"]
+    rec = multiplexed_video(
+        exact.isel(angle=slice(len(carriers))),
+        carriers=carriers,
+        pupil_radius=0.05,
+        beam_amplitudes=amplitudes,
+        reference_amplitude=2.5,
+    )
+    frames = np.stack([rec.frame(i) for i in range(3)]).astype(float)
+    frames = np.clip(gain * frames, 0, np.percentile(frames, 99.9))
+    return p4d.open_recording((250 * frames / frames.max()).astype(np.uint8))
+
+
+def test_views_that_can_not_be_are_refused_not_replaced_by_unlikely_ones() -> None:
+    with pytest.raises(ValueError, match="ask for 1 view"):
+        p4d.find_lobes(saturated(1.3, [(-0.204, 0.242)], (1.0,)), 3)
+
+
+def test_a_view_near_a_harmonic_is_doubted() -> None:
+    """An object spreads the harmonic: its brightest pixel lies 2.7 from twice the carrier."""
+    rec = saturated(1.4, [(-0.204, 0.242), (-0.232, 0.166)], (1.0, 0.06))
+    lobes = p4d.find_lobes(rec)
+    near = [k for k in (lobe.carrier for lobe in lobes) if np.hypot(*k) > 0.5]
+    assert near, "not what is tested any more: the harmonic is not taken for a view"
+    assert any("saturated" in doubt for doubt in lobes.doubts)
 
 
 def test_another_number_of_views_than_asked_for_is_said() -> None:
@@ -178,6 +210,10 @@ def test_carriers_are_refined_from_spectra_as_from_the_frame() -> None:
         coarse = (round(ky * shape[0]) / shape[0], round(kx * shape[1]) / shape[1])
         near = refined(coarse, [spectrum], shape)
         assert np.hypot((near[0] - ky) * shape[0], (near[1] - kx) * shape[1]) < 0.02
+
+
+def test_the_sign_in_a_field_too_small_to_ask_is_a_guess() -> None:
+    assert sign_doubts([evidence_of(np.ones((4, 9), np.complex64))]) != [""]
 
 
 @pytest.mark.parametrize("side", range(4, 41, 4))

@@ -344,20 +344,40 @@ def cut(file: Path) -> None:
     file.write_bytes(file.read_bytes()[:-30])
 
 
+def longer(file: Path) -> None:
+    file.write_bytes(file.read_bytes() + b"more")
+
+
+@pytest.mark.parametrize("piece", [1, 2])
 @pytest.mark.parametrize(
     ("damage", "words"),
-    [(flipped, "is damaged"), (cut, "is cut short"), (Path.unlink, "No such file")],
+    [
+        (flipped, "checksum"),
+        (cut, "is damaged"),
+        (longer, "is damaged"),
+        (Path.unlink, "is missing"),
+    ],
 )
 def test_a_damaged_piece_of_a_stack_is_an_error(
-    tmp_path: Path, damage: Callable[[Path], None], words: str
+    tmp_path: Path, damage: Callable[[Path], None], words: str, piece: int
 ) -> None:
+    """The last piece has fewer frames than its file."""
     path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=False)
     stored = Stored(path, STACK)
     stored.write(Block(0, 11), np.ones(STACK, np.float32))
-    damage(path / "c" / "1" / "2" / "0" / "0")
+    damage(path / "c" / str(piece) / "2" / "0" / "0")
     assert (stored.read(Block(0, 4)) == 1).all()
     with pytest.raises(OSError, match=words):
-        stored.read(Block(4, 8))
+        stored.read(Block(4 * piece, min(4 * piece + 4, 11)))
+
+
+def test_frames_that_do_not_fit_are_not_written(tmp_path: Path) -> None:
+    stored = Stored(create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=False), STACK)
+    for shape in ((2, 3, 6, 5), (8, 3, 6, 5), (4, 3, 5, 6), (4, 1, 6, 5), (4, 5, 6, 5)):
+        with pytest.raises(ValueError, match="can't be written"):
+            stored.write(Block(0, 4), np.ones(shape, np.float32))
+    stored.write(Block(0, 11), np.ones(STACK, np.float32))
+    assert stored.read(Block(8, 12)).shape == (3, 3, 6, 5)
 
 
 @pytest.mark.parametrize("pixels", [1000, 40_000, 80_000, 131_000, 300_000, 655_360, 10**7])

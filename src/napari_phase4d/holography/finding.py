@@ -68,6 +68,17 @@ MAX_WIDE, WIDE_PIXELS = 4, 2**20
 #: recordings that no weight was fitted to and on 3,600 that the other half of was: it finds 38 of
 #: 40 and 18 of 19 wrong ones.
 SURE = SURE_NUMBER = 0.96
+#: Where the views that fit best can't be, and so many were asked for, the next best count with
+#: more of a chance than this.
+LEAST_CHANCE = 0.1
+SECOND_BEST = (
+    "What fits best here can't be, since faint peaks or copies of brighter ones would be views, "
+    "and their beats are not seen; these circles are the next best choice."
+)
+NEAR_HARMONIC = (
+    "One of these views lies where a saturated camera would copy a brighter one to: it may be no "
+    "view."
+)
 #: With more of a chance than this it is said that another number was asked for than is there.
 CLEAR_NUMBER = 0.9
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
@@ -234,14 +245,19 @@ def find_lobes(
     can = [[can_be(choice, plane.peaks) for choice in each] for each in found]
     likely, chances = most_likely(found, can)
     best, *others = found[(n_views or likely) - 1]
-    if others and not can_be(best, plane.peaks):
-        best, others = others[0], [best]  # which of two counts is the one that may be
+    second = not can_be(best, plane.peaks) and bool(others)
+    if second and (n_views is None or others[0].chance > LEAST_CHANCE):
+        best, others = others[0], []  # which of two counts is the one that may be
     if not can_be(best, plane.peaks):
         raise ValueError(too_few(rec.name, plain, len(best.views)))
     lobes, signs = lobes_of(best, plane, angles_deg, radius, orient=orient)
     doubts = list(number_doubts(n_views, likely, chances))
     if doubts and likely < (n_views or 0):  # one of them may be the beat of two others
         warn(f"{rec.name}: {doubts[0]}")
+    if second:
+        doubts.append(SECOND_BEST)
+    if any(plane.peaks[i].near_harmonic for i in best.views):
+        doubts.append(NEAR_HARMONIC)
     other: list[Lobe] = []
     if best.chance < SURE and others:
         other, _ = lobes_of(others[0], plane, angles_deg, radius, orient=orient)
@@ -395,7 +411,7 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
         return evidence
     sides = [
         # Refined, a carrier near the ky axis may come out on its other side.
-        -1 if mirrored ^ (wrapped_distance(plane.peaks[i].carrier, lobe.carrier) > PLACED) else 1
+        -1 if mirrored ^ (wrapped_distance(plane.places[i], lobe.carrier) > PLACED) else 1
         for i, mirrored, lobe in zip(choice.views, choice.mirrored, lobes, strict=True)
     ]
     total = sum(side * each for side, each in zip(sides, evidence, strict=True))
@@ -496,6 +512,8 @@ DARK_SHARE = 0.3
 BORDER = 3
 #: A field less than this across shows no more of an object than its border, in pixels.
 SMALLEST_SIDE = 5
+#: Its sign is a guess.
+NOT_ASKED = 1e-9
 #: Of larger fields the inner part of the lobe is looked at, about so many pixels of the spectrum
 #: across: signs need no detail.
 LARGEST_SIDE = 112
@@ -527,7 +545,8 @@ def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
     Returns
     -------
     float
-        Above 0 if it is bright, below if it is dark; 0 where no object is seen.
+        Above 0 if it is bright, below if it is dark; 0 where no object is seen. Next to 0 where
+        the field is too small to ask.
     """
     inner = replace(lobe, radius=min(lobe.radius, LARGEST_SIDE / (2 * max(frame.shape))))
     return evidence_of(Demodulator(frame.shape, [inner])(frame)[0])
@@ -536,7 +555,7 @@ def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
 def evidence_of(field: Field) -> float:
     """Return `sign_evidence` of a field, which may still have its tilt."""
     if min(field.shape) < SMALLEST_SIDE:
-        return 0.0
+        return NOT_ASKED
     fit = Surface("powers", 2, field.shape).fit(field)
     flat = field * np.exp(-1j * fit.surface)
     edge = max(2, min(flat.shape) // 16)

@@ -125,14 +125,18 @@ def carrier_of(carrier: Any) -> tuple[float, float]:
     return ky, kx
 
 
-def wrapped_distance(a: Frequency, b: Frequency) -> float:
-    """Return the distance of two frequencies; a sampled spectrum repeats with period 1."""
-    return math.hypot(*(d - round(d) for d in (a[0] - b[0], a[1] - b[1])))
+def wrapped_distance(a: Frequency, b: Frequency, scale: Sequence[float] = (1, 1)) -> float:
+    """Return the distance of two frequencies; a sampled spectrum repeats with period 1.
+
+    With the shape of the frames as the scale it is one in pixels of their spectrum.
+    """
+    off = (x - y for x, y in zip(a, b, strict=True))
+    return math.hypot(*((d - round(d)) * n for d, n in zip(off, scale, strict=True)))
 
 
-def pair_distance(a: Frequency, b: Frequency) -> float:
+def pair_distance(a: Frequency, b: Frequency, scale: Sequence[float] = (1, 1)) -> float:
     """Return the distance of a to b or to its conjugate -b, whichever is nearer."""
-    return min(wrapped_distance(a, b), wrapped_distance(a, [-v for v in b]))
+    return min(wrapped_distance(a, b, scale), wrapped_distance(a, [-v for v in b], scale))
 
 
 def canonical(carrier: Sequence[float], tolerance: float = 1e-9) -> tuple[float, float]:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -246,6 +245,9 @@ SHIFTED_COPY, HARMONIC = 0.5, 0.1
 #: A copy lies within so many pixels of the spectrum of where it is due (measured: 0.33 in JPEG,
 #: 0.15 in interlaced video), a harmonic farther off: it is a multiple, and its lobe another.
 GHOST_PIXELS, HARMONIC_PIXELS = 0.5, 0.8
+#: The brightest pixel of a harmonic that an object spreads may lie this many times as far off: a
+#: view there is doubted.
+SPREAD = 3.0
 ZERO = (0.0, 0.0)
 #: A place in the spectrum (ky, kx), cycles per pixel.
 Place = tuple[float, float]
@@ -270,12 +272,15 @@ class Peak:
         That power over the strongest peak's.
     ghost : bool
         Whether it lies where a camera, a video or JPEG copies a stronger peak to.
+    near_harmonic : bool
+        Whether it lies near to where a saturated camera copies a stronger peak to.
     """
 
     carrier: tuple[float, float]
     power: float
     relative: float = 1.0
     ghost: bool = False
+    near_harmonic: bool = False
 
     @property
     def is_plain(self) -> bool:
@@ -365,15 +370,19 @@ def with_ghosts(peaks: list[Peak], half: Half, shape: tuple[int, int]) -> list[P
     """Mark what a camera, a video or JPEG makes of a stronger peak.
 
     A view may lie there by chance, so ghosts stay; they are taken if nothing else will do. A ghost
-    lies where its source puts it, to half a pixel of the spectrum, or up to two where that is
-    multiplied; a view does only by rare chance.
+    lies where its source puts it, to half a pixel of the spectrum; a harmonic to 0.8 pixels, or up
+    to two where that is multiplied. A view does only by rare chance.
     """
     marked: list[Peak] = []
     sources = [(ZERO, Peak(ZERO, np.inf))]
     for peak in peaks:
         place = between_pixels(peak.carrier, half, shape)
-        ghost = any(is_ghost(peak, place, stronger, at, shape) for at, stronger in sources)
-        marked.append(replace(peak, ghost=ghost, relative=peak.power / peaks[0].power))
+        ghost = any(is_ghost(peak, place, *source, shape) for source in sources)
+        near = any(is_harmonic(peak, place, *source, shape, SPREAD) for source in sources)
+        relative = peak.power / peaks[0].power
+        marked.append(
+            replace(peak, ghost=ghost, near_harmonic=near and not ghost, relative=relative)
+        )
         if not ghost:
             sources.append((place, peak))
     return marked
@@ -401,43 +410,45 @@ def vertex(values: Half) -> float:
     return float(np.clip((values[0] - values[2]) / (2 * bend), -0.5, 0.5))
 
 
-def is_ghost(
-    peak: Peak,
-    place: tuple[float, float],
-    source: Peak,
-    at: tuple[float, float],
-    shape: tuple[int, int],
-) -> bool:
+def is_ghost(peak: Peak, place: Place, at: Place, source: Peak, shape: tuple[int, int]) -> bool:
     """Say whether a peak is a harmonic or a shifted copy of a stronger one.
 
     Interlaced video and JPEG's colour shift by half the sampling frequency, JPEG's blocks by
-    multiples of an eighth of it. Places are those between the pixels of the spectrum.
+    multiples of an eighth of it. Places, of the peak and of its source, are those between the
+    pixels of the spectrum.
     """
     ky, kx = at
     relative = peak.power / source.power
     if relative < SHIFTED_COPY and any(
-        pixels_apart(place, (ky + dy, kx + dx), shape) < GHOST_PIXELS
+        pair_distance(place, (ky + dy, kx + dx), shape) < GHOST_PIXELS
         for dy, dx in ((0.5, 0), (0, 0.5), (0.5, 0.5))
     ):
         return True
     if relative >= HARMONIC or source.carrier == ZERO:
         return False
-    if any(
-        pixels_apart(place, (n * ky, n * kx), shape) < (1 + max(n, 1)) / 2 * HARMONIC_PIXELS
-        for n in (0.5, 2, 3, 4)
-    ):
+    if is_harmonic(peak, place, at, source, shape):
         return True
     blocks = ((ky + i / 8, kx + j / 8) for i in range(8) for j in range(8) if i or j)
-    return any(pixels_apart(place, k, shape) < GHOST_PIXELS for k in blocks)
+    return any(pair_distance(place, k, shape) < GHOST_PIXELS for k in blocks)
 
 
-def pixels_apart(a: Place, b: Place, shape: tuple[int, int]) -> float:
-    """Return how many pixels of the spectrum lie between a and b or -b, whichever is nearer."""
-    found = []
-    for sign in (1, -1):
-        off = [x - sign * y for x, y in zip(a, b, strict=True)]
-        found.append(math.hypot(*((d - round(d)) * n for d, n in zip(off, shape, strict=True))))
-    return min(found)
+def is_harmonic(
+    peak: Peak,
+    place: Place,
+    at: Place,
+    source: Peak,
+    shape: tuple[int, int],
+    farther: float = 1.0,
+) -> bool:
+    """Say whether a peak lies at a multiple, or half, of a stronger one; or so much farther."""
+    if source.carrier == ZERO or peak.power >= HARMONIC * source.power:
+        return False
+    ky, kx = at
+    return any(
+        pair_distance(place, (n * ky, n * kx), shape)
+        < (1 + max(n, 1)) / 2 * HARMONIC_PIXELS * farther
+        for n in (0.5, 2, 3, 4)
+    )
 
 
 def refined(

@@ -306,7 +306,7 @@ NOISY_RAD = 0.04
 #: Then the phasors of so many pixels each way are averaged: up to which noise, how many beyond.
 AVERAGING, MOST_AVERAGED = ((0.12, 3), (0.25, 5)), 7
 #: For each radian of noise beyond `NOISY_RAD` the limit of the odds rises by so much: as much as
-#: leaves one in a hundred that are off untold, of 864 objects in noise of 0.05 to 0.3 rad.
+#: leaves one or two in a hundred that are off untold, in noise of 0.05 to 0.3 rad.
 ODDS_PER_RAD = 8.0
 #: Roughness (rad) of a field that has texture of its own, if averaging leaves this share of it:
 #: of such a field the corners alone are asked.

@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator
 from contextlib import nullcontext
 from dataclasses import dataclass
 from functools import lru_cache
+from io import FileIO
 from pathlib import Path
 from typing import Any
 
@@ -175,9 +176,10 @@ class PlainFrames:
         Raises
         ------
         OSError
-            If a file is missing, cut short, or damaged; the last can only be told of a file of
-            which all frames are asked for.
+            If a file is missing, cut short, too long, or damaged; the last can only be told of a
+            file of which all frames are asked for.
         """
+        times = slice(times.start, min(times.stop, self._shape[0]))
         views = range(*angles.indices(self._shape[1]))
         found = np.empty((times.stop - times.start, len(views), *self._shape[2:]), np.float32)
         for frames in self._files(times):
@@ -188,9 +190,14 @@ class PlainFrames:
 
     def write(self, times: slice, angles: slice, values: NDArray[np.float32]) -> None:
         """Write frames (time, angle, y, x) that fill their files, as far as there are any."""
+        views = range(*angles.indices(self._shape[1]))
+        shape = (times.stop - times.start, len(views), *self._shape[2:])
+        if values.shape != shape:
+            msg = f"frames of shape {values.shape} can't be written where {shape} belong"
+            raise ValueError(msg)
         for frames in self._files(times):
             here = values[frames.start - times.start : frames.stop - times.start]
-            for column, view in enumerate(range(*angles.indices(self._shape[1]))):
+            for column, view in enumerate(views):
                 self._write_file(self._path(frames.start, view), here[:, column])
 
     def _files(self, times: slice) -> Iterator[slice]:
@@ -207,15 +214,23 @@ class PlainFrames:
 
     def _read_file(self, times: slice, view: int, out: NDArray[np.float32]) -> None:
         """Read some frames of a view from the file in which they lie."""
-        path, total = self._path(times.start, view), 0
-        with path.open("rb", 0) as file:
-            file.seek(times.start % self._frames * out[0].nbytes)
+        path, first = self._path(times.start, view), times.start % self._frames
+        size, last = out[0].nbytes, times.stop == self._shape[0]
+        with opened_file(path) as file:
+            if path.stat().st_size != self._frames * size + SUM_BYTES:
+                msg = f"{path} is damaged: it is cut short or too long"
+                raise OSError(msg)
+            file.seek(first * size)
+            total = 0
             for frame in out:
                 read_all(file, frame)
                 total = more_of_sum(total, bytes_of(frame))
-            if len(out) == self._frames and file.read(SUM_BYTES) != bytes_of_sum(total):
-                msg = f"{path} is damaged"
-                raise OSError(msg)
+            if first == 0 and (last or len(out) == self._frames):
+                beyond = (self._frames - len(out)) * size
+                total = more_of_sum(total, file.read(beyond)) if beyond else total
+                if file.read(SUM_BYTES) != bytes_of_sum(total):
+                    msg = f"{path} is damaged: its checksum is another"
+                    raise OSError(msg)
 
     def _write_file(self, path: Path, frames: NDArray[np.float32]) -> None:
         """Write a file under another name first: what reads it finds the whole of it, or none.
@@ -236,6 +251,15 @@ class PlainFrames:
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
+
+
+def opened_file(path: Path) -> FileIO:
+    """Return a file of frames, open for reading."""
+    try:
+        return path.open("rb", 0)
+    except FileNotFoundError:
+        msg = f"{path} is missing; were stacks of a run moved or removed?"
+        raise OSError(msg) from None
 
 
 def bytes_of(frames: NDArray[np.float32]) -> NDArray[np.uint8]:
