@@ -116,3 +116,27 @@ def test_references_and_fits_leave_it_out(video: Recording) -> None:
         there = p4d.reconstruct(p4d.open_recording(frames), lobes, **settings)
         without = p4d.reconstruct(p4d.open_recording(frames[1:]), lobes, **settings)
         np.testing.assert_array_equal(there["phase"].values[1:], without["phase"].values)
+
+
+def with_lost(rec: Recording, lost: dict[int, Callable[[Frame], Frame]]) -> Recording:
+    frames = rec.holograms.values.astype("f4")
+    for index, loss in lost.items():
+        frames[index] = loss(frames[index])
+    return p4d.open_recording(frames)
+
+
+def unknown(frame: Frame) -> Frame:
+    return np.full_like(frame, np.nan, dtype="f4")
+
+
+@pytest.mark.parametrize("ends", [(unknown, unknown), (np.zeros_like, garbage)])
+def test_lost_frames_do_not_move_the_focus(
+    video: Recording, ends: tuple[Callable[[Frame], Frame], ...]
+) -> None:
+    lobes = p4d.find_lobes(video, n_views=2)
+    lost = with_lost(video, dict(zip((0, 8), ends, strict=True)))
+    known = p4d.open_recording(video.holograms.values[[1, 3, 5, 7]])
+    lost_um, known_um = (
+        p4d.reconstruct(rec, lobes, refocus_um="auto").attrs["refocus_um"] for rec in (lost, known)
+    )
+    assert lost_um == pytest.approx(known_um, abs=0.02)

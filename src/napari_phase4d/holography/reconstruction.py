@@ -37,7 +37,7 @@ from napari_phase4d.holography.lobes import (
     one_wavelength,
     with_wavelengths,
 )
-from napari_phase4d.holography.lost import usual_fringes
+from napari_phase4d.holography.lost import STATIC_FRAMES, all_lost, usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
 from napari_phase4d.holography.refocusing import fields_walked, refocus_advice
 from napari_phase4d.later import xr
@@ -421,16 +421,21 @@ def find_focus(
         From `frame_reconstructor`, without refocusing.
     rec : Recording
         The hologram video; up to four frames of it are looked at, fewer where they are large,
-        and then also fewer of many views.
+        and then also fewer of many views. Others stand in for frames that the camera lost.
     metric, objects, progress, cancelled : optional
         As in `autofocus`.
+
+    Raises
+    ------
+    ValueError
+        If every frame that was looked at is lost.
     """
     pixels = int(np.prod(work.stack_shape(1)))
-    indices = rec.sample_indices(int(np.clip(FOCUS_PIXELS // pixels, 1, FOCUS_FRAMES)))
+    n_frames = int(np.clip(FOCUS_PIXELS // pixels, 1, FOCUS_FRAMES))
     n_views, *shape = work.stack_shape(1)[1:]
     n_looked_at = int(np.clip(MOST_FOCUS_PIXELS // int(np.prod(shape)), 1, n_views))
     views = np.linspace(0, n_views - 1, n_looked_at).round().astype(int)
-    fields = np.concatenate([work.fields(rec.raw_frame(i))[views] for i in indices])
+    fields = np.concatenate([each[views] for each in fields_not_lost(work, rec, n_frames)])
     pixel_um = [rec.optics.pixel_um * ratio for ratio in work.demodulate.pixel_ratio]
     return autofocus(
         fields,
@@ -443,3 +448,26 @@ def find_focus(
         progress=progress,
         cancelled=cancelled,
     )
+
+
+def fields_not_lost(
+    work: FrameReconstructor, rec: Recording, at_most: int
+) -> list[NDArray[np.complex64]]:
+    """Return the fields of some frames over a recording; for a lost one that of one near it."""
+    wanted = rec.sample_indices(at_most)
+    # Among these the usual strength of fringes was measured, so at least one is not lost.
+    left = {*wanted, *rec.sample_indices(STATIC_FRAMES)}
+    found: list[NDArray[np.complex64]] = []
+    lost: dict[int, str] = {}
+    for middle in wanted:
+        others = left.difference(wanted)
+        for index in [middle, *sorted(others, key=lambda other: abs(other - middle))]:
+            left.discard(index)
+            fields, reason = work.fields_or_reason(rec, index)
+            if fields is not None:
+                found.append(fields)
+                break
+            lost[index] = reason
+    if not found:
+        raise ValueError(all_lost(rec.name, lost))
+    return found
