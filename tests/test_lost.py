@@ -140,3 +140,26 @@ def test_lost_frames_do_not_move_the_focus(
         p4d.reconstruct(rec, lobes, refocus_um="auto").attrs["refocus_um"] for rec in (lost, known)
     )
     assert lost_um == pytest.approx(known_um, abs=0.02)
+
+
+@pytest.mark.parametrize("loss", [unknown, np.zeros_like, garbage, torn_rows])
+def test_a_reference_recording_is_averaged_without_its_lost_frames(
+    video: Recording, loss: Callable[[Frame], Frame]
+) -> None:
+    lobes = p4d.find_lobes(video, n_views=2)
+    known = p4d.open_recording(np.delete(video.holograms.values, [0, 5], axis=0))
+    lost = with_lost(video, {0: loss, 5: loss})
+    of_lost, of_known = (
+        p4d.reconstruct(video, lobes, reference)["phase"].values for reference in (lost, known)
+    )
+    np.testing.assert_array_equal(of_lost, of_known)
+
+
+@pytest.mark.parametrize("loss", [unknown, np.zeros_like])
+def test_a_reference_of_lost_frames_only_is_refused_in_words(
+    video: Recording, loss: Callable[[Frame], Frame]
+) -> None:
+    lobes = p4d.find_lobes(video, n_views=2)
+    lost = with_lost(video, dict.fromkeys(range(9), loss))
+    with pytest.raises(ValueError, match="no frame of the array shows fringes: frame 0 is"):
+        p4d.reconstruct(video, lobes, lost)

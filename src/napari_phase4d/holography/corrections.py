@@ -19,7 +19,7 @@ from napari_phase4d.holography.background import (
 )
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import background_offset
-from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
+from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames, usual_fringes
 from napari_phase4d.holography.quality import is_noise
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
@@ -78,7 +78,7 @@ def corrections(
     factor = np.ones((1, 1, 1), dtype=np.complex64)
     by_median = isinstance(reference, str) and reference == "median"
     if reference is not None and not by_median:
-        divisor = demodulate(reference_frame(rec, reference))
+        divisor = demodulate(reference_frame(rec, reference, demodulate, task))
         if any(is_noise(field) for field in divisor):
             raise ValueError(NO_FRINGES)
         factor = inverse(divisor)
@@ -250,8 +250,10 @@ def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
     return middle
 
 
-def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]:
-    """Return the frame of the reference: the mean, if it is a recording of several."""
+def reference_frame(
+    rec: Recording, reference: Reference, demodulate: Demodulator, task: Task
+) -> NDArray[np.generic]:
+    """Return the frame of the reference: the mean of those not lost, if it is a recording."""
     if isinstance(reference, bool) or is_table(reference):
         what = "a frame number, an array or a Recording"
         msg = f"reference must be {what}, but is {shown(reference)}"
@@ -282,10 +284,30 @@ def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]
             f"but the frames are {rec.frame_shape}"
         )
         raise ValueError(msg)
-    total = np.zeros(rec.frame_shape)
-    for frame in recording.frames():
-        total += frame
-    return (total / recording.n_frames).astype(np.float32)
+    return mean_frame(recording, demodulate, task)
+
+
+def mean_frame(rec: Recording, demodulate: Demodulator, task: Task) -> NDArray[np.float32]:
+    """Return the mean of the frames that are not lost; one alone as it is."""
+    if rec.n_frames == 1:
+        return rec.frame(0)
+    # It refuses what has no frame that is not lost.
+    lost, _ = usual_fringes(rec, demodulate, task)
+
+    def seen(index: int) -> NDArray[np.generic] | None:
+        try:
+            frame = rec.raw_frame(index)
+        except BrokenFrameError:
+            return None
+        return None if lost.reason(frame, demodulate(frame)) else frame
+
+    total, count = np.zeros(rec.frame_shape), 0
+    watch = Watch(rec.n_frames, "look at the reference", task.quiet)
+    for frame in in_threads(seen, range(rec.n_frames), watch):
+        if frame is not None:
+            total += frame
+            count += 1
+    return (total / count).astype(np.float32)
 
 
 def in_order_of_axes(reference: xr.DataArray) -> NDArray[np.generic]:

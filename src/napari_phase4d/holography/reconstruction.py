@@ -267,7 +267,8 @@ def frame_reconstructor(
     without = without_fringes_percent(list(seen.values()))
     reference = settings.reference
     if looked_at is not rec and isinstance(reference, (int, np.integer)):
-        reference = reference_frame(rec, reference)  # a number among all frames
+        # A number among all frames.
+        reference = reference_frame(rec, reference, demodulate, task)
     found = corrections(looked_at, demodulate, reference, background, order, lost, seen, task)
     attrs: dict[str, Any] = {} if common_um is None else {"wavelength_um": common_um}
     attrs |= {
