@@ -294,12 +294,12 @@ def mean_frame(rec: Recording, demodulate: Demodulator, task: Task) -> NDArray[n
     # It refuses what has no frame that is not lost.
     lost, _ = usual_fringes(rec, demodulate, task)
 
-    def seen(index: int) -> NDArray[np.generic] | None:
+    def seen(index: int) -> NDArray[np.float32] | None:
         try:
             frame = rec.raw_frame(index)
         except BrokenFrameError:
             return None
-        return None if lost.reason(frame, demodulate(frame)) else frame
+        return None if lost.reason(frame, demodulate(frame)) else frame.astype(np.float32)
 
     total, count = np.zeros(rec.frame_shape), 0
     watch = Watch(rec.n_frames, "look at the reference", task.quiet)
