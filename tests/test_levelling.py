@@ -279,6 +279,26 @@ def test_tilt_of_single_frames_is_taken_off_on_request() -> None:
     assert left[True] < 0.05
 
 
+def tilting(phase: np.ndarray, n_times: int, sd: float, seed: int) -> list[np.ndarray]:
+    """The same in each frame but for its tilt."""
+    y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in phase.shape), indexing="ij")
+    tilts = np.random.default_rng(seed).normal(0, sd, (n_times, 2))
+    return [phase + a * y + b * x for a, b in tilts]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("background", ["curvature", "polynomial"])
+def test_surfaces_are_fitted_to_frames_that_are_levelled(background: str, seed: int) -> None:
+    """A cell over 17 % of frames that tilt, sd 3 rad; warnings are errors here."""
+    cell = ellipsoid(0.17, (0.1, 0.0), 5.0)
+    exact = p4d.reconstruct(recorded([cell], bits=12), [LOBE], background="none")["phase"].values
+    video = recorded(tilting(cell, 12, 3.0, seed), curvature_rad=4.0)
+    data = p4d.reconstruct(video, [LOBE], background=background, tilt_per_frame=True)
+    error = wrap(data["phase"].values - exact)[..., 3:-3, 3:-3]
+    error = wrap(error - np.median(error, axis=(2, 3), keepdims=True))
+    assert np.sqrt(np.mean(error**2, axis=(1, 2, 3))).max() < 0.15
+
+
 def test_frame_without_empty_field_keeps_the_common_tilt() -> None:
     rng = np.random.default_rng(0)
     fields = np.exp(1j * rng.uniform(-np.pi, np.pi, (1, 60, 70))).astype(np.complex64)

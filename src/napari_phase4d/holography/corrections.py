@@ -21,6 +21,7 @@ from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames, usual_fringes
 from napari_phase4d.holography.quality import is_noise
+from napari_phase4d.holography.tilts import TiltsBetween
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.stacks import PLAIN_AXES, looks_wrapped
@@ -63,11 +64,14 @@ def corrections(
     lost: LostFrames,
     seen: dict[int, Fields],
     task: Task,
+    *,
+    tilt_per_frame: bool,
 ) -> Corrections:
     """Return what to multiply the fields of all frames by, and what the background was.
 
     It divides by the reference and takes off the phase that the empty field has in all frames.
-    The fields of frames seen already are used up.
+    Where each frame loses its own tilt afterwards, what they have in common is measured on frames
+    that are levelled to the first of them. The fields of frames seen already are used up.
 
     Raises
     ------
@@ -82,13 +86,14 @@ def corrections(
         if any(is_noise(field) for field in divisor):
             raise ValueError(NO_FRINGES)
         factor = inverse(divisor)
-    each = static_fields(rec, demodulate, lost, seen, task)
+    tilts = TiltsBetween(demodulate.output_shape, tilt_per_frame)
+    each = tilts.seen(static_fields(rec, demodulate, lost, seen, task))
     if by_median:
         static = np.stack(list(each))
         factor = inverse(median_fields(static))
         each = iter(static)
     if not order:
-        return Corrections(factor, [], [], [])
+        return Corrections(factor, [], [], [], [])
     means = mean_fields(fields if reference is None else fields * factor for fields in each)
     fits = fitted_views(rec.name, means, background, Surface(kind, order, means.shape[1:]), task)
     surfaces = np.stack([fit.surface for fit, _ in fits])
@@ -98,6 +103,7 @@ def corrections(
         [fit.coefficients for fit, _ in fits],
         [left for _, left in fits],
         [view for view, (fit, _) in enumerate(fits) if background == "curvature" and fit.unsure],
+        [] if tilt_per_frame else tilts.left_rad(),
     )
 
 
@@ -136,12 +142,16 @@ class Corrections:
         For each view what is left in its empty field, in radians rms; empty likewise.
     unsure : list of int
         The views whose fitted curvature may be the object's.
+    tilt_left_rad : list of float
+        For each view how far frames tilt against each other, in radians rms; empty if that is
+        taken off each of them.
     """
 
     factor: NDArray[np.complex64]
     coefficients: list[NDArray[np.float64]]
     left_rad: list[float]
     unsure: list[int]
+    tilt_left_rad: list[float]
 
 
 def refusal(doubt: str, view: int, name: str) -> str:

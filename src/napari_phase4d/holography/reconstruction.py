@@ -269,7 +269,17 @@ def frame_reconstructor(
     if looked_at is not rec and isinstance(reference, (int, np.integer)):
         # A number among all frames.
         reference = reference_frame(rec, reference, demodulate, task)
-    found = corrections(looked_at, demodulate, reference, background, order, lost, seen, task)
+    found = corrections(
+        looked_at,
+        demodulate,
+        reference,
+        background,
+        order,
+        lost,
+        seen,
+        task,
+        tilt_per_frame=settings.tilt_per_frame,
+    )
     attrs: dict[str, Any] = {} if common_um is None else {"wavelength_um": common_um}
     attrs |= {
         "medium_index": rec.optics.medium_index,
