@@ -153,6 +153,15 @@ class Corrections:
     unsure: list[int]
     tilt_left_rad: list[float]
 
+    def notes(self) -> dict[str, Any]:
+        """Return what to note of what is left and doubted, as far as there is any."""
+        notes = {
+            "background_left_rad": [round(left, 6) for left in self.left_rad],
+            "frame_tilt_left_rad": [round(left, 6) for left in self.tilt_left_rad],
+            "curvature_unsure": self.unsure,
+        }
+        return {name: values for name, values in notes.items() if values}
+
 
 def refusal(doubt: str, view: int, name: str) -> str:
     """Say why a curvature can't be fitted, and what to do."""

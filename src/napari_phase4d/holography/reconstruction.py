@@ -40,6 +40,7 @@ from napari_phase4d.holography.lobes import (
 from napari_phase4d.holography.lost import STATIC_FRAMES, all_lost, usual_fringes
 from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
 from napari_phase4d.holography.refocusing import fields_walked, refocus_advice
+from napari_phase4d.holography.tilts import tilt_advice
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
@@ -167,6 +168,9 @@ def reconstruct(
         If the background is "curvature" and too little of a view is surely empty field, so that
         what was fitted may be the object's. ``attrs["curvature_unsure"]`` names the views.
     UserWarning
+        If frames tilt against each other by more than 0.3 rad rms, which is left where one tilt
+        is taken off all of them. ``attrs["frame_tilt_left_rad"]`` says how much.
+    UserWarning
         If more than 5 % of a view show no fringes in most frames, so that their phase is noise;
         `napari_phase4d.holography.fringe_mask` marks them.
         ``attrs["without_fringes_percent"]`` has the share.
@@ -217,6 +221,7 @@ def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
     every = (
         background_advice(attrs),
         curvature_advice(attrs),
+        tilt_advice(attrs),
         fringe_advice(attrs),
         refocus_advice(attrs),
     )
@@ -296,10 +301,7 @@ def frame_reconstructor(
     }
     if settings.first_frames is not None:
         attrs["first_frames"] = looked_at.n_frames
-    if found.left_rad:
-        attrs["background_left_rad"] = [round(left, 6) for left in found.left_rad]
-    if found.unsure:
-        attrs["curvature_unsure"] = found.unsure
+    attrs |= found.notes()
     if BACKGROUND_ORDERS[background] is None:
         attrs["background_order"] = order
     if background == "zernike":
