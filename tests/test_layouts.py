@@ -212,6 +212,24 @@ def test_carriers_are_refined_from_spectra_as_from_the_frame() -> None:
         assert np.hypot((near[0] - ky) * shape[0], (near[1] - kx) * shape[1]) < 0.02
 
 
+@pytest.mark.parametrize("peak", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_small_cell_tells_the_sign_and_an_empty_field_does_not(side: int, peak: float) -> None:
+    """A cell of 0.6 % of the field hardly adds to how far all of it deviates."""
+    y, x = np.mgrid[:256, :256]
+    phase = peak * np.sqrt(np.maximum(1 - ((y - 90) ** 2 + (x - 150) ** 2) / 11.0**2, 0))
+    exact = xr.DataArray(
+        phase[None, None].astype(np.float32),
+        dims=("time", "angle", "y", "x"),
+        coords={"time": [0.0], "angle": [0.0]},
+    )
+    (lobe,) = p4d.find_lobes(multiplexed_video(exact, carriers=[(0.19 * side, 0.21 * side)]), 1)
+    if peak:
+        assert lobe.flip == (side < 0)
+    else:
+        assert "No object is seen" in lobe.doubt
+
+
 def test_the_sign_in_a_field_too_small_to_ask_is_a_guess() -> None:
     assert sign_doubts([evidence_of(np.ones((4, 9), np.complex64))]) != [""]
 

@@ -419,11 +419,11 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
 
 
 def sign_doubts(evidence: Sequence[float]) -> list[str]:
-    """Say of which lobes the sign is a guess, where an object is seen."""
+    """Say of which lobes the sign is a guess."""
     return [
-        "Whether a dense object is bright or dark here is a guess: if cells look like holes, "
-        "press Flip."
-        if 0 < abs(each) < SURE_SIGN
+        f"{'Whether' if each else 'No object is seen, so that whether'} a dense object is bright "
+        "or dark here is a guess: if cells look like holes, press Flip."
+        if abs(each) < SURE_SIGN
         else ""
         for each in evidence
     ]
@@ -526,8 +526,10 @@ SKEWNESS, HEIGHT, FLAT_HEIGHT = 0.5, 1.45, 1.5
 MOSTLY_EMPTY, FLAT_RAD, GUESS = 0.6, 0.8, 2.5
 #: No more skewness than this counts.
 MOST_SKEWNESS = 5.0
-#: Phase that deviates less than this from its median (rad, rms) shows no object.
+#: Phase that deviates less than this from its median (rad, rms) shows no object, unless this
+#: share of it deviates by so many radians, and so many times as much as half of it does.
 LEAST_PHASE_RAD = 0.17
+SPOT_SHARE, SPOT_RAD, SPOT_NOISE = 0.002, 0.4, 6.0
 
 Field = NDArray[np.complex64]
 
@@ -567,7 +569,9 @@ def evidence_of(field: Field) -> float:
     phase = np.asarray(phase[seen])
     deviation = phase - np.median(phase)
     scale = float(deviation.std())
-    if scale < LEAST_PHASE_RAD:
+    spot = float(np.quantile(np.abs(deviation), 1 - SPOT_SHARE))
+    clear = spot > max(SPOT_RAD, SPOT_NOISE * float(np.median(np.abs(deviation))))
+    if scale < LEAST_PHASE_RAD and not clear:
         return 0.0
     skewness = float(np.mean(deviation**3)) / scale**3
     small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
