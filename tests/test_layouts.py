@@ -14,6 +14,7 @@ import xarray as xr
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
 from napari_phase4d.holography.finding import evidence_of, sign_doubts
+from napari_phase4d.holography.lobes import pair_distance, wrapped_distance
 from napari_phase4d.holography.spectrum import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -228,6 +229,34 @@ def test_a_small_cell_tells_the_sign_and_an_empty_field_does_not(side: int, peak
         assert lobe.flip == (side < 0)
     else:
         assert "No object is seen" in lobe.doubt
+
+
+@pytest.mark.parametrize(
+    ("kx", "radius", "peak", "at"),
+    [
+        (0.0, 0.19, 3.8, (0.53, 0.62)),
+        (0.003, 0.33, 4.2, (0.51, 0.42)),
+        (0.0016, 0.19, 3.9, (0.67, 0.62)),
+    ],
+)
+def test_a_carrier_next_to_the_axis_gets_the_side_of_its_beats(
+    kx: float, radius: float, peak: float, at: tuple[float, float]
+) -> None:
+    """Its peak may lie on one side, the light that nothing scattered on the other."""
+    side = 256
+    y, x = np.mgrid[:side, :side]
+    away = (y - at[0] * side) ** 2 + (x - at[1] * side) ** 2
+    cell = peak * np.sqrt(np.maximum(1 - away / (radius * side) ** 2, 0))
+    exact = xr.DataArray(
+        np.stack([cell, cell])[None].astype(np.float32),
+        dims=("time", "angle", "y", "x"),
+        coords={"time": [0.0], "angle": [0.0, 1.0]},
+    )
+    carriers = [(-0.36, kx), (-0.12, 0.3)]
+    rec = multiplexed_video(exact, carriers=carriers, pupil_radius=0.06, seed=0)
+    for lobe in p4d.find_lobes(rec, 2):
+        near = min(carriers, key=lambda k: pair_distance(lobe.carrier, k))
+        assert lobe.flip == (wrapped_distance(lobe.carrier, near) > 0.05)
 
 
 def test_the_sign_in_a_field_too_small_to_ask_is_a_guess() -> None:
