@@ -13,8 +13,8 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
-from napari_phase4d.holography.finding import evidence_of, sign_doubts
 from napari_phase4d.holography.lobes import pair_distance, wrapped_distance
+from napari_phase4d.holography.signs import evidence_of, sign_doubts
 from napari_phase4d.holography.spectrum import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -229,6 +229,21 @@ def test_a_small_cell_tells_the_sign_and_an_empty_field_does_not(side: int, peak
         assert lobe.flip == (side < 0)
     else:
         assert "No object is seen" in lobe.doubt
+
+
+def test_a_cell_that_is_away_half_way_tells_the_sign_as_well() -> None:
+    y, x = np.mgrid[:256, :256]
+    cell = 5 * np.sqrt(np.maximum(1 - ((y - 120) ** 2 + (x - 140) ** 2) / 45.0**2, 0))
+    frames = np.zeros((9, 1, 256, 256), np.float32)
+    frames[:3] = cell
+    exact = xr.DataArray(
+        frames,
+        dims=("time", "angle", "y", "x"),
+        coords={"time": np.arange(9.0), "angle": [0.0]},
+    )
+    (lobe,) = p4d.find_lobes(multiplexed_video(exact, carriers=[(-0.19, -0.21)]), 1)
+    assert lobe.flip
+    assert not lobe.doubt
 
 
 @pytest.mark.parametrize(
