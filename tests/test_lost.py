@@ -189,3 +189,13 @@ def test_dark_frames_are_lost_even_where_most_are(pattern: str, level: int) -> N
     found = p4d.reconstruct(rec, lobes)
     assert found.attrs["lost_times"] == np.flatnonzero(dark).tolist()
     assert np.isfinite(found["phase"].values[~dark]).all()
+
+
+def test_light_between_the_frames_that_are_sampled_is_enough(video: Recording) -> None:
+    """Of 63 frames 32 evenly apart are all dark."""
+    frames = video.holograms.values[np.arange(63) % 9, :128, :128].copy()
+    frames[::2] = 0
+    rec = p4d.open_recording(frames)
+    lobes = p4d.find_lobes(video, n_views=2)
+    data = p4d.reconstruct(rec, lobes, p4d.open_recording(frames), refocus_um="auto")
+    assert data.attrs["lost_times"] == list(range(0, 63, 2))

@@ -215,7 +215,8 @@ def static_fields(
     task: Task,
 ) -> Iterator[Fields]:
     """Yield the fields (view, y, x) of some frames that are not lost, over the recording."""
-    indices = rec.sample_indices(STATIC_FRAMES)
+    # All of those evenly apart may be dark, where light is on in every second frame.
+    indices = sorted({*rec.sample_indices(STATIC_FRAMES), *seen})
     watch = Watch(len(indices), "look at the background", task.quiet)
 
     def fields(index: int) -> Fields | None:

@@ -469,7 +469,8 @@ def fields_not_lost(
     """Return the fields of some frames over a recording; for a lost one that of one near it."""
     wanted = rec.sample_indices(at_most)
     # Among these the usual strength of fringes was measured, so at least one is not lost.
-    left = {*wanted, *rec.sample_indices(STATIC_FRAMES)}
+    some = {*wanted, *rec.sample_indices(STATIC_FRAMES)}
+    left = some | {index + 1 for index in some if index + 1 < rec.n_frames}
     found: list[NDArray[np.complex64]] = []
     lost: dict[int, str] = {}
     for middle in wanted:
