@@ -203,11 +203,12 @@ LARGEST_BORDER_SHARE = 0.5
 WIDEN = 2
 #: What is left out is looked at on every so-manieth row and column.
 THIN = 2
-#: Phase is not flat so far from the level of what is left out, and smooth where it lies so near to
-#: its surroundings, both in radians ...
-NOT_FLAT_RAD, SMOOTH_RAD = 1.0, 0.5
-#: ... in so large a share of them.
-MOSTLY = 0.8
+#: Phase is not flat so many radians from the level of what is left out. Whole turns do not count:
+#: noise lifts patches of an empty field by them.
+NOT_FLAT_RAD = 1.0
+#: It is smooth where the mean cosine of its difference from its surroundings is larger. Noise of
+#: 0.7 rad leaves 0.8 of it, noise of a whole turn next to nothing, and a slope does not count.
+SMOOTH_COSINE = 0.7
 #: From so many percent of the field on it is worth a warning.
 MUCH_LEFT_OUT_PERCENT = 10.0
 
@@ -258,11 +259,10 @@ def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_
         return 0.0
     phase = unwrapped[::THIN, ::THIN]
     soft = running_mean(phase, 3)
-    uneven = out & (np.abs(soft - middle(soft[out])) > NOT_FLAT_RAD)
+    uneven = out & (np.cos(soft - middle(soft[out])) < np.cos(NOT_FLAT_RAD))
     if not uneven.any():
         return 0.0
-    near = (np.abs(phase - soft) < SMOOTH_RAD).astype(np.float32)
-    uneven &= running_mean(near, 5) > MOSTLY
+    uneven &= running_mean(np.cos(phase - soft), 5) > SMOOTH_COSINE
     return float(uneven.mean())
 
 
