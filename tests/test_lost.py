@@ -27,6 +27,8 @@ from napari_phase4d.words import counted
 CARRIERS = ((0.19, 0.21), (-0.21, 0.19))
 Frame = NDArray[np.uint8]
 
+pytestmark = pytest.mark.filterwarnings("ignore:.*1 frame of 9 left out as lost")
+
 
 @pytest.fixture(scope="module")
 def video() -> Recording:
@@ -145,6 +147,8 @@ def test_little_empty_field_is_said(share: float, words: str) -> None:
     assert [words in each for each in said] == [True] * bool(words)
     assert reconstruction_advice({**attrs, "drift_removed": False}, 9) == []
     assert reconstruction_advice({"drift_removed": True}) == []
+    (only,) = reconstruction_advice({**attrs, "without_fringes_percent": [60.0]}, 9)
+    assert "shows no fringes" in only  # which is why little is empty
 
 
 def test_scripts_are_warned_of_little_empty_field() -> None:

@@ -221,8 +221,7 @@ def reconstruct(
     for advice in reconstruction_advice(work.attrs):
         warn(f"{rec.name}: {advice}")
     data = reconstruct_frames(work, rec, task)
-    of_frames = (empty_advice(data.attrs), lost_advice(data.attrs, rec.n_frames, FEW_LOST))
-    for advice in filter(None, of_frames):
+    for advice in frames_advice(data.attrs, rec.n_frames, FEW_LOST):
         warn(f"{rec.name}: {advice}")
     return data
 
@@ -237,14 +236,24 @@ def reconstruction_advice(attrs: Mapping[str, Any], n_frames: int = 0) -> list[s
     n_frames : int, optional
         How many frames there are; default: what is to be said of single frames is not known yet.
     """
-    every = [
+    every = (
         background_advice(attrs),
         curvature_advice(attrs),
         fringe_advice(attrs),
         refocus_advice(attrs),
-    ]
-    if n_frames:
-        every += [empty_advice(attrs), lost_advice(attrs, n_frames)]
+    )
+    of_frames = frames_advice(attrs, n_frames) if n_frames else []
+    return [advice for advice in every if advice] + of_frames
+
+
+def frames_advice(attrs: Mapping[str, Any], n_frames: int, few_lost: float = 0.0) -> list[str]:
+    """Return what is to be looked after in single frames of a reconstruction; see above.
+
+    That little is empty field says nothing more where a background is left, or there are no
+    fringes. Lost frames are not worth a word up to a share ``few_lost`` of all.
+    """
+    told = background_advice(attrs) or fringe_advice(attrs)
+    every = ("" if told else empty_advice(attrs), lost_advice(attrs, n_frames, few_lost))
     return [advice for advice in every if advice]
 
 
