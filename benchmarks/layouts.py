@@ -216,7 +216,7 @@ def signs() -> None:
     columns = "cover-(%) number wrong-(%) wrong-and-sure-(%) doubted-(%)"
     heading("Sign: cells of 3 to 12 rad", columns)
     y, x = np.mgrid[:SIDE, :SIDE] / SIDE - 0.5
-    for cover in (0.1, 0.25, 0.5, 0.65, 0.75, 0.85, 0.95):
+    for cover in (0.003, 0.01, 0.03, 0.1, 0.25, 0.5, 0.65, 0.75, 0.85, 0.95):
         wrong, doubted = [], []
         for seed in range(24):
             rng = np.random.default_rng((seed, int(100 * cover)))
@@ -235,4 +235,4 @@ def signs() -> None:
             wrong.append(lobe.flip == (side > 0))
             doubted.append("guess" in lobe.doubt)
         sure = [w and not d for w, d in zip(wrong, doubted, strict=True)]
-        line(f"{100 * cover:.0f}", len(wrong), share(wrong), share(sure), share(doubted))
+        line(f"{100 * cover:g}", len(wrong), share(wrong), share(sure), share(doubted))

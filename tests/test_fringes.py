@@ -82,3 +82,23 @@ def test_lost_frames_show_none_and_the_mask_serves_to_unwrap() -> None:
     assert (found.values[0][~seen.values[0]] == 0).all()
     lit = slice(int(0.3 * seen.shape[3]) + BLUR, -BLUR)
     assert np.abs(found.values[0, 0, :, lit]).max() < 0.5
+
+
+@pytest.mark.parametrize("level", [6.0, 100.0])
+def test_a_view_of_nothing_but_noise_shows_none(level: float) -> None:
+    """Some of noise is bright as well, next to the rest of it."""
+    noise = np.random.default_rng(1).normal(level, 2, (1, *SHAPE))
+    rec = p4d.open_recording(np.clip(noise, 0, 255).round().astype(np.uint8))
+    with pytest.warns(UserWarning, match="noise"):
+        data = p4d.reconstruct(rec, LOBES)
+    assert data.attrs["without_fringes_percent"] == [100.0]
+    assert not fringe_mask(data).any()
+
+
+def test_a_small_opening_shows_its_fringes() -> None:
+    """Where most of the view is dark, what is not still counts."""
+    rec = p4d.open_recording(hologram(half(0.8))[None])
+    with pytest.warns(UserWarning, match=r"\d+ % of view 1 shows no fringes"):
+        data = p4d.reconstruct(rec, LOBES)
+    seen = fringe_mask(data).values[0, 0]
+    assert seen[:, int(0.85 * seen.shape[1]) : -BLUR].all()

@@ -13,7 +13,8 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
-from napari_phase4d.holography.finding import evidence_of, sign_doubts
+from napari_phase4d.holography.lobes import pair_distance, wrapped_distance
+from napari_phase4d.holography.signs import evidence_of, sign_doubts
 from napari_phase4d.holography.spectrum import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -210,6 +211,67 @@ def test_carriers_are_refined_from_spectra_as_from_the_frame() -> None:
         coarse = (round(ky * shape[0]) / shape[0], round(kx * shape[1]) / shape[1])
         near = refined(coarse, [spectrum], shape)
         assert np.hypot((near[0] - ky) * shape[0], (near[1] - kx) * shape[1]) < 0.02
+
+
+@pytest.mark.parametrize("peak", [0.0, 1.0, 3.0])
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_small_cell_tells_the_sign_and_an_empty_field_does_not(side: int, peak: float) -> None:
+    """A cell of 0.6 % of the field hardly adds to how far all of it deviates."""
+    y, x = np.mgrid[:256, :256]
+    phase = peak * np.sqrt(np.maximum(1 - ((y - 90) ** 2 + (x - 150) ** 2) / 11.0**2, 0))
+    exact = xr.DataArray(
+        phase[None, None].astype(np.float32),
+        dims=("time", "angle", "y", "x"),
+        coords={"time": [0.0], "angle": [0.0]},
+    )
+    (lobe,) = p4d.find_lobes(multiplexed_video(exact, carriers=[(0.19 * side, 0.21 * side)]), 1)
+    if peak:
+        assert lobe.flip == (side < 0)
+    else:
+        assert "No object is seen" in lobe.doubt
+
+
+def test_a_cell_that_is_away_half_way_tells_the_sign_as_well() -> None:
+    y, x = np.mgrid[:256, :256]
+    cell = 5 * np.sqrt(np.maximum(1 - ((y - 120) ** 2 + (x - 140) ** 2) / 45.0**2, 0))
+    frames = np.zeros((9, 1, 256, 256), np.float32)
+    frames[:3] = cell
+    exact = xr.DataArray(
+        frames,
+        dims=("time", "angle", "y", "x"),
+        coords={"time": np.arange(9.0), "angle": [0.0]},
+    )
+    (lobe,) = p4d.find_lobes(multiplexed_video(exact, carriers=[(-0.19, -0.21)]), 1)
+    assert lobe.flip
+    assert not lobe.doubt
+
+
+@pytest.mark.parametrize(
+    ("kx", "radius", "peak", "at"),
+    [
+        (0.0, 0.19, 3.8, (0.53, 0.62)),
+        (0.003, 0.33, 4.2, (0.51, 0.42)),
+        (0.0016, 0.19, 3.9, (0.67, 0.62)),
+    ],
+)
+def test_a_carrier_next_to_the_axis_gets_the_side_of_its_beats(
+    kx: float, radius: float, peak: float, at: tuple[float, float]
+) -> None:
+    """Its peak may lie on one side, the light that nothing scattered on the other."""
+    side = 256
+    y, x = np.mgrid[:side, :side]
+    away = (y - at[0] * side) ** 2 + (x - at[1] * side) ** 2
+    cell = peak * np.sqrt(np.maximum(1 - away / (radius * side) ** 2, 0))
+    exact = xr.DataArray(
+        np.stack([cell, cell])[None].astype(np.float32),
+        dims=("time", "angle", "y", "x"),
+        coords={"time": [0.0], "angle": [0.0, 1.0]},
+    )
+    carriers = [(-0.36, kx), (-0.12, 0.3)]
+    rec = multiplexed_video(exact, carriers=carriers, pupil_radius=0.06, seed=0)
+    for lobe in p4d.find_lobes(rec, 2):
+        near = min(carriers, key=lambda k: pair_distance(lobe.carrier, k))
+        assert lobe.flip == (wrapped_distance(lobe.carrier, near) > 0.05)
 
 
 def test_the_sign_in_a_field_too_small_to_ask_is_a_guess() -> None:

@@ -187,3 +187,29 @@ def test_references_and_fits_leave_it_out(video: Recording) -> None:
         there = p4d.reconstruct(p4d.open_recording(frames), lobes, **settings)
         without = p4d.reconstruct(p4d.open_recording(frames[1:]), lobes, **settings)
         np.testing.assert_array_equal(there["phase"].values[1:], without["phase"].values)
+
+
+DARK = {
+    "every second": np.arange(20) % 2 == 0,
+    "the first six of ten": np.arange(10) < 6,
+    "all but one": np.arange(10) != 4,
+}
+
+
+@pytest.mark.parametrize("level", [0, 6])
+@pytest.mark.parametrize("pattern", DARK)
+def test_dark_frames_are_lost_even_where_most_are(pattern: str, level: int) -> None:
+    """Of frames evenly apart, all may be dark."""
+    exact = p4d.simulation.swimming_euglena((192, 192), 10, pixel_um=0.2)
+    bright = p4d.simulation.multiplexed_video(exact["phase"]).holograms.values
+    dark = DARK[pattern]
+    frames = bright[np.arange(len(dark)) % len(bright)]
+    noise = np.random.default_rng(0).normal(level, 2 * (level > 0), frames.shape)
+    frames[dark] = np.clip(noise, 0, 255).astype(frames.dtype)[dark]
+    rec = p4d.open_recording(frames)
+    assert list(lost_frames(rec)) == np.flatnonzero(dark).tolist()
+    lobes = p4d.find_lobes(rec, 2)
+    assert np.allclose([lobe.carrier for lobe in lobes], [(0.19, 0.21), (-0.21, 0.19)], atol=1e-3)
+    found = p4d.reconstruct(rec, lobes)
+    assert found.attrs["lost_times"] == np.flatnonzero(dark).tolist()
+    assert np.isfinite(found["phase"].values[~dark]).all()

@@ -7,33 +7,23 @@ The steps:
 3. which of them are views, how many there are, and how sure that is (`beams`), in two looks: a
    second window shows more of what lies near the border of the frames;
 4. the carrier to a hundredth of a pixel of the spectrum, and the largest radius that fits;
-5. which of two conjugates shows a dense object bright (`sign_evidence`).
-
-The intensity is the same when all beams are conjugated, so that only the object can tell: a cell
-is denser than water. Two clues are added, each the better one where the other fails:
-
-* a small cell on an empty field gives a skewed histogram of unwrapped phase, its tail on the
-  cell's side;
-* a cell that fills the field lies higher than the border of the field, where it thins out.
+5. which of two conjugates shows a dense object bright (`signs`).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
-import scipy
-import skimage
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.background import Surface
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
-from napari_phase4d.holography.demodulation import Demodulator
-from napari_phase4d.holography.emptyfield import wrapped
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrapped_distance
 from napari_phase4d.holography.lost import all_lost
+from napari_phase4d.holography.signs import sign_doubts, sign_evidence
 from napari_phase4d.holography.spectrum import (
     MAIN_LOBE,
     Peak,
@@ -86,8 +76,6 @@ MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
 #: Refining moves a carrier by less than this, in cycles per pixel.
 PLACED = 0.1
-#: Odds (their logarithm) of the sign beyond which it is sure: 0.95.
-SURE_SIGN = math.log(0.95 / 0.05)
 
 
 class FoundLobes(list[Lobe]):
@@ -136,8 +124,8 @@ class Plane:
 
     Parameters
     ----------
-    frame : ndarray of shape (y, x)
-        One of the frames, for the sign.
+    frames : callable
+        ``frames()`` yields some frames (y, x) for the sign, the middle one first.
     spectra : list of ndarray of shape (y, x // 2 + 1)
         Transforms of all of them, windowed.
     half : ndarray of shape (y, x // 2 + 1)
@@ -152,7 +140,7 @@ class Plane:
         Where the wide window is brightest near each of them.
     """
 
-    frame: NDArray[np.float32]
+    frames: Callable[[], Iterator[NDArray[np.float32]]]
     spectra: list[NDArray[np.complex64]]
     half: NDArray[np.float64]
     wide: list[NDArray[np.complex64]]
@@ -332,7 +320,12 @@ def plane_of(rec: Recording, task: Task) -> Plane:
     wide = wide_spectra(rec, seen, frame, watch)
     wide_half = mean_power(wide)
     places = [brightest_near(peak.carrier, wide_half, rec.frame_shape) for peak in peaks]
-    return Plane(frame, spectra, half, wide, wide_half, rec.frame_shape, peaks, places)
+
+    def frames() -> Iterator[NDArray[np.float32]]:
+        yield frame
+        yield from (rec.frame(index) for index in dict.fromkeys((seen[0], seen[-1])))
+
+    return Plane(frames, spectra, half, wide, wide_half, rec.frame_shape, peaks, places)
 
 
 def wide_spectra(
@@ -406,7 +399,10 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
     together; where no beat is seen, each view answers for itself.
     """
     watch = Watch(len(lobes), "telling the signs")
-    evidence = list(in_threads(lambda lobe: sign_evidence(plane.frame, lobe), lobes, watch))
+    for frame in plane.frames():
+        evidence = list(in_threads(partial(sign_evidence, frame), lobes, watch))
+        if any(evidence):  # else there is no object in this frame, but there may be in another
+            break
     if not choice.beats_seen:
         return evidence
     sides = [
@@ -416,17 +412,6 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
     ]
     total = sum(side * each for side, each in zip(sides, evidence, strict=True))
     return [side * total for side in sides]
-
-
-def sign_doubts(evidence: Sequence[float]) -> list[str]:
-    """Say of which lobes the sign is a guess, where an object is seen."""
-    return [
-        "Whether a dense object is bright or dark here is a guess: if cells look like holes, "
-        "press Flip."
-        if 0 < abs(each) < SURE_SIGN
-        else ""
-        for each in evidence
-    ]
 
 
 def is_among(lobe: Lobe, others: Sequence[Lobe]) -> bool:
@@ -505,104 +490,3 @@ def lobe_extent(carrier: tuple[float, float], plane: Plane, noise: float, limit:
         if ring.size and np.median(ring) / np.log(2) < noise:
             return float(inner + step)
     return limit
-
-
-#: Pixels with less than this share of the median amplitude are left out.
-DARK_SHARE = 0.3
-#: The border that is compared with the whole, in pixels.
-BORDER = 3
-#: A field less than this across shows no more of an object than its border, in pixels.
-SMALLEST_SIDE = 5
-#: Its sign is a guess.
-NOT_ASKED = 1e-9
-#: Of larger fields the inner part of the lobe is looked at, about so many pixels of the spectrum
-#: across: signs need no detail.
-LARGEST_SIDE = 112
-#: What the clues add to the logarithm of the odds that dense is bright: skewness, and the height
-#: over the border in radians (arsinh of twice it) before and after curvature has been taken off.
-#: Fitted to random cells of 1.5 to 16 rad that cover 3 to 97 % of the field.
-SKEWNESS, HEIGHT, FLAT_HEIGHT = 0.5, 1.45, 1.5
-#: Where the clues of small and of large cells disagree, the small one's is taken if this share of
-#: the field is within so many radians of its median; in any case it is a guess.
-MOSTLY_EMPTY, FLAT_RAD, GUESS = 0.6, 0.8, 2.5
-#: No more skewness than this counts.
-MOST_SKEWNESS = 5.0
-#: Phase that deviates less than this from its median (rad, rms) shows no object.
-LEAST_PHASE_RAD = 0.17
-
-Field = NDArray[np.complex64]
-
-
-def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
-    """Return the logarithm of the odds that a dense object comes out bright in this lobe.
-
-    Parameters
-    ----------
-    frame : ndarray of shape (y, x)
-        Grey values.
-    lobe : Lobe
-        Where to look; not flipped.
-
-    Returns
-    -------
-    float
-        Above 0 if it is bright, below if it is dark; 0 where no object is seen. Next to 0 where
-        the field is too small to ask.
-    """
-    inner = replace(lobe, radius=min(lobe.radius, LARGEST_SIDE / (2 * max(frame.shape))))
-    return evidence_of(Demodulator(frame.shape, [inner])(frame)[0])
-
-
-def evidence_of(field: Field) -> float:
-    """Return `sign_evidence` of a field, which may still have its tilt."""
-    if min(field.shape) < SMALLEST_SIDE:
-        return NOT_ASKED
-    fit = Surface("powers", 2, field.shape).fit(field)
-    flat = field * np.exp(-1j * fit.surface)
-    edge = max(2, min(flat.shape) // 16)
-    inner = (slice(edge, -edge), slice(edge, -edge))
-    # Where there are no fringes the phase is noise, and may lie far off on either side.
-    seen = np.zeros(flat.shape, dtype=bool)
-    seen[inner] = np.abs(field[inner]) > DARK_SHARE * np.median(np.abs(field))
-    phase = skimage.restoration.unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
-    phase = np.asarray(phase[seen])
-    deviation = phase - np.median(phase)
-    scale = float(deviation.std())
-    if scale < LEAST_PHASE_RAD:
-        return 0.0
-    skewness = float(np.mean(deviation**3)) / scale**3
-    small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
-    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner])))
-    large = HEIGHT * float(np.arcsinh(2 * height_over_border(field[inner])))
-    if small * large >= 0:
-        return small + large
-    # A bent field looks like a cell that fills it, and such a cell like a bent field.
-    empty = float((np.abs(deviation) < FLAT_RAD).mean())
-    total = small if empty > MOSTLY_EMPTY and not fit.doubt else small + large
-    return float(np.clip(total, -GUESS, GUESS))
-
-
-def height_over_border(field: Field) -> float:
-    """Return the mean unwrapped phase less the median of its border, in radians.
-
-    Unwrapped by least squares (Ghiglia & Romero 1994), which no single wrong step throws off,
-    after the median slopes have been taken off.
-    """
-    phase = np.angle(field)
-    down, across = (wrapped(np.diff(phase, axis=axis)) for axis in (0, 1))
-    down -= np.median(down)
-    across -= np.median(across)
-    divergence = np.zeros(phase.shape)
-    divergence[:-1] += down
-    divergence[1:] -= down
-    divergence[:, :-1] += across
-    divergence[:, 1:] -= across
-    height, width = (2 * np.cos(np.pi * np.arange(n) / n) - 2 for n in phase.shape)
-    eigenvalues = height[:, None] + width[None, :]
-    eigenvalues[0, 0] = np.inf  # the mean stays open
-    unwrapped = scipy.fft.idctn(
-        scipy.fft.dctn(divergence, norm="ortho") / eigenvalues, norm="ortho"
-    )
-    border = np.ones(phase.shape, dtype=bool)
-    border[BORDER:-BORDER, BORDER:-BORDER] = False
-    return float(unwrapped.mean() - np.median(unwrapped[border]))

@@ -6,7 +6,7 @@ tiles; afterwards by the amplitude of their fields, which also tells fringes fro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -46,6 +46,11 @@ WEAK, STRONG, BAD_TILES, COLLAPSED = 0.04, 10.0, 0.15, 0.06
 APART, LINES = 3, 64
 #: ... and a tile is noise if it is so much less alike than usual; so is the frame, if most are.
 INCOHERENT, NOISE = 0.3, 0.4
+#: Noise is less alike to itself than this whatever others show (it measures 0.3 in small fields,
+#: 0.05 in large ones; weak fringes in noise 0.5 and more).
+ALIKE = 0.35
+#: Of the rows that are looked at, so manieth tell whether a frame is white, to this much.
+WHITE_ROWS, WHITE = 4, 0.06
 TINY = float(np.finfo(np.float64).tiny)
 #: Frames from which what all have in common is measured, and some of them that tell what is usual.
 STATIC_FRAMES, SAMPLE = 32, 9
@@ -63,10 +68,13 @@ class FrameLook:
         Mean squared difference of neighbouring pixels in each tile.
     reason : str
         Why it is lost whatever other frames show; empty if it is not.
+    white : bool
+        Whether it looks like noise of which each pixel is by itself.
     """
 
     strength: Tiles
     reason: str = ""
+    white: bool = False
 
 
 def plain_reason(frame: NDArray[np.generic]) -> str:
@@ -88,7 +96,23 @@ def look_at(frame: NDArray[np.generic]) -> FrameLook:
     rows = frame[::step][: len(below)].astype(np.float32)
     across, down = np.diff(rows, axis=1), below[:, 1:] - rows[:, 1:]
     strength = tiled(np.square(across, out=across)) + tiled(np.square(down, out=down))
-    return FrameLook(strength, plain_reason(frame))
+    return FrameLook(strength, plain_reason(frame), is_white(frame))
+
+
+def is_white(frame: NDArray[np.generic]) -> bool:
+    """Say whether a frame looks like white noise, by some of its rows.
+
+    A difference of neighbours and the next one share a pixel: in white noise their correlation is
+    -1/2, in fringes of k cycles per pixel it is cos 2 pi k. Those of a third look white too.
+    """
+    step = WHITE_ROWS * max(1, len(frame) // ROWS)
+    rows = [frame[i::step].astype(np.float32) for i in range(3)]
+    count = min(len(each) for each in rows)
+    first, second, third = (each[:count] for each in rows)
+    across, down, on = np.diff(first, axis=1), second - first, third - second
+    shared = float((across[:, 1:] * across[:, :-1]).sum() + (on * down).sum())
+    total = float(np.square(across[:, 1:]).sum() + np.square(down).sum())
+    return total > 0 and abs(shared / total + 0.5) < WHITE
 
 
 def tiled(values: NDArray[np.floating]) -> Tiles:
@@ -110,11 +134,14 @@ def lost_among(looks: Mapping[int, FrameLook]) -> dict[int, str]:
         What each frame shows, by its number.
     """
     lost = {index: look.reason for index, look in looks.items() if look.reason}
-    kept = {index: look.strength for index, look in looks.items() if not look.reason}
+    kept = {index: look for index, look in looks.items() if not look.reason}
     if kept:
-        usual = np.median(list(kept.values()), axis=0)
-        for index, strength in kept.items():
-            if reason := difference(strength, usual):
+        # Where most frames are dark, noise is all that they show, and not what is usual.
+        some = [look.strength for look in kept.values() if not look.white]
+        every = [look.strength for look in kept.values()]
+        usual = np.median(some if 0 < len(some) <= len(every) / 2 else every, axis=0)
+        for index, look in kept.items():
+            if reason := difference(look.strength, usual):
                 lost[index] = reason
     return dict(sorted(lost.items()))
 
@@ -250,6 +277,11 @@ class Fringes:
     power: Tiles
     coherence: Tiles
 
+    @property
+    def are_seen(self) -> bool:
+        """Whether every view shows more than noise."""
+        return bool((np.median(self.coherence, axis=(1, 2)) > ALIKE).all())
+
     def reason(self, usual: Fringes) -> str:
         """Say why a frame is lost where others are as usual; "" if it is not."""
         alike = self.coherence / np.maximum(usual.coherence, np.finfo(float).tiny)
@@ -334,20 +366,32 @@ def usual_fringes(
     """
     among = rec.sample_indices(STATIC_FRAMES)
     indices = among[:: max(1, len(among) // SAMPLE)]
-    watch = Watch(len(indices), "looking for lost frames", task.quiet)
+    watch = Watch(2 * len(indices), "looking for lost frames", task.quiet)
 
     def look(index: int) -> tuple[str, NDArray[np.complex64] | None]:
         reason = safe_look(rec, index).reason
         return reason, None if reason else demodulate(rec.raw_frame(index))
 
-    seen = dict(zip(indices, in_threads(look, indices, watch), strict=True))
-    known = {index: fields for index, (_, fields) in seen.items() if fields is not None}
+    def look_at_all(indices: Sequence[int]) -> None:
+        for index, found in zip(indices, in_threads(look, indices, watch), strict=True):
+            seen[index] = found
+            if found[1] is not None:
+                fringes[index] = fringes_of(found[1])
+
+    seen: dict[int, tuple[str, NDArray[np.complex64] | None]] = {}
+    fringes: dict[int, Fringes] = {}
+    look_at_all(indices)
+    if sum(each.are_seen for each in fringes.values()) <= len(indices) // 2:
+        # Light that is on in every second frame is in none or all of frames evenly apart.
+        look_at_all([i + 1 for i in indices if i + 1 < rec.n_frames and i + 1 not in seen])
+    known = {index: fields for index, (_, fields) in sorted(seen.items()) if fields is not None}
     if not known:
         raise ValueError(all_lost(rec.name, {i: reason for i, (reason, _) in seen.items()}))
-    fringes = {index: fringes_of(fields) for index, fields in known.items()}
+    # Where most frames are dark, they are not what is usual.
+    good = [each for each in fringes.values() if each.are_seen] or list(fringes.values())
     usual = Fringes(
-        np.median([each.power for each in fringes.values()], axis=0),
-        np.median([each.coherence for each in fringes.values()], axis=0),
+        np.median([each.power for each in good], axis=0),
+        np.median([each.coherence for each in good], axis=0),
     )
     kept = {i: fields for i, fields in known.items() if not fringes[i].reason(usual)}
     if not kept:

@@ -115,12 +115,13 @@ def shows_fringes(field: NDArray[np.complex64]) -> NDArray[np.bool_]:
     bright = float(np.quantile(size, BRIGHT))
     if bright == 0:
         return np.zeros(field.shape, dtype=bool)
+    alike = alike_around(field, size)
+    if float(np.quantile(alike, BRIGHT)) < ALIKE:  # of nothing but noise, some is bright as well
+        return np.zeros(field.shape, dtype=bool)
     local = scipy.ndimage.uniform_filter(size, WINDOW // 2)
-    seen: NDArray[np.bool_] = local >= DARK * bright
-    if not seen.all():
-        alike = np.minimum(*(alike_along(field, size, axis) for axis in (0, 1)))
-        seen |= (local >= FAINT * bright) & (alike > ALIKE)
-    return seen
+    found: NDArray[np.bool_] = local >= DARK * bright
+    found |= (local >= FAINT * bright) & (alike > ALIKE)
+    return found
 
 
 def is_noise(field: NDArray[np.complex64]) -> bool:
@@ -131,9 +132,13 @@ def is_noise(field: NDArray[np.complex64]) -> bool:
     field : ndarray of shape (y, x)
         Complex field of one view, which should be an empty field.
     """
-    size = np.abs(field)
-    alike = np.minimum(*(alike_along(field, size, axis) for axis in (0, 1)))
-    return bool(np.median(alike) < ALIKE)
+    return bool(np.median(alike_around(field, np.abs(field))) < ALIKE)
+
+
+def alike_around(field: NDArray[np.complex64], size: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return how alike a field is to itself round every pixel, along the worse axis."""
+    found: NDArray[np.float32] = np.minimum(*(alike_along(field, size, axis) for axis in (0, 1)))
+    return found
 
 
 def alike_along(

@@ -25,6 +25,7 @@ from napari_phase4d.holography.aberrations import terms_at
 from napari_phase4d.holography.emptyfield import fitted, joined_to_the_border, mode_phase, wrapped
 
 __all__ = [
+    "DARK_SHARE",
     "LEAST_SIDE",
     "LOOK_PIXELS",
     "Judgement",

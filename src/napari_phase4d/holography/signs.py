@@ -1,0 +1,143 @@
+"""Whether a dense object comes out bright or dark in a lobe: it or its conjugate is the view.
+
+The intensity is the same when all beams are conjugated, so that only the object can tell: a cell
+is denser than water. Two clues are added, each the better one where the other fails:
+
+* a small cell on an empty field gives a skewed histogram of unwrapped phase, its tail on the
+  cell's side;
+* a cell that fills the field lies higher than the border of the field, where it thins out.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import scipy
+import skimage
+from numpy.typing import NDArray
+
+from napari_phase4d.holography.background import Surface
+from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.emptyfield import wrapped
+from napari_phase4d.holography.lobes import Lobe
+from napari_phase4d.holography.surfaces import DARK_SHARE
+
+__all__ = ["evidence_of", "sign_doubts", "sign_evidence"]
+
+#: Odds (their logarithm) of the sign beyond which it is sure: 0.95.
+SURE_SIGN = math.log(0.95 / 0.05)
+#: The border that is compared with the whole, in pixels.
+BORDER = 3
+#: A field less than this across shows no more of an object than its border, in pixels.
+SMALLEST_SIDE = 5
+#: Its sign is a guess.
+NOT_ASKED = 1e-9
+#: Of larger fields the inner part of the lobe is looked at, about so many pixels of the spectrum
+#: across: signs need no detail.
+LARGEST_SIDE = 112
+#: What the clues add to the logarithm of the odds that dense is bright: skewness, and the height
+#: over the border in radians (arsinh of twice it) before and after curvature has been taken off.
+#: Fitted to random cells of 1.5 to 16 rad that cover 3 to 97 % of the field.
+SKEWNESS, HEIGHT, FLAT_HEIGHT = 0.5, 1.45, 1.5
+#: Where the clues of small and of large cells disagree, the small one's is taken if this share of
+#: the field is within so many radians of its median; in any case it is a guess.
+MOSTLY_EMPTY, FLAT_RAD, GUESS = 0.6, 0.8, 2.5
+#: No more skewness than this counts.
+MOST_SKEWNESS = 5.0
+#: Phase that deviates less than this from its median (rad, rms) shows no object, unless this
+#: share of it deviates by so many radians, and so many times as much as half of it does.
+LEAST_PHASE_RAD = 0.17
+SPOT_SHARE, SPOT_RAD, SPOT_NOISE = 0.002, 0.4, 6.0
+
+Field = NDArray[np.complex64]
+
+
+def sign_evidence(frame: NDArray[np.float32], lobe: Lobe) -> float:
+    """Return the logarithm of the odds that a dense object comes out bright in this lobe.
+
+    Parameters
+    ----------
+    frame : ndarray of shape (y, x)
+        Grey values.
+    lobe : Lobe
+        Where to look; not flipped.
+
+    Returns
+    -------
+    float
+        Above 0 if it is bright, below if it is dark; 0 where no object is seen. Next to 0 where
+        the field is too small to ask.
+    """
+    inner = replace(lobe, radius=min(lobe.radius, LARGEST_SIDE / (2 * max(frame.shape))))
+    return evidence_of(Demodulator(frame.shape, [inner])(frame)[0])
+
+
+def evidence_of(field: Field) -> float:
+    """Return `sign_evidence` of a field, which may still have its tilt."""
+    if min(field.shape) < SMALLEST_SIDE:
+        return NOT_ASKED
+    fit = Surface("powers", 2, field.shape).fit(field)
+    flat = field * np.exp(-1j * fit.surface)
+    edge = max(2, min(flat.shape) // 16)
+    inner = (slice(edge, -edge), slice(edge, -edge))
+    # Where there are no fringes the phase is noise, and may lie far off on either side.
+    seen = np.zeros(flat.shape, dtype=bool)
+    seen[inner] = np.abs(field[inner]) > DARK_SHARE * np.median(np.abs(field))
+    phase = skimage.restoration.unwrap_phase(np.ma.masked_array(np.angle(flat), ~seen))
+    phase = np.asarray(phase[seen])
+    deviation = phase - np.median(phase)
+    scale = float(deviation.std())
+    spot = float(np.quantile(np.abs(deviation), 1 - SPOT_SHARE))
+    clear = spot > max(SPOT_RAD, SPOT_NOISE * float(np.median(np.abs(deviation))))
+    if scale < LEAST_PHASE_RAD and not clear:
+        return 0.0
+    skewness = float(np.mean(deviation**3)) / scale**3
+    small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
+    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner])))
+    large = HEIGHT * float(np.arcsinh(2 * height_over_border(field[inner])))
+    if small * large >= 0:
+        return small + large
+    # A bent field looks like a cell that fills it, and such a cell like a bent field.
+    empty = float((np.abs(deviation) < FLAT_RAD).mean())
+    total = small if empty > MOSTLY_EMPTY and not fit.doubt else small + large
+    return float(np.clip(total, -GUESS, GUESS))
+
+
+def height_over_border(field: Field) -> float:
+    """Return the mean unwrapped phase less the median of its border, in radians.
+
+    Unwrapped by least squares (Ghiglia & Romero 1994), which no single wrong step throws off,
+    after the median slopes have been taken off.
+    """
+    phase = np.angle(field)
+    down, across = (wrapped(np.diff(phase, axis=axis)) for axis in (0, 1))
+    down -= np.median(down)
+    across -= np.median(across)
+    divergence = np.zeros(phase.shape)
+    divergence[:-1] += down
+    divergence[1:] -= down
+    divergence[:, :-1] += across
+    divergence[:, 1:] -= across
+    height, width = (2 * np.cos(np.pi * np.arange(n) / n) - 2 for n in phase.shape)
+    eigenvalues = height[:, None] + width[None, :]
+    eigenvalues[0, 0] = np.inf  # the mean stays open
+    unwrapped = scipy.fft.idctn(
+        scipy.fft.dctn(divergence, norm="ortho") / eigenvalues, norm="ortho"
+    )
+    border = np.ones(phase.shape, dtype=bool)
+    border[BORDER:-BORDER, BORDER:-BORDER] = False
+    return float(unwrapped.mean() - np.median(unwrapped[border]))
+
+
+def sign_doubts(evidence: Sequence[float]) -> list[str]:
+    """Say of which lobes the sign is a guess."""
+    return [
+        f"{'Whether' if each else 'No object is seen, so that whether'} a dense object is bright "
+        "or dark here is a guess: if cells look like holes, press Flip."
+        if abs(each) < SURE_SIGN
+        else ""
+        for each in evidence
+    ]
