@@ -141,6 +141,7 @@ BAD = [np.nan, np.inf, -np.inf, 1e30, -1e300]
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*1 frame of 3 left out as lost")
 @pytest.mark.parametrize("bad", BAD)
 @pytest.mark.parametrize("where", [(1, 5, 6), (1,)], ids=["one pixel", "one frame"])
 def test_frames_with_holes_are_left_out(bad: float, where: tuple[int, ...]) -> None:

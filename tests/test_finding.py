@@ -89,6 +89,20 @@ def test_interlace_ghost_is_no_view() -> None:
         p4d.find_lobes(rec, 2)
 
 
+@pytest.mark.parametrize(
+    ("n_views", "words"),
+    [
+        (None, "shows 0 carriers; place the lobes by hand"),
+        (1, "shows 0 carriers, but 1 view was asked for; place the lobes by hand"),
+        (2, "shows 0 carriers, but 2 views were asked for; place the lobes by hand"),
+    ],
+)
+def test_noise_shows_no_views_whatever_was_asked_for(n_views: int | None, words: str) -> None:
+    noise = np.random.default_rng(3).integers(0, 256, (4, 128, 128)).astype(np.uint8)
+    with pytest.raises(ValueError, match=f"{words}$"):
+        p4d.find_lobes(p4d.open_recording(noise), n_views)
+
+
 def test_harmonic_is_no_view() -> None:
     """A camera that saturates adds harmonics."""
     frames = video(((0.12, 0.05),)).holograms.values.astype(float)

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Callable
+from pathlib import Path
 
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from typer.testing import CliRunner
 
 import napari_phase4d as p4d
-from napari_phase4d.holography import lost_frames, lost_sentence, pair_distance
+from napari_phase4d.cli.app import app
+from napari_phase4d.holography import (
+    lost_frames,
+    lost_sentence,
+    pair_distance,
+    reconstruction_advice,
+)
 from napari_phase4d.recording import Recording
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 from napari_phase4d.unwrapping import methods_for
+from napari_phase4d.words import counted
 
 CARRIERS = ((0.19, 0.21), (-0.21, 0.19))
 Frame = NDArray[np.uint8]
+
+pytestmark = pytest.mark.filterwarnings("ignore:.*1 frame of 9 left out as lost")
 
 
 @pytest.fixture(scope="module")
@@ -91,6 +103,65 @@ def test_moving_cells_and_dimmer_light_are_not_lost(video: Recording) -> None:
     assert lost_frames(rec) == {}
     assert lost_sentence({}, 9) == ""
     assert p4d.reconstruct(rec, p4d.find_lobes(rec, 2)).attrs["lost_times"] == []
+
+
+@pytest.mark.parametrize(("lost", "warns"), [([3], False), ([3, 4], True), ([*range(1, 9)], True)])
+def test_scripts_are_warned_of_many_lost_frames(
+    video: Recording, lost: list[int], warns: bool
+) -> None:
+    frames = np.tile(video.holograms.values, (2, 1, 1))[:10]
+    lobes = p4d.find_lobes(p4d.open_recording(frames), 2)
+    frames[lost] = 0
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        data = p4d.reconstruct(p4d.open_recording(frames), lobes)
+    assert data.attrs["lost_times"] == lost
+    sentence = f"{counted(len(lost), 'frame')} of 10 left out as lost, first at time {lost[0]}"
+    words = [str(each.message) for each in said]
+    assert [each for each in words if each.endswith(sentence)] == words[: warns * 1]
+    assert reconstruction_advice(data.attrs, 10)[-1] == sentence
+    assert sentence not in reconstruction_advice(data.attrs)
+
+
+def test_the_command_says_lost_frames(video: Recording, tmp_path: Path) -> None:
+    frames = video.holograms.values.copy()
+    frames[4] = 0
+    np.save(tmp_path / "video.npy", frames)
+    call = ["run", str(tmp_path / "video.npy"), "--method", "spatial-2d", "--views", "2"]
+    said = CliRunner().invoke(app, [*call, "--out", str(tmp_path / "out")])
+    assert said.exit_code == 0, said.output
+    assert "1 frame of 9 left out as lost, first at time 4." in " ".join(said.output.split())
+
+
+@pytest.mark.parametrize(
+    ("share", "words"),
+    [
+        (0.31, ""),
+        (0.2, "is in view; check"),
+        (0.1, "and a frame keeps its drift; check"),
+    ],
+)
+def test_little_empty_field_is_said(share: float, words: str) -> None:
+    attrs = {"drift_removed": True, "background_share": share, "lost_times": []}
+    said = reconstruction_advice(attrs, 9)
+    assert [words in each for each in said] == [True] * bool(words)
+    assert reconstruction_advice({**attrs, "drift_removed": False}, 9) == []
+    assert reconstruction_advice({"drift_removed": True}) == []
+    (only,) = reconstruction_advice({**attrs, "without_fringes_percent": [60.0]}, 9)
+    assert "shows no fringes" in only  # which is why little is empty
+
+
+def test_scripts_are_warned_of_little_empty_field() -> None:
+    """Phase that goes through all turns in every view has no level that is more frequent."""
+    y = np.linspace(-1, 1, 256)
+    bent = 20 * (y[:, None] ** 2 + y**2)
+    exact = swimming_euglena((256, 256), 2, pixel_um=5.2 / 30)["phase"]
+    phase = exact.copy(data=np.broadcast_to(bent, exact.shape).astype(np.float32))
+    rec = multiplexed_video(phase, carriers=CARRIERS)
+    lobes = [p4d.Lobe(carrier, 0.08) for carrier in CARRIERS]
+    with pytest.warns(UserWarning, match="little empty field is in view"):
+        data = p4d.reconstruct(rec, lobes, background="none")
+    assert data.attrs["background_share"] < 0.3
 
 
 def test_every_method_goes_on_to_the_end(video: Recording) -> None:

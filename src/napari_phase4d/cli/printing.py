@@ -92,7 +92,8 @@ def print_notes(outcome: Outcome) -> None:
     """Say what had to be assumed, and what is left of the background."""
     if outcome.recording is not None:
         notes = list(outcome.recording.notes)
-        advice = reconstruction_advice(outcome.reconstruction.attrs)
+        data = outcome.reconstruction
+        advice = reconstruction_advice(data.attrs, data.sizes["time"])
         notes += [f"{each[0].upper()}{each[1:]}." for each in advice]
     else:
         notes = list(outcome.reconstruction["phase"].attrs.get("notes", ()))

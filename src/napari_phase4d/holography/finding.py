@@ -226,7 +226,7 @@ def find_lobes(
     plane = plane_of(rec, task)
     plain = sum(peak.is_plain for peak in plane.peaks)
     if not plain or len(plane.peaks) < (n_views or 1):
-        raise ValueError(too_few(rec.name, plain, n_views or 1))
+        raise ValueError(too_few(rec.name, plain, n_views))
     halves = ((plane.half, len(plane.spectra)), (plane.wide_half, len(plane.wide)))
     looks = clues_of(plane.peaks, plane.places, halves, plane.spectra, plane.shape)
     found = choices(looks, MAX_VIEWS if n_views is None else min(n_views + 1, MAX_VIEWS))
@@ -237,7 +237,7 @@ def find_lobes(
     if second and (n_views is None or others[0].chance > LEAST_CHANCE):
         best, others = others[0], []  # which of two counts is the one that may be
     if not can_be(best, plane.peaks):
-        raise ValueError(too_few(rec.name, plain, len(best.views)))
+        raise ValueError(too_few(rec.name, plain, n_views))
     lobes, signs = lobes_of(best, plane, angles_deg, radius, orient=orient)
     doubts = list(number_doubts(n_views, likely, chances))
     if doubts and likely < (n_views or 0):  # one of them may be the beat of two others
@@ -419,13 +419,14 @@ def is_among(lobe: Lobe, others: Sequence[Lobe]) -> bool:
     return any(pair_distance(lobe.carrier, other.carrier) < lobe.radius for other in others)
 
 
-def too_few(name: str, found: int, wanted: int) -> str:
-    """Say that fewer carriers can be seen than views were asked for, and what to do."""
-    instead = {0: "", 1: "ask for 1 view, or "}.get(found, f"ask for {found} views, or ")
-    return (
-        f"{name} shows {counted(found, 'carrier')}, but {wanted} views were asked for; {instead}"
-        "place the lobes by hand"
-    )
+def too_few(name: str, found: int, wanted: int | None) -> str:
+    """Say that fewer carriers can be seen than there should be views, and what to do."""
+    seen = f"{name} shows {counted(found, 'carrier')}"
+    if wanted is None:
+        return f"{seen}{' that no views fit' if found else ''}; place the lobes by hand"
+    asked = f"{counted(wanted, 'view')} {'was' if wanted == 1 else 'were'}"
+    instead = f"ask for {counted(found, 'view')}, or " if found else ""
+    return f"{seen}, but {asked} asked for; {instead}place the lobes by hand"
 
 
 def number_doubts(wanted: int | None, likely: int, chances: NDArray[np.float64]) -> Iterable[str]:

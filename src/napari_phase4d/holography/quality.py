@@ -10,15 +10,19 @@ import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.demodulation import Demodulator
+from napari_phase4d.holography.emptyfield import ENOUGH_BACKGROUND
 from napari_phase4d.later import xr
 from napari_phase4d.stacks import AXES
+from napari_phase4d.words import counted
 
 __all__ = [
+    "empty_advice",
     "fringe_advice",
     "fringe_contrast",
     "fringe_mask",
     "fringe_visibility",
     "is_noise",
+    "lost_advice",
     "shows_fringes",
 ]
 
@@ -33,6 +37,9 @@ ALIKE, DARK, FAINT, BRIGHT = 0.5, 0.25, 0.05, 0.9
 FAINTEST = 0.004
 #: From so many percent of a view on it is worth a warning.
 MUCH_PERCENT = 5.0
+#: Share of empty field below which its level is not to be relied on: so many pixels lie near any
+#: level where all phases are as frequent.
+LITTLE_EMPTY = 0.3
 
 
 def fringe_contrast(frame: NDArray[np.floating]) -> float:
@@ -207,3 +214,41 @@ def fringe_advice(attrs: Mapping[str, Any]) -> str:
         return ""
     views = " and ".join(f"{percent:.0f} % of view {i + 1}" for i, percent in much)
     return f"{views} shows no fringes: the phase there is noise"
+
+
+def empty_advice(attrs: Mapping[str, Any]) -> str:
+    """Say that a frame of a reconstruction shows little empty field; "" if none does.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a reconstruction.
+    """
+    share = attrs.get("background_share", 1.0)
+    if not attrs.get("drift_removed") or share >= LITTLE_EMPTY:
+        return ""
+    kept = ", and a frame keeps its drift" if share < ENOUGH_BACKGROUND else ""
+    return f"little empty field is in view{kept}; check that the background is at 0"
+
+
+def lost_advice(attrs: Mapping[str, Any], n_frames: int, most: float = 0.0) -> str:
+    """Say how many frames of a reconstruction are lost; "" if none is.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a reconstruction.
+    n_frames : int
+        How many frames there are.
+    most : float, optional
+        Share of them that is not worth a word.
+
+    Examples
+    --------
+    >>> lost_advice({"lost_times": [1]}, 3)
+    '1 frame of 3 left out as lost, first at time 1'
+    """
+    lost = attrs.get("lost_times", ())
+    if len(lost) <= most * n_frames:
+        return ""
+    return f"{counted(len(lost), 'frame')} of {n_frames} left out as lost, first at time {lost[0]}"

@@ -38,7 +38,13 @@ from napari_phase4d.holography.lobes import (
     with_wavelengths,
 )
 from napari_phase4d.holography.lost import STATIC_FRAMES, all_lost, usual_fringes
-from napari_phase4d.holography.quality import fringe_advice, fringe_visibility, shows_fringes
+from napari_phase4d.holography.quality import (
+    empty_advice,
+    fringe_advice,
+    fringe_visibility,
+    lost_advice,
+    shows_fringes,
+)
 from napari_phase4d.holography.refocusing import fields_walked, refocus_advice
 from napari_phase4d.holography.tilts import tilt_advice
 from napari_phase4d.later import xr
@@ -65,6 +71,9 @@ MOST_FOCUS_PIXELS = 4_000_000
 
 #: Frames that are looked at for pixels without fringes.
 FRINGE_FRAMES = 3
+
+#: A script is not warned of lost frames up to this share of all.
+FEW_LOST = 0.1
 
 #: Micrometres, "auto" to find the focus, None to stay in the camera's plane.
 Refocus = float | Literal["auto"] | None
@@ -149,6 +158,11 @@ def reconstruct(
         coordinate ``wavelength`` along the angle holds that of each view in micrometres;
         elsewhere ``attrs["wavelength_um"]`` holds that of all.
 
+        Frames that the camera lost are NaN in both; ``attrs["lost_times"]`` lists them.
+        ``attrs["background_share"]`` is the smallest share of pixels near the level of the empty
+        field in the views of all other frames, 1 if ``drift`` is off. It is 0.25 where phases of
+        all turns are as frequent; below 0.15 a view keeps its drift.
+
     Raises
     ------
     ValueError
@@ -174,6 +188,9 @@ def reconstruct(
         If more than 5 % of a view show no fringes in most frames, so that their phase is noise;
         `napari_phase4d.holography.fringe_mask` marks them.
         ``attrs["without_fringes_percent"]`` has the share.
+    UserWarning
+        If more than a tenth of the frames are lost, or less than 0.3 of a view of any other frame
+        looks like empty field.
 
     See Also
     --------
@@ -207,16 +224,21 @@ def reconstruct(
         warn(doubt)
     for advice in reconstruction_advice(work.attrs):
         warn(f"{rec.name}: {advice}")
-    return reconstruct_frames(work, rec, task)
+    data = reconstruct_frames(work, rec, task)
+    for advice in frames_advice(data.attrs, rec.n_frames, FEW_LOST):
+        warn(f"{rec.name}: {advice}")
+    return data
 
 
-def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
+def reconstruction_advice(attrs: Mapping[str, Any], n_frames: int = 0) -> list[str]:
     """Return what is to be looked after in a reconstruction, by its notes; each part a sentence.
 
     Parameters
     ----------
     attrs : mapping
         The notes of a reconstruction.
+    n_frames : int, optional
+        How many frames there are; default: what is to be said of single frames is not known yet.
     """
     every = (
         background_advice(attrs),
@@ -225,6 +247,18 @@ def reconstruction_advice(attrs: Mapping[str, Any]) -> list[str]:
         fringe_advice(attrs),
         refocus_advice(attrs),
     )
+    of_frames = frames_advice(attrs, n_frames) if n_frames else []
+    return [advice for advice in every if advice] + of_frames
+
+
+def frames_advice(attrs: Mapping[str, Any], n_frames: int, few_lost: float = 0.0) -> list[str]:
+    """Return what is to be looked after in single frames of a reconstruction; see above.
+
+    That little is empty field says nothing more where a background is left, or there are no
+    fringes. Lost frames are not worth a word up to a share ``few_lost`` of all.
+    """
+    told = background_advice(attrs) or fringe_advice(attrs)
+    every = ("" if told else empty_advice(attrs), lost_advice(attrs, n_frames, few_lost))
     return [advice for advice in every if advice]
 
 

@@ -105,13 +105,13 @@ class Found:
         Its pixels.
     centres : ndarray of shape (time, angle, 2)
         Centre of the object in pixels, NaN where there is none.
-    smooth_left_out : float
-        Mean share of the field that is no part of the object though its phase is smooth, not flat.
+    smooth_left_out : ndarray of shape (time, angle)
+        Share of the field that is no part of the object though its phase is smooth and not flat.
     """
 
     object: Stack
     centres: NDArray[np.float64]
-    smooth_left_out: float
+    smooth_left_out: NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -265,7 +265,7 @@ def found_in(
     work = FindBlock(problem.given, turns, found, problem.finds_mask)
     each = problem.each(work, "finding the object", task)
     centres, shares = (np.concatenate([block[i] for block in each]) for i in (0, 1))
-    return Found(found, centres, float(shares.mean()))
+    return Found(found, centres, shares)
 
 
 def object_in(wrapped: Phase) -> Mask:

@@ -230,12 +230,12 @@ class Causal:
         self._left_out: list[NDArray[np.float64]] = []
 
     @property
-    def smooth_left_out(self) -> float:
-        """Mean share that "object only" leaves out though it is smooth, see `Found`."""
+    def smooth_left_out(self) -> NDArray[np.float64]:
+        """Share of each frame that "object only" leaves out though it is smooth, see `Found`."""
         if not self.finds_mask or not self._left_out:
-            return 0.0
+            return np.zeros((0, 0))
         self._left_out = [np.concatenate(self._left_out)]
-        return float(self._left_out[0].mean())
+        return self._left_out[0]
 
     def more(
         self, wrapped: NDArray[np.float32], cancelled: CancelledCall | None = None

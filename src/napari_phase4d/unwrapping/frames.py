@@ -203,12 +203,13 @@ LARGEST_BORDER_SHARE = 0.5
 WIDEN = 2
 #: What is left out is looked at on every so-manieth row and column.
 THIN = 2
-#: Phase is not flat so far from the level of what is left out, and smooth where it lies so near to
-#: its surroundings, both in radians ...
-NOT_FLAT_RAD, SMOOTH_RAD = 1.0, 0.5
-#: ... in so large a share of them.
-MOSTLY = 0.8
-#: From so many percent of the field on it is worth a warning.
+#: Phase is not flat so many radians from the level of what is left out. Whole turns do not count:
+#: noise lifts patches of an empty field by them.
+NOT_FLAT_RAD = 1.0
+#: It is smooth where the mean cosine of its difference from its surroundings is larger. Noise of
+#: 0.7 rad leaves 0.8 of it, noise of a whole turn next to nothing, and a slope does not count.
+SMOOTH_COSINE = 0.7
+#: From so many percent of the field of any frame on it is worth a warning.
 MUCH_LEFT_OUT_PERCENT = 10.0
 
 
@@ -258,22 +259,36 @@ def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_
         return 0.0
     phase = unwrapped[::THIN, ::THIN]
     soft = running_mean(phase, 3)
-    uneven = out & (np.abs(soft - middle(soft[out])) > NOT_FLAT_RAD)
+    uneven = out & (np.cos(soft - middle(soft[out])) < np.cos(NOT_FLAT_RAD))
     if not uneven.any():
         return 0.0
-    near = (np.abs(phase - soft) < SMOOTH_RAD).astype(np.float32)
-    uneven &= running_mean(near, 5) > MOSTLY
+    uneven &= running_mean(np.cos(phase - soft), 5) > SMOOTH_COSINE
     return float(uneven.mean())
 
 
-def left_out_note(share: float) -> dict[str, Any]:
-    """Return what a result notes of the share left out; nothing if there is none."""
-    percent = round(100 * share, 1)
-    return {"smooth_left_out_percent": percent} if percent else {}
+def left_out_note(shares: NDArray[np.float64]) -> dict[str, Any]:
+    """Return what a result notes of the shares left out; nothing if there are none.
+
+    Parameters
+    ----------
+    shares : ndarray of shape (time, angle)
+        Of each frame, see `smooth_share_left_out`; may be empty.
+    """
+    if not shares.size:
+        return {}
+    percents = np.round(100 * shares, 1)
+    mean, much = round(100 * float(shares.mean()), 1), percents > MUCH_LEFT_OUT_PERCENT
+    note: dict[str, Any] = {"smooth_left_out_percent": mean} if mean or much.any() else {}
+    if much.any():  # a mean over many frames hides the few in which all is lost
+        note["smooth_left_out_most_percent"] = float(percents.max())
+        note["smooth_left_out_frames"] = np.argwhere(much).tolist()
+    return note
 
 
 def left_out_advice(attrs: Mapping[str, Any]) -> str:
     """Say that a mask found by itself leaves out much that may be measured; "" if it does not.
+
+    It is said if it does so in any frame.
 
     Parameters
     ----------
@@ -282,15 +297,23 @@ def left_out_advice(attrs: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> left_out_advice({"smooth_left_out_percent": 31.2})[:46]
-    '"object only" leaves out 31 % of the field tho'
+    >>> notes = {"smooth_left_out_most_percent": 66.2, "smooth_left_out_frames": [[3, 0]]}
+    >>> left_out_advice(notes)[:57]
+    '"object only" leaves out 66 % of the field at time 3 thou'
     """
-    percent = attrs.get("smooth_left_out_percent", 0.0)
-    if percent <= MUCH_LEFT_OUT_PERCENT:
+    frames = attrs.get("smooth_left_out_frames", [])
+    if not len(frames):
         return ""
+    time, view = frames[0]
+    first = f"time {time}, view {view + 1}" if view else f"time {time}"
+    percent = f"{attrs['smooth_left_out_most_percent']:.0f} % of the field"
+    if len(frames) == 1:
+        where = f"{percent} at {first}"
+    else:
+        where = f"up to {percent} in {len(frames)} frames, the first at {first},"
     return (
-        f'"object only" leaves out {percent:.0f} % of the field though its phase there is smooth '
-        "and not flat: try the whole field"
+        f'"object only" leaves out {where} though its phase there is smooth and not flat: '
+        "try the whole field"
     )
 
 

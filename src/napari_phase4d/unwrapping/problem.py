@@ -402,15 +402,18 @@ class Problem(SharedSteps):
         turns = self.alone(task)
         return self.once(OBJECT, lambda: found_in(self, turns, task))
 
-    def smooth_left_out(self) -> float:
-        """Return the share left out of an object that was found though it is smooth, not flat.
+    def smooth_left_out(self) -> NDArray[np.float64]:
+        """Return the share of each frame that is left out though it is smooth and not flat.
 
-        It is looked at where the object is looked for; 0 if that has not been done.
+        It is looked at where the object is looked for; 0 where that has not been done.
         """
+        shares = np.zeros(self.given.shape[:2])
         if self.finds_mask and self.knows("parts") and self.parts():
-            shares = [len(views) * part.smooth_left_out() for views, part in self.parts()]
-            return sum(shares) / self.given.shape[1]
-        return self.found().smooth_left_out if self.finds_mask and self.knows(OBJECT) else 0.0
+            for views, part in self.parts():
+                shares[:, list(views)] = part.smooth_left_out()
+        elif self.finds_mask and self.knows(OBJECT):
+            shares = self.found().smooth_left_out
+        return shares
 
     def shifts(
         self, progress: ProgressCall | None = None, cancelled: CancelledCall | None = None

@@ -101,8 +101,10 @@ def unwrap(
     UserWarning
         If the phase looks like degrees, turns, camera frames, or unwrapped phase.
     UserWarning
-        If the object that "auto" finds leaves out more than 10 % of the field where the phase is
-        smooth and not flat. ``attrs["smooth_left_out_percent"]`` says how much.
+        If the object that "auto" finds leaves out more than 10 % of the field of any frame where
+        the phase is smooth and not flat. ``attrs["smooth_left_out_frames"]`` lists these frames
+        (time, angle), ``attrs["smooth_left_out_most_percent"]`` says how much of the worst one,
+        ``attrs["smooth_left_out_percent"]`` how much of all frames.
 
     See Also
     --------

@@ -201,8 +201,6 @@ class Step(QWidget):  # type: ignore[misc]
 MANY_SATURATED, WEAK_FRINGES = 0.001, 0.05
 #: Views of fewer pixels along a side show hardly anything.
 FEW_PIXELS = 12
-#: Share of empty field below which its level is not to be relied on.
-LITTLE_EMPTY = 0.3
 
 
 class Seen(NamedTuple):
@@ -285,15 +283,8 @@ def doubts_of_reconstruction(data: xr.Dataset) -> list[str]:
         doubts.append(f"{few}: the circles in step 2 may be too small.")
     if attrs.get("focus_at_the_end"):
         doubts.append("The focus was found at the end of the search; it may lie beyond.")
-    if attrs.get("drift_removed") and attrs["background_share"] < LITTLE_EMPTY:
-        doubts.append("Little empty field is in view; check that the background is at 0.")
-    advice = (each.replace(" um", " µm") for each in reconstruction_advice(attrs))
+    advice = (each.replace(" um", " µm") for each in reconstruction_advice(attrs, n_times))
     doubts += [f"{each[0].upper()}{each[1:]}." for each in advice]
-    if attrs.get("lost_times"):
-        count, first = len(attrs["lost_times"]), attrs["lost_times"][0]
-        doubts.append(
-            f"{counted(count, 'frame')} of {n_times} left out as lost, first at time {first}."
-        )
     angles = data["angle"].values
     if len(angles) > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
         listed = ", ".join(f"{a:g}°" for a in angles)
