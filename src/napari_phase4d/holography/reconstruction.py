@@ -257,7 +257,7 @@ def frames_advice(attrs: Mapping[str, Any], n_frames: int, few_lost: float = 0.0
     That little is empty field says nothing more where a background is left, or there are no
     fringes. Lost frames are not worth a word up to a share ``few_lost`` of all.
     """
-    told = background_advice(attrs) or fringe_advice(attrs)
+    told = background_advice(attrs) or fringe_advice(attrs) or tilt_advice(attrs)
     every = ("" if told else empty_advice(attrs), lost_advice(attrs, n_frames, few_lost))
     return [advice for advice in every if advice]
 
