@@ -271,13 +271,59 @@ def test_tilt_of_single_frames_is_taken_off_on_request() -> None:
     exact = p4d.reconstruct(recorded(cells, bits=12), [LOBE], background="none")["phase"].values
     left = {}
     for tilt_per_frame in (False, True):
-        data = p4d.reconstruct(recorded(moved), [LOBE], tilt_per_frame=tilt_per_frame)
+        with warnings.catch_warnings(record=True) as said:
+            warnings.simplefilter("always")
+            data = p4d.reconstruct(recorded(moved), [LOBE], tilt_per_frame=tilt_per_frame)
+        assert len(said) == (not tilt_per_frame)
         assert data.attrs["tilt_per_frame"] is tilt_per_frame
         error = wrap(data["phase"].values - exact)[..., 3:-3, 3:-3]
         error -= np.median(error, axis=(2, 3), keepdims=True)
         left[tilt_per_frame] = float(np.sqrt(np.mean(wrap(error) ** 2)))
     assert left[False] > 0.5
     assert left[True] < 0.05
+
+
+def tilting(phase: np.ndarray, n_times: int, sd: float, seed: int) -> list[np.ndarray]:
+    """The same in each frame but for its tilt."""
+    y, x = np.meshgrid(*(np.linspace(-1, 1, n) for n in phase.shape), indexing="ij")
+    tilts = np.random.default_rng(seed).normal(0, sd, (n_times, 2))
+    return [phase + a * y + b * x for a, b in tilts]
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("background", ["curvature", "polynomial"])
+def test_surfaces_are_fitted_to_frames_that_are_levelled(background: str, seed: int) -> None:
+    """A cell over 17 % of frames that tilt, sd 3 rad; warnings are errors here."""
+    cell = ellipsoid(0.17, (0.1, 0.0), 5.0)
+    exact = p4d.reconstruct(recorded([cell], bits=12), [LOBE], background="none")["phase"].values
+    video = recorded(tilting(cell, 12, 3.0, seed), curvature_rad=4.0)
+    data = p4d.reconstruct(video, [LOBE], background=background, tilt_per_frame=True)
+    error = wrap(data["phase"].values - exact)[..., 3:-3, 3:-3]
+    error = wrap(error - np.median(error, axis=(2, 3), keepdims=True))
+    assert np.sqrt(np.mean(error**2, axis=(1, 2, 3))).max() < 0.15
+
+
+@pytest.mark.parametrize(("sd", "seed"), [(1.0, 3), (3.0, 3), (3.0, 4)])
+def test_tilt_that_differs_from_frame_to_frame_is_told(sd: float, seed: int) -> None:
+    frames = tilting(ellipsoid(0.17, (0.1, 0.0), 5.0), 12, sd, seed)
+    tilts = [frame - np.mean(frames, axis=0) for frame in frames]
+    with warnings.catch_warnings(record=True) as said:
+        warnings.simplefilter("always")
+        data = p4d.reconstruct(recorded(frames), [LOBE])
+    assert any("tick Tilt (tilt_per_frame=True)" in str(each.message) for each in said)
+    truth = np.median([tilt.std() for tilt in tilts])
+    assert data.attrs["frame_tilt_left_rad"] == [pytest.approx(truth, rel=0.3)]
+    data = p4d.reconstruct(recorded(frames), [LOBE], tilt_per_frame=True)  # errors here
+    assert "frame_tilt_left_rad" not in data.attrs
+
+
+@pytest.mark.parametrize("peak", [3.0, 8.0])
+@pytest.mark.parametrize("cover", [0.1, 0.3, 0.5])
+def test_objects_that_move_are_no_tilts(cover: float, peak: float) -> None:
+    places = np.random.default_rng(5).uniform(-0.6, 0.6, (8, 2))
+    cells = [ellipsoid(cover, (y, x), peak) for y, x in places]
+    data = p4d.reconstruct(recorded(cells, drift_rad=1.0), [LOBE])  # warnings are errors here
+    assert max(data.attrs["frame_tilt_left_rad"]) < 0.1
 
 
 def test_frame_without_empty_field_keeps_the_common_tilt() -> None:

@@ -189,6 +189,53 @@ def test_references_and_fits_leave_it_out(video: Recording) -> None:
         np.testing.assert_array_equal(there["phase"].values[1:], without["phase"].values)
 
 
+def with_lost(rec: Recording, lost: dict[int, Callable[[Frame], Frame]]) -> Recording:
+    frames = rec.holograms.values.astype("f4")
+    for index, loss in lost.items():
+        frames[index] = loss(frames[index])
+    return p4d.open_recording(frames)
+
+
+def unknown(frame: Frame) -> Frame:
+    return np.full_like(frame, np.nan, dtype="f4")
+
+
+@pytest.mark.parametrize("ends", [(unknown, unknown), (np.zeros_like, garbage)])
+def test_lost_frames_do_not_move_the_focus(
+    video: Recording, ends: tuple[Callable[[Frame], Frame], ...]
+) -> None:
+    lobes = p4d.find_lobes(video, n_views=2)
+    lost = with_lost(video, dict(zip((0, 8), ends, strict=True)))
+    known = p4d.open_recording(video.holograms.values[[1, 3, 5, 7]])
+    lost_um, known_um = (
+        p4d.reconstruct(rec, lobes, refocus_um="auto").attrs["refocus_um"] for rec in (lost, known)
+    )
+    assert lost_um == pytest.approx(known_um, abs=0.02)
+
+
+@pytest.mark.parametrize("loss", [unknown, np.zeros_like, garbage, torn_rows])
+def test_a_reference_recording_is_averaged_without_its_lost_frames(
+    video: Recording, loss: Callable[[Frame], Frame]
+) -> None:
+    lobes = p4d.find_lobes(video, n_views=2)
+    known = p4d.open_recording(np.delete(video.holograms.values, [0, 5], axis=0))
+    lost = with_lost(video, {0: loss, 5: loss})
+    of_lost, of_known = (
+        p4d.reconstruct(video, lobes, reference)["phase"].values for reference in (lost, known)
+    )
+    np.testing.assert_array_equal(of_lost, of_known)
+
+
+@pytest.mark.parametrize("loss", [unknown, np.zeros_like])
+def test_a_reference_of_lost_frames_only_is_refused_in_words(
+    video: Recording, loss: Callable[[Frame], Frame]
+) -> None:
+    lobes = p4d.find_lobes(video, n_views=2)
+    lost = with_lost(video, dict.fromkeys(range(9), loss))
+    with pytest.raises(ValueError, match="no frame of the array shows fringes: frame 0 is"):
+        p4d.reconstruct(video, lobes, lost)
+
+
 DARK = {
     "every second": np.arange(20) % 2 == 0,
     "the first six of ten": np.arange(10) < 6,
@@ -214,3 +261,13 @@ def test_dark_frames_are_lost_even_where_most_are(pattern: str, level: int) -> N
         found = p4d.reconstruct(rec, lobes)
     assert found.attrs["lost_times"] == np.flatnonzero(dark).tolist()
     assert np.isfinite(found["phase"].values[~dark]).all()
+
+
+def test_light_between_the_frames_that_are_sampled_is_enough(video: Recording) -> None:
+    """Of 63 frames 32 evenly apart are all dark."""
+    frames = video.holograms.values[np.arange(63) % 9, :128, :128].copy()
+    frames[::2] = 0
+    rec = p4d.open_recording(frames)
+    lobes = p4d.find_lobes(video, n_views=2)
+    data = p4d.reconstruct(rec, lobes, p4d.open_recording(frames), refocus_um="auto")
+    assert data.attrs["lost_times"] == list(range(0, 63, 2))

@@ -19,8 +19,9 @@ from napari_phase4d.holography.background import (
 )
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import background_offset
-from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames
+from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames, usual_fringes
 from napari_phase4d.holography.quality import is_noise
+from napari_phase4d.holography.tilts import TiltsBetween
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.stacks import PLAIN_AXES, looks_wrapped
@@ -63,11 +64,14 @@ def corrections(
     lost: LostFrames,
     seen: dict[int, Fields],
     task: Task,
+    *,
+    tilt_per_frame: bool,
 ) -> Corrections:
     """Return what to multiply the fields of all frames by, and what the background was.
 
     It divides by the reference and takes off the phase that the empty field has in all frames.
-    The fields of frames seen already are used up.
+    Where each frame loses its own tilt afterwards, what they have in common is measured on frames
+    that are levelled to the first of them. The fields of frames seen already are used up.
 
     Raises
     ------
@@ -78,17 +82,18 @@ def corrections(
     factor = np.ones((1, 1, 1), dtype=np.complex64)
     by_median = isinstance(reference, str) and reference == "median"
     if reference is not None and not by_median:
-        divisor = demodulate(reference_frame(rec, reference))
+        divisor = demodulate(reference_frame(rec, reference, demodulate, task))
         if any(is_noise(field) for field in divisor):
             raise ValueError(NO_FRINGES)
         factor = inverse(divisor)
-    each = static_fields(rec, demodulate, lost, seen, task)
+    tilts = TiltsBetween(demodulate.output_shape, tilt_per_frame)
+    each = tilts.seen(static_fields(rec, demodulate, lost, seen, task))
     if by_median:
         static = np.stack(list(each))
         factor = inverse(median_fields(static))
         each = iter(static)
     if not order:
-        return Corrections(factor, [], [], [])
+        return Corrections(factor, [], [], [], [])
     means = mean_fields(fields if reference is None else fields * factor for fields in each)
     fits = fitted_views(rec.name, means, background, Surface(kind, order, means.shape[1:]), task)
     surfaces = np.stack([fit.surface for fit, _ in fits])
@@ -98,6 +103,7 @@ def corrections(
         [fit.coefficients for fit, _ in fits],
         [left for _, left in fits],
         [view for view, (fit, _) in enumerate(fits) if background == "curvature" and fit.unsure],
+        [] if tilt_per_frame else tilts.left_rad(),
     )
 
 
@@ -136,12 +142,25 @@ class Corrections:
         For each view what is left in its empty field, in radians rms; empty likewise.
     unsure : list of int
         The views whose fitted curvature may be the object's.
+    tilt_left_rad : list of float
+        For each view how far frames tilt against each other, in radians rms; empty if that is
+        taken off each of them.
     """
 
     factor: NDArray[np.complex64]
     coefficients: list[NDArray[np.float64]]
     left_rad: list[float]
     unsure: list[int]
+    tilt_left_rad: list[float]
+
+    def notes(self) -> dict[str, Any]:
+        """Return what to note of what is left and doubted, as far as there is any."""
+        notes = {
+            "background_left_rad": [round(left, 6) for left in self.left_rad],
+            "frame_tilt_left_rad": [round(left, 6) for left in self.tilt_left_rad],
+            "curvature_unsure": self.unsure,
+        }
+        return {name: values for name, values in notes.items() if values}
 
 
 def refusal(doubt: str, view: int, name: str) -> str:
@@ -196,7 +215,8 @@ def static_fields(
     task: Task,
 ) -> Iterator[Fields]:
     """Yield the fields (view, y, x) of some frames that are not lost, over the recording."""
-    indices = rec.sample_indices(STATIC_FRAMES)
+    # All of those evenly apart may be dark, where light is on in every second frame.
+    indices = sorted({*rec.sample_indices(STATIC_FRAMES), *seen})
     watch = Watch(len(indices), "look at the background", task.quiet)
 
     def fields(index: int) -> Fields | None:
@@ -250,8 +270,10 @@ def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
     return middle
 
 
-def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]:
-    """Return the frame of the reference: the mean, if it is a recording of several."""
+def reference_frame(
+    rec: Recording, reference: Reference, demodulate: Demodulator, task: Task
+) -> NDArray[np.generic]:
+    """Return the frame of the reference: the mean of those not lost, if it is a recording."""
     if isinstance(reference, bool) or is_table(reference):
         what = "a frame number, an array or a Recording"
         msg = f"reference must be {what}, but is {shown(reference)}"
@@ -282,10 +304,30 @@ def reference_frame(rec: Recording, reference: Reference) -> NDArray[np.generic]
             f"but the frames are {rec.frame_shape}"
         )
         raise ValueError(msg)
-    total = np.zeros(rec.frame_shape)
-    for frame in recording.frames():
-        total += frame
-    return (total / recording.n_frames).astype(np.float32)
+    return mean_frame(recording, demodulate, task)
+
+
+def mean_frame(rec: Recording, demodulate: Demodulator, task: Task) -> NDArray[np.float32]:
+    """Return the mean of the frames that are not lost; one alone as it is."""
+    if rec.n_frames == 1:
+        return rec.frame(0)
+    # It refuses what has no frame that is not lost.
+    lost, _ = usual_fringes(rec, demodulate, task)
+
+    def seen(index: int) -> NDArray[np.float32] | None:
+        try:
+            frame = rec.raw_frame(index)
+        except BrokenFrameError:
+            return None
+        return None if lost.reason(frame, demodulate(frame)) else frame.astype(np.float32)
+
+    total, count = np.zeros(rec.frame_shape), 0
+    watch = Watch(rec.n_frames, "look at the reference", task.quiet)
+    for frame in in_threads(seen, range(rec.n_frames), watch):
+        if frame is not None:
+            total += frame
+            count += 1
+    return (total / count).astype(np.float32)
 
 
 def in_order_of_axes(reference: xr.DataArray) -> NDArray[np.generic]:

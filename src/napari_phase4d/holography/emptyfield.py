@@ -294,14 +294,17 @@ class FrameTilt:
     def take_off(self, fields: NDArray[np.complex64]) -> None:
         """Take the tilt off the fields of all views of a frame, (view, y, x), in place."""
         for field in fields:
-            along_y, along_x = self.of(field)
-            if along_y or along_x:
-                rows, columns = (
-                    np.exp(-1j * slope * line).astype(np.complex64)
-                    for slope, line in ((along_y, self._y), (along_x, self._x))
-                )
-                field *= rows[:, None]
-                field *= columns
+            self.subtract(self.of(field), field)
+
+    def subtract(self, tilt: tuple[float, float], field: Fields) -> None:
+        """Take a known tilt off a field (y, x) in place; it is what `of` gives."""
+        if any(tilt):
+            rows, columns = (
+                np.exp(-1j * slope * line).astype(np.complex64)
+                for slope, line in zip(tilt, (self._y, self._x), strict=True)
+            )
+            field *= rows[:, None]
+            field *= columns
 
     def of(self, field: NDArray[np.complex64]) -> tuple[float, float]:
         """Return the tilt of a field, in radians from the middle to the edge along y and x.

@@ -148,6 +148,18 @@ class FrameReconstructor:
         """Return the corrected and refocused fields of all views of a frame, (view, y, x)."""
         return self.corrected(self.demodulate(frame))
 
+    def fields_or_reason(
+        self, source: ReadsRawFrames, index: int
+    ) -> tuple[NDArray[np.complex64] | None, str]:
+        """Return the same for a frame of a recording by its number; why it is lost, if it is."""
+        try:
+            frame = source.raw_frame(index)
+        except BrokenFrameError:
+            return None, "NaN"
+        fields = self.demodulate(frame)
+        reason = "" if self.lost is None else self.lost.reason(frame, fields)
+        return (None, reason) if reason else (self.corrected(fields), "")
+
     def corrected(self, fields: NDArray[np.complex64]) -> NDArray[np.complex64]:
         """Return demodulated fields, corrected in place, and refocused."""
         fields *= self.factor

@@ -37,7 +37,7 @@ from napari_phase4d.holography.lobes import (
     one_wavelength,
     with_wavelengths,
 )
-from napari_phase4d.holography.lost import usual_fringes
+from napari_phase4d.holography.lost import STATIC_FRAMES, all_lost, usual_fringes
 from napari_phase4d.holography.quality import (
     empty_advice,
     fringe_advice,
@@ -46,6 +46,7 @@ from napari_phase4d.holography.quality import (
     shows_fringes,
 )
 from napari_phase4d.holography.refocusing import fields_walked, refocus_advice
+from napari_phase4d.holography.tilts import tilt_advice
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.recording import Recording
@@ -181,6 +182,9 @@ def reconstruct(
         If the background is "curvature" and too little of a view is surely empty field, so that
         what was fitted may be the object's. ``attrs["curvature_unsure"]`` names the views.
     UserWarning
+        If frames tilt against each other by more than 0.3 rad rms, which is left where one tilt
+        is taken off all of them. ``attrs["frame_tilt_left_rad"]`` says how much.
+    UserWarning
         If more than 5 % of a view show no fringes in most frames, so that their phase is noise;
         `napari_phase4d.holography.fringe_mask` marks them.
         ``attrs["without_fringes_percent"]`` has the share.
@@ -239,6 +243,7 @@ def reconstruction_advice(attrs: Mapping[str, Any], n_frames: int = 0) -> list[s
     every = (
         background_advice(attrs),
         curvature_advice(attrs),
+        tilt_advice(attrs),
         fringe_advice(attrs),
         refocus_advice(attrs),
     )
@@ -301,8 +306,19 @@ def frame_reconstructor(
     without = without_fringes_percent(list(seen.values()))
     reference = settings.reference
     if looked_at is not rec and isinstance(reference, (int, np.integer)):
-        reference = reference_frame(rec, reference)  # a number among all frames
-    found = corrections(looked_at, demodulate, reference, background, order, lost, seen, task)
+        # A number among all frames.
+        reference = reference_frame(rec, reference, demodulate, task)
+    found = corrections(
+        looked_at,
+        demodulate,
+        reference,
+        background,
+        order,
+        lost,
+        seen,
+        task,
+        tilt_per_frame=settings.tilt_per_frame,
+    )
     attrs: dict[str, Any] = {} if common_um is None else {"wavelength_um": common_um}
     attrs |= {
         "medium_index": rec.optics.medium_index,
@@ -319,10 +335,7 @@ def frame_reconstructor(
     }
     if settings.first_frames is not None:
         attrs["first_frames"] = looked_at.n_frames
-    if found.left_rad:
-        attrs["background_left_rad"] = [round(left, 6) for left in found.left_rad]
-    if found.unsure:
-        attrs["curvature_unsure"] = found.unsure
+    attrs |= found.notes()
     if BACKGROUND_ORDERS[background] is None:
         attrs["background_order"] = order
     if background == "zernike":
@@ -455,16 +468,21 @@ def find_focus(
         From `frame_reconstructor`, without refocusing.
     rec : Recording
         The hologram video; up to four frames of it are looked at, fewer where they are large,
-        and then also fewer of many views.
+        and then also fewer of many views. Others stand in for frames that the camera lost.
     metric, objects, progress, cancelled : optional
         As in `autofocus`.
+
+    Raises
+    ------
+    ValueError
+        If every frame that was looked at is lost.
     """
     pixels = int(np.prod(work.stack_shape(1)))
-    indices = rec.sample_indices(int(np.clip(FOCUS_PIXELS // pixels, 1, FOCUS_FRAMES)))
+    n_frames = int(np.clip(FOCUS_PIXELS // pixels, 1, FOCUS_FRAMES))
     n_views, *shape = work.stack_shape(1)[1:]
     n_looked_at = int(np.clip(MOST_FOCUS_PIXELS // int(np.prod(shape)), 1, n_views))
     views = np.linspace(0, n_views - 1, n_looked_at).round().astype(int)
-    fields = np.concatenate([work.fields(rec.raw_frame(i))[views] for i in indices])
+    fields = np.concatenate([each[views] for each in fields_not_lost(work, rec, n_frames)])
     pixel_um = [rec.optics.pixel_um * ratio for ratio in work.demodulate.pixel_ratio]
     return autofocus(
         fields,
@@ -477,3 +495,27 @@ def find_focus(
         progress=progress,
         cancelled=cancelled,
     )
+
+
+def fields_not_lost(
+    work: FrameReconstructor, rec: Recording, at_most: int
+) -> list[NDArray[np.complex64]]:
+    """Return the fields of some frames over a recording; for a lost one that of one near it."""
+    wanted = rec.sample_indices(at_most)
+    # Among these the usual strength of fringes was measured, so at least one is not lost.
+    some = {*wanted, *rec.sample_indices(STATIC_FRAMES)}
+    left = some | {index + 1 for index in some if index + 1 < rec.n_frames}
+    found: list[NDArray[np.complex64]] = []
+    lost: dict[int, str] = {}
+    for middle in wanted:
+        others = left.difference(wanted)
+        for index in [middle, *sorted(others, key=lambda other: abs(other - middle))]:
+            left.discard(index)
+            fields, reason = work.fields_or_reason(rec, index)
+            if fields is not None:
+                found.append(fields)
+                break
+            lost[index] = reason
+    if not found:
+        raise ValueError(all_lost(rec.name, lost))
+    return found
