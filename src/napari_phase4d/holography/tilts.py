@@ -16,6 +16,7 @@ __all__ = ["TiltsBetween", "tilt_advice"]
 #: Tilts are believed if they are contradicted by less than this share of them.
 MOST_CONTRADICTED = 0.5
 
+Field = NDArray[np.complex64]
 Fields = NDArray[np.complex64]
 Tilts = list[tuple[float, float]]
 
@@ -61,7 +62,7 @@ class TiltsBetween:
 
     def _between(self, one: Fields, other: Fields) -> Tilts:
         """Return the tilt from one frame to another in each view."""
-        return [self._tilt.of(b * a.conj()) for a, b in zip(one, other, strict=True)]
+        return [self._tilt.of(relative(b, a)) for a, b in zip(one, other, strict=True)]
 
     def left_rad(self) -> list[float]:
         """Return what one tilt for all frames leaves in each view of a usual one, in rad rms.
@@ -75,6 +76,17 @@ class TiltsBetween:
             off = usual_rad(np.diff(found, axis=0) - np.array(self._steps))
             left[off > MOST_CONTRADICTED * left] = 0.0
         return [float(rad) for rad in left]
+
+
+def relative(field: Field, to: Field) -> Field:
+    """Return the phase of a field relative to another's, with an amplitude of about 1.
+
+    Grey values of 64 bits give fields whose products go beyond single precision.
+    """
+    product = field * to.conj()
+    size = np.float32(max(float(np.median(np.abs(product))), float(np.finfo(np.float32).tiny)))
+    found: Field = product / size
+    return found
 
 
 def usual_rad(tilts: NDArray[np.float64]) -> NDArray[np.float64]:
