@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import tracemalloc
 import weakref
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -83,7 +84,13 @@ def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None
 
     # One after the other: how many the threads have in hand depends on how quick they are.
     monkeypatch.setattr(corrections, "in_threads", lambda work, items, watch: map(work, items))
-    corrections.corrections(rec, counted, None, "tilt", 4, lost, {}, UNWATCHED)
+
+    def correct(reference: Literal["median"] | None) -> None:
+        corrections.corrections(
+            rec, counted, reference, "tilt", 4, lost, {}, UNWATCHED, tilt_per_frame=False
+        )
+
+    correct(None)
     assert most <= 3  # the first, to which the others are turned, the last, and the next
-    corrections.corrections(rec, counted, "median", "tilt", 4, lost, {}, UNWATCHED)
+    correct("median")
     assert most == 32

@@ -43,6 +43,8 @@ def test_radar_interferograms(
     assert share_off(found, interferograms["unwrapped"], valid) <= most
 
 
+# The paramecium and its blurred outline leave 27 % of the view that look empty.
+@pytest.mark.filterwarnings("ignore:paramecium_oa_oof.npz. little empty field")
 @pytest.mark.parametrize(
     "name", ["hologram_cell.npz", "single_holo.tif", "paramecium_oa_oof.npz", "pydhm_RBC.jpg"]
 )
