@@ -66,24 +66,26 @@ def test_frames_are_summed_as_they_come(monkeypatch: pytest.MonkeyPatch) -> None
     frames = np.random.default_rng(2).integers(0, 200, (32, 64, 64)).astype(np.uint8)
     rec = p4d.open_recording(frames)
     lobes = [Lobe((0.2, 0.2), 0.2)]
-    demodulate = Demodulator(rec.frame_shape, lobes)
-    lost, _ = usual_fringes(rec, demodulate)
+    lost, _ = usual_fringes(rec, Demodulator(rec.frame_shape, lobes))
     alive, most = 0, 0
 
     def ended() -> None:
         nonlocal alive
         alive -= 1
 
-    def counted(frame: np.ndarray) -> np.ndarray:
-        nonlocal alive, most
-        fields = demodulate(frame)
-        weakref.finalize(fields, ended)
-        alive += 1
-        most = max(most, alive)
-        return fields
+    class Counted(Demodulator):
+        def __call__(self, frame: np.ndarray) -> np.ndarray:
+            nonlocal alive, most
+            fields = super().__call__(frame)
+            weakref.finalize(fields, ended)
+            alive += 1
+            most = max(most, alive)
+            return fields
 
     # One after the other: how many the threads have in hand depends on how quick they are.
     monkeypatch.setattr(corrections, "in_threads", lambda work, items, watch: map(work, items))
+
+    counted = Counted(rec.frame_shape, lobes)
 
     def correct(reference: Literal["median"] | None) -> None:
         corrections.corrections(
