@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.lobes import canonical, pair_distance
-from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, safe_look
+from napari_phase4d.holography.lost import FrameLook, all_lost, lost_among, lost_frames, safe_look
 from napari_phase4d.later import xr
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
@@ -63,7 +63,7 @@ def power_spectrum(
     -------
     xarray.DataArray
         float32, dims ``("ky", "kx")`` in cycles per camera pixel, zero frequency in the middle.
-        ``attrs["lost_frames"]`` are those that were blank, saturated or broken, and left out.
+        ``attrs["lost_frames"]`` are those that the camera lost, and left out.
 
     Raises
     ------
@@ -89,11 +89,12 @@ def power_spectrum(
         msg = f"max_frames must be 1 or more, but is {max_frames}"
         raise ValueError(msg)
     indices = rec.sample_indices(max_frames or rec.n_frames)
-    watch = Watch(len(indices), "spectrum", task)
-    lost: dict[int, str] = {}
-    half = mean_half_spectrum(watched(rec, indices, lost, watch), rec.frame_shape)
-    if len(lost) == len(indices):
+    lost = lost_frames(rec, len(indices), progress=progress, cancelled=cancelled)
+    kept = [index for index in indices if index not in lost]
+    if not kept:
         raise ValueError(all_lost(rec.name, lost))
+    watch = Watch(len(kept), "spectrum", task)
+    half = mean_half_spectrum(watched(rec, kept, watch), rec.frame_shape)
     height, width = rec.frame_shape
     return xr.DataArray(
         full_spectrum(half, width).astype(np.float32),
@@ -105,27 +106,17 @@ def power_spectrum(
         name="power",
         attrs={
             "units": "grey value^2",
-            "frames": len(indices) - len(lost),
+            "frames": len(kept),
             "lost_frames": sorted(lost),
         },
     )
 
 
-def watched(
-    rec: Recording, indices: list[int], lost: dict[int, str], watch: Watch
-) -> Iterator[NDArray[np.float32]]:
-    """Yield the chosen frames, telling how far it is, until cancelled.
-
-    Blank, saturated and broken frames are noted and left out; those whose fringes have collapsed
-    add next to nothing to the power.
-    """
+def watched(rec: Recording, indices: Sequence[int], watch: Watch) -> Iterator[NDArray[np.float32]]:
+    """Yield the chosen frames, telling how far it is, until cancelled."""
     watch.check()
     for index in indices:
-        reason = safe_look(rec, index).reason
-        if reason:
-            lost[index] = reason
-        else:
-            yield rec.frame(index)
+        yield rec.frame(index)
         watch.step()
 
 
