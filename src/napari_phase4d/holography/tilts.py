@@ -15,6 +15,8 @@ __all__ = ["TiltsBetween", "tilt_advice"]
 
 #: Tilts are believed if they are contradicted by less than this share of them.
 MOST_CONTRADICTED = 0.5
+#: Of so many rows and columns one tells how strong a field is.
+SOME = 4
 
 Field = NDArray[np.complex64]
 Fields = NDArray[np.complex64]
@@ -84,7 +86,8 @@ def relative(field: Field, to: Field) -> Field:
     Grey values of 64 bits give fields whose products go beyond single precision.
     """
     product = field * to.conj()
-    size = np.float32(max(float(np.median(np.abs(product))), float(np.finfo(np.float32).tiny)))
+    some = np.abs(product[::SOME, ::SOME])
+    size = np.float32(max(float(np.median(some)), float(np.finfo(np.float32).tiny)))
     found: Field = product / size
     return found
 
