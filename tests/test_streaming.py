@@ -348,6 +348,11 @@ def longer(file: Path) -> None:
     file.write_bytes(file.read_bytes() + b"more")
 
 
+def emptied(file: Path) -> None:
+    file.write_bytes(b"")
+
+
+@pytest.mark.parametrize("packed", [False, True])
 @pytest.mark.parametrize("piece", [1, 2])
 @pytest.mark.parametrize(
     ("damage", "words"),
@@ -355,14 +360,15 @@ def longer(file: Path) -> None:
         (flipped, "checksum"),
         (cut, "is damaged"),
         (longer, "is damaged"),
+        (emptied, "is damaged"),
         (Path.unlink, "is missing"),
     ],
 )
 def test_a_damaged_piece_of_a_stack_is_an_error(
-    tmp_path: Path, damage: Callable[[Path], None], words: str, piece: int
+    tmp_path: Path, damage: Callable[[Path], None], words: str, piece: int, packed: bool
 ) -> None:
     """The last piece has fewer frames than its file."""
-    path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=False)
+    path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=packed)
     stored = Stored(path, STACK)
     stored.write(Block(0, 11), np.ones(STACK, np.float32))
     damage(path / "c" / str(piece) / "2" / "0" / "0")
@@ -371,8 +377,9 @@ def test_a_damaged_piece_of_a_stack_is_an_error(
         stored.read(Block(4 * piece, min(4 * piece + 4, 11)))
 
 
-def test_frames_that_do_not_fit_are_not_written(tmp_path: Path) -> None:
-    stored = Stored(create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=False), STACK)
+@pytest.mark.parametrize("packed", [False, True])
+def test_frames_that_do_not_fit_are_not_written(tmp_path: Path, packed: bool) -> None:
+    stored = Stored(create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=packed), STACK)
     for shape in ((2, 3, 6, 5), (8, 3, 6, 5), (4, 3, 5, 6), (4, 1, 6, 5), (4, 5, 6, 5)):
         with pytest.raises(ValueError, match="can't be written"):
             stored.write(Block(0, 4), np.ones(shape, np.float32))

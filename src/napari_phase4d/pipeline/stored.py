@@ -130,13 +130,13 @@ class Opened:
         import zarr
 
         self._array: Any = zarr.open_array(path, mode="r+").with_config(ALL_CHUNKS)
-        self._plain = PlainFrames(self._array) if are_plain(self._array) else None
+        self._files = FrameFiles(self._array) if hold_frames(self._array) else None
 
     def read(self, block: Block, angles: slice) -> NDArray[np.float32]:
         """Return the frames of a block, or some of its views, shape (time, angle, y, x)."""
         times = slice(block.start, block.stop)
-        if self._plain is not None:
-            return self._plain.read(times, angles)
+        if self._files is not None:
+            return self._files.read(times, angles)
         return np.asarray(self._array[times, angles], dtype=np.float32)
 
     def write(self, block: Block, values: NDArray[np.float32], angles: slice) -> None:
@@ -144,8 +144,8 @@ class Opened:
         frames, n_times = self._array.chunks[0], self._array.shape[0]
         whole = not block.start % frames and (not block.stop % frames or block.stop == n_times)
         times = slice(block.start, block.stop)
-        if whole and self._plain is not None:
-            self._plain.write(times, angles, values)
+        if whole and self._files is not None:
+            self._files.write(times, angles, values)
             return
         # To write a part of a piece is to read, change and write it: what another thread has
         # written meanwhile would be lost.
@@ -153,22 +153,23 @@ class Opened:
             self._array[times, angles] = values
 
 
-class PlainFrames:
-    """Frames of an array on disk that is not packed, straight from and to its files.
+class FrameFiles:
+    """The files of an array on disk, read and written straight, packed or not.
 
-    A file holds the numbers of some frames of one view, one after the other, and their checksum.
+    A file holds the numbers of some frames of one view, one after the other, and a checksum.
     Zarr, which does it on a thread of its own, takes three to ten times as long.
 
     Parameters
     ----------
     array : zarr.Array
-        An open one, for which `are_plain` holds.
+        An open one, for which `hold_frames` holds.
     """
 
     def __init__(self, array: Any) -> None:
         self._folder: Path = Path(array.store.root) / array.path
         self._key: Callable[[tuple[int, ...]], str] = array.metadata.encode_chunk_key
         self._shape, self._frames = array.shape, array.chunks[0]
+        self._packer = packer_of(array.compressors[0]) if len(array.compressors) > 1 else None
 
     def read(self, times: slice, angles: slice) -> NDArray[np.float32]:
         """Return some frames, shape (time, angle, y, x).
@@ -176,8 +177,8 @@ class PlainFrames:
         Raises
         ------
         OSError
-            If a file is missing, cut short, too long, or damaged; the last can only be told of a
-            file of which all frames are asked for.
+            If a file is missing, cut short, too long, or damaged; where it is not packed, the last
+            can only be told if all of its frames are asked for.
         """
         times = slice(times.start, min(times.stop, self._shape[0]))
         views = range(*angles.indices(self._shape[1]))
@@ -215,6 +216,9 @@ class PlainFrames:
     def _read_file(self, times: slice, view: int, out: NDArray[np.float32]) -> None:
         """Read some frames of a view from the file in which they lie."""
         path, first = self._path(times.start, view), times.start % self._frames
+        if self._packer is not None:
+            out[...] = self._unpacked(path, self._packer)[first : first + len(out)]
+            return
         size, last = out[0].nbytes, times.stop == self._shape[0]
         with opened_file(path) as file:
             if path.stat().st_size != self._frames * size + SUM_BYTES:
@@ -228,9 +232,18 @@ class PlainFrames:
             if first == 0 and (last or len(out) == self._frames):
                 beyond = (self._frames - len(out)) * size
                 total = more_of_sum(total, file.read(beyond)) if beyond else total
-                if file.read(SUM_BYTES) != bytes_of_sum(total):
-                    msg = f"{path} is damaged: its checksum is another"
-                    raise OSError(msg)
+                check_sum(path, total, file.read(SUM_BYTES))
+
+    def _unpacked(self, path: Path, packer: Any) -> NDArray[np.float32]:
+        """Return all frames of a packed file."""
+        with opened_file(path) as file:
+            content = file.readall()
+        # First of all, since Blosc crashes on what is cut short.
+        packed, noted = content[:-SUM_BYTES], content[-SUM_BYTES:]
+        check_sum(path, more_of_sum(0, packed), noted)
+        frames = np.empty((self._frames, *self._shape[2:]), np.float32)
+        packer.decode(packed, frames)
+        return frames
 
     def _write_file(self, path: Path, frames: NDArray[np.float32]) -> None:
         """Write a file under another name first: what reads it finds the whole of it, or none.
@@ -239,11 +252,14 @@ class PlainFrames:
         """
         path.parent.mkdir(parents=True, exist_ok=True)
         partial, total = path.with_suffix(f".{uuid.uuid4().hex}.partial"), 0
-        beyond = [np.zeros(self._shape[2:], np.float32)] * (self._frames - len(frames))
+        beyond = np.zeros((self._frames - len(frames), *self._shape[2:]), np.float32)
+        parts = [*frames, *beyond]
+        if self._packer is not None:
+            parts = [np.frombuffer(self._packer.encode(np.stack(parts)), np.uint8)]
         try:
             with partial.open("wb", 0) as file:
-                for frame in (*frames, *beyond):
-                    numbers = bytes_of(np.ascontiguousarray(frame, np.float32))
+                for part in parts:
+                    numbers = bytes_of(np.ascontiguousarray(part))
                     total = more_of_sum(total, numbers)
                     write_all(file, numbers.data)
                 write_all(file, bytes_of_sum(total))
@@ -272,13 +288,32 @@ def bytes_of_sum(total: int) -> bytes:
     return total.to_bytes(SUM_BYTES, "little")
 
 
-def are_plain(array: Any) -> bool:
-    """Say whether the frames of an open array lie in its files as they do in memory."""
-    from zarr.codecs import BytesCodec, Crc32cCodec
+def check_sum(path: Path, total: int, noted: bytes) -> None:
+    """Raise an error if the checksum of a file is not the one that it holds."""
+    if noted != bytes_of_sum(total):
+        msg = f"{path} is damaged: its checksum is another"
+        raise OSError(msg)
 
-    summed = len(array.compressors) == 1 and isinstance(array.compressors[0], Crc32cCodec)
+
+def hold_frames(array: Any) -> bool:
+    """Say whether the files of an open array hold float32 frames as `FrameFiles` takes them."""
+    from zarr.codecs import BloscCodec, BytesCodec, Crc32cCodec
+
+    *packers, last = array.compressors or (None,)
+    summed = isinstance(last, Crc32cCodec) and len(packers) <= 1
+    known = all(isinstance(packer, BloscCodec) for packer in packers)
     as_here = BytesCodec() == array.serializer and array.dtype == np.float32 and not array.filters
-    return summed and as_here and not array.shards and array.chunks[1:] == (1, *array.shape[2:])
+    whole = not array.shards and array.chunks[1:] == (1, *array.shape[2:])
+    return summed and known and as_here and whole
+
+
+def packer_of(codec: Any) -> Any:
+    """Return what packs numbers as Blosc in Zarr does."""
+    from numcodecs import Blosc  # which takes a tenth of a second
+
+    shuffles = {"noshuffle": Blosc.NOSHUFFLE, "shuffle": Blosc.SHUFFLE}
+    shuffle = shuffles.get(codec.shuffle.value, Blosc.BITSHUFFLE)
+    return Blosc(codec.cname.value, codec.clevel, shuffle, codec.blocksize)
 
 
 def opened(path: Path) -> Opened:
