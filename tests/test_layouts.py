@@ -14,8 +14,8 @@ import xarray as xr
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
 from napari_phase4d.holography.lobes import pair_distance, wrapped_distance
+from napari_phase4d.holography.peaks import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.holography.signs import evidence_of, sign_doubts
-from napari_phase4d.holography.spectrum import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -133,6 +133,71 @@ def test_moving_cells_and_other_light_are_not_lost(
     assert data.attrs["lost_times"] == []
     off = np.angle(np.exp(1j * (data["phase"].values[5] - full["phase"].values[5])))
     assert np.sqrt((off**2).mean()) < 0.12
+
+
+def fringes(
+    carrier: tuple[float, float], light: Iterable[float], *, amplitude: float = 40
+) -> NDArray[np.floating]:
+    """Fringes of contrast 0.4 that drift by a radian a frame, in some light, with noise."""
+    y, x = np.mgrid[:256, :256]
+    turns = carrier[0] * y + carrier[1] * x
+    frames = np.stack(
+        [n * amplitude * (2.5 + np.cos(2 * np.pi * turns + time)) for time, n in enumerate(light)]
+    )
+    return frames + np.random.default_rng(4).normal(0, 2, frames.shape)
+
+
+def both_looks(frames: NDArray[np.floating], carrier: tuple[float, float]) -> list[list[int]]:
+    """Return which frames are lost before and after the lobes are known."""
+    rec = p4d.open_recording(frames)
+    data = p4d.reconstruct(rec, [p4d.Lobe(carrier, 0.05)], background="none")
+    return [list(lost_frames(rec)), data.attrs["lost_times"]]
+
+
+@pytest.mark.parametrize(
+    "carrier", [(0.25, 0.0), (0.125, 0.0), (0.0, 0.25), (1 / 3, 1 / 3), (0.3, 0.35), (0.45, 0.0)]
+)
+def test_fringes_of_any_direction_that_drift_are_not_lost(carrier: tuple[float, float]) -> None:
+    """Nor does a frame that is black in half of it make the others look lost."""
+    frames = fringes(carrier, np.ones(10))
+    assert both_looks(frames, carrier) == [[], []]
+    frames[3, 128:] = 0
+    assert both_looks(frames, carrier) == [[3], [3]]
+
+
+@pytest.mark.parametrize("level", [-100, -95, 0, 400])
+@pytest.mark.parametrize("flicker", [0.05, 0.2])
+def test_a_lamp_that_flickers_loses_no_frame(level: float, flicker: float) -> None:
+    """Grey values may be less a constant, as a mean or a dark level is, or above a dark level."""
+    light = 1 + flicker * np.random.default_rng(5).uniform(-1, 1, 9)
+    frames = (fringes((0.19, 0.21), light) + level).astype(np.float32)
+    assert both_looks(frames, (0.19, 0.21)) == [[], []]
+
+
+@pytest.mark.parametrize("other", [-250, 500])
+def test_light_without_fringes_loses_no_frame(other: float) -> None:
+    """As of a lamp beside that is switched on, or off, for one frame."""
+    frames = fringes((0.19, 0.21), np.ones(9)) + 300
+    frames[4] += other
+    assert both_looks(frames, (0.19, 0.21)) == [[], []]
+
+
+@pytest.mark.filterwarnings("ignore:.*shows no fringes")
+def test_a_border_that_is_always_dark_loses_no_frame() -> None:
+    frames = fringes((0.19, 0.21), np.ones(9))
+    frames[:, :40] = frames[:, -40:] = 0
+    frames[:, :, :40] = 0
+    assert both_looks(frames, (0.19, 0.21)) == [[], []]
+    frames[2] = np.random.default_rng(6).normal(100, 30, frames[2].shape)
+    assert both_looks(frames, (0.19, 0.21)) == [[2], [2]]
+
+
+@pytest.mark.parametrize("carrier", [(0.0, 0.25), (0.2, 0.0), (0.19, 0.21)])
+def test_frames_without_an_object_are_not_lost(carrier: tuple[float, float]) -> None:
+    exact = swimming_euglena((256, 256), 9, pixel_um=5.2 / 30, angles_deg=(0,))["phase"]
+    exact.values[5:] = 0
+    frames = multiplexed_video(exact, carriers=[carrier]).holograms.values
+    assert both_looks(frames, carrier) == [[], []]
 
 
 @pytest.mark.parametrize(("lost", "warns"), [([3], False), ([3, 4], True), ([*range(1, 9)], True)])

@@ -22,7 +22,7 @@ from napari_phase4d.holography.lobes import (
     pair_distance,
     stray_terms,
 )
-from napari_phase4d.holography.lost import first_seen, lost_frames, lost_sentence
+from napari_phase4d.holography.lost import first_seen, lost_sentence
 from napari_phase4d.holography.quality import (
     fringe_contrast,
     fringe_mask,
@@ -38,7 +38,7 @@ from napari_phase4d.holography.reconstruction import (
     reconstruction_advice,
 )
 from napari_phase4d.holography.refocusing import Propagator, propagate, refocused
-from napari_phase4d.holography.spectrum import power_spectrum
+from napari_phase4d.holography.spectrum import lost_frames, power_spectrum
 
 __all__ = [
     "BACKGROUND_ORDERS",

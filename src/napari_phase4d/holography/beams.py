@@ -36,8 +36,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.holography.lobes import MAX_VIEWS, pair_distance
+from napari_phase4d.holography.peaks import PLAIN, Half, Peak, Spectrum
 from napari_phase4d.holography.profiles import EDGES, RING, profiles_of
-from napari_phase4d.holography.spectrum import PLAIN, Half, Peak, Spectrum
 
 __all__ = ["Choice", "Clues", "choices", "clues_of", "most_likely"]
 

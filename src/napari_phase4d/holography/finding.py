@@ -22,18 +22,18 @@ from numpy.typing import NDArray
 
 from napari_phase4d.holography.beams import Choice, choices, clues_of, most_likely
 from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrapped_distance
-from napari_phase4d.holography.lost import all_lost
-from napari_phase4d.holography.signs import sign_doubts, sign_evidence
-from napari_phase4d.holography.spectrum import (
+from napari_phase4d.holography.peaks import (
     MAIN_LOBE,
     Peak,
-    add_power,
     brightest_near,
-    find_peaks,
     half_plane,
     refined,
+)
+from napari_phase4d.holography.signs import sign_doubts, sign_evidence
+from napari_phase4d.holography.spectrum import (
+    first_spectrum,
+    mean_power,
     wide_window,
-    windowed_spectra,
     windowed_spectrum,
 )
 from napari_phase4d.recording import Recording
@@ -308,24 +308,20 @@ def plane_of(rec: Recording, task: Task) -> Plane:
     at_most = int(np.clip(MAX_BYTES // (8 * height * (width // 2 + 1)), 1, MAX_FRAMES))
     indices = rec.sample_indices(at_most)
     watch = Watch(len(indices) + 1, "finding the lobes", task)
-    spectra, lost = windowed_spectra(rec, indices, watch)
-    if not spectra:
-        raise ValueError(all_lost(rec.name, lost))
-    half = mean_power(spectra)
-    watch.check()
-    peaks = find_peaks(half, rec.frame_shape)
+    first = first_spectrum(rec, indices, task, watch)
     watch.step()
-    seen = [index for index in indices if index not in lost]
+    seen = [index for index in indices if index not in first.lost]
     frame = rec.frame(seen[len(seen) // 2])
     wide = wide_spectra(rec, seen, frame, watch)
     wide_half = mean_power(wide)
-    places = [brightest_near(peak.carrier, wide_half, rec.frame_shape) for peak in peaks]
+    places = [brightest_near(peak.carrier, wide_half, rec.frame_shape) for peak in first.peaks]
 
     def frames() -> Iterator[NDArray[np.float32]]:
         yield frame
         yield from (rec.frame(index) for index in dict.fromkeys((seen[0], seen[-1])))
 
-    return Plane(frames, spectra, half, wide, wide_half, rec.frame_shape, peaks, places)
+    shape = rec.frame_shape
+    return Plane(frames, first.spectra, first.half, wide, wide_half, shape, first.peaks, places)
 
 
 def wide_spectra(
@@ -342,14 +338,6 @@ def wide_spectra(
         watch.check()
         found.append(windowed_spectrum(rec.frame(seen[i]), window))
     return found
-
-
-def mean_power(spectra: Sequence[NDArray[np.complex64]]) -> NDArray[np.float64]:
-    """Return the mean power of transforms."""
-    total = np.zeros(spectra[0].shape, dtype=np.float64)
-    for spectrum in spectra:
-        add_power(spectrum, total)
-    return total / len(spectra)
 
 
 def lobes_of(

@@ -1,14 +1,15 @@
 """Frames that the camera lost: blank, saturated, without fringes, damaged.
 
-Frames are held against each other in tiles: by the contrast of their fringes, their strength
-next to the light that there is, and by what tells fringes from noise. Before the lobes are known
-that is how alike neighbouring pixels are, afterwards how alike a field is to itself.
+Their fields are held against each other in tiles: by how alike a field is to itself some pixels
+on, which tells fringes from noise, and by how strong the fringes are, also next to the light that
+there is. Before the lobes are known (`spectrum`), fields are those of the strongest peaks.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +17,28 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.recording import BrokenFrameError, Recording
-from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch, in_threads
+from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.words import counted
 
 __all__ = [
     "STATIC_FRAMES",
-    "FrameLook",
     "LostFrames",
     "all_lost",
     "first_seen",
-    "look_at",
-    "lost_among",
-    "lost_frames",
     "lost_sentence",
-    "safe_look",
+    "reason_alone",
     "usual_fringes",
 ]
 
 #: Tiles across a frame, along y and along x.
 TILES = 8
-#: Fringes are looked at on about so many rows and columns.
+#: Pixels are looked at on so many rows.
 ROWS = 128
 #: A frame is saturated if so large a share of its pixels has the largest value there is.
 SATURATED = 0.75
-#: A tile is bad if the squared contrast of its fringes is this small, or this large, next to the
-#: usual one; a frame is lost if this share of its tiles is bad, or if its contrast is a quarter of
-#: what is usual (a sixteenth squared).
+#: A tile is bad if the power of its fringes is this small, or this large, next to what it usually
+#: is; a frame is lost if this share of its tiles is bad, or if all of it is a quarter as strong as
+#: usual (a sixteenth in power).
 WEAK, STRONG, BAD_TILES, COLLAPSED = 0.04, 10.0, 0.15, 0.06
 #: A field is compared with itself so many pixels on, on about so many rows or columns ...
 APART, LINES = 3, 64
@@ -49,18 +46,9 @@ APART, LINES = 3, 64
 INCOHERENT, NOISE = 0.3, 0.4
 #: Noise is less alike to itself than this whatever others show (it measures 0.3 in small fields,
 #: 0.05 in large ones; weak fringes in noise 0.5 and more).
-ALIKE = 0.35
-#: Groups of neighbouring rows that tell noise from fringes, and the side of a tile in them.
-GROUPS, GROUP_TILE = 32, 32
-#: How alike the differences of neighbouring pixels are to the next ones and those after them, in
-#: noise of which each pixel is by itself; and to this much.
-WHITE_NOISE, WHITE = np.array([-0.5, 0.0]), 0.06
-#: A tile whose fringes usually differ so much from that noise is damaged if it came this far on
-#: the way to it: lobes are narrow, and hold fringes that are a tenth of what a pixel shows.
-UNLIKE_NOISE, TO_NOISE = 0.3, 0.85
-#: The mean grey value of fringes is no less than their amplitude; where it is less than this share
-#: of their strength, it has been taken off.
-LIT = 0.25
+ALIKE, NEARLY = 0.35, 0.7
+#: A tile tells nothing if it is usually that dark, as a share of the brightest one's power.
+DARK = 1e-3
 TINY = float(np.finfo(np.float64).tiny)
 #: Frames from which what all have in common is measured, and some of them that tell what is usual.
 STATIC_FRAMES, SAMPLE = 32, 9
@@ -68,55 +56,13 @@ STATIC_FRAMES, SAMPLE = 32, 9
 Tiles = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class FrameLook:
-    """What one look at a camera frame tells.
-
-    Parameters
-    ----------
-    strength : ndarray of shape (tile, tile)
-        Mean squared difference of neighbouring pixels in each tile.
-    alike : ndarray of shape (2, 2, tile, tile)
-        How alike differences along y and x are to the next one and the one after it, from -1 to 1.
-    light : float
-        Mean grey value.
-    reason : str
-        Why it is lost whatever other frames show; empty if it is not.
-    """
-
-    strength: Tiles
-    alike: Tiles
-    light: float
-    reason: str = ""
-
-    @property
-    def is_white(self) -> bool:
-        """Whether it looks like noise of which each pixel is by itself.
-
-        Fringes of a third of a cycle a pixel do too, to the next pixel.
-        """
-        return bool(abs(self.alike[:, 0].mean() - WHITE_NOISE[0]) < WHITE)
-
-
-def nothing_in(reason: str) -> FrameLook:
-    """Return what is seen in a frame that says nothing."""
-    return FrameLook(np.zeros((1, 1)), np.zeros((2, 2, 1, 1)), 0.0, reason)
-
-
 def plain_reason(frame: NDArray[np.generic]) -> str:
     """Say whether a frame is blank or saturated, by some of its pixels; "" if neither."""
-    step = max(1, min(frame.shape) // ROWS)
-    # Neighbours among them, so that fringes of any period are seen.
-    some = np.asarray(frame[::step])
+    some = some_rows(frame)
     low, high = some.min(), some.max()
     if low == high:
         return "saturated" if is_full(high) else "blank"
     return "saturated" if np.count_nonzero(some == high) > SATURATED * some.size else ""
-
-
-def light_of(frame: NDArray[np.generic]) -> float:
-    """Return the mean grey value of a frame, by some of its rows."""
-    return float(frame[:: max(1, min(frame.shape) // ROWS)].mean(dtype=np.float64))
 
 
 def is_full(value: np.generic) -> bool:
@@ -125,165 +71,29 @@ def is_full(value: np.generic) -> bool:
     return number >= 255 and number & (number + 1) == 0
 
 
-def look_at(frame: NDArray[np.generic]) -> FrameLook:
-    """Look at a camera frame (y, x) of any real type."""
-    if reason := plain_reason(frame):
-        return nothing_in(reason)
-    step = max(1, len(frame) // ROWS)
-    # Neighbouring rows, so that fringes along either axis are seen.
-    below = frame[1::step].astype(np.float32)
-    rows = frame[::step][: len(below)].astype(np.float32)
-    across, down = np.diff(rows, axis=1), below[:, 1:] - rows[:, 1:]
-    strength = tiled(np.square(across, out=across)) + tiled(np.square(down, out=down))
-    return FrameLook(strength, alike_next(frame), light_of(frame))
+def some_rows(frame: NDArray[np.generic]) -> NDArray[np.generic]:
+    """Return some rows of a frame, drawn by chance once: no fringes are in step with them."""
+    return frame[rows_among(len(frame))]
 
 
-def alike_next(frame: NDArray[np.generic]) -> Tiles:
-    """Return how alike differences of neighbouring pixels are to the next ones, by some rows.
-
-    In white noise the correlation with the next difference, which shares a pixel, is -1/2, and
-    with the one after it 0; in fringes of k cycles per pixel they are cos 2 pi k and cos 4 pi k.
-
-    Returns
-    -------
-    ndarray of shape (2, 2, tile, tile)
-        Along y and x; the next, and the one after it. Tiles are larger in small frames.
-    """
-    step = max(1, (len(frame) - 3) // GROUPS)
-    starts = np.arange(0, max(1, len(frame) - 3), step)
-    last = len(frame) - 1
-    rows = np.stack([frame[np.minimum(starts + i, last)].astype(np.float32) for i in range(4)])
-    rows /= max(float(np.abs(rows).max()), float(np.finfo(np.float32).tiny))
-    tiles = max(1, min(TILES, min(frame.shape) // GROUP_TILE))
-    down, across = np.diff(rows, axis=0), np.diff(rows[0], axis=1)
-    pairs = [(down[0], down[n]) for n in (1, 2)]
-    pairs += [(across[:, :-n], across[:, n:]) for n in (1, 2)]
-    found = [
-        tiled(one * other, tiles) / np.maximum(tiled(one**2 + other**2, tiles) / 2, TINY)
-        for one, other in pairs
-    ]
-    return np.stack(found).reshape(2, 2, tiles, tiles)
+@lru_cache(maxsize=4)
+def rows_among(height: int) -> NDArray[np.intp]:
+    """Return which rows of so many are looked at, always the same."""
+    drawn = np.random.default_rng(0).permutation(height)[:ROWS]
+    return np.sort(drawn)
 
 
-def tiled(values: NDArray[np.floating], tiles: int = TILES) -> Tiles:
-    """Return the means over tiles of an image."""
-    edges = [np.linspace(0, n, min(tiles, n) + 1).astype(int)[:-1] for n in values.shape]
-    down = np.add.reduceat(values, edges[0], axis=0, dtype=np.float64)
-    sums = np.add.reduceat(down, edges[1], axis=1)
-    heights, widths = (np.diff([*edge, n]) for edge, n in zip(edges, values.shape, strict=True))
-    means: Tiles = sums / np.outer(heights, widths)
-    return means
+def light_of(frame: NDArray[np.generic]) -> float:
+    """Return the mean grey value of a frame, by some of its rows."""
+    return float(some_rows(frame).mean(dtype=np.float64))
 
 
-def lost_among(looks: Mapping[int, FrameLook]) -> dict[int, str]:
-    """Return which of some frames are lost, and why.
-
-    Parameters
-    ----------
-    looks : mapping of int to FrameLook
-        What each frame shows, by its number.
-    """
-    lost = {index: look.reason for index, look in looks.items() if look.reason}
-    kept = {index: look for index, look in looks.items() if not look.reason}
-    if kept:
-        # Where most frames are dark, noise is all that they show, and not what is usual.
-        every = list(kept.values())
-        some = [look for look in every if not look.is_white]
-        usual = usual_look(some if 0 < len(some) <= len(every) / 2 else every)
-        for index, look in kept.items():
-            if reason := noise_in(look, usual) or contrast_lost(look, usual):
-                lost[index] = reason
-    return dict(sorted(lost.items()))
-
-
-def usual_look(looks: Sequence[FrameLook]) -> FrameLook:
-    """Return what frames usually show."""
-    strength = np.median([look.strength for look in looks], axis=0)
-    alike = np.median([look.alike for look in looks], axis=0)
-    return FrameLook(strength, alike, float(np.median([look.light for look in looks])))
-
-
-def contrast_lost(look: FrameLook, usual: FrameLook) -> str:
-    """Say how the contrast of a frame differs from what is usual; "" if it does not."""
-    strongest = float(np.sqrt(np.median(usual.strength)))
-    return difference(look.strength, usual.strength, dimmed(look.light, usual.light, strongest))
-
-
-def noise_in(look: FrameLook, usual: FrameLook) -> str:
-    """Say whether noise stands where others show fringes, along y or x; "" if it does not."""
-    noise = WHITE_NOISE[:, None, None]
-    way = noise - usual.alike  # (axis, pixels on, tile, tile)
-    far = np.maximum((way**2).sum(axis=1), TINY)
-    come = ((look.alike - usual.alike) * way).sum(axis=1) / far
-    bad = ((come > TO_NOISE) & (far > UNLIKE_NOISE**2)).mean(axis=(1, 2)).max()
-    if bad > 0.5:
-        return "without fringes"
-    return "damaged" if bad > BAD_TILES else ""
-
-
-def dimmed(light: float, usual: float, strongest: float) -> float:
-    """Return by how much the squares of grey values are less than usual, as there is less light.
-
-    It is 1 where the mean grey value says nothing of the light, next to the fringes' strength.
-    """
-    if usual <= LIT * strongest:
-        return 1.0
-    return (max(light, 0.0) / usual) ** 2
-
-
-def difference(power: Tiles, usual: Tiles, light: float = 1.0) -> str:
-    """Say how the power of a frame's fringes differs from what is usual; "" if it does not.
-
-    The light is that of the frame over what is usual, squared.
-    """
-    relative = power / np.maximum(usual * light, np.finfo(float).tiny)
-    if relative.min() < COLLAPSED and float(np.median(relative)) < COLLAPSED:
-        return "without fringes"
-    bad = (relative < WEAK) | (relative > STRONG)
-    return "damaged" if float(bad.mean()) > BAD_TILES else ""
-
-
-def lost_frames(
-    rec: Recording,
-    at_most: int | None = None,
-    *,
-    progress: ProgressCall | None = None,
-    cancelled: CancelledCall | None = None,
-) -> dict[int, str]:
-    """Return which frames the camera lost, and why.
-
-    Parameters
-    ----------
-    rec : Recording
-        The hologram video.
-    at_most : int, optional
-        Look at so many frames at most, evenly over the recording. Default: all.
-    progress, cancelled : callable, optional
-        ``progress(done, total, message)``; ``cancelled()`` stops the work.
-
-    Returns
-    -------
-    dict of int to str
-        Frame number: "blank", "saturated", "without fringes", "damaged" or "NaN".
-
-    See Also
-    --------
-    lost_sentence : Says it in words.
-
-    Examples
-    --------
-    >>> import napari_phase4d as p4d
-    >>> exact = p4d.simulation.swimming_euglena((64, 64), 4, pixel_um=0.7)
-    >>> frames = p4d.simulation.multiplexed_video(exact["phase"]).holograms.values.copy()
-    >>> frames[2] = 0
-    >>> lost_frames(p4d.open_recording(frames))
-    {2: 'blank'}
-    """
-    task = Task(progress, cancelled)
-    indices = rec.sample_indices(at_most or rec.n_frames)
-    watch = Watch(len(indices), "looking for lost frames", task)
-    looks = in_threads(lambda index: safe_look(rec, index), indices, watch)
-    return lost_among(dict(zip(indices, looks, strict=True)))
+def reason_alone(rec: Recording, index: int) -> str:
+    """Say why a frame is lost whatever others show; "" if it is not."""
+    try:
+        return plain_reason(rec.raw_frame(index))
+    except BrokenFrameError:
+        return "NaN"
 
 
 def first_seen(rec: Recording) -> NDArray[np.generic]:
@@ -313,17 +123,9 @@ def first_seen(rec: Recording) -> NDArray[np.generic]:
     True
     """
     for index in rec.sample_indices(SAMPLE):
-        if not safe_look(rec, index).reason:
+        if not reason_alone(rec, index):
             return rec.raw_frame(index)
     return rec.raw_frame(0)
-
-
-def safe_look(rec: Recording, index: int) -> FrameLook:
-    """Look at a frame that may hold NaN."""
-    try:
-        return look_at(rec.raw_frame(index))
-    except BrokenFrameError:
-        return nothing_in("NaN")
 
 
 def lost_sentence(lost: Mapping[int, str], looked_at: int) -> str:
@@ -368,22 +170,61 @@ class Fringes:
     coherence: Tiles
     light: float
 
+    @cached_property
+    def alike(self) -> NDArray[np.float64]:
+        """How alike the fields are to themselves in most of each view."""
+        found: NDArray[np.float64] = np.median(self.coherence, axis=(1, 2))
+        return found
+
     @property
     def are_seen(self) -> bool:
-        """Whether every view shows more than noise."""
-        return bool((np.median(self.coherence, axis=(1, 2)) > ALIKE).all())
+        """Whether every view surely shows more than noise."""
+        return bool((self.alike > ALIKE).all())
+
+    @cached_property
+    def counts(self) -> NDArray[np.bool_]:
+        """Tiles that tell anything: fringes are seen there, and no dark border."""
+        brightest = self.power.max(axis=(1, 2), keepdims=True)
+        found: NDArray[np.bool_] = (self.coherence > ALIKE) & (self.power > DARK * brightest)
+        return found
 
     def reason(self, usual: Fringes) -> str:
         """Say why a frame is lost where others are as usual; "" if it is not."""
-        alike = self.coherence / np.maximum(usual.coherence, np.finfo(float).tiny)
-        # Where the least is not below a limit, no median is; and a median takes longest of all.
-        if alike.min() < NOISE and (np.median(alike, axis=(1, 2)) < NOISE).any():
-            return "without fringes"
-        if ((alike < INCOHERENT).mean(axis=(1, 2)) > BAD_TILES).any():
-            return "damaged"
-        light = dimmed(self.light, usual.light, float(np.sqrt(np.median(usual.power))))
-        pairs = zip(self.power, usual.power, strict=True)
-        return next((said for pair in pairs if (said := difference(*pair, light))), "")
+        for view, counts in enumerate(usual.counts):
+            if not counts.any():
+                continue
+            alike = self.coherence[view][counts] / usual.coherence[view][counts]
+            # Where the least is not below a limit, no median is, which takes longest of all.
+            if alike.min() < NOISE and float(np.median(alike)) < NOISE:
+                return "without fringes"
+            if float((alike < INCOHERENT).mean()) > BAD_TILES:
+                return "damaged"
+            power, usually = self.power[view][counts], usual.power[view][counts]
+            # Strength alone does not say so, as there may be more light or less, nor does
+            # contrast, as light without fringes may come with it.
+            said = difference(power / usually)
+            if said and difference(power / usually / self.brighter(usual, power, usually)):
+                return said
+        return ""
+
+    def brighter(self, usual: Fringes, power: Tiles, usually: Tiles) -> float:
+        """Return by how much the squares of grey values are more than usual, as the light is.
+
+        It is 1 where they say nothing of the light: fringes of light are weaker than the light
+        is, so something was taken off.
+        """
+        lights, powers = (self.light, usual.light), (power, usually)
+        if any(n <= np.sqrt(np.median(p)) for n, p in zip(lights, powers, strict=True)):
+            return 1.0
+        return (self.light / usual.light) ** 2
+
+
+def difference(relative: Tiles) -> str:
+    """Say how fringes differ whose power is so much of the usual one in tiles; "" if hardly."""
+    if relative.min() < COLLAPSED and float(np.median(relative)) < COLLAPSED:
+        return "without fringes"
+    bad = (relative < WEAK) | (relative > STRONG)
+    return "damaged" if float(bad.mean()) > BAD_TILES else ""
 
 
 def fringes_of(frame: NDArray[np.generic], fields: NDArray[np.complex64]) -> Fringes:
@@ -488,7 +329,7 @@ def usual_fringes(
     if not known:
         raise ValueError(all_lost(rec.name, unseen))
     # Where most frames are dark, they are not what is usual.
-    good = [each for each in fringes.values() if each.are_seen] or list(fringes.values())
+    good = seen_among(list(fringes.values())) or list(fringes.values())
     usual = Fringes(
         np.median([each.power for each in good], axis=0),
         np.median([each.coherence for each in good], axis=0),
@@ -499,6 +340,16 @@ def usual_fringes(
         reasons = {i: each.reason(usual) for i, each in fringes.items()}
         raise ValueError(all_lost(rec.name, reasons))
     return LostFrames(usual), kept
+
+
+def seen_among(fringes: Sequence[Fringes]) -> list[Fringes]:
+    """Return those of some frames of which every view shows more than noise.
+
+    Weak fringes are hardly more alike than noise; what is nearly as good as the best is none.
+    """
+    best = np.max([each.alike for each in fringes], axis=0) if fringes else np.zeros(1)
+    least = np.minimum(ALIKE, NEARLY * best)
+    return [each for each in fringes if (each.alike > least).all()]
 
 
 def all_lost(name: str, lost: Mapping[int, str]) -> str:

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.spectrum import Half, Peak, half_plane
+from napari_phase4d.holography.peaks import Half, Peak, half_plane
 
 __all__ = ["EDGES", "RING", "Profiles", "profiles_of"]
 
