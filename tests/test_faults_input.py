@@ -182,14 +182,19 @@ NEED_FRINGES: tuple[Callable[[p4d.Recording], Any], ...] = (
 
 
 @pytest.mark.parametrize(
-    "frames",
-    [np.zeros((2, 32, 32)), np.full((2, 32, 32), 255, "u1"), np.full((2, 32, 32), -1e9)],
-    ids=["black", "white", "far below zero"],
+    ("frames", "why"),
+    [
+        (np.zeros((2, 32, 32)), "blank"),
+        (np.full((2, 32, 32), 255, "u1"), "saturated"),
+        (np.full((2, 32, 32), 4095, "u2"), "saturated"),
+        (np.full((2, 32, 32), -1e9), "blank"),
+    ],
+    ids=["black", "white", "white, 12 bits", "far below zero"],
 )
-def test_recordings_without_fringes_are_refused(frames: np.ndarray) -> None:
+def test_recordings_without_fringes_are_refused(frames: np.ndarray, why: str) -> None:
     for work in NEED_FRINGES:
         with pytest.raises(
-            ValueError, match="no frame of .* shows fringes: frame 0 is blank"
+            ValueError, match=f"no frame of .* shows fringes: frame 0 is {why}"
         ) as e:
             work(p4d.open_recording(frames))
         one_sentence(e.value)
