@@ -228,6 +228,19 @@ def test_the_command_says_lost_frames(video: Recording, tmp_path: Path) -> None:
     assert "1 frame of 9 left out as lost, first at time 4." in " ".join(said.output.split())
 
 
+def test_info_says_lost_frames_once(video: Recording, tmp_path: Path) -> None:
+    frames = video.holograms.values.copy()
+    frames[3], frames[4] = garbage(frames[3]), 255
+    np.save(tmp_path / "video.npy", frames)
+    with warnings.catch_warnings(record=True) as more:
+        warnings.simplefilter("always")
+        said = CliRunner().invoke(app, ["info", str(tmp_path / "video.npy"), "--views", "2"])
+    assert said.exit_code == 0, said.output
+    words = " ".join(said.output.split())
+    assert "2 frames of 9 are lost and left out: 3 (without fringes), 4 (saturated)." in words
+    assert not [each for each in more if "lost" in str(each.message)]
+
+
 @pytest.mark.parametrize(
     ("share", "words"),
     [

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Annotated
@@ -167,7 +168,10 @@ def print_phase(file: Path, phase: xr.DataArray) -> None:
 
 def first_frames(recording: Recording, lobes: list[Lobe]) -> xr.Dataset:
     """Reconstruct so many frames that their noise can be told."""
-    return reconstruct(recording.first(NOISE_FRAMES), lobes)
+    with warnings.catch_warnings():
+        # Those that are lost have been told, of the whole recording.
+        warnings.filterwarnings("ignore", message=".* left out as lost")
+        return reconstruct(recording.first(NOISE_FRAMES), lobes)
 
 
 def rate_of(recording: Recording) -> str:
