@@ -288,16 +288,21 @@ class LostFrames:
 
 
 def usual_fringes(
-    rec: Recording, demodulate: Demodulator, task: Task = UNWATCHED
+    rec: Recording,
+    demodulate: Demodulator,
+    task: Task = UNWATCHED,
+    among: Sequence[int] | None = None,
 ) -> tuple[LostFrames, dict[int, NDArray[np.complex64]]]:
     """Return what tells lost frames, and the fields of those looked at that are not lost.
+
+    Some of the frames given are looked at; by default, of those from all over the recording.
 
     Raises
     ------
     ValueError
         If every frame that was looked at is lost.
     """
-    among = rec.sample_indices(STATIC_FRAMES)
+    among = rec.sample_indices(STATIC_FRAMES) if among is None else among
     indices = among[:: max(1, len(among) // SAMPLE)]
     watch = Watch(2 * len(indices), "looking for lost frames", task.quiet)
 

@@ -214,7 +214,7 @@ def first_spectrum(
     """
     spectra, lost = windowed_spectra(rec, indices, watch)
     half, peaks = peaks_of(rec, spectra, lost)
-    look = FirstLook.by(rec, peaks, list(spectra.values()), task)
+    look = FirstLook.by(rec, peaks, spectra, task)
     more = look.lost_among(list(spectra), task.quiet)
     if more:
         lost = dict(sorted((lost | more).items()))
@@ -270,29 +270,34 @@ class FirstLook:
         Gives the fields of these fringes; None if none are seen.
     lost : LostFrames, optional
         Knows what they usually show.
+    fine : frozenset of int
+        Frames that were looked at already, and are not lost.
     """
 
     rec: Recording
     demodulate: Demodulator | None = None
     lost: LostFrames | None = None
+    fine: frozenset[int] = frozenset()
 
     @classmethod
     def by(
-        cls, rec: Recording, peaks: Sequence[Peak], spectra: Sequence[Spectrum], task: Task
+        cls, rec: Recording, peaks: Sequence[Peak], spectra: Mapping[int, Spectrum], task: Task
     ) -> FirstLook:
         """Return what looks at the fringes of the strongest peaks of some frames' transforms."""
-        lobes = lobes_round(peaks, spectra, rec.frame_shape)
+        lobes = lobes_round(peaks, list(spectra.values()), rec.frame_shape)
         if not lobes:
             return cls(rec)
         demodulate = Demodulator(rec.frame_shape, lobes)
         try:
-            lost, _ = usual_fringes(rec, demodulate, task)
+            lost, known = usual_fringes(rec, demodulate, task, list(spectra))
         except ValueError:  # all of them are, whatever is usual
             return cls(rec)
-        return cls(rec, demodulate, lost)
+        return cls(rec, demodulate, lost, frozenset(known))
 
     def reason(self, index: int) -> str:
         """Say why a frame is lost; "" if it is not."""
+        if index in self.fine:
+            return ""
         reason = reason_alone(self.rec, index)
         if reason or self.demodulate is None or self.lost is None:
             return reason
@@ -315,7 +320,7 @@ def first_look(rec: Recording, task: Task) -> FirstLook:
         spectra, lost = windowed_spectra(rec, some, watch)
         if spectra:
             _, peaks = peaks_of(rec, spectra, lost)
-            look = FirstLook.by(rec, peaks, list(spectra.values()), task)
+            look = FirstLook.by(rec, peaks, spectra, task)
             if look.lost is not None and look.lost.usual.are_seen:
                 return look
     return FirstLook(rec)
