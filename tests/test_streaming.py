@@ -15,6 +15,8 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
+import google_crc32c
+import numcodecs
 import numpy as np
 import pytest
 import xarray as xr
@@ -375,6 +377,19 @@ def test_a_damaged_piece_of_a_stack_is_an_error(
     assert (stored.read(Block(0, 4)) == 1).all()
     with pytest.raises(OSError, match=words):
         stored.read(Block(4 * piece, min(4 * piece + 4, 11)))
+
+
+@pytest.mark.parametrize("frames", [0, 3, 5])
+def test_a_packed_piece_of_another_size_is_an_error(tmp_path: Path, frames: int) -> None:
+    """Its checksum is right: somebody else wrote it."""
+    path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=True)
+    stored = Stored(path, STACK)
+    stored.write(Block(0, 11), np.ones(STACK, np.float32))
+    packed = numcodecs.Blosc().encode(np.ones((frames, 6, 5), np.float32))
+    total = google_crc32c.value(packed).to_bytes(4, "little")
+    (path / "c" / "0" / "1" / "0" / "0").write_bytes(packed + total)
+    with pytest.raises(OSError, match="it holds more or less than its frames"):
+        stored.read(Block(0, 4))
 
 
 @pytest.mark.parametrize("packed", [False, True])

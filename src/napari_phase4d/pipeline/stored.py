@@ -242,6 +242,9 @@ class FrameFiles:
         packed, noted = content[:-SUM_BYTES], content[-SUM_BYTES:]
         check_sum(path, more_of_sum(0, packed), noted)
         frames = np.empty((self._frames, *self._shape[2:]), np.float32)
+        if said_sizes(packed) != (frames.nbytes, len(packed)):
+            msg = f"{path} is damaged: it holds more or less than its frames"
+            raise OSError(msg)
         packer.decode(packed, frames)
         return frames
 
@@ -286,6 +289,11 @@ def bytes_of(frames: NDArray[np.float32]) -> NDArray[np.uint8]:
 def bytes_of_sum(total: int) -> bytes:
     """Return a checksum as it ends a file."""
     return total.to_bytes(SUM_BYTES, "little")
+
+
+def said_sizes(packed: bytes) -> tuple[int, int]:
+    """Return how many bytes Blosc says that it holds and takes, in bytes 4 to 7 and 12 to 15."""
+    return int.from_bytes(packed[4:8], "little"), int.from_bytes(packed[12:16], "little")
 
 
 def check_sum(path: Path, total: int, noted: bytes) -> None:
