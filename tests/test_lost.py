@@ -165,6 +165,15 @@ def test_fringes_of_any_direction_that_drift_are_not_lost(carrier: tuple[float, 
     assert both_looks(frames, carrier) == [[3], [3]]
 
 
+@pytest.mark.parametrize(("side", "low"), [(64, 0.1), (128, 0.05), (256, 0.025)])
+@pytest.mark.parametrize("loss", ["garbage", "faint"])
+def test_few_fringes_across_a_frame_are_enough(side: int, low: float, loss: str) -> None:
+    frames = fringes((low * 0.6, low * 0.8), np.ones(9))[:, :side, :side].astype("u1")
+    assert lost_frames(p4d.open_recording(frames)) == {}
+    frames[6] = LOSSES[loss](frames[6])
+    assert list(lost_frames(p4d.open_recording(frames))) == [6]
+
+
 @pytest.mark.parametrize("level", [-100, -95, 0, 400])
 @pytest.mark.parametrize("flicker", [0.05, 0.2])
 def test_a_lamp_that_flickers_loses_no_frame(level: float, flicker: float) -> None:

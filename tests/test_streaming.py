@@ -336,6 +336,16 @@ def test_stacks_on_disk_are_zarr_whatever_reads_and_writes_them(
     assert not [*path.rglob("*.partial")]
 
 
+@pytest.mark.parametrize("packed", [False, True])
+def test_numbers_in_any_order_and_of_any_type_are_written(tmp_path: Path, packed: bool) -> None:
+    """A file of one frame each, as of large ones."""
+    shape = (2, 1, 30, 20)
+    numbers = np.random.default_rng(1).normal(size=(2, 1, 20, 30)).transpose(0, 1, 3, 2)
+    stored = Stored(create_blocks(tmp_path / "a.ome.zarr", shape, 1, packed=packed), shape)
+    stored.write(Block(0, 2), numbers)
+    assert np.array_equal(stored.read(Block(0, 2)), numbers.astype(np.float32))
+
+
 def flipped(file: Path) -> None:
     whole = bytearray(file.read_bytes())
     whole[20] ^= 1
@@ -385,10 +395,15 @@ def test_a_packed_piece_of_another_size_is_an_error(tmp_path: Path, frames: int)
     path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=True)
     stored = Stored(path, STACK)
     stored.write(Block(0, 11), np.ones(STACK, np.float32))
+    file = path / "c" / "0" / "1" / "0" / "0"
     packed = numcodecs.Blosc().encode(np.ones((frames, 6, 5), np.float32))
-    total = google_crc32c.value(packed).to_bytes(4, "little")
-    (path / "c" / "0" / "1" / "0" / "0").write_bytes(packed + total)
+    file.write_bytes(packed + google_crc32c.value(packed).to_bytes(4, "little"))
     with pytest.raises(OSError, match="it holds more or less than its frames"):
+        stored.read(Block(0, 4))
+    packed = numcodecs.Blosc().encode(np.ones((4, 6, 5), np.float32))[:16].ljust(200, b"x")
+    packed = packed[:12] + len(packed).to_bytes(4, "little") + packed[16:]
+    file.write_bytes(packed + google_crc32c.value(packed).to_bytes(4, "little"))
+    with pytest.raises(OSError, match="it can't be unpacked"):
         stored.read(Block(0, 4))
 
 

@@ -182,24 +182,26 @@ class Fringes:
         return bool((self.alike > ALIKE).all())
 
     @cached_property
-    def counts(self) -> NDArray[np.bool_]:
-        """Tiles that tell anything: fringes are seen there, and no dark border."""
+    def lit(self) -> NDArray[np.bool_]:
+        """Tiles that are no dark border."""
         brightest = self.power.max(axis=(1, 2), keepdims=True)
-        found: NDArray[np.bool_] = (self.coherence > ALIKE) & (self.power > DARK * brightest)
+        found: NDArray[np.bool_] = self.power > DARK * brightest
         return found
 
     def reason(self, usual: Fringes) -> str:
         """Say why a frame is lost where others are as usual; "" if it is not."""
-        for view, counts in enumerate(usual.counts):
-            if not counts.any():
+        for view, lit in enumerate(usual.lit):
+            if not lit.any():
                 continue
-            alike = self.coherence[view][counts] / usual.coherence[view][counts]
+            likely = np.maximum(usual.coherence[view][lit], TINY)
+            alike = self.coherence[view][lit] / likely
             # Where the least is not below a limit, no median is, which takes longest of all.
             if alike.min() < NOISE and float(np.median(alike)) < NOISE:
                 return "without fringes"
-            if float((alike < INCOHERENT).mean()) > BAD_TILES:
+            # Where noise is usual, or rough phase, one frame is as good as another.
+            if float(((alike < INCOHERENT) & (likely > ALIKE)).mean()) > BAD_TILES:
                 return "damaged"
-            power, usually = self.power[view][counts], usual.power[view][counts]
+            power, usually = self.power[view][lit], usual.power[view][lit]
             # Strength alone does not say so, as there may be more light or less, nor does
             # contrast, as light without fringes may come with it.
             said = difference(power / usually)

@@ -40,6 +40,8 @@ MOST_ROUND, OF_CARRIER = 2, 0.42
 OWN_LIGHT = 0.1
 #: One that is stronger than so much of it is not, but other light.
 COMPARABLE = 0.1
+#: Circles hold more than so many pixels of the spectrum from the middle on, or nothing is seen.
+LEAST_ROOM = 1.5
 #: A frame shows a peak if it has this share of its power in another one, at least.
 SHOWN = 0.05
 #: Peaks that are looked at; six views and all their beats are 21.
@@ -152,7 +154,7 @@ def lobes_round(
     for peak, n in zip(plain, seen, strict=True):
         apart = all(pair_distance(peak.carrier, lobe.carrier) > OWN_LIGHT for lobe in found)
         reach = room_round(peak, plain)
-        if apart and 2 * n > max(seen) and reach * min(shape) > MAIN_LOBE:
+        if apart and 2 * n > max(seen) and reach * min(shape) > LEAST_ROOM:
             found.append(Lobe(peak.carrier, reach))
     return found[:MOST_ROUND]
 

@@ -238,14 +238,18 @@ class FrameFiles:
         """Return all frames of a packed file."""
         with opened_file(path) as file:
             content = file.readall()
-        # First of all, since Blosc crashes on what is cut short.
+        # First of all: Blosc is not made for what is cut short.
         packed, noted = content[:-SUM_BYTES], content[-SUM_BYTES:]
         check_sum(path, more_of_sum(0, packed), noted)
         frames = np.empty((self._frames, *self._shape[2:]), np.float32)
         if said_sizes(packed) != (frames.nbytes, len(packed)):
             msg = f"{path} is damaged: it holds more or less than its frames"
             raise OSError(msg)
-        packer.decode(packed, frames)
+        try:
+            packer.decode(packed, frames)
+        except (RuntimeError, ValueError) as error:
+            msg = f"{path} is damaged: it can't be unpacked"
+            raise OSError(msg) from error
         return frames
 
     def _write_file(self, path: Path, frames: NDArray[np.float32]) -> None:
@@ -256,13 +260,14 @@ class FrameFiles:
         path.parent.mkdir(parents=True, exist_ok=True)
         partial, total = path.with_suffix(f".{uuid.uuid4().hex}.partial"), 0
         beyond = np.zeros((self._frames - len(frames), *self._shape[2:]), np.float32)
-        parts = [*frames, *beyond]
+        # Numbers as they come may be of another type, or lie in another order.
+        parts = [np.ascontiguousarray(frame, np.float32) for frame in (*frames, *beyond)]
         if self._packer is not None:
             parts = [np.frombuffer(self._packer.encode(np.stack(parts)), np.uint8)]
         try:
             with partial.open("wb", 0) as file:
                 for part in parts:
-                    numbers = bytes_of(np.ascontiguousarray(part))
+                    numbers = bytes_of(part)
                     total = more_of_sum(total, numbers)
                     write_all(file, numbers.data)
                 write_all(file, bytes_of_sum(total))
