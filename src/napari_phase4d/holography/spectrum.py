@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -44,7 +44,7 @@ def power_spectrum(
     """Return the mean power spectrum over the frames of a recording.
 
     Each frame is reduced by its mean and multiplied by a Blackman window, so that the edges of
-    the image leave no cross in the spectrum. One frame is in memory at a time.
+    the image leave no cross in the spectrum. A few frames are in memory at a time.
 
     Parameters
     ----------
@@ -87,8 +87,7 @@ def power_spectrum(
     indices = rec.sample_indices(max_frames or rec.n_frames)
     look = first_look(rec, task)
     watch = Watch(len(indices), "spectrum", task)
-    lost: dict[int, str] = {}
-    half = mean_half_spectrum(watched(look, indices, lost, watch), rec.frame_shape)
+    half, lost = mean_half_spectrum(look, indices, watch)
     if len(lost) == len(indices):
         raise ValueError(all_lost(rec.name, lost))
     height, width = rec.frame_shape
@@ -108,32 +107,23 @@ def power_spectrum(
     )
 
 
-def watched(
-    look: FirstLook, indices: Sequence[int], lost: dict[int, str], watch: Watch
-) -> Iterator[NDArray[np.float32]]:
-    """Yield the chosen frames but for lost ones, which are noted; tell how far it is."""
-    watch.check()
-    for index in indices:
-        reason = look.reason(index)
-        if reason:
-            lost[index] = reason
-        else:
-            yield look.rec.frame(index)
-        watch.step()
-
-
 def mean_half_spectrum(
-    frames: Iterable[NDArray[np.float32]], shape: tuple[int, int]
-) -> NDArray[np.float64]:
-    """Return the mean power of windowed frames on the half plane kx >= 0, as `rfft2` orders it."""
+    look: FirstLook, indices: Sequence[int], watch: Watch
+) -> tuple[Half, dict[int, str]]:
+    """Return the mean power of windowed frames on the half plane kx >= 0, and what is lost."""
+    shape = look.rec.frame_shape
     window = frame_window(shape)
-    total = np.zeros((shape[0], shape[1] // 2 + 1))
-    count = 0
-    for frame in frames:
-        field = windowed_spectrum(frame, window)
-        add_power(field, total)
-        count += 1
-    return total / max(count, 1)
+
+    def work(index: int) -> Spectrum | str:
+        return look.reason(index) or windowed_spectrum(look.rec.frame(index), window)
+
+    total, lost = np.zeros((shape[0], shape[1] // 2 + 1)), {}
+    for index, found in zip(indices, in_threads(work, indices, watch, large=True), strict=True):
+        if isinstance(found, str):
+            lost[index] = found
+        else:
+            add_power(found, total)
+    return total / max(len(indices) - len(lost), 1), lost
 
 
 @vectorized
