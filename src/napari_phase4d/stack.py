@@ -53,7 +53,7 @@ __all__ = [
 ALL = slice(None)
 #: A block has so many frames at most: one file on disk holds so many. Of small frames there are
 #: more in a block, since a file takes the time of many pixels.
-BLOCK_FRAMES, SMALL_FRAMES = 8, 16
+BLOCK_FRAMES, SMALL_FRAMES = 8, 32
 #: Pixels, of all views, in a block at most, unless one frame has more; in one of small frames.
 BLOCK_PIXELS, SMALL_PIXELS = 4 * 2**20, 2**20
 
