@@ -175,7 +175,7 @@ def test_residues_in_the_way_of_a_level_are_those_of_the_best_way(
 ) -> None:
     """What grows step by step has none; what turns up at once has its own, or of its change."""
     monkeypatch.setattr(
-        "napari_phase4d.unwrapping.directional.residues.working_blocks",
+        "napari_phase4d.unwrapping.directional.levels.working_blocks",
         lambda shape: blocks_of(shape, frames),
     )
     inside = swirl() != 0

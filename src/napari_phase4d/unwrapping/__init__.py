@@ -13,7 +13,7 @@ from napari_phase4d.unwrapping.boundaries import (
 from napari_phase4d.unwrapping.causal import CAUSAL, Causal, causal_methods, for_what_comes
 from napari_phase4d.unwrapping.chain import ORDERS
 from napari_phase4d.unwrapping.directional.graph import graph_bytes
-from napari_phase4d.unwrapping.directional.residues import Residues, level_residues
+from napari_phase4d.unwrapping.directional.levels import Residues, level_residues
 from napari_phase4d.unwrapping.directional.support import (
     Astray,
     Judged,

@@ -1,4 +1,4 @@
-"""How far the level of an object is known: the residues that stand in the way of it.
+"""Residues of wrapped maps: how many there are, and which changes between frames they tear.
 
 Round a residue the steps of a wrapped map do not add up, so that its phase depends on the way
 (Goldstein et al. 1988). A map without residues has one phase only.
@@ -6,129 +6,32 @@ Round a residue the steps of a wrapped map do not add up, so that its phase depe
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
-from napari_phase4d.phasors import turned
-from napari_phase4d.stack import Block, Stack
-from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
-from napari_phase4d.unwrapping.directional.methods import prepared
-from napari_phase4d.unwrapping.directional.scene import Scene
-from napari_phase4d.unwrapping.directional.steps import boxed
-from napari_phase4d.unwrapping.given import working_blocks
-from napari_phase4d.unwrapping.problem import RESIDUES, Problem
 
-__all__ = ["Residues", "level_residues"]
+__all__ = ["residues_of_objects", "sudden_changes"]
 
 #: More are not counted: they fit into a byte. What is not known counts as so many.
 MOST = 255
 #: An object wider than this, in pixels, may have more of them: what counts is how much of its rim
 #: they take. Narrower ones are those that confidence was fitted to.
 WIDE = 35.0
-#: Noise of so many radians makes residues by itself, everywhere; they go when phasors are averaged
-#: over so many pixels along y and x, while those of steep rims mostly stay.
-NOISY, AVERAGED = 0.55, 3
+#: Residues that noise makes go when phasors are averaged over so many pixels along y and x, while
+#: those of steep rims mostly stay.
+AVERAGED = 3
+#: A change between two frames is sudden if it has this many residues, and so many times those of
+#: the changes round it, up to so many frames before and after; of these there must be some.
+MORE, TIMES, ROUND, SOME = 10, 3, 2, 2
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Counts = NDArray[np.uint8]
 
 
-@dataclass(frozen=True)
-class Residues:
-    """How many residues stand in the way of the level of each pixel's object.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is unwrapped.
-    counts : Stack
-        For kept and moved frames, up to 255.
-    """
-
-    scene: Scene
-    counts: Stack
-
-    def read(self, block: Block) -> Image:
-        """Return it for some times."""
-        (counts,) = self.scene.put_back(block, lambda kept: (self.counts.read(kept),))
-        found: Image = counts.astype(np.float32)
-        return found
-
-
-def level_residues(problem: Problem, task: Task = UNWATCHED) -> Residues:
-    """Return how many residues stand in the way of the level of each pixel's object.
-
-    An object that has no residues in its own frame has one level only. One that has some may
-    still be known by a frame before or after it: if the map of what changes between the two has
-    no residues. So of all frames of the same view the one counts from which the fewest residues
-    of an object are in the way: its own there, or those of any map of changes from there on.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was unwrapped.
-    task : Task, optional
-        Who is told of it, and may stop it.
-    """
-
-    def count() -> Residues:
-        scene = prepared(problem, task).scene
-        names = ("residues", "residues_of_changes")
-        counts, changes = (problem.store.temporary(n, scene.shape, "uint8") for n in names)
-        blocks = working_blocks(scene.shape)
-        watch = Watch(3 * len(blocks), "counting residues", task)
-        for _ in in_threads(CountBlock(scene, counts, changes), blocks, watch, wait=True):
-            pass
-        carry_on(counts, changes, blocks, watch)
-        carry_back(counts, changes, blocks, watch)
-        return Residues(scene, counts)
-
-    return problem.once(RESIDUES, count)
-
-
-@dataclass(frozen=True)
-class CountBlock:
-    """Counts the residues of the objects of a block, and those of their changes.
-
-    Parameters
-    ----------
-    scene : Scene
-        What is unwrapped.
-    own, changes : Stack
-        Where the counts go: of each frame, and of what changes to the next one.
-    """
-
-    scene: Scene
-    own: Stack
-    changes: Stack
-
-    def __call__(self, block: Block) -> None:
-        """Do a block."""
-        scene = self.scene
-        seen, numbers, _ = boxed(scene, block.wider(0, 1, scene.shape[0]))
-        seams = numbers.astype(np.int16)
-        own, changes = (np.zeros((len(block), *scene.shape[1:]), np.uint8) for _ in range(2))
-        inside = (slice(None), slice(None), *scene.box)
-        noisy = scene.noise > NOISY
-        for i, angle in np.ndindex(len(block), scene.shape[1]):
-            frame, after = (i, angle), (i + 1, angle)
-            known, thing = seen.usable[frame], ~seen.empty[frame]
-            own[inside][frame] = of_objects(seen.phase[frame], known, thing, seams[frame], noisy)
-            if i + 1 < len(seen.phase):
-                change = turned(seen.phase[after] - seen.phase[frame])
-                both, either = known & seen.usable[after], thing | ~seen.empty[after]
-                sides = seams[frame] + np.int16(64) * seams[after]  # a seam of either frame
-                changes[inside][frame] = of_objects(change, both, either, sides, noisy)
-        self.own.write(block, own)
-        self.changes.write(block, changes)
-
-
-def of_objects(
+def residues_of_objects(
     wrapped: Image, known: Mask, thing: Mask, seams: NDArray[np.int16], noisy: bool
 ) -> Counts:
     """Return for every pixel of an object how many residues the object has; 0 elsewhere.
@@ -175,7 +78,6 @@ def count_residues(
     sums: NDArray[np.int64],
 ) -> None:
     """Add the residues of a map to those of the part that the pixel at their upper left is of."""
-    turn = np.float32(2 * np.pi)
     for y in range(wrapped.shape[0] - 1):
         for x in range(wrapped.shape[1] - 1):
             part = labels[y, x]
@@ -186,37 +88,61 @@ def count_residues(
             side = seams[y, x]
             if seams[y, x + 1] != side or seams[y + 1, x] != side or seams[y + 1, x + 1] != side:
                 continue
-            a, b = wrapped[y, x], wrapped[y, x + 1]
-            c, d = wrapped[y + 1, x + 1], wrapped[y + 1, x]
-            turns = np.rint((b - a) / turn) + np.rint((c - b) / turn)
-            turns += np.rint((d - c) / turn) + np.rint((a - d) / turn)
-            sums[part] += abs(int(turns))
+            sums[part] += residue_at(wrapped, y, x)
 
 
-def carry_on(counts: Stack, changes: Stack, blocks: list[Block], watch: Watch) -> None:
-    """Let a frame have no more in its way than the frame before, or what led from there."""
-    last: Counts | None = None
-    for block in blocks:
-        here = counts.read(block).copy()
-        around = block.wider(1, 0, block.stop)
-        steps = changes.read(around)  # what led to a frame stands with the one before it
-        for i, time in enumerate(block.times):
-            if last is not None:
-                led = steps[time - 1 - around.start]
-                np.minimum(here[i], np.maximum(led, last), out=here[i])
-            last = here[i]
-        counts.write(block, here)
-        watch.step()
+# ---- sudden changes --------------------------------------------------------------------------
 
 
-def carry_back(counts: Stack, changes: Stack, blocks: list[Block], watch: Watch) -> None:
-    """Let a frame have no more in its way than the frame after, or what led there."""
-    after: Counts | None = None
-    for block in reversed(blocks):
-        here, steps = counts.read(block).copy(), changes.read(block)
-        for i in reversed(range(len(block))):
-            if after is not None:
-                np.minimum(here[i], np.maximum(steps[i], after), out=here[i])
-            after = here[i]
-        counts.write(block, here)
-        watch.step()
+def sudden_changes(change: Image, known: Mask) -> Mask:
+    """Say which changes between frames are torn as none of those round them are.
+
+    After a pause in the recording, or where something happens at once, the map of what changes
+    has residues: its steps pass half a turn at the rims, and what lies inside may come out a turn
+    off as a whole. Where all changes are like that, frames are still known best by each other; if
+    it is one alone, the frames on either side of it know better.
+
+    Parameters
+    ----------
+    change : ndarray of float32, shape (time, angle, y, x)
+        Differences of wrapped phase from each frame to the next, in radians.
+    known : ndarray of bool, same shape
+        Where both are known.
+
+    Returns
+    -------
+    ndarray of bool, shape (time,)
+        For all views together: what happens, happens in all of them.
+    """
+    counts = np.zeros(len(change))
+    for time, angle in np.ndindex(*change.shape[:2]):
+        counts[time] += residues_of(change[time, angle], known[time, angle]) / change.shape[1]
+    found = np.zeros(len(change), dtype=bool)
+    for time, own in enumerate(counts):
+        near = np.concatenate(
+            [counts[max(time - ROUND, 0) : time], counts[time + 1 : time + 1 + ROUND]]
+        )
+        found[time] = len(near) >= SOME and own > MORE + TIMES * np.median(near)
+    return found
+
+
+@compiled
+def residues_of(wrapped: Image, known: Mask) -> int:
+    """Count the residues of a map, which need not be wrapped itself."""
+    total = 0
+    for y in range(wrapped.shape[0] - 1):
+        for x in range(wrapped.shape[1] - 1):
+            if known[y, x] and known[y, x + 1] and known[y + 1, x] and known[y + 1, x + 1]:
+                total += residue_at(wrapped, y, x)
+    return total
+
+
+@compiled
+def residue_at(wrapped: Image, y: int, x: int) -> int:
+    """Return 1 if there is a residue between four pixels, the first of which is given, else 0."""
+    turn = np.float32(2 * np.pi)
+    a, b = wrapped[y, x], wrapped[y, x + 1]
+    c, d = wrapped[y + 1, x + 1], wrapped[y + 1, x]
+    turns = np.rint((b - a) / turn) + np.rint((c - b) / turn)
+    turns += np.rint((d - c) / turn) + np.rint((a - d) / turn)
+    return abs(int(turns))

@@ -17,6 +17,7 @@ from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.unwrapping.directional.residues import sudden_changes
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
 from napari_phase4d.unwrapping.frames import turns_of_frame
 from napari_phase4d.unwrapping.given import working_frames
@@ -138,9 +139,12 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 #: Amplitude, as a share of its median, below which fading does not grow; and the roughness in
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
+#: A sudden change counts for as little as steps of so many radians. From 4.5 on it is the same.
+SUDDEN = np.float32(6)
 #: Pixels, of all views, whose steps are weighed at a time, unless one frame has more.
 STEP_PIXELS = 400_000
-#: Frames before and after a frame that the weights of its steps depend on.
+#: Frames before and after a frame that the weights of its steps depend on: by their roughness, and
+#: by whether a change is sudden.
 BEFORE, AFTER = 2, 3
 
 Image = NDArray[np.float32]
@@ -362,7 +366,10 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
     def weigh_along(axis: int) -> Opinion:
         if axis == 0:
             steps = along(axis, seen, seams)
-            return opinion(axis, steps, steps.valid, floors, seen.amplitude, block.of(around))
+            found = opinion(axis, steps, steps.valid, floors, seen.amplitude, block.of(around))
+            sudden = sudden_changes(steps.difference, steps.valid)[block.of(around)]
+            found.rough[sudden] = np.maximum(found.rough[sudden], SUDDEN)
+            return found
         steps = along(axis, close, close_seams)
         kept = steps.valid
         if axis > 1:  # within an island of the empty field there is nothing to ask
