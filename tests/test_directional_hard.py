@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from functools import lru_cache
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -21,6 +22,7 @@ from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping import neighbours
 from napari_phase4d.unwrapping.background import find_background, plane, tilt_of
 from napari_phase4d.unwrapping.directional.following import follow
+from napari_phase4d.unwrapping.directional.residues import residues_of_maps, torn_changes
 from napari_phase4d.unwrapping.directional.scene import Seen
 from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of, link_map
 from napari_phase4d.unwrapping.given import lost_frames
@@ -73,12 +75,59 @@ def stack_of(phase: np.ndarray, noise: float = 0.0, seed: int = RNG_SEED) -> xr.
 # ---- recordings -----------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("name", "most"), [("vacuole", 0.001), ("dividing", 1.8)])
-def test_a_pause(name: str, most: float) -> None:
-    """Daughters that have parted in between are not all found again."""
-    exact = object_(name)
-    data = with_fault(exact, "pause")
-    assert error_of(data, empty_of(data)) <= most
+@pytest.mark.parametrize("noise", [0.0, 0.3, 0.5])
+@pytest.mark.parametrize("name", ["vacuole", "touching", "dividing"])
+def test_a_pause(name: str, noise: float) -> None:
+    """What changes meanwhile is torn at the rims: by it alone a cell slips by a turn, 1.6 to 3.8 rad²."""
+    data = with_fault(object_(name), "pause", noise, seed=RNG_SEED)
+    empty = empty_of(with_fault(object_(name), "pause"))
+    assert error_of(data, empty) <= 0.06
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_two_views_that_differ_much(noise: float) -> None:
+    """From 28 degrees off the change of view is torn by a wall, while each view changes little."""
+    exact = hard_shape("growing wall", n_times=30, angles_deg=(-7.0, 21.0))
+    data = with_noise(exact, noise, seed=RNG_SEED)
+    assert error_of(data, empty_of(exact)) <= 0.002
+
+
+def test_a_change_is_torn_that_has_far_more_residues_than_those_round_it() -> None:
+    steady = np.array([[40, 44], [38, 40], [45, 41], [39, 43], [41, 40]])
+    assert not torn_changes(steady, steady, 0).any()
+    alone = steady.copy()
+    alone[2] = [170, 150]
+    assert torn_changes(alone, alone, 0).all(axis=1).tolist() == [False, False, True, False, False]
+    # A change that is torn in a single view is none that happened.
+    alone[2] = [170, 0]
+    assert not torn_changes(alone, alone, 0).any()
+    # With one other change to compare it with nothing can be said, with two it can.
+    assert not torn_changes(np.array([[0], [90]]), np.array([[0], [90]]), 0).any()
+    assert torn_changes(np.array([[0], [90], [0]]), np.array([[0], [90], [0]]), 0)[1].all()
+
+
+def test_views_are_torn_where_time_tells_more() -> None:
+    over_time = np.array([[0, 2, 60], [1, 0, 70], [0, 1, 80]])
+    between = np.array([[50, 50], [5, 200], [50, 210], [50, 300]])
+    found = torn_changes(over_time, between, 1)
+    assert found.tolist() == [[True, False], [False, True], [True, True], [True, True]]
+
+
+def test_residues_of_a_map_are_those_of_its_loops() -> None:
+    rng = np.random.default_rng(RNG_SEED)
+    maps = rng.normal(0, 2, (3, 2, 15, 18)).astype(np.float32)
+    known = rng.random(maps.shape) > 0.1
+    loops = [maps[..., :-1, :-1], maps[..., :-1, 1:], maps[..., 1:, 1:], maps[..., 1:, :-1]]
+    turns = sum(turned(b - a) for a, b in pairwise([*loops, loops[0]])) / TURN
+    all_known = (
+        known[..., :-1, :-1] & known[..., :-1, 1:] & known[..., 1:, 1:] & known[..., 1:, :-1]
+    )
+    expected = (np.abs(np.round(turns)) * all_known).sum(axis=(2, 3))
+    assert expected.min() > 10
+    np.testing.assert_array_equal(residues_of_maps(maps, known), expected)
+    # Whole turns more or less change nothing.
+    more = maps + np.float32(TURN) * rng.integers(-3, 4, maps.shape).astype(np.float32)
+    np.testing.assert_array_equal(residues_of_maps(more, known), expected)
 
 
 LOST = {

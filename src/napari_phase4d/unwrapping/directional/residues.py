@@ -6,13 +6,15 @@ Round a residue the steps of a wrapped map do not add up, so that its phase depe
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["residues_of_objects", "sudden_changes"]
+__all__ = ["residues_of_maps", "residues_of_objects", "torn_changes"]
 
 #: More are not counted: they fit into a byte. What is not known counts as so many.
 MOST = 255
@@ -22,13 +24,15 @@ WIDE = 35.0
 #: Residues that noise makes go when phasors are averaged over so many pixels along y and x, while
 #: those of steep rims mostly stay.
 AVERAGED = 3
-#: A change between two frames is sudden if it has this many residues, and so many times those of
-#: the changes round it, up to so many frames before and after; of these there must be some.
+#: A change between two frames is torn if it has this many residues more than so many times those
+#: of the changes round it (their median): over time those up to so many frames before and after.
+#: There must be some to compare it with.
 MORE, TIMES, ROUND, SOME = 10, 3, 2, 2
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Counts = NDArray[np.uint8]
+Totals = NDArray[np.int64]
 
 
 def residues_of_objects(
@@ -91,39 +95,56 @@ def count_residues(
             sums[part] += residue_at(wrapped, y, x)
 
 
-# ---- sudden changes --------------------------------------------------------------------------
+# ---- changes that are torn -------------------------------------------------------------------
 
 
-def sudden_changes(change: Image, known: Mask) -> Mask:
+def residues_of_maps(maps: Image, known: Mask) -> Totals:
+    """Count the residues of each map (time, angle) of a stack; it need not be wrapped."""
+    found = np.zeros(maps.shape[:2], dtype=np.int64)
+    for frame in np.ndindex(*found.shape):
+        found[frame] = residues_of(maps[frame], known[frame])
+    return found
+
+
+def torn_changes(over_time: Totals, counts: Totals, axis: int) -> Mask:
     """Say which changes between frames are torn as none of those round them are.
 
-    After a pause in the recording, or where something happens at once, the map of what changes
-    has residues: its steps pass half a turn at the rims, and what lies inside may come out a turn
-    off as a whole. Where all changes are like that, frames are still known best by each other; if
-    it is one alone, the frames on either side of it know better.
+    Where the map of what changes has residues, what lies inside may come out a turn off as a
+    whole. If all changes are like that, frames are still known best by each other. If it is this
+    one alone, they are known better without it: after a pause in the recording, or where
+    something happens at once, the frames on either side of it by themselves; where two views
+    differ much, each by what it was before.
 
     Parameters
     ----------
-    change : ndarray of float32, shape (time, angle, y, x)
-        Differences of wrapped phase from each frame to the next, in radians.
-    known : ndarray of bool, same shape
-        Where both are known.
+    over_time : ndarray of int, shape (time, angle)
+        Residues of each change over time.
+    counts : ndarray of int, shape (time, angle)
+        Residues of each change along the axis; the same ones for time.
+    axis : int
+        0 for time, 1 for angle.
 
     Returns
     -------
-    ndarray of bool, shape (time,)
-        For all views together: what happens, happens in all of them.
+    ndarray of bool, shape (time, angle)
+        Changes over time are torn in all views or in none: what happens is seen from everywhere.
     """
-    counts = np.zeros(len(change))
-    for time, angle in np.ndindex(*change.shape[:2]):
-        counts[time] += residues_of(change[time, angle], known[time, angle]) / change.shape[1]
-    found = np.zeros(len(change), dtype=bool)
-    for time, own in enumerate(counts):
-        near = np.concatenate(
-            [counts[max(time - ROUND, 0) : time], counts[time + 1 : time + 1 + ROUND]]
-        )
-        found[time] = len(near) >= SOME and own > MORE + TIMES * np.median(near)
+    found = np.zeros(counts.shape, dtype=bool)
+    if axis == 0:
+        means = counts.mean(axis=1)
+        for time, own in enumerate(means.tolist()):
+            before, after = means[max(time - ROUND, 0) : time], means[time + 1 : time + 1 + ROUND]
+            found[time] = is_torn(own, np.concatenate([before, after]))
+        return found
+    for time, angle in np.ndindex(*counts.shape):
+        near = over_time[max(time - 1, 0) : time + 1, angle : angle + 2]
+        found[time, angle] = is_torn(float(counts[time, angle]), near)
     return found
+
+
+def is_torn(own: float, near: NDArray[Any]) -> bool:
+    """Say whether a change has far more residues than those round it."""
+    return near.size >= SOME and bool(own > MORE + TIMES * np.median(near))
 
 
 @compiled

@@ -17,7 +17,7 @@ from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.directional.residues import sudden_changes
+from napari_phase4d.unwrapping.directional.residues import residues_of_maps, torn_changes
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
 from napari_phase4d.unwrapping.frames import turns_of_frame
 from napari_phase4d.unwrapping.given import working_frames
@@ -139,12 +139,13 @@ OF_TWO_CHANGES, OF_ONE_STEP = 21.4, 8.0
 #: Amplitude, as a share of its median, below which fading does not grow; and the roughness in
 #: radians that half the median stands for. Any value from 0.5 to 4 does about as well.
 FAINTEST, FADING = 0.05, 2.0
-#: A sudden change counts for as little as steps of so many radians. From 4.5 on it is the same.
-SUDDEN = np.float32(6)
+#: Changes that are torn count for as little as steps that are so rough, in radians. From 4.5 on it
+#: is the same.
+TORN = np.float32(6)
 #: Pixels, of all views, whose steps are weighed at a time, unless one frame has more.
 STEP_PIXELS = 400_000
 #: Frames before and after a frame that the weights of its steps depend on: by their roughness, and
-#: by whether a change is sudden.
+#: by whether a change is torn.
 BEFORE, AFTER = 2, 3
 
 Image = NDArray[np.float32]
@@ -366,10 +367,7 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
     def weigh_along(axis: int) -> Opinion:
         if axis == 0:
             steps = along(axis, seen, seams)
-            found = opinion(axis, steps, steps.valid, floors, seen.amplitude, block.of(around))
-            sudden = sudden_changes(steps.difference, steps.valid)[block.of(around)]
-            found.rough[sudden] = np.maximum(found.rough[sudden], SUDDEN)
-            return found
+            return opinion(axis, steps, steps.valid, floors, seen.amplitude, block.of(around))
         steps = along(axis, close, close_seams)
         kept = steps.valid
         if axis > 1:  # within an island of the empty field there is nothing to ask
@@ -379,7 +377,28 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
         return opinion(axis, steps, kept, floors, close.amplitude, own)
 
     by_axis = {axis: weigh_along(axis) for axis in range(4) if scene.part[axis] > 1}
+    doubt_torn(by_axis, seen, seams, block.of(around))
     return Weighed(block, part_of(seen, block.of(around)).free, by_axis, {}, courses)
+
+
+def doubt_torn(
+    by_axis: dict[int, Opinion], seen: Seen, seams: NDArray[np.int8], own: slice
+) -> None:
+    """Let changes between frames count for little that are torn as none round them, in place."""
+    if 0 not in by_axis:  # nothing to compare them with
+        return
+    counts = {axis: residues_along(axis, seen, seams) for axis in by_axis if axis < 2}
+    torn = {axis: torn_changes(counts[0], count, axis)[own] for axis, count in counts.items()}
+    for axis, mask in torn.items():
+        rough = by_axis[axis].rough
+        rough[mask] = np.maximum(rough[mask], TORN)
+
+
+def residues_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> NDArray[np.int64]:
+    """Count the residues of each change between frames along time or angle."""
+    head, tail = ends_along(axis, 4)
+    known = seen.usable[head] & seen.usable[tail] & (seams[head] == seams[tail])
+    return residues_of_maps(seen.phase[tail] - seen.phase[head], known)
 
 
 def opinion(
