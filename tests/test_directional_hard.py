@@ -78,7 +78,7 @@ def stack_of(phase: np.ndarray, noise: float = 0.0, seed: int = RNG_SEED) -> xr.
 @pytest.mark.parametrize("noise", [0.0, 0.3, 0.5])
 @pytest.mark.parametrize("name", ["vacuole", "touching", "dividing"])
 def test_a_pause(name: str, noise: float) -> None:
-    """What changes meanwhile is torn at the rims: by it alone a cell slips by a turn, 1.6 to 3.8 rad²."""
+    """What changes meanwhile is torn at the rims; held to it, a cell slips: 1.6 to 3.8 rad²."""
     data = with_fault(object_(name), "pause", noise, seed=RNG_SEED)
     empty = empty_of(with_fault(object_(name), "pause"))
     assert error_of(data, empty) <= 0.06
