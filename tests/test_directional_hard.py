@@ -22,7 +22,11 @@ from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping import neighbours
 from napari_phase4d.unwrapping.background import find_background, plane, tilt_of
 from napari_phase4d.unwrapping.directional.following import follow
-from napari_phase4d.unwrapping.directional.residues import residues_of_maps, torn_changes
+from napari_phase4d.unwrapping.directional.residues import (
+    residues_of_maps,
+    torn_changes,
+    torn_objects,
+)
 from napari_phase4d.unwrapping.directional.scene import Seen
 from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of, link_map
 from napari_phase4d.unwrapping.given import lost_frames
@@ -101,9 +105,12 @@ def test_a_change_is_torn_that_has_far_more_residues_than_those_round_it() -> No
     # A change that is torn in a single view is none that happened.
     alone[2] = [170, 0]
     assert not torn_changes(alone, alone, 0).any()
-    # With one other change to compare it with nothing can be said, with two it can.
-    assert not torn_changes(np.array([[0], [90]]), np.array([[0], [90]]), 0).any()
-    assert torn_changes(np.array([[0], [90], [0]]), np.array([[0], [90], [0]]), 0)[1].all()
+    # What is in one frame alone comes with one change and goes with the next.
+    twice = np.array([[0], [0], [90], [85], [0], [0]])
+    assert not torn_changes(twice, twice, 0).any()
+    # On one side of the first change and the last one there would be a single frame.
+    first = np.array([[90], [0], [0], [0], [90]])
+    assert not torn_changes(first, first, 0).any()
 
 
 def test_views_are_torn_where_time_tells_more() -> None:
@@ -124,10 +131,64 @@ def test_residues_of_a_map_are_those_of_its_loops() -> None:
     )
     expected = (np.abs(np.round(turns)) * all_known).sum(axis=(2, 3))
     assert expected.min() > 10
-    np.testing.assert_array_equal(residues_of_maps(maps, known), expected)
+    bare = np.zeros_like(known)
+    np.testing.assert_array_equal(residues_of_maps(maps, known, bare, 0), expected)
     # Whole turns more or less change nothing.
     more = maps + np.float32(TURN) * rng.integers(-3, 4, maps.shape).astype(np.float32)
-    np.testing.assert_array_equal(residues_of_maps(more, known), expected)
+    np.testing.assert_array_equal(residues_of_maps(more, known, bare, 0), expected)
+    # Residues all over the empty field are noise.
+    assert not residues_of_maps(maps, known, known, 0).any()
+
+
+def test_over_time_residues_at_rims_count_and_only_objects_that_have_some() -> None:
+    """A cell with a vortex in its middle, one with two at its rim; a third one has none."""
+    y, x = np.mgrid[:40, :120].astype(float)
+    map_ = np.zeros((40, 120), np.float32)
+    inside = np.zeros(map_.shape, dtype=bool)
+    for centre, vortices in ((20, [(20, 20)]), (60, [(9, 60), (31, 60)]), (100, [])):
+        cell = np.hypot(y - 20, x - centre) < 13
+        inside |= cell
+        for row, column in vortices:
+            angle = np.arctan2(y - row + 0.5, x - column + 0.5)
+            map_[cell] += (np.sign(row - 25) * angle if len(vortices) > 1 else angle)[cell]
+    known = np.ones(map_.shape, dtype=bool)
+    at_rims, everywhere = (
+        residues_of_maps(map_[None, None], known[None, None], ~inside[None, None], axis)[0, 0]
+        for axis in (0, 1)
+    )
+    assert 0 < at_rims < everywhere
+    noisy = map_.copy()
+    noisy[8:32, 48:72] += np.random.default_rng(RNG_SEED).normal(0, 3, (24, 24))
+    torn = torn_objects(noisy, known, ~inside)
+    assert torn[20, 60]
+    assert not torn[20, 100]
+    assert not torn[20, 20]
+
+
+@pytest.mark.parametrize("noise", [0.2, 0.5])
+def test_what_comes_into_view_leaves_other_cells_alone(noise: float) -> None:
+    """A cell with a wall that grows, and another one that is there at once, far away."""
+    y, x = np.mgrid[:64, :120].astype(float)
+    own = np.maximum(1 - ((y - 32) ** 2 + (x - 30) ** 2) / 22**2, 0) ** 0.5
+    disc = np.hypot(y - 30, x - 32) < 8
+    other = 8 * np.maximum(1 - ((y - 32) ** 2 + (x - 92) ** 2) / 18**2, 0) ** 0.5
+    moments = np.linspace(0, 1, 20)
+    frames = [(4 + 8 * s) * own + 8 * s * disc + other * (s > 0.6) for s in moments]
+    phase = np.stack([np.stack(frames)] * 2, axis=1)
+    off = [error_of(stack_of(phase, noise, seed), phase < 0.01) for seed in range(3)]
+    assert max(off) <= 0.02, off
+
+
+def test_one_noisy_frame_is_no_pause() -> None:
+    exact = hard_shape("growing wall", angles_deg=(0.0, 6.0))
+    data = with_noise(exact, 0.2, seed=RNG_SEED)
+    more = np.random.default_rng(RNG_SEED).normal(0, 0.77, exact["phase"].shape[1:])
+    phase = data["phase"].values.copy()
+    phase[15] += more
+    data = data.assign(
+        phase=data["phase"].copy(data=phase), wrapped=data["wrapped"].copy(data=turned(phase))
+    )
+    assert error_of(data, empty_of(exact)) <= 0.05
 
 
 LOST = {

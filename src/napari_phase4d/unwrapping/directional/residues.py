@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["residues_of_maps", "residues_of_objects", "torn_changes"]
+__all__ = ["residues_of_maps", "residues_of_objects", "torn_changes", "torn_objects"]
 
 #: More are not counted: they fit into a byte. What is not known counts as so many.
 MOST = 255
@@ -26,8 +26,11 @@ WIDE = 35.0
 AVERAGED = 3
 #: A change between two frames is torn if it has this many residues more than so many times those
 #: of the changes round it (their median): over time those up to so many frames before and after.
-#: There must be some to compare it with.
-MORE, TIMES, ROUND, SOME = 10, 3, 2, 2
+MORE, TIMES, ROUND = 10, 3, 2
+#: A residue lies at the rim of an object if there is empty field within so many pixels.
+RIM = 3
+#: Noise makes the residues of a map if there is more than one in so many pixels of empty field.
+NOISE_EACH = 400
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -98,11 +101,26 @@ def count_residues(
 # ---- changes that are torn -------------------------------------------------------------------
 
 
-def residues_of_maps(maps: Image, known: Mask) -> Totals:
-    """Count the residues of each map (time, angle) of a stack; it need not be wrapped."""
+def residues_of_maps(maps: Image, known: Mask, bare: Mask, axis: int) -> Totals:
+    """Count the residues of objects in each map of what changes.
+
+    Over time those at their rims: there a whole cell slips. Those of a wall inside it say that
+    something has moved there, not that the cell's level is another. From one view to the next
+    all count, as each is known by what it was before.
+
+    Parameters
+    ----------
+    maps : ndarray of float32, shape (time, angle, y, x)
+        What changes, in radians; it need not be wrapped.
+    known, bare : ndarray of bool, same shape
+        Where it is known; where there is empty field before and after. A map without any of it
+        counts as all rim, one with residues in it has none: it is noise that makes them there.
+    axis : int
+        0 if it changes over time, 1 if from view to view.
+    """
     found = np.zeros(maps.shape[:2], dtype=np.int64)
     for frame in np.ndindex(*found.shape):
-        found[frame] = residues_of(maps[frame], known[frame])
+        found[frame] = residues_of(maps[frame], known[frame], bare[frame], axis == 0)
     return found
 
 
@@ -128,34 +146,62 @@ def torn_changes(over_time: Totals, counts: Totals, axis: int) -> Mask:
     -------
     ndarray of bool, shape (time, angle)
         Changes over time are torn in all views or in none: what happens is seen from everywhere.
+        The first one and the last one never are, as frames on one side of them alone would be
+        all that there is.
     """
     found = np.zeros(counts.shape, dtype=bool)
     if axis == 0:
         means = counts.mean(axis=1)
-        for time, own in enumerate(means.tolist()):
+        # What is seen in one frame alone, as noise, comes with one change and goes with the next.
+        for time in range(1, len(means) - 1):
             before, after = means[max(time - ROUND, 0) : time], means[time + 1 : time + 1 + ROUND]
-            found[time] = is_torn(own, np.concatenate([before, after]))
+            own, beside = float(means[time]), max(before[-1], after[0])
+            found[time] = own > MORE + 2 * beside and is_torn(own, np.concatenate([before, after]))
         return found
     for time, angle in np.ndindex(*counts.shape):
         near = over_time[max(time - 1, 0) : time + 1, angle : angle + 2]
-        found[time, angle] = is_torn(float(counts[time, angle]), near)
+        found[time, angle] = near.size > 1 and is_torn(float(counts[time, angle]), near)
     return found
 
 
 def is_torn(own: float, near: NDArray[Any]) -> bool:
     """Say whether a change has far more residues than those round it."""
-    return near.size >= SOME and bool(own > MORE + TIMES * np.median(near))
+    return bool(own > MORE + TIMES * np.median(near))
+
+
+def torn_objects(change: Image, known: Mask, bare: Mask) -> Mask:
+    """Return the pixels of those objects that tear a map of what changes: no others slip."""
+    labels, count = scipy.ndimage.label(scipy.ndimage.binary_dilation(known & ~bare))
+    sums = np.zeros(count + 1, dtype=np.int64)
+    count_residues(change, known, np.zeros(change.shape, np.int16), labels, sums)
+    found: Mask = (sums > MORE)[labels]
+    return found
 
 
 @compiled
-def residues_of(wrapped: Image, known: Mask) -> int:
-    """Count the residues of a map, which need not be wrapped itself."""
-    total = 0
+def residues_of(wrapped: Image, known: Mask, bare: Mask, rims: bool) -> int:
+    """Do a map of `residues_of_maps`."""
+    total, counted, empty, in_empty = 0, 0, 0, 0
     for y in range(wrapped.shape[0] - 1):
         for x in range(wrapped.shape[1] - 1):
-            if known[y, x] and known[y, x + 1] and known[y + 1, x] and known[y + 1, x + 1]:
-                total += residue_at(wrapped, y, x)
-    return total
+            if not (known[y, x] and known[y, x + 1] and known[y + 1, x] and known[y + 1, x + 1]):
+                continue
+            ground = bare[y, x] and bare[y, x + 1] and bare[y + 1, x] and bare[y + 1, x + 1]
+            empty += ground
+            here = residue_at(wrapped, y, x)
+            if here == 0:
+                continue
+            total += here
+            if ground:
+                in_empty += here
+            elif (
+                not rims
+                or bare[max(y - RIM, 0) : y + 2 + RIM, max(x - RIM, 0) : x + 2 + RIM].any()
+            ):
+                counted += here
+    if empty == 0:
+        return total
+    return counted if NOISE_EACH * in_empty <= empty else 0
 
 
 @compiled

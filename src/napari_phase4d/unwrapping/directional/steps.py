@@ -17,7 +17,11 @@ from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.directional.residues import residues_of_maps, torn_changes
+from napari_phase4d.unwrapping.directional.residues import (
+    residues_of_maps,
+    torn_changes,
+    torn_objects,
+)
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
 from napari_phase4d.unwrapping.frames import turns_of_frame
 from napari_phase4d.unwrapping.given import working_frames
@@ -384,21 +388,24 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
 def doubt_torn(
     by_axis: dict[int, Opinion], seen: Seen, seams: NDArray[np.int8], own: slice
 ) -> None:
-    """Let changes between frames count for little that are torn as none round them, in place."""
+    """Let objects count for little in changes that they tear as none round them, in place."""
     if 0 not in by_axis:  # nothing to compare them with
         return
-    counts = {axis: residues_along(axis, seen, seams) for axis in by_axis if axis < 2}
-    torn = {axis: torn_changes(counts[0], count, axis)[own] for axis, count in counts.items()}
-    for axis, mask in torn.items():
-        rough = by_axis[axis].rough
-        rough[mask] = np.maximum(rough[mask], TORN)
+    maps = {axis: changes_along(axis, seen, seams) for axis in by_axis if axis < 2}
+    for axis, parts in maps.items():
+        over_time, counts = (residues_of_maps(*some, axis) for some in (maps[0], parts))
+        rough, (change, known, bare) = by_axis[axis].rough, (part[own] for part in parts)
+        for frame in np.argwhere(torn_changes(over_time, counts, axis)[own]):
+            at = tuple(frame)
+            torn = torn_objects(change[at], known[at], bare[at])
+            rough[at][torn] = np.maximum(rough[at][torn], TORN)
 
 
-def residues_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> NDArray[np.int64]:
-    """Count the residues of each change between frames along time or angle."""
+def changes_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> tuple[Image, Mask, Mask]:
+    """Return what changes along time or angle; where it is known; where both are empty field."""
     head, tail = ends_along(axis, 4)
     known = seen.usable[head] & seen.usable[tail] & (seams[head] == seams[tail])
-    return residues_of_maps(seen.phase[tail] - seen.phase[head], known)
+    return seen.phase[tail] - seen.phase[head], known, seen.empty[head] & seen.empty[tail]
 
 
 def opinion(
