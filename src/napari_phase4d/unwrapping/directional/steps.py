@@ -391,11 +391,13 @@ def doubt_torn(
     """Let objects count for little in changes that they tear as none round them, in place."""
     if 0 not in by_axis:  # nothing to compare them with
         return
-    maps = {axis: changes_along(axis, seen, seams) for axis in by_axis if axis < 2}
-    for axis, parts in maps.items():
-        over_time, counts = (residues_of_maps(*some, axis) for some in (maps[0], parts))
-        rough, (change, known, bare) = by_axis[axis].rough, (part[own] for part in parts)
-        for frame in np.argwhere(torn_changes(over_time, counts, axis)[own]):
+    over_time = changes_along(0, seen, seams)
+    for axis in (axis for axis in by_axis if axis < 2):
+        maps = over_time if axis == 0 else changes_along(axis, seen, seams)
+        counts = residues_of_maps(*maps, axis)
+        near = counts if axis == 0 else residues_of_maps(*over_time, axis)
+        rough, (change, known, bare) = by_axis[axis].rough, (part[own] for part in maps)
+        for frame in np.argwhere(torn_changes(near, counts, axis)[own]):
             at = tuple(frame)
             torn = torn_objects(change[at], known[at], bare[at])
             rough[at][torn] = np.maximum(rough[at][torn], TORN)
