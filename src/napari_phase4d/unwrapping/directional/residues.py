@@ -27,6 +27,8 @@ AVERAGED = 3
 #: A change between two frames is torn if it has this many residues more than so many times those
 #: of the changes round it (their median): over time those up to so many frames before and after.
 MORE, TIMES, ROUND = 10, 3, 2
+#: Those right beside it must have less by this factor: one frame tears both of its changes alike.
+ALONE = 1.5
 #: A residue lies at the rim of an object if there is empty field within so many pixels.
 RIM = 3
 #: Noise makes the residues of a map if there is more than one in so many pixels of empty field.
@@ -156,7 +158,8 @@ def torn_changes(over_time: Totals, counts: Totals, axis: int) -> Mask:
         for time in range(1, len(means) - 1):
             before, after = means[max(time - ROUND, 0) : time], means[time + 1 : time + 1 + ROUND]
             own, beside = float(means[time]), max(before[-1], after[0])
-            found[time] = own > MORE + 2 * beside and is_torn(own, np.concatenate([before, after]))
+            alone = own > ALONE * beside
+            found[time] = alone and is_torn(own, np.concatenate([before, after]))
         return found
     for time, angle in np.ndindex(*counts.shape):
         near = over_time[max(time - 1, 0) : time + 1, angle : angle + 2]
