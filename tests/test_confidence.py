@@ -300,6 +300,29 @@ def test_a_slipped_object_is_said() -> None:
     assert said.endswith("first in frame (time 4, angle 0), counted from 0")
 
 
+def two_cells(gap: int) -> xr.Dataset:
+    """Return a large cell and a small one beside it, with so many pixels between the two."""
+    y, x = np.mgrid[:64, :64]
+    frame = np.zeros((64, 64), dtype=np.float32)
+    for radius, middle in ((11, 24), (7, 24 + 11 + gap + 7)):
+        frame += 5 * np.sqrt(np.maximum(1 - ((y - 32) ** 2 + (x - middle) ** 2) / radius**2, 0))
+    phase = xr.DataArray(np.tile(frame, (6, 2, 1, 1)), dims=("time", "angle", "y", "x"))
+    wrapped = np.angle(np.exp(1j * phase)).astype(np.float32)
+    return xr.Dataset({"phase": phase, "wrapped": phase.copy(data=wrapped)})
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_a_cell_that_slipped_beside_another_is_said(noise: float) -> None:
+    """The field between the two is narrow, so that they are one piece of what is not empty."""
+    data = with_noise(two_cells(4), noise, seed=6)
+    problem, small = Problem(data["wrapped"]), np.arange(64) > 24 + 11
+    inside = two_cells(4)["phase"].values > 0
+    slipped = data["phase"].copy(data=data["phase"].values + TURN * (inside & small))
+    slipped[[0, 1, 2, 4, 5]] = data["phase"][[0, 1, 2, 4, 5]]
+    trust = p4d.confidence(slipped, data["wrapped"])
+    assert np.argwhere(slipped_frames(problem, trust)).tolist() == [[3, 0], [3, 1]]
+
+
 @pytest.mark.thorough
 def test_verdict_says_what_to_use() -> None:
     data = with_noise(moving_shape("swelling"), 0.5, seed=8)

@@ -36,6 +36,7 @@ from napari_phase4d.unwrapping import (
     chance_by_wavelengths,
     level_residues,
     run_method,
+    shrunk,
     supports_by_steps,
     working_blocks,
 )
@@ -387,10 +388,13 @@ def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
 # ---- what the maps come to ------------------------------------------------------------------
 
 
+#: Empty field is found with so many pixels to spare: objects are less by them than all else. Where
+#: two cells lie side by side, they are two.
+SPARE = 3
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
 #: ... and may have slipped if at least this share of it is trusted less than so much.
-MOST, FIRM = 0.5, 0.8
+MOST, FIRM = 0.5, 0.7
 
 Counts = NDArray[np.int64]
 Mask = NDArray[np.bool_]
@@ -485,32 +489,44 @@ class Count:
         """
         lost = self.problem.lost()[block.start : block.stop]
         field = self.problem.given.read(block)[1] & ~lost[..., None, None]
-        inside = field & ~self.problem.background().empty.read(block)
+        empty = self.problem.background().empty.read(block)
+        inside = field & ~empty
         maps = [stack.read(block) for stack in self.trust]
-        looks = [np.ones_like(field), self._differ(block, field), *(m < DOUBTFUL for m in maps)]
+        looks = [np.ones_like(field), self._differ(block, empty), *(m < DOUBTFUL for m in maps)]
         in_object, in_field = (
             np.stack([np.count_nonzero(look & where, axis=(2, 3)) for look in looks], axis=-1)
             for where in (inside, field)
         )
         slipped = np.zeros((*inside.shape[:2], len(maps)), dtype=bool)
         for frame in np.ndindex(*inside.shape[:2]):
-            slipped[frame] = slips(inside[frame], [m[frame] < FIRM for m in maps])
+            objects = objects_in(inside[frame], empty[frame])
+            slipped[frame] = slips(objects, [m[frame] < FIRM for m in maps])
         return in_object, in_field, slipped
 
-    def _differ(self, block: Block, field: Mask) -> Mask:
+    def _differ(self, block: Block, empty: Mask) -> Mask:
         """Mark where not all results have the same wrap count."""
-        found = np.zeros_like(field)
+        found = np.zeros_like(empty)
         if len(self.results) > 1:
-            empty = self.problem.background().empty.read(block)
             first, *others = (result.read(block) for result in self.results)
             for other in others:
                 found |= above_field(whole_turns(other, first), empty) != 0
         return found
 
 
-def slips(inside: Mask, wrong: list[Mask]) -> list[bool]:
-    """Say for each mask of doubt whether most of an object of the frame lies in it."""
+def objects_in(inside: Mask, empty: Mask) -> Mask:
+    """Mark the objects of a frame: what is not empty field, less its rim where more is left."""
+    core = ~empty
+    for _ in range(SPARE):
+        core = shrunk(core, beyond=True)
     labels, count = scipy.ndimage.label(inside)
+    thin = np.bincount(labels[core & inside], minlength=count + 1) == 0
+    found: Mask = inside & (core | thin[labels])
+    return found
+
+
+def slips(objects: Mask, wrong: list[Mask]) -> list[bool]:
+    """Say for each mask of doubt whether most of an object of the frame lies in it."""
+    labels, count = scipy.ndimage.label(objects)
     if not count:
         return [False] * len(wrong)
     size = np.bincount(labels.ravel(), minlength=count + 1)[1:]

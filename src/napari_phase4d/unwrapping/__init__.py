@@ -21,7 +21,7 @@ from napari_phase4d.unwrapping.directional.support import (
     astray,
     supports_by_steps,
 )
-from napari_phase4d.unwrapping.filters import median_of
+from napari_phase4d.unwrapping.filters import median_of, shrunk
 from napari_phase4d.unwrapping.frames import border_medians, left_out_advice
 from napari_phase4d.unwrapping.given import (
     Given,
@@ -102,6 +102,7 @@ __all__ = [
     "score_boundaries",
     "scores_of_some",
     "scores_sentence",
+    "shrunk",
     "supports_by_steps",
     "unwrap",
     "views_by_light",
