@@ -127,6 +127,14 @@ def one_time(noise: float) -> Iterator[Case]:
         yield noisy(name, exact, noise, f"onetime{name}{noise}")
 
 
+def every_third(noise: float) -> Iterator[Case]:
+    """The second half of each recording, with gaps, so that no frame is thin at the start."""
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name)
+        exact = exact.isel(time=slice(exact.sizes["time"] // 2, None, 3))
+        yield noisy(name, exact, noise, f"late{name}{noise}")
+
+
 def two_far_views(noise: float) -> Iterator[Case]:
     for name in HARD_SHAPES:
         exact = hard_shape(name, n_times=30, angles_deg=(-7.0, 21.0))
@@ -260,6 +268,7 @@ def regimes() -> None:
         ("hard shapes, 2 far views", two_far_views, (0, 0.5)),
         ("all shapes, one view", one_view, (0, 0.5)),
         ("all shapes, one time", one_time, (0, 0.5)),
+        ("every third time of the second half", every_third, (0, 0.3)),
         ("a fault half way", faults, (0, 0.5)),
     )
     for words, cases, noises in by_noise:

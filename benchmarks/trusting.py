@@ -13,6 +13,7 @@ from regimes import (
     OWN_PHANTOMS,
     WALLS,
     Case,
+    every_third,
     faults,
     hard_shapes,
     noisy,
@@ -59,14 +60,6 @@ def thicker(noise: float) -> Iterator[Case]:
         exact = object_(name)
         exact = exact.assign(phase=np.float32(1.5) * exact["phase"])
         yield noisy(name, exact, noise, f"thick{name}{noise}")
-
-
-def every_third(noise: float) -> Iterator[Case]:
-    """The second half of each recording, with gaps, so that no frame is thin at the start."""
-    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
-        exact = object_(name)
-        exact = exact.isel(time=slice(exact.sizes["time"] // 2, None, 3))
-        yield noisy(name, exact, noise, f"late{name}{noise}")
 
 
 def unseen(case: Case) -> bool:

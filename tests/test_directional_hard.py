@@ -26,6 +26,7 @@ from napari_phase4d.unwrapping.directional.residues import (
     residues_of_maps,
     torn_changes,
     torn_objects,
+    torn_views,
 )
 from napari_phase4d.unwrapping.directional.scene import Seen
 from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of, link_map
@@ -96,28 +97,50 @@ def test_two_views_that_differ_much(noise: float) -> None:
     assert error_of(data, empty_of(exact)) <= 0.002
 
 
-def test_a_change_is_torn_that_has_far_more_residues_than_those_round_it() -> None:
-    steady = np.array([[40, 44], [38, 40], [45, 41], [39, 43], [41, 40]])
-    assert not torn_changes(steady, steady, 0).any()
-    alone = steady.copy()
-    alone[2] = [170, 150]
-    assert torn_changes(alone, alone, 0).all(axis=1).tolist() == [False, False, True, False, False]
+def torn_times(changes: list[list[int]], frames: list[list[int]]) -> list[int]:
+    """Return which changes are torn, in all views."""
+    torn = torn_changes(np.array(changes), np.array(frames))
+    assert (torn.all(axis=1) == torn.any(axis=1)).all()
+    return np.flatnonzero(torn.all(axis=1)).tolist()
+
+
+def test_a_change_is_torn_that_has_more_residues_than_both_its_frames() -> None:
+    frames = [[40, 42]] * 6
+    assert torn_times([[40, 44], [38, 40], [45, 41], [39, 43], [41, 40]], frames) == []
+    # Wherever it is, and whatever those beside it are.
+    assert torn_times([[90, 80], [38, 40], [45, 41], [39, 43], [95, 90]], frames) == [0, 4]
+    assert torn_times([[90, 80]] * 5, frames) == [0, 1, 2, 3, 4]
     # A change that is torn in a single view is none that happened.
-    alone[2] = [170, 0]
-    assert not torn_changes(alone, alone, 0).any()
-    # What is in one frame alone comes with one change and goes with the next.
-    twice = np.array([[0], [0], [90], [85], [0], [0]])
-    assert not torn_changes(twice, twice, 0).any()
+    assert torn_times([[40, 44], [90, 0], [45, 41], [39, 43], [41, 40]], frames) == []
+    # One frame in which the object is torn itself tears both of its changes.
+    noisy = [[4], [4], [4], [70], [4], [4]]
+    assert torn_times([[5], [5], [68], [68], [5]], noisy) == []
+
+
+def test_a_change_is_torn_that_has_far_more_residues_than_those_round_it() -> None:
+    frames = [[200, 190]] * 6
+    alone = [[40, 44], [38, 40], [170, 150], [39, 43], [41, 40]]
+    assert torn_times(alone, frames) == [2]
+    # The frames after it may be clear where those before are not.
+    assert torn_times([[40], [40], [85], [40], [40]], [[200]] * 3 + [[70]] * 3) == [2]
+    assert torn_times([[40], [60], [85], [60], [40]], [[200]] * 3 + [[70]] * 3) == []
     # On one side of the first change and the last one there would be a single frame.
-    first = np.array([[90], [0], [0], [0], [90]])
-    assert not torn_changes(first, first, 0).any()
+    assert torn_times([[190], [0], [0], [0], [190]], [[200]] * 6) == []
 
 
 def test_views_are_torn_where_time_tells_more() -> None:
     over_time = np.array([[0, 2, 60], [1, 0, 70], [0, 1, 80]])
     between = np.array([[50, 50], [5, 200], [50, 210], [50, 300]])
-    found = torn_changes(over_time, between, 1)
+    found = torn_views(over_time, between)
     assert found.tolist() == [[True, False], [False, True], [True, True], [True, True]]
+
+
+@pytest.mark.parametrize("name", ["dividing", "swelling", "daughters"])
+def test_four_frames_far_apart_in_time(name: str) -> None:
+    """They are thick from the start on, and each of their changes is torn more than they are."""
+    exact = hard_shape(name) if name == "daughters" else moving_shape(name)
+    exact = exact.isel(time=slice(exact.sizes["time"] // 2, None, 3))
+    assert error_of(with_noise(exact, 0, seed=RNG_SEED), empty_of(exact)) <= 0.05
 
 
 def test_residues_of_a_map_are_those_of_its_loops() -> None:

@@ -6,15 +6,13 @@ Round a residue the steps of a wrapped map do not add up, so that its phase depe
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["residues_of_maps", "residues_of_objects", "torn_changes", "torn_objects"]
+__all__ = ["residues_of_maps", "residues_of_objects", "torn_changes", "torn_objects", "torn_views"]
 
 #: More are not counted: they fit into a byte. What is not known counts as so many.
 MOST = 255
@@ -24,10 +22,12 @@ WIDE = 35.0
 #: Residues that noise makes go when phasors are averaged over so many pixels along y and x, while
 #: those of steep rims mostly stay.
 AVERAGED = 3
-#: A change between two frames is torn if it has this many residues more than so many times those
-#: of the changes round it (their median): over time those up to so many frames before and after.
+#: A change between two frames is torn if it has this many residues more than both of its frames
+#: themselves; or than the clearer one, or so many times the changes round it (their median): over
+#: time those up to so many frames before and after.
 MORE, TIMES, ROUND = 10, 3, 2
-#: Those right beside it must have less by this factor: one frame tears both of its changes alike.
+#: For these those right beside it must have less by this factor: one frame tears both of its
+#: changes alike.
 ALONE = 1.5
 #: A residue lies at the rim of an object if there is empty field within so many pixels.
 RIM = 3
@@ -104,7 +104,7 @@ def count_residues(
 
 
 def residues_of_maps(maps: Image, known: Mask, bare: Mask, axis: int) -> Totals:
-    """Count the residues of objects in each map of what changes.
+    """Count the residues of objects in each map: of what changes, or of frames themselves.
 
     Over time those at their rims: there a whole cell slips. Those of a wall inside it say that
     something has moved there, not that the cell's level is another. From one view to the next
@@ -126,50 +126,63 @@ def residues_of_maps(maps: Image, known: Mask, bare: Mask, axis: int) -> Totals:
     return found
 
 
-def torn_changes(over_time: Totals, counts: Totals, axis: int) -> Mask:
-    """Say which changes between frames are torn as none of those round them are.
+def torn_changes(over_time: Totals, frames: Totals) -> Mask:
+    """Say which changes over time are torn, so that frames are known better by themselves.
 
     Where the map of what changes has residues, what lies inside may come out a turn off as a
-    whole. If all changes are like that, frames are still known best by each other. If it is this
-    one alone, they are known better without it: after a pause in the recording, or where
-    something happens at once, the frames on either side of it by themselves; where two views
-    differ much, each by what it was before.
+    whole. So may a frame that has residues itself. A change that has more than both of its frames
+    tells of neither: after a pause in the recording, or where something happens at once. Neither
+    does one that has more than the clearer of them, or far more than those round it, if it has
+    clearly more than the two right beside it: a noisy frame tears both of its changes alike, and
+    is known best by what is before it and after it.
 
     Parameters
     ----------
-    over_time : ndarray of int, shape (time, angle)
-        Residues of each change over time.
-    counts : ndarray of int, shape (time, angle)
-        Residues of each change along the axis; the same ones for time.
-    axis : int
-        0 for time, 1 for angle.
+    over_time : ndarray of int, shape (time - 1, angle)
+        Residues of each change.
+    frames : ndarray of int, shape (time, angle)
+        Residues of each frame.
 
     Returns
     -------
-    ndarray of bool, shape (time, angle)
-        Changes over time are torn in all views or in none: what happens is seen from everywhere.
-        The first one and the last one never are, as frames on one side of them alone would be
-        all that there is.
+    ndarray of bool, shape (time - 1, angle)
+        Torn in all views or in none: what happens is seen from everywhere.
     """
-    found = np.zeros(counts.shape, dtype=bool)
-    if axis == 0:
-        means = counts.mean(axis=1)
-        # What is seen in one frame alone, as noise, comes with one change and goes with the next.
-        for time in range(1, len(means) - 1):
-            before, after = means[max(time - ROUND, 0) : time], means[time + 1 : time + 1 + ROUND]
-            own, beside = float(means[time]), max(before[-1], after[0])
-            alone = own > ALONE * beside
-            found[time] = alone and is_torn(own, np.concatenate([before, after]))
-        return found
-    for time, angle in np.ndindex(*counts.shape):
-        near = over_time[max(time - 1, 0) : time + 1, angle : angle + 2]
-        found[time, angle] = near.size > 1 and is_torn(float(counts[time, angle]), near)
+    found = np.zeros(over_time.shape, dtype=bool)
+    changes, own = over_time.mean(axis=1), frames.mean(axis=1)
+    for time, here in enumerate(changes):
+        pair = own[time : time + 2]
+        if here > MORE + pair.max():
+            found[time] = True
+        elif 0 < time < len(changes) - 1:
+            before, after = changes[max(time - ROUND, 0) : time], changes[time + 1 :][:ROUND]
+            usual = TIMES * np.median(np.concatenate([before, after]))
+            alone = here > ALONE * max(before[-1], after[0])
+            found[time] = alone and here > MORE + min(pair.min(), usual)
     return found
 
 
-def is_torn(own: float, near: NDArray[Any]) -> bool:
-    """Say whether a change has far more residues than those round it."""
-    return bool(own > MORE + TIMES * np.median(near))
+def torn_views(over_time: Totals, counts: Totals) -> Mask:
+    """Say which changes between views are torn, as neither view is by time.
+
+    Where two views differ much, each is known better by what it was before.
+
+    Parameters
+    ----------
+    over_time : ndarray of int, shape (time - 1, angle)
+        Residues of each change over time.
+    counts : ndarray of int, shape (time, angle - 1)
+        Residues of each change from view to view.
+
+    Returns
+    -------
+    ndarray of bool, shape (time, angle - 1)
+    """
+    found = np.zeros(counts.shape, dtype=bool)
+    for time, angle in np.ndindex(*counts.shape):
+        near = over_time[max(time - 1, 0) : time + 1, angle : angle + 2]
+        found[time, angle] = near.size > 1 and counts[time, angle] > MORE + TIMES * np.median(near)
+    return found
 
 
 def torn_objects(change: Image, known: Mask, bare: Mask) -> Mask:

@@ -21,6 +21,7 @@ from napari_phase4d.unwrapping.directional.residues import (
     residues_of_maps,
     torn_changes,
     torn_objects,
+    torn_views,
 )
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
 from napari_phase4d.unwrapping.frames import turns_of_frame
@@ -388,16 +389,22 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
 def doubt_torn(
     by_axis: dict[int, Opinion], seen: Seen, seams: NDArray[np.int8], own: slice
 ) -> None:
-    """Let objects count for little in changes that they tear as none round them, in place."""
+    """Let objects count for little in changes that they tear, in place; see `torn_changes`."""
     if 0 not in by_axis:  # nothing to compare them with
         return
     over_time = changes_along(0, seen, seams)
     for axis in (axis for axis in by_axis if axis < 2):
-        maps = over_time if axis == 0 else changes_along(axis, seen, seams)
-        counts = residues_of_maps(*maps, axis)
-        near = counts if axis == 0 else residues_of_maps(*over_time, axis)
+        if axis == 0:
+            maps = over_time
+            of_frames = residues_of_maps(seen.phase, seen.usable, seen.empty, 0)
+            marked = torn_changes(residues_of_maps(*maps, 0), of_frames)
+        else:
+            maps = changes_along(axis, seen, seams)
+            # Those of walls count as well, in both: each view is known by what it was before.
+            of_views = residues_of_maps(*maps, 1)
+            marked = torn_views(residues_of_maps(*over_time, 1), of_views)
         rough, (change, known, bare) = by_axis[axis].rough, (part[own] for part in maps)
-        for frame in np.argwhere(torn_changes(near, counts, axis)[own]):
+        for frame in np.argwhere(marked[own]):
             at = tuple(frame)
             torn = torn_objects(change[at], known[at], bare[at])
             rough[at][torn] = np.maximum(rough[at][torn], TORN)
