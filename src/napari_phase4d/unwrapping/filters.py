@@ -396,7 +396,7 @@ def keep_touching(mask: Mask, edge: Mask, smallest: int) -> None:
 def shrunk(mask: Mask, *, beyond: bool, square: bool = False) -> Mask:
     """Return the pixels of a mask whose neighbours are in it too: four, or eight in a square.
 
-    As `scipy.ndimage.binary_erosion`, which takes ten times as long.
+    As ``scipy.ndimage.binary_erosion``, which takes ten times as long.
 
     Parameters
     ----------
