@@ -324,6 +324,21 @@ def test_a_cell_that_slipped_beside_another_is_said(noise: float) -> None:
     assert np.argwhere(slipped_frames(problem, trust)).tolist() == [[3, 0], [3, 1]]
 
 
+@pytest.mark.parametrize("size", [(9, 9), (7, 30), (30, 30)])
+def test_small_and_thin_pieces_are_objects(size: tuple[int, int]) -> None:
+    """Of which nothing is left, or too little, when a rim is taken off."""
+    phase = xr.DataArray(np.zeros((2, 1, 64, 64), np.float32), dims=("time", "angle", "y", "x"))
+    phase[1, :, 8 : 8 + size[0], 8 : 8 + size[1]] = 3
+    problem = Problem(phase)
+    piece = ~problem.background().mask[1, 0]
+    assert piece.sum() >= 60
+    trust = np.ones(phase.shape, dtype=np.float32)
+    for doubted, said in ((0.65, True), (0.75, False)):
+        trust[1, 0][piece] = doubted
+        found = slipped_frames(problem, phase.copy(data=trust))
+        assert found.tolist() == [[False], [said]]
+
+
 @pytest.mark.thorough
 def test_verdict_says_what_to_use() -> None:
     data = with_noise(moving_shape("swelling"), 0.5, seed=8)

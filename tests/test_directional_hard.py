@@ -26,6 +26,7 @@ from napari_phase4d.unwrapping.directional.residues import (
     residues_of_maps,
     torn_changes,
     torn_objects,
+    torn_of_few,
     torn_views,
 )
 from napari_phase4d.unwrapping.directional.scene import Seen
@@ -97,35 +98,31 @@ def test_two_views_that_differ_much(noise: float) -> None:
     assert error_of(data, empty_of(exact)) <= 0.002
 
 
-def torn_times(changes: list[list[int]], frames: list[list[int]]) -> list[int]:
-    """Return which changes are torn, in all views."""
-    torn = torn_changes(np.array(changes), np.array(frames))
-    assert (torn.all(axis=1) == torn.any(axis=1)).all()
-    return np.flatnonzero(torn.all(axis=1)).tolist()
-
-
-def test_a_change_is_torn_that_has_more_residues_than_both_its_frames() -> None:
-    frames = [[40, 42]] * 6
-    assert torn_times([[40, 44], [38, 40], [45, 41], [39, 43], [41, 40]], frames) == []
-    # Wherever it is, and whatever those beside it are.
-    assert torn_times([[90, 80], [38, 40], [45, 41], [39, 43], [95, 90]], frames) == [0, 4]
-    assert torn_times([[90, 80]] * 5, frames) == [0, 1, 2, 3, 4]
-    # A change that is torn in a single view is none that happened.
-    assert torn_times([[40, 44], [90, 0], [45, 41], [39, 43], [41, 40]], frames) == []
-    # One frame in which the object is torn itself tears both of its changes.
-    noisy = [[4], [4], [4], [70], [4], [4]]
-    assert torn_times([[5], [5], [68], [68], [5]], noisy) == []
-
-
 def test_a_change_is_torn_that_has_far_more_residues_than_those_round_it() -> None:
-    frames = [[200, 190]] * 6
-    alone = [[40, 44], [38, 40], [170, 150], [39, 43], [41, 40]]
-    assert torn_times(alone, frames) == [2]
-    # The frames after it may be clear where those before are not.
-    assert torn_times([[40], [40], [85], [40], [40]], [[200]] * 3 + [[70]] * 3) == [2]
-    assert torn_times([[40], [60], [85], [60], [40]], [[200]] * 3 + [[70]] * 3) == []
+    steady = np.array([[40, 44], [38, 40], [45, 41], [39, 43], [41, 40]])
+    assert not torn_changes(steady).any()
+    alone = steady.copy()
+    alone[2] = [170, 150]
+    assert torn_changes(alone).all(axis=1).tolist() == [False, False, True, False, False]
+    # A change that is torn in a single view is none that happened.
+    alone[2] = [170, 0]
+    assert not torn_changes(alone).any()
+    # What is in one frame alone comes with one change and goes with the next.
+    twice = np.array([[0], [0], [90], [85], [0], [0]])
+    assert not torn_changes(twice).any()
     # On one side of the first change and the last one there would be a single frame.
-    assert torn_times([[190], [0], [0], [0], [190]], [[200]] * 6) == []
+    first = np.array([[90], [0], [0], [0], [90]])
+    assert not torn_changes(first).any()
+
+
+def test_of_few_frames_a_change_is_torn_that_has_more_residues_than_both() -> None:
+    frames = np.array([[40, 42], [38, 40], [44, 40], [40, 40]])
+    assert not torn_of_few(np.array([[40, 44], [50, 51], [41, 40]]), frames).any()
+    torn = torn_of_few(np.array([[90, 80], [38, 40], [95, 90]]), frames)
+    assert torn.tolist() == [[True, True], [False, False], [True, True]]
+    # One frame in which the object is torn itself tears both of its changes.
+    noisy = np.array([[4, 4], [70, 70], [4, 4]])
+    assert not torn_of_few(np.array([[68, 69], [71, 66]]), noisy).any()
 
 
 def test_views_are_torn_where_time_tells_more() -> None:
@@ -137,10 +134,17 @@ def test_views_are_torn_where_time_tells_more() -> None:
 
 @pytest.mark.parametrize("name", ["dividing", "swelling", "daughters"])
 def test_four_frames_far_apart_in_time(name: str) -> None:
-    """They are thick from the start on, and each of their changes is torn more than they are."""
+    """They are thick from the start on, and changes are torn more than they are."""
     exact = hard_shape(name) if name == "daughters" else moving_shape(name)
     exact = exact.isel(time=slice(exact.sizes["time"] // 2, None, 3))
     assert error_of(with_noise(exact, 0, seed=RNG_SEED), empty_of(exact)) <= 0.05
+
+
+def test_thick_frames_in_a_row_know_each_other() -> None:
+    """The changes have more residues than the frames, one after the other: so they stay."""
+    thick = moving_shape("returning")
+    thick = thick.assign(phase=np.float32(1.25) * thick["phase"])
+    assert error_of(with_noise(thick, 0, seed=RNG_SEED), empty_of(thick)) <= 0.2
 
 
 def test_residues_of_a_map_are_those_of_its_loops() -> None:

@@ -388,11 +388,11 @@ def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
 # ---- what the maps come to ------------------------------------------------------------------
 
 
-#: Empty field is found with so many pixels to spare: objects are less by them than all else. Where
-#: two cells lie side by side, they are two.
-SPARE = 3
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
+#: ... after so many have been taken off its rim, by which too much is not found empty; less only
+#: where nothing as large is left. Two cells that lie side by side are two then ...
+SPARE = 3
 #: ... and may have slipped if at least this share of it is trusted less than so much.
 MOST, FIRM = 0.5, 0.7
 
@@ -514,13 +514,16 @@ class Count:
 
 
 def objects_in(inside: Mask, empty: Mask) -> Mask:
-    """Mark the objects of a frame: what is not empty field, less its rim where more is left."""
+    """Mark the objects of a frame: what is not empty field, less its rim where enough is left."""
     core = ~empty
     for _ in range(SPARE):
         core = shrunk(core, beyond=True)
-    labels, count = scipy.ndimage.label(inside)
-    thin = np.bincount(labels[core & inside], minlength=count + 1) == 0
-    found: Mask = inside & (core | thin[labels])
+    cores, count = scipy.ndimage.label(core & inside)
+    large = np.bincount(cores.ravel(), minlength=count + 1) >= SMALLEST_OBJECT
+    large[0] = False
+    pieces, count = scipy.ndimage.label(inside)
+    whole = np.bincount(pieces[large[cores]], minlength=count + 1) == 0
+    found: Mask = inside & (large[cores] | whole[pieces])
     return found
 
 

@@ -6,13 +6,23 @@ Round a residue the steps of a wrapped map do not add up, so that its phase depe
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 
-__all__ = ["residues_of_maps", "residues_of_objects", "torn_changes", "torn_objects", "torn_views"]
+__all__ = [
+    "FEW",
+    "residues_of_maps",
+    "residues_of_objects",
+    "torn_changes",
+    "torn_objects",
+    "torn_of_few",
+    "torn_views",
+]
 
 #: More are not counted: they fit into a byte. What is not known counts as so many.
 MOST = 255
@@ -22,13 +32,13 @@ WIDE = 35.0
 #: Residues that noise makes go when phasors are averaged over so many pixels along y and x, while
 #: those of steep rims mostly stay.
 AVERAGED = 3
-#: A change between two frames is torn if it has this many residues more than both of its frames
-#: themselves; or than the clearer one, or so many times the changes round it (their median): over
-#: time those up to so many frames before and after.
+#: A change between two frames is torn if it has this many residues more than so many times those
+#: of the changes round it (their median): over time those up to so many frames before and after.
 MORE, TIMES, ROUND = 10, 3, 2
-#: For these those right beside it must have less by this factor: one frame tears both of its
-#: changes alike.
+#: Those right beside it must have less by this factor: one frame tears both of its changes alike.
 ALONE = 1.5
+#: In recordings of no more frames than this it is torn if it has so many more than both frames.
+FEW = 4
 #: A residue lies at the rim of an object if there is empty field within so many pixels.
 RIM = 3
 #: Noise makes the residues of a map if there is more than one in so many pixels of empty field.
@@ -113,12 +123,13 @@ def residues_of_maps(maps: Image, known: Mask, bare: Mask, axis: int) -> Totals:
     Parameters
     ----------
     maps : ndarray of float32, shape (time, angle, y, x)
-        What changes, in radians; it need not be wrapped.
+        What changes, or the phase of frames, in radians; it need not be wrapped.
     known, bare : ndarray of bool, same shape
-        Where it is known; where there is empty field before and after. A map without any of it
-        counts as all rim, one with residues in it has none: it is noise that makes them there.
+        Where it is known; where there is empty field, of changes before and after. A map
+        without any of it counts as all rim, one with residues in it has none: it is noise that
+        makes them there.
     axis : int
-        0 if it changes over time, 1 if from view to view.
+        0 for frames and what changes over time, 1 for what does from view to view.
     """
     found = np.zeros(maps.shape[:2], dtype=np.int64)
     for frame in np.ndindex(*found.shape):
@@ -126,19 +137,44 @@ def residues_of_maps(maps: Image, known: Mask, bare: Mask, axis: int) -> Totals:
     return found
 
 
-def torn_changes(over_time: Totals, frames: Totals) -> Mask:
-    """Say which changes over time are torn, so that frames are known better by themselves.
+def torn_changes(counts: Totals) -> Mask:
+    """Say which changes over time are torn as none of those round them are.
 
     Where the map of what changes has residues, what lies inside may come out a turn off as a
-    whole. So may a frame that has residues itself. A change that has more than both of its frames
-    tells of neither: after a pause in the recording, or where something happens at once. Neither
-    does one that has more than the clearer of them, or far more than those round it, if it has
-    clearly more than the two right beside it: a noisy frame tears both of its changes alike, and
-    is known best by what is before it and after it.
+    whole. If all changes are like that, frames are still known best by each other. If it is this
+    one alone, they are known better without it: after a pause in the recording, or where
+    something happens at once, the frames on either side of it by themselves.
 
     Parameters
     ----------
-    over_time : ndarray of int, shape (time - 1, angle)
+    counts : ndarray of int, shape (time - 1, angle)
+        Residues of each change.
+
+    Returns
+    -------
+    ndarray of bool, shape (time - 1, angle)
+        Torn in all views or in none: what happens is seen from everywhere. The first change and
+        the last one never are, as frames on one side of them alone would be all that there is.
+    """
+    found = np.zeros(counts.shape, dtype=bool)
+    means = counts.mean(axis=1)
+    # What is seen in one frame alone, as noise, comes with one change and goes with the next.
+    for time in range(1, len(means) - 1):
+        before, after = means[max(time - ROUND, 0) : time], means[time + 1 :][:ROUND]
+        alone = means[time] > ALONE * max(before[-1], after[0])
+        found[time] = alone and is_torn(means[time], np.concatenate([before, after]))
+    return found
+
+
+def torn_of_few(counts: Totals, frames: Totals) -> Mask:
+    """Say which changes over time are torn in a recording of a few frames.
+
+    There are no others then to hold a change against, but the frames themselves, which may have
+    residues as well: it is torn if it has more than both.
+
+    Parameters
+    ----------
+    counts : ndarray of int, shape (time - 1, angle)
         Residues of each change.
     frames : ndarray of int, shape (time, angle)
         Residues of each frame.
@@ -146,20 +182,17 @@ def torn_changes(over_time: Totals, frames: Totals) -> Mask:
     Returns
     -------
     ndarray of bool, shape (time - 1, angle)
-        Torn in all views or in none: what happens is seen from everywhere.
+        Torn in all views or in none.
     """
-    found = np.zeros(over_time.shape, dtype=bool)
-    changes, own = over_time.mean(axis=1), frames.mean(axis=1)
-    for time, here in enumerate(changes):
-        pair = own[time : time + 2]
-        if here > MORE + pair.max():
-            found[time] = True
-        elif 0 < time < len(changes) - 1:
-            before, after = changes[max(time - ROUND, 0) : time], changes[time + 1 :][:ROUND]
-            usual = TIMES * np.median(np.concatenate([before, after]))
-            alone = here > ALONE * max(before[-1], after[0])
-            found[time] = alone and here > MORE + min(pair.min(), usual)
+    own = frames.mean(axis=1)
+    torn = counts.mean(axis=1) > MORE + np.maximum(own[1:], own[:-1])
+    found: Mask = np.repeat(torn[:, None], counts.shape[1], axis=1)
     return found
+
+
+def is_torn(own: float, near: NDArray[Any]) -> bool:
+    """Say whether a change has far more residues than those round it."""
+    return bool(own > MORE + TIMES * np.median(near))
 
 
 def torn_views(over_time: Totals, counts: Totals) -> Mask:
@@ -181,7 +214,7 @@ def torn_views(over_time: Totals, counts: Totals) -> Mask:
     found = np.zeros(counts.shape, dtype=bool)
     for time, angle in np.ndindex(*counts.shape):
         near = over_time[max(time - 1, 0) : time + 1, angle : angle + 2]
-        found[time, angle] = near.size > 1 and counts[time, angle] > MORE + TIMES * np.median(near)
+        found[time, angle] = near.size > 1 and is_torn(float(counts[time, angle]), near)
     return found
 
 

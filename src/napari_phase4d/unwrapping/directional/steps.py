@@ -18,9 +18,11 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.directional.residues import (
+    FEW,
     residues_of_maps,
     torn_changes,
     torn_objects,
+    torn_of_few,
     torn_views,
 )
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
@@ -382,32 +384,31 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
         return opinion(axis, steps, kept, floors, close.amplitude, own)
 
     by_axis = {axis: weigh_along(axis) for axis in range(4) if scene.part[axis] > 1}
-    doubt_torn(by_axis, seen, seams, block.of(around))
+    doubt_torn(by_axis, seen, seams, block.of(around), n <= FEW)
     return Weighed(block, part_of(seen, block.of(around)).free, by_axis, {}, courses)
 
 
 def doubt_torn(
-    by_axis: dict[int, Opinion], seen: Seen, seams: NDArray[np.int8], own: slice
+    by_axis: dict[int, Opinion], seen: Seen, seams: NDArray[np.int8], own: slice, few: bool
 ) -> None:
     """Let objects count for little in changes that they tear, in place; see `torn_changes`."""
     if 0 not in by_axis:  # nothing to compare them with
         return
     over_time = changes_along(0, seen, seams)
     for axis in (axis for axis in by_axis if axis < 2):
-        if axis == 0:
-            maps = over_time
-            of_frames = residues_of_maps(seen.phase, seen.usable, seen.empty, 0)
-            marked = torn_changes(residues_of_maps(*maps, 0), of_frames)
+        maps = over_time if axis == 0 else changes_along(axis, seen, seams)
+        counts = residues_of_maps(*maps, axis)
+        if axis == 1:
+            torn = torn_views(residues_of_maps(*over_time, axis), counts)
+        elif few:
+            torn = torn_of_few(counts, residues_of_maps(seen.phase, seen.usable, seen.empty, 0))
         else:
-            maps = changes_along(axis, seen, seams)
-            # Those of walls count as well, in both: each view is known by what it was before.
-            of_views = residues_of_maps(*maps, 1)
-            marked = torn_views(residues_of_maps(*over_time, 1), of_views)
+            torn = torn_changes(counts)
         rough, (change, known, bare) = by_axis[axis].rough, (part[own] for part in maps)
-        for frame in np.argwhere(marked[own]):
+        for frame in np.argwhere(torn[own]):
             at = tuple(frame)
-            torn = torn_objects(change[at], known[at], bare[at])
-            rough[at][torn] = np.maximum(rough[at][torn], TORN)
+            by = torn_objects(change[at], known[at], bare[at])
+            rough[at][by] = np.maximum(rough[at][by], TORN)
 
 
 def changes_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> tuple[Image, Mask, Mask]:
