@@ -129,18 +129,17 @@ def test_noisy_pixels_that_are_wrong_are_found(name: str, noise: float) -> None:
     """
     exact = hard_shape(name) if name == "daughters" else moving_shape(name)
     inside = exact["phase"].values > 0.05
-    areas, counts = [], []
-    for seed in range(4, 20):
+    areas = []
+    for seed in range(4, 12):
         data = with_noise(exact, noise, seed=seed)
         result = p4d.unwrap(data["wrapped"], "directional-l1")
         trust = p4d.confidence(result, data["wrapped"]).values
         wrong = np.round((result.values - data["phase"].values) / TURN) != 0
-        counts.append(wrong[inside].sum())
+        assert wrong[inside].sum() > 20
         areas.append(area_under_curve(-trust[inside], wrong[inside]))
         trusted = inside & (trust > 0.99)
         assert trusted.sum() > 0.3 * inside.sum()
         assert wrong[trusted].mean() < 0.001
-    assert np.mean(counts) > 20
     assert np.mean(areas) >= 0.92
 
 
