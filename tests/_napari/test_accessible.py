@@ -63,7 +63,7 @@ def test_tab_leaves_every_table(ready, click, qtbot) -> None:
     ready.window().activateWindow()
     table.setFocus()
     table.setCurrentCell(0, 0)
-    qtbot.waitUntil(table.hasFocus, timeout=3000)
+    qtbot.waitUntil(table.hasFocus, timeout=60_000)
     for _ in range(3):
         QTest.keyClick(QApplication.focusWidget(), Qt.Key.Key_Tab)
     assert not table.isAncestorOf(QApplication.focusWidget())
@@ -77,12 +77,12 @@ def test_the_dock_grows_with_the_font(dock, qtbot) -> None:
     low = heading.fontMetrics().height()
     settings.font_size = int(1.5 * size)
     try:
-        qtbot.waitUntil(lambda: dock.minimumWidth() > before, timeout=3000)
+        qtbot.waitUntil(lambda: dock.minimumWidth() > before, timeout=60_000)
         assert heading.fontMetrics().height() > low
         assert heading.height() >= heading.fontMetrics().height()
     finally:
         settings.font_size = size
-    qtbot.waitUntil(lambda: dock.minimumWidth() == before, timeout=3000)
+    qtbot.waitUntil(lambda: dock.minimumWidth() == before, timeout=60_000)
 
 
 LOBES = [p4d.Lobe((0.1, 0.05), 0.05), p4d.Lobe((-0.2, 0.25), 0.05)]
@@ -120,7 +120,7 @@ def test_pictures_and_plots_grow_with_the_font(dock, qtbot) -> None:
     width, size = dock.minimumWidth(), settings.font_size
     settings.font_size = round(1.5 * size)
     try:
-        qtbot.waitUntil(lambda: dock.minimumWidth() > width, timeout=3000)
+        qtbot.waitUntil(lambda: dock.minimumWidth() > width, timeout=60_000)
         QApplication.processEvents()
         after = letters_in(*made)
         for name in ("label", "ticks", "legend"):
@@ -129,7 +129,7 @@ def test_pictures_and_plots_grow_with_the_font(dock, qtbot) -> None:
         assert frames.sizeHint().height() > high
     finally:
         settings.font_size = size
-    qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=3000)
+    qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=60_000)
     QApplication.processEvents()
     assert letters_in(*made) == before
 
@@ -139,7 +139,7 @@ def test_the_window_is_no_larger_than_the_screen(viewer, qtbot) -> None:
     _, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
     room = dock.screen().availableGeometry()
     window = dock.window()
-    qtbot.waitUntil(lambda: window.width() <= room.width(), timeout=3000)
+    qtbot.waitUntil(lambda: window.width() <= room.width(), timeout=60_000)
     assert window.height() <= room.height()
     dock.jobs.cancel()
 
@@ -186,7 +186,7 @@ def test_the_focus_is_seen(viewer, ready, qtbot) -> None:
         ready.sections[step].heading.setFocus()
         without = blue(widget)
         widget.setFocus(Qt.FocusReason.TabFocusReason)
-        qtbot.waitUntil(widget.hasFocus, timeout=3000)
+        qtbot.waitUntil(widget.hasFocus, timeout=60_000)
         qtbot.wait(30)
         assert blue(widget) > without + 10, name
 

@@ -42,7 +42,7 @@ def test_an_address_is_typed_and_worked_on(dock, click, qtbot, address, small_vi
     answered = answer_dialog(address)
     click("open_address")
     assert answered()
-    qtbot.waitUntil(lambda: dock.session.recording is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: dock.session.recording is not None, timeout=60_000)
     assert dock.session.recording.name == "far.zarr"
     assert dock.session.recording.source == address
     np.testing.assert_array_equal(dock.session.recording.raw_frame(2), small_video.raw_frame(2))

@@ -402,11 +402,11 @@ def test_the_legend_keeps_its_last_word_beside_a_scroll_bar(
 ) -> None:
     click("more_methods")
     click("options_region-growing")  # so that the panel has more than fits
-    qtbot.waitUntil(ready.scroll.verticalScrollBar().isVisible, timeout=3000)
+    qtbot.waitUntil(ready.scroll.verticalScrollBar().isVisible, timeout=60_000)
     narrowest = ready.minimumWidth()
     panel = next(d for d in ready.window().findChildren(QDockWidget) if d.isAncestorOf(ready))
     ready.window().resizeDocks([panel], [narrowest], Qt.Orientation.Horizontal)
-    qtbot.waitUntil(lambda: ready.width() == narrowest, timeout=3000)
+    qtbot.waitUntil(lambda: ready.width() == narrowest, timeout=60_000)
     widget = ready.unwrap.boundary.map
     shape = ready.session.reconstruction["phase"].shape[:2]
     widget.set_scores(np.full(shape, 0.9))

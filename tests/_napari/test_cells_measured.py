@@ -303,7 +303,7 @@ def test_a_measured_multiplex_from_file_to_a_table_of_cells(
 ) -> None:
     """Two measured holograms of cells in one frame (HL60, and another), each with its carrier."""
     dock.recording.open_path(measured("multiplexed/mux2_cells.npz"))
-    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=20_000)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
     assert dock.sections[0].badge.text() == "⚠ look"  # its microscope had to be assumed
     click("find_lobes")
     carriers = {tuple(abs(k) for k in lobe.carrier) for lobe in dock.session.lobes}

@@ -27,7 +27,7 @@ def close(viewer: Any, dock: Any, qtbot: Any) -> None:
         around = around.parent()
     button = around.title.close_button
     QTest.mouseClick(button, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: dock.jobs.closed, timeout=5000)
+    qtbot.waitUntil(lambda: dock.jobs.closed, timeout=60_000)
     dock.deleteLater()  # the test still knows it, so that it would not go
     qtbot.wait(50)
 
@@ -75,13 +75,13 @@ def test_a_run_is_stopped_with_its_dock(viewer, ready, qtbot) -> None:
     ready.session.update(methods=("directional-l1",))
     run = ready.findChild(QWidget, "run")
     ready.show_step(3)
-    qtbot.waitUntil(run.isVisible, timeout=5000)
+    qtbot.waitUntil(run.isVisible, timeout=60_000)
     QTest.mouseClick(run, Qt.MouseButton.LeftButton)
     assert ready.jobs.running
-    qtbot.waitUntil(lambda: "WL1" in ready.status.text(), timeout=10_000)
+    qtbot.waitUntil(lambda: "WL1" in ready.status.text(), timeout=60_000)
     assert ready.jobs.running  # in the midst of it
     close(viewer, ready, qtbot)
-    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=60_000)
     again = opened_again(viewer)
     assert again.session.outcome is None
     assert not again.jobs.running

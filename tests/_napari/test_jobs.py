@@ -41,7 +41,7 @@ def test_change_while_a_job_runs_is_said_and_nothing_mixed(viewer, ready, qtbot)
     count = len(viewer.layers)
     ready.phase.reconstruct()
     ready.session.recalibrate(ready.session.recording.calibrated(p4d.Optics(magnification=20)))
-    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=10_000)
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=60_000)
     assert "has changed meanwhile" in ready.status.text()
     assert len(viewer.layers) == count
 
@@ -60,7 +60,7 @@ def test_work_gives_way_and_the_threads_of_others_do_not(dock, qtbot) -> None:
         together.wait()  # so that each has a thread
 
     dock.jobs.start(Plan("Noting", lambda _: note("work"), lambda _: None))
-    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=10_000)
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=60_000)
     for _ in range(pool.maxThreadCount()):
         pool.start(other)
     together.wait()
@@ -90,11 +90,11 @@ def slow_plan(started: threading.Event, ended: list[str]) -> Plan:
 def test_cancel_acts_within_a_second(dock, qtbot) -> None:
     started, ended = threading.Event(), []
     dock.jobs.start(slow_plan(started, ended))
-    qtbot.waitUntil(lambda: "slow work" in dock.status.text(), timeout=5000)
+    qtbot.waitUntil(lambda: "slow work" in dock.status.text(), timeout=60_000)
     assert dock.cancel.isVisible()
     began = time.monotonic()
     qtbot.mouseClick(dock.cancel, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
     assert time.monotonic() - began < 1
     assert ended == ["cancelled"]
     assert "cancelled" in dock.status.text()
@@ -108,7 +108,7 @@ def test_two_jobs_at_once_are_refused(ready, qtbot, click) -> None:
     qtbot.mouseClick(ready.phase.go, Qt.MouseButton.LeftButton)
     assert "another job is still running" in ready.status.text()
     ready.jobs.cancel()
-    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=60_000)
 
 
 @pytest.mark.thorough
@@ -129,9 +129,9 @@ def test_finished_results_stay_when_the_rest_is_cancelled(viewer, ready, qtbot) 
         return real(replace(task, progress=stop_after_two))
 
     ready.jobs.start(replace(plan, work=work))
-    assert waiting.wait(20)
+    assert waiting.wait(60)
     qtbot.mouseClick(ready.cancel, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=5000)
+    qtbot.waitUntil(lambda: not ready.jobs.running, timeout=60_000)
     assert "cancelled. The finished results are shown." in ready.status.text()
     assert list(ready.session.results) == ["spatial-2d", "temporal"]
     assert len(viewer.layers) == count + 2
@@ -143,9 +143,9 @@ def test_finished_results_stay_when_the_rest_is_cancelled(viewer, ready, qtbot) 
 def test_closing_the_window_stops_the_work(viewer, dock, qtbot) -> None:
     started, ended = threading.Event(), []
     dock.jobs.start(slow_plan(started, ended))
-    assert started.wait(5)
+    assert started.wait(60)
     viewer.close()
-    qtbot.waitUntil(lambda: bool(ended), timeout=5000)
+    qtbot.waitUntil(lambda: bool(ended), timeout=60_000)
     assert ended == ["cancelled"]
 
 
@@ -153,9 +153,9 @@ def test_closing_the_window_stops_the_work(viewer, dock, qtbot) -> None:
 def test_taking_the_dock_away_stops_the_work(viewer, dock, qtbot) -> None:
     started, ended = threading.Event(), []
     dock.jobs.start(slow_plan(started, ended))
-    assert started.wait(5)
+    assert started.wait(60)
     viewer.window.remove_dock_widget(dock)
-    qtbot.waitUntil(lambda: bool(ended), timeout=5000)
+    qtbot.waitUntil(lambda: bool(ended), timeout=60_000)
     assert ended == ["cancelled"]
     with qtbot.waitSignal(dock.destroyed):
         dock.deleteLater()  # napari lets go of what it did not make
@@ -179,7 +179,7 @@ def test_a_result_is_taken_in_steps_between_which_the_window_goes_on(dock, qtbot
             yield
 
     dock.jobs.start(Plan("Work", lambda _: None, receive), then=lambda: told.append("then"))
-    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
     timer.stop()
     steps = ("first", "second", "third")
     ours = [word for step in steps for word in (step, f"shown {step}")]
@@ -200,7 +200,7 @@ def test_an_error_in_a_later_step_is_said_and_the_rest_left_out(dock, qtbot) -> 
         raise ValueError(msg)
 
     dock.jobs.start(Plan("Work", lambda _: None, receive), then=lambda: told.append("then"))
-    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
     assert told == ["first"]
     assert dock.status.text() == "⚠ the second step can't be"
 
@@ -216,7 +216,7 @@ def test_work_is_done_where_the_system_has_no_more_threads(dock, qtbot, monkeypa
 
     monkeypatch.setattr(threading.Thread, "start", refusing)
     dock.jobs.start(Plan("Counting", lambda _: 3, got.append))
-    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=10_000)
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=60_000)
     assert got == [3]
 
 
@@ -225,5 +225,5 @@ def test_work_that_ends_the_program_ends_as_a_job_that_failed(dock, qtbot) -> No
         sys.exit(3)
 
     dock.jobs.start(Plan("Leaving", leave, lambda _: None))
-    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=10_000)
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=60_000)
     assert "SystemExit(3)" in dock.status.text()

@@ -96,7 +96,7 @@ def watching(dock: Any, qtbot: Any) -> Callable[..., Any]:
         told = answer_by_keys(source, out)
         qtbot.mouseClick(dock.findChild(QPushButton, "watch"), LEFT)
         assert told
-        qtbot.waitUntil(dock.recording.live.isVisible, timeout=5000)
+        qtbot.waitUntil(dock.recording.live.isVisible, timeout=60_000)
         return dock.recording.live
 
     return watching
@@ -133,7 +133,7 @@ def test_watched_to_the_end_it_is_what_a_run_gives(
         assert first.scale[-1] == pytest.approx(seen[-1].like["x"].diff("x").values[0])
         qtbot.waitUntil(lambda: seen[-1].index == N - 1, timeout=60_000)
         newest = seen[-1].shown["temporal-angular"]
-        qtbot.waitUntil(lambda: np.array_equal(other.data[0], newest), timeout=10_000)
+        qtbot.waitUntil(lambda: np.array_equal(other.data[0], newest), timeout=60_000)
         assert f"{N} frames seen, {N} done" in live.line.text()
         qtbot.mouseClick(live.stop, LEFT)
         wait_for_end(dock, qtbot)
@@ -268,13 +268,13 @@ def test_the_newest_frame_is_side_by_side_with_its_wrapped_phase(
         assert viewer.canvas.grid.enabled
         _, other = live_layers(viewer)
         assert other.colorbar.visible  # and not the wrapped one, whose colours are always the same
-        qtbot.waitUntil(lambda: not dock.presenter.turns.pending, timeout=20_000)
+        qtbot.waitUntil(lambda: not dock.presenter.turns.pending, timeout=60_000)
         # The one time of these layers is not that of the newest frame.
         assert not viewer.canvas.overlays.current_slice.visible
         assert frame_on_canvas(viewer) == ""
         before = other.data
-        qtbot.waitUntil(lambda: other.data is not before, timeout=20_000)
-        qtbot.waitUntil(lambda: " s after it came" in live.line.text(), timeout=20_000)
+        qtbot.waitUntil(lambda: other.data is not before, timeout=60_000)
+        qtbot.waitUntil(lambda: " s after it came" in live.line.text(), timeout=60_000)
         qtbot.mouseClick(live.stop, LEFT)
         wait_for_end(dock, qtbot)
     assert not live_layers(viewer)
@@ -294,7 +294,7 @@ def test_a_layer_that_the_user_takes_away_is_not_missed(
         viewer.layers.selection.active = unwrapped
         viewer.layers.remove_selected()
         before = wrapped.data
-        qtbot.waitUntil(lambda: wrapped.data is not before, timeout=20_000)
+        qtbot.waitUntil(lambda: wrapped.data is not before, timeout=60_000)
         qtbot.mouseClick(live.stop, LEFT)
         wait_for_end(dock, qtbot)
     assert not live_layers(viewer)

@@ -49,12 +49,12 @@ def test_spectrum_shows_by_itself_and_gives_way(dock, qtbot, click, small_video)
     assert dock.session.spectrum is None
     assert not dock.jobs.running  # nothing that the user would have to wait for
     assert "find the lobes" in dock.status.text()
-    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=10_000)
+    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=60_000)
     assert "find the lobes" in dock.status.text()
     assert dock.session.lobes == []
     dock.session.set_recording(small_video.calibrated())
     dock.recording.numbers["magnification"].value = 30  # leaves the frames as they are
-    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=10_000)
+    qtbot.waitUntil(lambda: dock.session.spectrum is not None, timeout=60_000)
     dock.session.set_recording(small_video.calibrated())
     click("find_lobes")  # at once, while the spectrum is still being computed
     assert len(dock.session.lobes) == 2

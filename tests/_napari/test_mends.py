@@ -67,7 +67,7 @@ def test_a_part_that_can_not_be_shown_holds_nothing_up(dock: Any, qtbot: Any) ->
         raise OSError(part)
 
     dock.jobs.start(Plan("Trying", work, received.append, parts=parts, receive_part=fails))
-    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=5000)
+    qtbot.waitUntil(lambda: not dock.jobs.running, timeout=60_000)
     assert received == ["all"]
 
 
@@ -90,7 +90,7 @@ def test_the_error_of_a_job_stays_and_nothing_old_comes_back(dock: Any, qtbot: A
         raise OSError(msg)
 
     dock.jobs.start(Plan("Trying", work, lambda _: None))
-    qtbot.waitUntil(lambda: dock.status.property("wrong") is True, timeout=5000)
+    qtbot.waitUntil(lambda: dock.status.property("wrong") is True, timeout=60_000)
     dock.session.update(background_order=4)
     assert dock.status.text() == "⚠ the disk is full"
     dock.recording.failed.emit("the number is too small")

@@ -47,8 +47,8 @@ def test_a_raw_file_is_asked_about(dock, qtbot, small_video, tmp_path: Path) -> 
     assert dock.session.recording is None
     answer(128, 128, 8, "Open")
     step.open_path(path)
-    qtbot.waitUntil(lambda: dock.session.recording is not None, timeout=20_000)
-    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=20_000)
+    qtbot.waitUntil(lambda: dock.session.recording is not None, timeout=60_000)
+    qtbot.waitUntil(lambda: not dock.jobs.busy, timeout=60_000)
     np.testing.assert_array_equal(dock.session.recording.holograms.values, frames)
     # What was typed in goes into the recipe, so that others open the file alike.
     assert dock.session.recipe.raw == p4d.RawLayout(128, 128, header_bytes=8)

@@ -84,13 +84,13 @@ def test_what_is_pressed_while_a_job_runs_moves_no_words(ready: Any, qtbot: Any)
     ready.show_step(1)
     qtbot.mouseClick(find, Qt.MouseButton.LeftButton)
     assert "another job is still running" in ready.beside.text()
-    qtbot.waitUntil(lambda: "working" in ready.status.text(), timeout=5000)
+    qtbot.waitUntil(lambda: "working" in ready.status.text(), timeout=60_000)
     qtbot.wait(300)  # progress is told three times meanwhile
     assert ready.beside.isVisible()
     assert 0 < gap_below(ready, "find_lobes") < 60
     ready.show_step(3)
     stop.set()
-    qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=5000)
+    qtbot.waitUntil(lambda: not ready.jobs.busy, timeout=60_000)
     assert ready.beside.text() == "⚠ the work came to nothing"
     assert 0 < gap_below(ready, "run") < 60
 

@@ -94,7 +94,7 @@ class ByKeyboard:
         self.dock, self.qtbot = dock, qtbot
         dock.window().activateWindow()
         dock.sections[0].heading.setFocus()
-        qtbot.waitUntil(dock.sections[0].heading.hasFocus, timeout=3000)
+        qtbot.waitUntil(dock.sections[0].heading.hasFocus, timeout=60_000)
 
     def go_to(self, name: str) -> QWidget:
         """Press Tab until the widget of this name has the focus."""
@@ -193,7 +193,7 @@ def test_nothing_is_cut_in_a_large_font(viewer, dock, ready, qtbot) -> None:
     settings.font_size = round(1.5 * size)
     try:
         ready.session.unwrap(("spatial-2d", "temporal-angular"))
-        qtbot.waitUntil(lambda: dock.minimumWidth() > width, timeout=5000)
+        qtbot.waitUntil(lambda: dock.minimumWidth() > width, timeout=60_000)
         for number in range(len(dock.sections)):
             dock.show_step(number)
             qtbot.wait(120)
@@ -204,7 +204,7 @@ def test_nothing_is_cut_in_a_large_font(viewer, dock, ready, qtbot) -> None:
             assert cut_off(dock) == []
     finally:
         settings.font_size = size
-    qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=5000)
+    qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=60_000)
 
 
 def test_nothing_is_cut_on_a_small_screen(viewer, ready, click, qtbot) -> None:

@@ -44,7 +44,7 @@ def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: P
     found = dock.session.lobes
     assert [lobe.angle_deg for lobe in found] == [-7, 21]
     qtbot.mouseClick(dock.sections[1].heading, Qt.MouseButton.LeftButton)  # step 3 has opened
-    qtbot.waitUntil(lambda: dock.lobes.strip.captions == ["1: -7°", "2: 21°"], timeout=5000)
+    qtbot.waitUntil(lambda: dock.lobes.strip.captions == ["1: -7°", "2: 21°"], timeout=60_000)
 
     # A circle dragged away, and back with Undo.
     ky, kx = found[0].carrier
@@ -76,7 +76,7 @@ def test_from_an_empty_window_to_a_movie(viewer, dock, click, qtbot, tmp_path: P
     before = viewer.dims.current_step[0]
     viewer.dims.last_used = 0
     QTest.keyClick(canvas_of(viewer), Qt.Key.Key_Right)
-    qtbot.waitUntil(lambda: viewer.dims.current_step[0] == before + 1, timeout=5000)
+    qtbot.waitUntil(lambda: viewer.dims.current_step[0] == before + 1, timeout=60_000)
 
     look_at_a_pixel(viewer, dock, click, qtbot)
     measure_a_drawn_region(viewer, dock, click, qtbot)
@@ -108,7 +108,7 @@ def test_from_holograms_to_a_table_of_cells(viewer, dock, click, qtbot, tmp_path
     QTest.mouseMove(canvas_of(viewer), place)
     qtbot.wait(50)
     QTest.mouseClick(canvas_of(viewer), LEFT, PLAIN, place)
-    qtbot.waitUntil(lambda: cells.chosen == [4], timeout=5000)
+    qtbot.waitUntil(lambda: cells.chosen == [4], timeout=60_000)
     path = tmp_path / "cells.csv"
     answered = answer_dialog(path)
     click("save_cells")
@@ -126,9 +126,9 @@ def look_at_a_pixel(viewer: Any, dock: Any, click: Any, qtbot: Any) -> None:
     for away in (9, 0):
         QTest.mouseMove(canvas, place_of(viewer, y, x) + QPoint(away, away))
         qtbot.wait(50)  # napari passes over moves that follow each other at once
-    qtbot.waitUntil(lambda: dock.presenter.current_pixel() == (44, 41), timeout=5000)
+    qtbot.waitUntil(lambda: dock.presenter.current_pixel() == (44, 41), timeout=60_000)
     plot = dock.compare.trace.plot
-    qtbot.waitUntil(lambda: plot.has_curves, timeout=5000)
+    qtbot.waitUntil(lambda: plot.has_curves, timeout=60_000)
     _, angle = dock.presenter.current_frame()
 
     def shown(name: str, method: str) -> bool:  # the curves of the pixel before come up first
@@ -137,7 +137,7 @@ def look_at_a_pixel(viewer: Any, dock: Any, click: Any, qtbot: Any) -> None:
         return np.array_equal(lines[name].get_ydata(), expected)
 
     for name, method in (("2-D", "spatial-2d"), ("T/A", "temporal-angular")):
-        qtbot.waitUntil(partial(shown, name, method), timeout=5000)
+        qtbot.waitUntil(partial(shown, name, method), timeout=60_000)
 
 
 def measure_a_drawn_region(viewer: Any, dock: Any, click: Any, qtbot: Any) -> None:
@@ -154,7 +154,7 @@ def measure_a_drawn_region(viewer: Any, dock: Any, click: Any, qtbot: Any) -> No
         QTest.mouseMove(canvas, start + (end - start) * step / 5)
         QApplication.processEvents()
     QTest.mouseRelease(canvas, LEFT, PLAIN, end)
-    qtbot.waitUntil(lambda: len(layer.data) == 1, timeout=5000)
+    qtbot.waitUntil(lambda: len(layer.data) == 1, timeout=60_000)
     assert dock.compare.measuring.regions.value == layer
     click("regions_follow")
     click("measure")

@@ -180,7 +180,7 @@ def test_it_is_waited_until_nobody_touches_the_window(
     qtbot.wait(400)
     assert not done
     slider.stop()
-    qtbot.waitUntil(lambda: bool(done), timeout=5000)
+    qtbot.waitUntil(lambda: bool(done), timeout=60_000)
     qtbot.wait(200)
     assert done == [place[-1]]  # and not again and again
     when_idle()
@@ -407,7 +407,7 @@ def test_what_still_comes_up_ends_with_its_dock(viewer, dock, qtbot) -> None:
     turns = dock.presenter.turns
     with turns.unhurried():
         turns.run(steps())
-    qtbot.waitUntil(lambda: len(done) > 2, timeout=5000)
+    qtbot.waitUntil(lambda: len(done) > 2, timeout=60_000)
     dock.deleteLater()
     QApplication.sendPostedEvents(dock, QEvent.Type.DeferredDelete.value)
     before = len(done)

@@ -236,7 +236,7 @@ def test_every_cell_of_the_grid_holds_the_whole_field(
     dock.session.set_phase(cell.where(cell != 0, np.float32(0.5)))  # nothing to crop to
     dock.session.update(methods=methods, mask=None)
     QTest.mouseClick(dock.unwrap.go, Qt.MouseButton.LeftButton)
-    qtbot.waitUntil(lambda: dock.session.outcome is not None, timeout=20_000)
+    qtbot.waitUntil(lambda: dock.session.outcome is not None, timeout=60_000)
     let_settle(qtbot, dock)
     layer, camera, canvas = viewer.layers["2-D"], viewer.scene.camera, viewer.canvas
     cells = canvas.grid.actual_shape(viewer.layers)
