@@ -258,6 +258,31 @@ def test_an_object_is_judged_above_the_field_of_its_frame() -> None:
     assert np.argwhere(slipped_frames(problem, doubted)).tolist() == [list(frame)]
 
 
+def test_an_object_above_a_torn_field_is_doubted() -> None:
+    """Half of the field is a turn off: above which half is the object to be measured?"""
+    exact = moving_shape("swelling")
+    phase = with_noise(exact, 0.2, seed=4)["wrapped"]
+    right = p4d.unwrap(phase, "directional-l1").assign_attrs(method="other")
+    problem, trust = Problem(phase), p4d.confidence(right, phase)
+    field, frame = exact["phase"].values < 0.5, (9, 1)
+    inside = ~field[frame]
+
+    def with_share_off(share: float) -> xr.DataArray:
+        found = right.copy(deep=True)
+        torn = np.random.default_rng(3).random(inside.shape) < share
+        found.values[frame][field[frame] & torn] += TURN
+        return p4d.confidence(found, phase)
+
+    tenth = with_share_off(0.1)
+    np.testing.assert_allclose(
+        tenth.values[frame][inside], trust.values[frame][inside], atol=0.002
+    )
+    assert not slipped_frames(problem, tenth).any()
+    half = with_share_off(0.5)
+    assert half.values[frame][inside].max() < 0.7
+    assert np.argwhere(slipped_frames(problem, half)).tolist() == [list(frame)]
+
+
 def test_a_pixel_is_held_by_most_of_its_steps() -> None:
     """The inside of a steep cell is held less than that of a flat one; a turn off, not at all."""
     y, x = np.mgrid[-24:24, -24:24]

@@ -71,6 +71,9 @@ LOOSEST = -0.2
 #: Logarithm of the odds that the level of an object is wrong: so much, and so much for each factor
 #: of e in one and the residues that stand in the way of it. Fitted to WL1 on the same half.
 LEVEL_OF_OBJECT, PER_FACTOR = -20.2, 4.57
+#: The empty field of a frame counts as so many patches, each of which says what its level is.
+#: Chosen on the same half.
+PATCHES = 16
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
@@ -92,8 +95,9 @@ def confidence(
     smoothest. Where a result differs from directional L1, both ways compete. So it also falls
     where a whole object has slipped: then no smooth way leads into it, or a smoother one
     contradicts it. And it falls for all of an object whose level is not known: residues are in
-    the way from any frame that would know it. Where every angle has several wavelengths, it is
-    judged by how far these agree instead: sheer walls have no smooth way, and need none then.
+    the way from any frame that would know it, or the empty field itself is torn in two. Where
+    every angle has several wavelengths, it is judged by how far these agree instead: sheer
+    walls have no smooth way, and need none then.
 
     Parameters
     ----------
@@ -309,13 +313,16 @@ class ChanceBlock:
     def __call__(self, block: Block) -> None:
         """Do a block."""
         turns = whole_turns(self.result.read(block), self.reference.read(block))
-        differs = above_field(turns, self.problem.background().empty.read(block)) != 0
+        empty = self.problem.background().empty.read(block)
+        turns = above_field(turns, empty)
+        differs = turns != 0
         weight, rival = (odds_of_right(support, block) for support in (self.own, self.rival))
         weight = np.where(differs, weight, np.maximum(weight, rival))
         still = 1 - self.noise.read(block)
         chance = still * weight / (1 + weight + np.where(differs, rival, 0))
         # Another result has a level of its own.
         chance *= np.where(differs, 1, level_known(self.residues, block))
+        chance *= field_known(turns, empty)[..., None, None]
         chance[self.problem.lost()[block.start : block.stop]] = 0
         self.found.write(block, chance.astype(np.float32))
 
@@ -374,6 +381,27 @@ def above_field(turns: Image, empty: Mask) -> Image:
         if empty[frame].any():
             found[frame] -= np.round(np.median(turns[frame][empty[frame]]))
     return found
+
+
+def field_known(turns: Image, empty: Mask) -> Image:
+    """Return the chance that each frame's field has the level that most of it has (time, angle).
+
+    A method that goes pixel by pixel, as Temporal, may tear the field itself in two. Where both
+    parts are about as large, an object above one is a turn off above the other.
+
+    Parameters
+    ----------
+    turns : ndarray of float
+        Turns that a result is off, above the empty field, see `above_field`.
+    empty : ndarray of bool, same shape
+        The empty field.
+    """
+    known = np.ones(turns.shape[:2], dtype=np.float32)
+    for frame in np.ndindex(*known.shape):
+        if empty[frame].any():
+            share = np.mean(turns[frame][empty[frame]] == 0)
+            known[frame] = share**PATCHES / (share**PATCHES + (1 - share) ** PATCHES)
+    return known
 
 
 def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
