@@ -71,9 +71,11 @@ LOOSEST = -0.2
 #: Logarithm of the odds that the level of an object is wrong: so much, and so much for each factor
 #: of e in one and the residues that stand in the way of it. Fitted to WL1 on the same half.
 LEVEL_OF_OBJECT, PER_FACTOR = -20.2, 4.57
-#: The empty field of a frame counts as so many patches, each of which says what its level is.
+#: The empty field of a frame counts as so many patches, which slip independently of each other.
 #: Chosen on the same half.
 PATCHES = 16
+#: Levels that are more turns off are counted as this.
+FURTHEST = 100
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
@@ -384,10 +386,11 @@ def above_field(turns: Image, empty: Mask) -> Image:
 
 
 def field_known(turns: Image, empty: Mask) -> Image:
-    """Return the chance that each frame's field has the level that most of it has (time, angle).
+    """Return the chance that the level of each frame's field is known (time, angle).
 
     A method that goes pixel by pixel, as Temporal, may tear the field itself in two. Where both
-    parts are about as large, an object above one is a turn off above the other.
+    parts are about as large, an object above one is a turn off above the other. If `PATCHES`
+    patches slip independently, all of them are at a level with its share to that power.
 
     Parameters
     ----------
@@ -399,8 +402,10 @@ def field_known(turns: Image, empty: Mask) -> Image:
     known = np.ones(turns.shape[:2], dtype=np.float32)
     for frame in np.ndindex(*known.shape):
         if empty[frame].any():
-            share = np.mean(turns[frame][empty[frame]] == 0)
-            known[frame] = share**PATCHES / (share**PATCHES + (1 - share) ** PATCHES)
+            levels = np.clip(turns[frame][empty[frame]], -FURTHEST, FURTHEST)
+            counts = np.bincount(levels.astype(np.intp) + FURTHEST, minlength=FURTHEST + 1)
+            votes = (counts / counts.max()) ** PATCHES
+            known[frame] = votes[FURTHEST] / votes.sum()
     return known
 
 
