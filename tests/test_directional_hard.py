@@ -21,6 +21,8 @@ from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with
 from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping import neighbours
 from napari_phase4d.unwrapping.background import find_background, plane, tilt_of
+from napari_phase4d.unwrapping.directional import steps
+from napari_phase4d.unwrapping.directional.changes import Denied, link_map
 from napari_phase4d.unwrapping.directional.following import follow
 from napari_phase4d.unwrapping.directional.residues import (
     residues_of_maps,
@@ -30,7 +32,7 @@ from napari_phase4d.unwrapping.directional.residues import (
     torn_views,
 )
 from napari_phase4d.unwrapping.directional.scene import Seen
-from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of, link_map
+from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of
 from napari_phase4d.unwrapping.given import lost_frames
 from napari_phase4d.unwrapping.neighbours import (
     along_slope,
@@ -484,6 +486,37 @@ def test_changes_beyond_half_a_turn_are_found_as_a_map() -> None:
     part = link_map(turned(change), inside, bare)
     np.testing.assert_array_equal(part[..., 25:], turned(change)[..., 25:])
     np.testing.assert_allclose(part[..., :25], change[..., :25], atol=1e-5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.2])
+def test_what_a_growing_rim_encloses_does_not_sink(noise: float) -> None:
+    """A bud's rim grows by more than half a turn; all that is inside sank by a turn each time."""
+    every = p4d.simulation.budding_yeast((64, 64))
+    exact = every.isel(time=slice(None, None, 2))
+    empty = np.abs(exact["phase"].values) < 0.1
+    data = with_noise(exact, noise, seed=RNG_SEED)
+    assert error_of(data, empty) <= 0.5  # 3.1 before, that of T/A 0.8
+    # The same whatever the frames are looked at together.
+    whole = p4d.unwrap(data["wrapped"], WL1).values
+    for frames in (1, 3):
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(steps, "working_frames", lambda _, n=frames: n)
+            np.testing.assert_array_equal(p4d.unwrap(data["wrapped"], WL1).values, whole)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_change_is_denied_where_both_frames_by_themselves_differ_by_less(side: int) -> None:
+    y, x = np.mgrid[-30:31, -30:31]
+    hill = np.exp(-(y**2 + x**2) / 200)
+    inside, ring = y**2 + x**2 < 100, abs(np.hypot(y, x) - 18) < 1
+    for height, denied in ((1.5, True), (5.0, False)):
+        phase = side * np.stack([2 * hill, (2 + height) * hill])[:, None]
+        wrapped, empty = turned(phase).astype(np.float32), np.abs(phase) < 0.05
+        passed = np.round((wrapped[1, 0] - wrapped[0, 0]) / TURN).astype(np.int32)
+        seen = Seen(wrapped, empty, np.ones(empty.shape, bool), None)
+        lifted = (side * (inside.astype(np.int32) + ring)).astype(np.int32)
+        found = Denied(seen)(0, 0, lifted, passed)
+        np.testing.assert_array_equal(found, inside & denied)
 
 
 @pytest.mark.parametrize("start", [0, 5])

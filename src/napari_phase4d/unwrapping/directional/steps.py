@@ -1,6 +1,6 @@
 """Steps between neighbours, what turns they ask for, and how far each is to be trusted.
 
-A step along time and angle links two frames: their change is unwrapped as a map.
+A step along time and angle links two frames: their change is unwrapped as a map, see `link_map`.
 """
 
 from __future__ import annotations
@@ -10,13 +10,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.unwrapping.directional.changes import Denied, changes_along, link_map
 from napari_phase4d.unwrapping.directional.residues import (
     FEW,
     residues_of_maps,
@@ -26,9 +26,7 @@ from napari_phase4d.unwrapping.directional.residues import (
     torn_views,
 )
 from napari_phase4d.unwrapping.directional.scene import Scene, Seen
-from napari_phase4d.unwrapping.frames import turns_of_frame
 from napari_phase4d.unwrapping.given import working_frames
-from napari_phase4d.unwrapping.growing import Workspace, second_differences
 from napari_phase4d.unwrapping.neighbours import change_on_both_sides, ends_along, known_mean
 
 __all__ = [
@@ -41,100 +39,12 @@ __all__ = [
     "courses_of",
     "fading",
     "floors_of",
-    "link_map",
     "roughness",
     "turns_between",
     "weighed_steps",
 ]
 
 TURN = np.float32(2 * np.pi)
-#: Changes that stay below this many radians everywhere can't have passed half a turn unseen.
-SURE = 2.0
-#: A part is lowered if its tears are more than its mends by this share of its edge.
-CLEARLY = 0.2
-
-Stack = NDArray[np.float32]
-Mask = NDArray[np.bool_]
-Whole = NDArray[np.int32]
-
-
-def link_map(step: Stack, inside: Mask, bare: Mask) -> Stack:
-    """Return wrapped changes between frames with the turns that make each map smooth.
-
-    A change of more than half a turn between two frames can't be told from a smaller one at any
-    single pixel. As a map it can: it is zero on the empty field and rises from there. So where
-    changes come near half a turn, the map is unwrapped over y and x like a frame, and its level
-    is that of the empty field. Where no empty field is in view the level can't be known, and the
-    changes stay wrapped.
-
-    Parameters
-    ----------
-    step : ndarray of shape (time, angle, y, x)
-        Wrapped changes in radians.
-    inside, bare : ndarray of bool, same shape
-        Where both ends count; where both are empty field.
-
-    Returns
-    -------
-    ndarray
-        The changes in radians, which may be larger than half a turn.
-    """
-    found, work = step.copy(), Workspace()
-    for frame in np.ndindex(*step.shape[:2]):
-        wrapped, known = step[frame], inside[frame]
-        ground = bare[frame] & known
-        if not ground.any() or np.abs(wrapped).max(initial=0, where=known) <= SURE:
-            continue
-        turns, _ = turns_of_frame(wrapped, known, second_differences, work)
-        level = np.int32(np.round(np.median(turns[ground])))
-        turns = np.where(known, turns - level, np.int32(0))
-        if turns.any():
-            found[frame] = wrapped + TURN * without_tears(wrapped, turns)
-    return found
-
-
-def without_tears(wrapped: Stack, turns: Whole) -> Whole:
-    """Return turns of a map (y, x) without those parts that tear it more than they mend.
-
-    Where a map is noisy at a rim, its unwrapping may lift all that lies inside by a turn. The
-    edge of such a part is mostly made of tears, steps that were small before; that of a part
-    whose change has truly passed half a turn is mostly made of steps that are small only now.
-    """
-    rows, columns = (np.flatnonzero(turns.any(axis=axis)) for axis in (1, 0))
-    box = (
-        slice(max(rows[0] - 1, 0), rows[-1] + 2),
-        slice(max(columns[0] - 1, 0), columns[-1] + 2),
-    )
-    inside, kept = wrapped[box], turns.copy()
-    asked = [jumps_of(inside, axis) for axis in (0, 1)]
-    for side in (1, -1):
-        for level in range(int((side * turns).max()), 0, -1):
-            part = kept[box]
-            labels, count = scipy.ndimage.label(side * part >= level)
-            torn, edge = np.zeros(count + 1), np.zeros(count + 1)
-            for axis in (0, 1):
-                head, tail = ends_along(axis, 2)
-                a, b = labels[head], labels[tail]
-                jump = side * (part[tail] - part[head] - asked[axis])
-                # What an edge of the map would cost less if the part at its end were lowered.
-                torn += np.bincount(
-                    b.ravel(), ((a != b) * (np.abs(jump) - np.abs(jump - 1))).ravel(), count + 1
-                )
-                torn += np.bincount(
-                    a.ravel(), ((a != b) * (np.abs(jump) - np.abs(jump + 1))).ravel(), count + 1
-                )
-                edge += np.bincount(b.ravel(), (a != b).ravel(), count + 1)
-                edge += np.bincount(a.ravel(), (a != b).ravel(), count + 1)
-            down = torn > CLEARLY * edge
-            down[0] = False
-            part -= np.int32(side) * down[labels]
-    return kept
-
-
-def jumps_of(wrapped: Stack, axis: int) -> Whole:
-    """Return the turns that the steps of a wrapped map ask for along an axis."""
-    return -np.round(np.diff(wrapped, axis=axis) / TURN).astype(np.int32)
-
 
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
@@ -156,6 +66,7 @@ STEP_PIXELS = 400_000
 BEFORE, AFTER = 2, 3
 
 Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
@@ -385,6 +296,7 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
 
     by_axis = {axis: weigh_along(axis) for axis in range(4) if scene.part[axis] > 1}
     doubt_torn(by_axis, seen, seams, block.of(around), n <= FEW)
+    doubt_lifted(by_axis, seen, seams, block.of(around))
     return Weighed(block, part_of(seen, block.of(around)).free, by_axis, {}, courses)
 
 
@@ -411,11 +323,21 @@ def doubt_torn(
             rough[at][by] = np.maximum(rough[at][by], TORN)
 
 
-def changes_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> tuple[Image, Mask, Mask]:
-    """Return what changes along time or angle; where it is known; where both are empty field."""
-    head, tail = ends_along(axis, 4)
-    known = seen.usable[head] & seen.usable[tail] & (seams[head] == seams[tail])
-    return seen.phase[tail] - seen.phase[head], known, seen.empty[head] & seen.empty[tail]
+def doubt_lifted(
+    by_axis: dict[int, Opinion], seen: Seen, seams: NDArray[np.int8], own: slice
+) -> None:
+    """Let changes over time count for little where the frames deny them; see `Denied`."""
+    if 0 not in by_axis:
+        return
+    change, _, _ = (part[own] for part in changes_along(0, seen, seams))
+    denied = Denied(seen)
+    for i, angle in np.ndindex(*change.shape[:2]):
+        passed = np.round(change[i, angle] / TURN).astype(np.int32)
+        lifted = by_axis[0].turns[i, angle] + passed
+        if lifted.any():
+            rough = by_axis[0].rough[i, angle]
+            by = denied(own.start + i, angle, lifted, passed)
+            rough[by] = np.maximum(rough[by], TORN)
 
 
 def opinion(
