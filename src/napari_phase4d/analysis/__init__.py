@@ -10,13 +10,7 @@ from napari_phase4d.analysis.cell_results import (
 )
 from napari_phase4d.analysis.cells import copied_labels, find_cells, follow_cells
 from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
-from napari_phase4d.analysis.confidence import (
-    REFERENCE,
-    Tally,
-    confidence,
-    slip_warning,
-    slipped_frames,
-)
+from napari_phase4d.analysis.confidence import REFERENCE, confidence
 from napari_phase4d.analysis.differences import (
     Traces,
     difference,
@@ -29,6 +23,7 @@ from napari_phase4d.analysis.differences import (
 from napari_phase4d.analysis.itoh import itoh_margin, order_shares, residues
 from napari_phase4d.analysis.measures import measure, polygon_mask, region_masks
 from napari_phase4d.analysis.noise import noise_figures, noise_sentence, with_wavelength
+from napari_phase4d.analysis.slips import Tally, slip_warning, slipped_frames
 from napari_phase4d.analysis.verdict import (
     Verdict,
     best_known,

@@ -11,14 +11,12 @@ from numpy.typing import ArrayLike
 
 from napari_phase4d.analysis.confidence import (
     REFERENCE,
-    Tally,
     chances_of_right,
     reference_of,
-    slip_words,
-    tally_of,
     trust_map,
 )
 from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
+from napari_phase4d.analysis.slips import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import Measured, measured

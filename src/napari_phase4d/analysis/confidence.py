@@ -1,7 +1,4 @@
-"""How far each pixel of an unwrapped phase is to be trusted, without knowing the truth.
-
-And what maps of confidence come to, frame by frame: pixels in doubt, whole objects that slipped.
-"""
+"""How far each pixel of an unwrapped phase is to be trusted, without knowing the truth."""
 
 from __future__ import annotations
 
@@ -9,10 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.analysis.differences import DOUBTFUL
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.stacks import (
@@ -36,7 +31,6 @@ from napari_phase4d.unwrapping import (
     chance_by_wavelengths,
     level_residues,
     run_method,
-    shrunk,
     supports_by_steps,
     working_blocks,
 )
@@ -44,16 +38,13 @@ from napari_phase4d.words import warn
 
 __all__ = [
     "REFERENCE",
-    "Tally",
+    "above_field",
     "chances_of_right",
     "confidence",
     "reference_of",
-    "slip_warning",
-    "slip_words",
-    "slipped_frames",
-    "tally_of",
     "trust_map",
     "turns_off",
+    "whole_turns",
 ]
 
 TURN = 2 * np.pi
@@ -80,6 +71,7 @@ FURTHEST = 100
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
 Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 
 def confidence(
@@ -416,194 +408,3 @@ def turns_off(result: xr.DataArray, reference: xr.DataArray) -> xr.DataArray:
     one, other = (stack_of(stack).read(every) for stack in (result, reference))
     off = whole_turns(one, other).reshape(result.shape)
     return result.copy(data=off)
-
-
-# ---- what the maps come to ------------------------------------------------------------------
-
-
-#: An object is one piece of a frame of at least so many pixels ...
-SMALLEST_OBJECT = 30
-#: ... after so many have been taken off its rim, by which too much is not found empty; less only
-#: where nothing as large is left. Two cells that lie side by side are two then ...
-SPARE = 3
-#: ... and may have slipped if at least this share of it is trusted less than so much.
-MOST, FIRM = 0.5, 0.7
-
-Counts = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
-
-@dataclass(frozen=True)
-class Tally:
-    """Pixels counted in every frame (time, angle).
-
-    Parameters
-    ----------
-    inside : ndarray of int
-        Those of the object; of the usable field, where no object is found at all.
-    doubtful : dict of str to ndarray of int
-        Of these, those that are more likely wrong than right, by method.
-    slipped : dict of str to ndarray of bool
-        Whether most of an object may be off by the same cycles, by method.
-    differ : ndarray of int
-        Those inside on which not all results have the same wrap count.
-    """
-
-    inside: Counts
-    doubtful: dict[str, Counts]
-    slipped: dict[str, Mask]
-    differ: Counts
-
-    def doubtful_share(self, method: str) -> float:
-        """Return the share of all pixels inside that are in doubt; NaN without any."""
-        count = int(self.inside.sum())
-        return int(self.doubtful[method].sum()) / count if count else float("nan")
-
-    @property
-    def disagreement(self) -> NDArray[np.float64]:
-        """Share of each frame's pixels on which results differ; 0 where there is no object."""
-        return self.differ / np.maximum(self.inside, 1)
-
-
-def tally_of(
-    problem: Problem, results: Mapping[str, xr.DataArray], trust: Mapping[str, Stack]
-) -> Tally:
-    """Count what is in doubt and where results differ, of stacks of any length.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was unwrapped.
-    results : mapping of str to DataArray
-        Unwrapped phase of methods that are held against each other.
-    trust : mapping of str to Stack
-        Maps of confidence by method.
-    """
-    count = Count(
-        problem,
-        [stack_of(result) for result in results.values()],
-        list(trust.values()),
-    )
-    blocks = working_blocks(problem.given.shape)
-    watch = Watch(len(blocks), "counting", UNWATCHED)
-    found = list(in_threads(count, blocks, watch))
-    in_object, in_field, slipped = (np.concatenate(part) for part in zip(*found, strict=True))
-    counts = in_object if in_object[..., 0].any() else in_field
-    return Tally(
-        counts[..., 0],
-        {method: counts[..., 2 + i] for i, method in enumerate(trust)},
-        {method: slipped[..., i] for i, method in enumerate(trust)},
-        counts[..., 1],
-    )
-
-
-@dataclass(frozen=True)
-class Count:
-    """Counts in a block.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was unwrapped.
-    results : list of Stack
-        What is held against each other.
-    trust : list of Stack
-        Maps of confidence.
-    """
-
-    problem: Problem
-    results: list[Stack]
-    trust: list[Stack]
-
-    def __call__(self, block: Block) -> tuple[Counts, Counts, Mask]:
-        """Return what is counted in the object, in the field, and where objects slipped.
-
-        The last axis of the counts is: pixels, those that differ, those in doubt of each method.
-        """
-        lost = self.problem.lost()[block.start : block.stop]
-        field = self.problem.given.read(block)[1] & ~lost[..., None, None]
-        empty = self.problem.background().empty.read(block)
-        inside = field & ~empty
-        maps = [stack.read(block) for stack in self.trust]
-        looks = [np.ones_like(field), self._differ(block, empty), *(m < DOUBTFUL for m in maps)]
-        in_object, in_field = (
-            np.stack([np.count_nonzero(look & where, axis=(2, 3)) for look in looks], axis=-1)
-            for where in (inside, field)
-        )
-        slipped = np.zeros((*inside.shape[:2], len(maps)), dtype=bool)
-        for frame in np.ndindex(*inside.shape[:2]):
-            objects = objects_in(inside[frame], empty[frame])
-            slipped[frame] = slips(objects, [m[frame] < FIRM for m in maps])
-        return in_object, in_field, slipped
-
-    def _differ(self, block: Block, empty: Mask) -> Mask:
-        """Mark where not all results have the same wrap count."""
-        found = np.zeros_like(empty)
-        if len(self.results) > 1:
-            first, *others = (result.read(block) for result in self.results)
-            for other in others:
-                found |= above_field(whole_turns(other, first), empty) != 0
-        return found
-
-
-def objects_in(inside: Mask, empty: Mask) -> Mask:
-    """Mark the objects of a frame: what is not empty field, less its rim where enough is left."""
-    core = ~empty
-    for _ in range(SPARE):
-        core = shrunk(core, beyond=True)
-    cores, count = scipy.ndimage.label(core & inside)
-    large = np.bincount(cores.ravel(), minlength=count + 1) >= SMALLEST_OBJECT
-    large[0] = False
-    pieces, count = scipy.ndimage.label(inside)
-    whole = np.bincount(pieces[large[cores]], minlength=count + 1) == 0
-    found: Mask = inside & (large[cores] | whole[pieces])
-    return found
-
-
-def slips(objects: Mask, wrong: list[Mask]) -> list[bool]:
-    """Say for each mask of doubt whether most of an object of the frame lies in it."""
-    labels, count = scipy.ndimage.label(objects)
-    if not count:
-        return [False] * len(wrong)
-    size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-    found = []
-    for mask in wrong:
-        bad = np.bincount(labels[mask], minlength=count + 1)[1:]
-        found.append(bool(((size >= SMALLEST_OBJECT) & (bad >= MOST * size)).any()))
-    return found
-
-
-def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
-    """Mark the frames (time, angle) in which most of an object may be off by the same cycles.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was unwrapped.
-    trust : DataArray
-        What `confidence` gave.
-    """
-    return tally_of(problem, {}, {"": stack_of(trust)}).slipped[""]
-
-
-def slip_warning(problem: Problem, trust: xr.DataArray) -> str:
-    """Say in one sentence in which frames whole objects may have slipped; "" if in none.
-
-    Parameters
-    ----------
-    problem, trust
-        See `slipped_frames`.
-    """
-    return slip_words(slipped_frames(problem, trust))
-
-
-def slip_words(slipped: Mask) -> str:
-    """Say in which of the frames (time, angle) whole objects may have slipped; "" if in none."""
-    count = int(slipped.sum())
-    if not count:
-        return ""
-    time, angle = np.argwhere(slipped)[0]
-    return (
-        f"in {count} of {slipped.size} frames most of an object may be off by a cycle, "
-        f"first in frame (time {time}, angle {angle}), counted from 0"
-    )

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.confidence import REFERENCE, Tally, turns_off
+from napari_phase4d.analysis.confidence import REFERENCE, turns_off
 from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
+from napari_phase4d.analysis.slips import Tally
 from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import METHODS, Problem
 from napari_phase4d.words import checked_call, frame_in_words
