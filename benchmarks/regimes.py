@@ -38,6 +38,8 @@ TURN = 2 * np.pi
 PAPER = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
 WL1 = "directional-l1"
 NOISES = (0, 0.2, 0.5, 0.7)
+#: Factor of the phase of objects that are to be thicker.
+THICKER = 1.25
 #: Ten objects that the methods were made on, and four that faults are done to.
 OWN_PHANTOMS = ("yeast", "euglena", *SHAPES)
 FAULTY = ("dividing", "vacuole", "lamella", "ring")
@@ -133,6 +135,14 @@ def every_third(noise: float) -> Iterator[Case]:
         exact = object_(name)
         exact = exact.isel(time=slice(exact.sizes["time"] // 2, None, 3))
         yield noisy(name, exact, noise, f"late{name}{noise}")
+
+
+def every_second(noise: float) -> Iterator[Case]:
+    """Every second time of thicker objects: rims grow by more than half a turn at a time."""
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name)
+        exact = exact.assign(phase=np.float32(THICKER) * exact["phase"])
+        yield noisy(name, exact.isel(time=slice(None, None, 2)), noise, f"leaps{name}{noise}")
 
 
 def two_far_views(noise: float) -> Iterator[Case]:
@@ -269,6 +279,7 @@ def regimes() -> None:
         ("all shapes, one view", one_view, (0, 0.5)),
         ("all shapes, one time", one_time, (0, 0.5)),
         ("every third time of the second half", every_third, (0, 0.3)),
+        ("every second time, thicker by a quarter", every_second, (0, 0.3)),
         ("a fault half way", faults, (0, 0.5)),
     )
     for words, cases, noises in by_noise:

@@ -506,17 +506,25 @@ def test_what_a_growing_rim_encloses_does_not_sink(noise: float) -> None:
 
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_change_is_denied_where_both_frames_by_themselves_differ_by_less(side: int) -> None:
+    """A ring rises by 4.6 rad, which looks like -1.7; what it encloses by 1.9, which does not."""
     y, x = np.mgrid[-30:31, -30:31]
-    hill = np.exp(-(y**2 + x**2) / 200)
-    inside, ring = y**2 + x**2 < 100, abs(np.hypot(y, x) - 18) < 1
-    for height, denied in ((1.5, True), (5.0, False)):
-        phase = side * np.stack([2 * hill, (2 + height) * hill])[:, None]
-        wrapped, empty = turned(phase).astype(np.float32), np.abs(phase) < 0.05
-        passed = np.round((wrapped[1, 0] - wrapped[0, 0]) / TURN).astype(np.int32)
-        seen = Seen(wrapped, empty, np.ones(empty.shape, bool), None)
-        lifted = (side * (inside.astype(np.int32) + ring)).astype(np.int32)
-        found = Denied(seen)(0, 0, lifted, passed)
-        np.testing.assert_array_equal(found, inside & denied)
+    r = np.hypot(y, x)
+    inside, ring = r < 10, (r >= 10) & (r < 13)
+
+    def denied(first: np.ndarray, change: np.ndarray, lifted: np.ndarray) -> np.ndarray:
+        phase = side * np.stack([first, first + change])[:, None]
+        empty = np.broadcast_to(r > 20, phase.shape)
+        seen = Seen(turned(phase).astype(np.float32), empty, np.ones(phase.shape, bool), None)
+        return Denied(seen)(0, 0, (side * lifted).astype(np.int32))
+
+    first = 1.0 * ring + 0.2 * inside
+    np.testing.assert_array_equal(denied(first, 4.6 * ring + 1.9 * inside, -1 * inside), inside)
+    # An edge that is torn by it says nothing.
+    assert not denied(first, 4.6 * ring + 1.3 * inside, -1 * inside).any()
+    # A hill that rises so far is affirmed, one that passes half a turn in a ring is no part.
+    hill = np.exp(-(r**2) / 60)
+    assert not denied(hill, 5 * hill, 5 * hill > np.pi).any()
+    assert not denied(first, 4.6 * ring + 1.9 * inside, 1 * (ring & (r < 11))).any()
 
 
 @pytest.mark.parametrize("start", [0, 5])

@@ -6,6 +6,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from napari_phase4d.phasors import turned
 from napari_phase4d.unwrapping.directional.scene import Seen
 from napari_phase4d.unwrapping.frames import turns_of_frame
 from napari_phase4d.unwrapping.growing import Workspace, second_differences
@@ -16,7 +17,8 @@ __all__ = ["Denied", "changes_along", "link_map"]
 TURN = np.float32(2 * np.pi)
 #: Changes that stay below this many radians everywhere can't have passed half a turn unseen.
 SURE = 2.0
-#: A part is lowered if its tears are more than its mends by this share of its edge.
+#: A part is lowered if its tears are more than its mends by this share of its edge, and may be
+#: denied if its mends are more than its tears by as much.
 CLEARLY = 0.2
 #: A part is denied if less than this share of it is lifted between the two frames by themselves.
 AFFIRMED = 0.2
@@ -86,24 +88,47 @@ def without_tears(wrapped: Image, turns: Whole) -> Whole:
         for level in range(int((side * turns).max()), 0, -1):
             part = kept[box]
             labels, count = scipy.ndimage.label(side * part >= level)
-            torn, edge = np.zeros(count + 1), np.zeros(count + 1)
-            for axis in (0, 1):
-                head, tail = ends_along(axis, 2)
-                a, b = labels[head], labels[tail]
-                jump = side * (part[tail] - part[head] - asked[axis])
-                # What an edge of the map would cost less if the part at its end were lowered.
-                torn += np.bincount(
-                    b.ravel(), ((a != b) * (np.abs(jump) - np.abs(jump - 1))).ravel(), count + 1
-                )
-                torn += np.bincount(
-                    a.ravel(), ((a != b) * (np.abs(jump) - np.abs(jump + 1))).ravel(), count + 1
-                )
-                edge += np.bincount(b.ravel(), (a != b).ravel(), count + 1)
-                edge += np.bincount(a.ravel(), (a != b).ravel(), count + 1)
+            torn, edge = edges_of(labels, count, side * part, [side * own for own in asked])
             down = torn > CLEARLY * edge
             down[0] = False
             part -= np.int32(side) * down[labels]
     return kept
+
+
+def edges_of(
+    labels: Whole, count: int, turns: Whole, asked: list[Whole]
+) -> tuple[NDArray[np.float64], Whole]:
+    """Look at the edges of some parts of a map; the first numbers are those of what is none.
+
+    Parameters
+    ----------
+    labels : ndarray of int, shape (y, x)
+        Which part each pixel belongs to, from 1; 0 for none.
+    count : int
+        How many there are.
+    turns : ndarray of int, same shape
+        Turns that are added to the wrapped map.
+    asked : list of ndarray of int
+        The turns that its steps ask for along y and x, see `jumps_of`.
+
+    Returns
+    -------
+    torn : ndarray of float
+        By how many steps each edge would cost less if the part were lowered by a turn: its tears
+        less its mends.
+    edge : ndarray of int
+        How many steps it has.
+    """
+    torn, edge = np.zeros(count + 1), np.zeros(count + 1, dtype=np.int32)
+    for axis in (0, 1):
+        head, tail = ends_along(axis, 2)
+        out = labels[head] != labels[tail]
+        jump = (turns[tail] - turns[head] - asked[axis])[out]
+        for end, lowered in ((tail, jump - 1), (head, jump + 1)):
+            own = labels[end][out]
+            torn += np.bincount(own, np.abs(jump) - np.abs(lowered), count + 1)
+            edge += np.bincount(own, minlength=count + 1).astype(np.int32)
+    return torn, edge
 
 
 def jumps_of(wrapped: Image, axis: int) -> Whole:
@@ -119,7 +144,8 @@ class Denied:
     for one, the ring of it looks like a small change the other way, and all that it encloses is
     lifted in its stead. The two frames, each unwrapped by itself, are witnesses of their own: if
     what they differ by is lifted nowhere there, the change is not known. That goes for parts with
-    more pixels than edge; rings have nothing inside to lift.
+    more pixels than edge, as rings have nothing inside, and where the edge mends clearly more
+    than it tears: frames of what is ragged are ragged themselves, and no witnesses.
 
     Parameters
     ----------
@@ -131,7 +157,7 @@ class Denied:
         self._seen, self._work = seen, Workspace()
         self._alone: dict[tuple[int, int], Whole] = {}
 
-    def __call__(self, time: int, angle: int, lifted: Whole, passed: Whole) -> Mask:
+    def __call__(self, time: int, angle: int, lifted: Whole) -> Mask:
         """Return the pixels (y, x) of a change at which it is denied.
 
         Parameters
@@ -140,19 +166,22 @@ class Denied:
             Of the first of the two frames, counted among those seen.
         lifted : ndarray of int, shape (y, x)
             Turns that the map adds to the wrapped change.
-        passed : ndarray of int, same shape
-            Turns by which the two wrapped phases differ more than their wrapped change.
         """
+        difference = self._seen.phase[time + 1, angle] - self._seen.phase[time, angle]
+        change = turned(difference)
+        passed = np.round((difference - change) / TURN).astype(np.int32)
         found = np.zeros(lifted.shape, dtype=bool)
+        asked = [jumps_of(change, axis) for axis in (0, 1)]
         for side in (1, -1):
             labels, count = scipy.ndimage.label(side * lifted >= 1)
             size = np.bincount(labels.ravel(), minlength=count + 1)
-            solid = size > edge_of(labels, count)
-            solid[0] = False
-            if solid.any():
+            torn, edge = edges_of(labels, count, side * lifted, [side * own for own in asked])
+            clear = (torn < -CLEARLY * edge) & (size > edge)
+            clear[0] = False
+            if clear.any():
                 said = self._of(time + 1, angle) - self._of(time, angle) + passed
                 affirmed = np.bincount(labels[side * said >= 1], minlength=count + 1)
-                found |= (solid & (affirmed < AFFIRMED * size))[labels]
+                found |= (clear & (affirmed < AFFIRMED * size))[labels]
         return found
 
     def _of(self, time: int, angle: int) -> Whole:
@@ -164,14 +193,3 @@ class Denied:
             level = np.median(turns[self._seen.empty[at] & known])
             self._alone[at] = turns - np.int32(np.round(level))
         return self._alone[at]
-
-
-def edge_of(labels: Whole, count: int) -> Whole:
-    """Return how many steps lead out of each of some parts of a map; first of what is none."""
-    edge = np.zeros(count + 1, dtype=np.int32)
-    for axis in (0, 1):
-        head, tail = ends_along(axis, 2)
-        out = labels[head] != labels[tail]
-        for end in (head, tail):
-            edge += np.bincount(labels[end][out], minlength=count + 1).astype(np.int32)
-    return edge

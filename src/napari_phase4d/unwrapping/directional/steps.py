@@ -296,7 +296,7 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
 
     by_axis = {axis: weigh_along(axis) for axis in range(4) if scene.part[axis] > 1}
     doubt_torn(by_axis, seen, seams, block.of(around), n <= FEW)
-    doubt_lifted(by_axis, seen, seams, block.of(around))
+    doubt_lifted(by_axis, seen, block.of(around))
     return Weighed(block, part_of(seen, block.of(around)).free, by_axis, {}, courses)
 
 
@@ -323,21 +323,19 @@ def doubt_torn(
             rough[at][by] = np.maximum(rough[at][by], TORN)
 
 
-def doubt_lifted(
-    by_axis: dict[int, Opinion], seen: Seen, seams: NDArray[np.int8], own: slice
-) -> None:
+def doubt_lifted(by_axis: dict[int, Opinion], seen: Seen, own: slice) -> None:
     """Let changes over time count for little where the frames deny them; see `Denied`."""
     if 0 not in by_axis:
         return
-    change, _, _ = (part[own] for part in changes_along(0, seen, seams))
-    denied = Denied(seen)
-    for i, angle in np.ndindex(*change.shape[:2]):
-        passed = np.round(change[i, angle] / TURN).astype(np.int32)
-        lifted = by_axis[0].turns[i, angle] + passed
+    opinion, denied = by_axis[0], Denied(seen)
+    differences = (seen.phase[1:] - seen.phase[:-1])[own]
+    for i, angle in np.ndindex(*opinion.turns.shape[:2]):
+        # The turns of a step are those of its wrapped change, and those that the map has added.
+        plain = turns_between(differences[i, angle], turned(differences[i, angle]))
+        lifted = (opinion.turns[i, angle] - plain).astype(np.int32)
         if lifted.any():
-            rough = by_axis[0].rough[i, angle]
-            by = denied(own.start + i, angle, lifted, passed)
-            rough[by] = np.maximum(rough[by], TORN)
+            by = denied(own.start + i, angle, lifted)
+            opinion.rough[i, angle][by] = np.maximum(opinion.rough[i, angle][by], TORN)
 
 
 def opinion(
