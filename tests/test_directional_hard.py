@@ -517,13 +517,21 @@ def test_a_change_is_denied_where_both_frames_by_themselves_differ_by_less(side:
         seen = Seen(turned(phase).astype(np.float32), empty, np.ones(phase.shape, bool), None)
         return Denied(seen)(0, 0, (side * lifted).astype(np.int32))
 
-    first = 1.0 * ring + 0.2 * inside
+    first = 2.0 * ring + 0.4 * inside
     np.testing.assert_array_equal(denied(first, 4.6 * ring + 1.9 * inside, -1 * inside), inside)
+    # Wherever the frames wrap, and whatever the turns of their fields.
+    for level in (2.0, 3.0):
+        found = denied(first + level, 4.6 * ring + 1.9 * inside, -1 * inside)
+        np.testing.assert_array_equal(found, inside)
+    # Frames that are steep there know nothing.
+    steep = 2.0 * ring - 0.3 * inside
+    assert not denied(steep, 4.6 * ring + 1.9 * inside, -1 * inside).any()
     # An edge that is torn by it says nothing.
     assert not denied(first, 4.6 * ring + 1.3 * inside, -1 * inside).any()
     # A hill that rises so far is affirmed, one that passes half a turn in a ring is no part.
     hill = np.exp(-(r**2) / 60)
-    assert not denied(hill, 5 * hill, 5 * hill > np.pi).any()
+    for level in (0.0, 3.0):
+        assert not denied(hill + level, 5 * hill, 5 * hill > np.pi).any()
     assert not denied(first, 4.6 * ring + 1.9 * inside, 1 * (ring & (r < 11))).any()
 
 

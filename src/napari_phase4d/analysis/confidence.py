@@ -373,7 +373,9 @@ def above_field(turns: Image, empty: Mask) -> Image:
     found = turns.copy()
     for frame in np.ndindex(*turns.shape[:2]):
         if empty[frame].any():
-            found[frame] -= np.round(np.median(turns[frame][empty[frame]]))
+            levels = turns[frame][empty[frame]]
+            middle = (levels.size - 1) // 2  # a level that there is, not half way between two
+            found[frame] -= np.partition(levels, middle)[middle]
     return found
 
 

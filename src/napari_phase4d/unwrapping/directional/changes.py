@@ -22,6 +22,8 @@ SURE = 2.0
 CLEARLY = 0.2
 #: A part is denied if less than this share of it is lifted between the two frames by themselves.
 AFFIRMED = 0.2
+#: Frames in which more than this share of the steps at its edge are beyond `SURE` don't know it.
+STEEP_EDGE = 0.6
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -98,7 +100,7 @@ def without_tears(wrapped: Image, turns: Whole) -> Whole:
 def edges_of(
     labels: Whole, count: int, turns: Whole, asked: list[Whole]
 ) -> tuple[NDArray[np.float64], Whole]:
-    """Look at the edges of some parts of a map; the first numbers are those of what is none.
+    """Look at the edges of some parts of a map; entry 0 is what belongs to none.
 
     Parameters
     ----------
@@ -131,6 +133,18 @@ def edges_of(
     return torn, edge
 
 
+def steep_steps(labels: Whole, count: int, frame: Image) -> Whole:
+    """Count the steps of a frame beyond `SURE` at the edge of each part, see `edges_of`."""
+    found = np.zeros(count + 1, dtype=np.int32)
+    for axis in (0, 1):
+        head, tail = ends_along(axis, 2)
+        out = labels[head] != labels[tail]
+        out &= np.abs(turned(np.diff(frame, axis=axis))) > SURE
+        for end in (head, tail):
+            found += np.bincount(labels[end][out], minlength=count + 1).astype(np.int32)
+    return found
+
+
 def jumps_of(wrapped: Image, axis: int) -> Whole:
     """Return the turns that the steps of a wrapped map ask for along an axis."""
     return -np.round(np.diff(wrapped, axis=axis) / TURN).astype(np.int32)
@@ -145,7 +159,8 @@ class Denied:
     lifted in its stead. The two frames, each unwrapped by itself, are witnesses of their own: if
     what they differ by is lifted nowhere there, the change is not known. That goes for parts with
     more pixels than edge, as rings have nothing inside, and where the edge mends clearly more
-    than it tears: frames of what is ragged are ragged themselves, and no witnesses.
+    than it tears: what is ragged in the change is in the frames too. Frames in which that edge is
+    steep, as that of a wall, are no witnesses either.
 
     Parameters
     ----------
@@ -178,6 +193,9 @@ class Denied:
             torn, edge = edges_of(labels, count, side * lifted, [side * own for own in asked])
             clear = (torn < -CLEARLY * edge) & (size > edge)
             clear[0] = False
+            if clear.any():
+                for frame in self._seen.phase[time : time + 2, angle]:
+                    clear &= steep_steps(labels, count, frame) <= STEEP_EDGE * edge
             if clear.any():
                 said = self._of(time + 1, angle) - self._of(time, angle) + passed
                 affirmed = np.bincount(labels[side * said >= 1], minlength=count + 1)
