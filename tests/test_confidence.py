@@ -238,13 +238,19 @@ def test_objects_that_slip_in_wl1_are_warned_of() -> None:
     assert slipped_frames(Problem(plain), trust).mean() <= 0.02
 
 
-def test_an_object_is_judged_above_the_field_of_its_frame() -> None:
-    """A frame that slips as a whole is right, an object whose field alone has slipped is not."""
+@pytest.fixture(scope="module")
+def judged() -> tuple[xr.DataArray, xr.DataArray, xr.DataArray, np.ndarray]:
+    """Return a phase, its right result as that of another method, its trust, and its field."""
     exact = moving_shape("swelling")
     phase = with_noise(exact, 0.2, seed=4)["wrapped"]
     right = p4d.unwrap(phase, "directional-l1").assign_attrs(method="other")
-    problem, trust = Problem(phase), p4d.confidence(right, phase)
-    field, frame = exact["phase"].values < 0.5, (9, 1)
+    return phase, right, p4d.confidence(right, phase), exact["phase"].values < 0.5
+
+
+def test_an_object_is_judged_above_the_field_of_its_frame(judged) -> None:
+    """A frame that slips as a whole is right, an object whose field alone has slipped is not."""
+    phase, right, trust, field = judged
+    frame = (9, 1)
 
     whole = right.copy(deep=True)
     whole.values[frame] += TURN
@@ -255,16 +261,13 @@ def test_an_object_is_judged_above_the_field_of_its_frame() -> None:
     doubted = p4d.confidence(field_only, phase)
     assert doubted.values[frame][~field[frame]].mean() < 0.1
     assert doubted.values[frame][field[frame]].mean() > 0.9
-    assert np.argwhere(slipped_frames(problem, doubted)).tolist() == [list(frame)]
+    assert np.argwhere(slipped_frames(Problem(phase), doubted)).tolist() == [list(frame)]
 
 
-def test_an_object_above_a_torn_field_is_doubted() -> None:
+def test_an_object_above_a_torn_field_is_doubted(judged) -> None:
     """Half of the field is a turn off: above which half is the object to be measured?"""
-    exact = moving_shape("swelling")
-    phase = with_noise(exact, 0.2, seed=4)["wrapped"]
-    right = p4d.unwrap(phase, "directional-l1").assign_attrs(method="other")
-    problem, trust = Problem(phase), p4d.confidence(right, phase)
-    field, frame = exact["phase"].values < 0.5, (9, 1)
+    phase, right, trust, field = judged
+    frame = (9, 1)
     inside = ~field[frame]
 
     def with_share_off(share: float) -> xr.DataArray:
@@ -277,10 +280,10 @@ def test_an_object_above_a_torn_field_is_doubted() -> None:
     np.testing.assert_allclose(
         tenth.values[frame][inside], trust.values[frame][inside], atol=0.002
     )
-    assert not slipped_frames(problem, tenth).any()
+    assert not slipped_frames(Problem(phase), tenth).any()
     half = with_share_off(0.5)
     assert half.values[frame][inside].max() < 0.7
-    assert np.argwhere(slipped_frames(problem, half)).tolist() == [list(frame)]
+    assert np.argwhere(slipped_frames(Problem(phase), half)).tolist() == [list(frame)]
 
 
 def test_a_pixel_is_held_by_most_of_its_steps() -> None:

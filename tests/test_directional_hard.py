@@ -515,7 +515,8 @@ def test_a_change_is_denied_where_both_frames_by_themselves_differ_by_less(side:
         phase = side * np.stack([first, first + change])[:, None]
         empty = np.broadcast_to(r > 20, phase.shape)
         seen = Seen(turned(phase).astype(np.float32), empty, np.ones(phase.shape, bool), None)
-        return Denied(seen)(0, 0, (side * lifted).astype(np.int32))
+        step = turned(seen.phase[1, 0] - seen.phase[0, 0]) + np.float32(side * TURN) * lifted
+        return Denied(seen)(0, 0, step.astype(np.float32))
 
     first = 2.0 * ring + 0.4 * inside
     np.testing.assert_array_equal(denied(first, 4.6 * ring + 1.9 * inside, -1 * inside), inside)

@@ -64,15 +64,21 @@ def link_map(step: Image, inside: Mask, bare: Mask) -> Image:
         ground = bare[frame] & known
         if not ground.any() or np.abs(wrapped).max(initial=0, where=known) <= SURE:
             continue
-        turns, _ = turns_of_frame(wrapped, known, second_differences, work)
-        level = np.int32(np.round(np.median(turns[ground])))
-        turns = np.where(known, turns - level, np.int32(0))
+        turns = turns_above_field(wrapped, known, ground, work)
         if turns.any():
-            found[frame] = wrapped + TURN * without_tears(wrapped, turns)
+            found[frame] = wrapped + TURN * without_tears(wrapped, known, turns)
     return found
 
 
-def without_tears(wrapped: Image, turns: Whole) -> Whole:
+def turns_above_field(wrapped: Image, known: Mask, ground: Mask, work: Workspace) -> Whole:
+    """Return the turns of a map (y, x) unwrapped by itself, above the median of its field."""
+    turns, _ = turns_of_frame(wrapped, known, second_differences, work)
+    level = np.int32(np.round(np.median(turns[ground])))
+    found: Whole = np.where(known, turns - level, np.int32(0))
+    return found
+
+
+def without_tears(wrapped: Image, known: Mask, turns: Whole) -> Whole:
     """Return turns of a map (y, x) without those parts that tear it more than they mend.
 
     Where a map is noisy at a rim, its unwrapping may lift all that lies inside by a turn. The
@@ -85,69 +91,78 @@ def without_tears(wrapped: Image, turns: Whole) -> Whole:
         slice(max(columns[0] - 1, 0), columns[-1] + 2),
     )
     inside, kept = wrapped[box], turns.copy()
-    asked = [jumps_of(inside, axis) for axis in (0, 1)]
     for side in (1, -1):
         for level in range(int((side * turns).max()), 0, -1):
             part = kept[box]
-            labels, count = scipy.ndimage.label(side * part >= level)
-            torn, edge = edges_of(labels, count, side * part, [side * own for own in asked])
-            down = torn > CLEARLY * edge
+            pieces = Pieces(side * part >= level, known[box])
+            down = pieces.torn(inside, part, side) > CLEARLY * pieces.steps
             down[0] = False
-            part -= np.int32(side) * down[labels]
+            part -= np.int32(side) * down[pieces.labels]
     return kept
 
 
-def edges_of(
-    labels: Whole, count: int, turns: Whole, asked: list[Whole]
-) -> tuple[NDArray[np.float64], Whole]:
-    """Look at the edges of some parts of a map; entry 0 is what belongs to none.
+class Pieces:
+    """The pieces of a map, and the steps that lead out of each.
 
     Parameters
     ----------
+    inside : ndarray of bool, shape (y, x)
+        Pixels that hang together are one piece.
+    known : ndarray of bool, same shape
+        Pixels that count; a step to one that does not is none.
+
+    Attributes
+    ----------
     labels : ndarray of int, shape (y, x)
-        Which part each pixel belongs to, from 1; 0 for none.
-    count : int
-        How many there are.
-    turns : ndarray of int, same shape
-        Turns that are added to the wrapped map.
-    asked : list of ndarray of int
-        The turns that its steps ask for along y and x, see `jumps_of`.
-
-    Returns
-    -------
-    torn : ndarray of float
-        By how many steps each edge would cost less if the part were lowered by a turn: its tears
-        less its mends.
-    edge : ndarray of int
-        How many steps it has.
+        Number of each pixel's piece, from 1; 0 for what belongs to none.
+    size, steps : ndarray of int
+        Pixels of each piece, and steps that lead out of it; entry 0 is what belongs to none.
     """
-    torn, edge = np.zeros(count + 1), np.zeros(count + 1, dtype=np.int32)
-    for axis in (0, 1):
-        head, tail = ends_along(axis, 2)
-        out = labels[head] != labels[tail]
-        jump = (turns[tail] - turns[head] - asked[axis])[out]
-        for end, lowered in ((tail, jump - 1), (head, jump + 1)):
-            own = labels[end][out]
-            torn += np.bincount(own, np.abs(jump) - np.abs(lowered), count + 1)
-            edge += np.bincount(own, minlength=count + 1).astype(np.int32)
-    return torn, edge
 
+    def __init__(self, inside: Mask, known: Mask) -> None:
+        self.labels, self._count = scipy.ndimage.label(inside)
+        self._out = []
+        for axis in (0, 1):
+            head, tail = ends_along(axis, 2)
+            out = (self.labels[head] != self.labels[tail]) & known[head] & known[tail]
+            self._out.append((axis, out, self.labels[head][out], self.labels[tail][out]))
+        self.size = self._sums(self.labels.ravel())
+        self.steps = sum(self._sums(a) + self._sums(b) for _, _, a, b in self._out)
 
-def steep_steps(labels: Whole, count: int, frame: Image) -> Whole:
-    """Count the steps of a frame beyond `SURE` at the edge of each part, see `edges_of`."""
-    found = np.zeros(count + 1, dtype=np.int32)
-    for axis in (0, 1):
-        head, tail = ends_along(axis, 2)
-        out = labels[head] != labels[tail]
-        out &= np.abs(turned(np.diff(frame, axis=axis))) > SURE
-        for end in (head, tail):
-            found += np.bincount(labels[end][out], minlength=count + 1).astype(np.int32)
-    return found
+    def _sums(self, pieces: Whole, each: NDArray[np.generic] | None = None) -> Whole:
+        """Add up a number for each time that a piece is named; 1 by itself."""
+        found: Whole = np.bincount(pieces, each, self._count + 1).astype(np.int32)
+        return found
 
+    def torn(self, wrapped: Image, turns: Whole, side: int) -> Whole:
+        """Return by how many steps each edge would cost less if its piece were put back a turn.
 
-def jumps_of(wrapped: Image, axis: int) -> Whole:
-    """Return the turns that the steps of a wrapped map ask for along an axis."""
-    return -np.round(np.diff(wrapped, axis=axis) / TURN).astype(np.int32)
+        These are its tears less its mends.
+
+        Parameters
+        ----------
+        wrapped : ndarray of float32, shape (y, x)
+            The wrapped map.
+        turns : ndarray of int, same shape
+            What is added to it.
+        side : int
+            1 if the pieces are lifted, -1 if they are lowered.
+        """
+        found = np.zeros(self._count + 1, dtype=np.int32)
+        for axis, out, a, b in self._out:
+            asked = -np.round(np.diff(wrapped, axis=axis)[out] / TURN)
+            jump = side * (np.diff(turns, axis=axis)[out] - asked)
+            found += self._sums(a, np.abs(jump) - np.abs(jump + 1))
+            found += self._sums(b, np.abs(jump) - np.abs(jump - 1))
+        return found
+
+    def steep(self, wrapped: Image) -> Whole:
+        """Count the steps of a wrapped map at each edge that are beyond `SURE`."""
+        found = np.zeros(self._count + 1, dtype=np.int32)
+        for axis, out, a, b in self._out:
+            steep = np.abs(turned(np.diff(wrapped, axis=axis)[out])) > SURE
+            found += self._sums(a[steep]) + self._sums(b[steep])
+        return found
 
 
 class Denied:
@@ -172,42 +187,47 @@ class Denied:
         self._seen, self._work = seen, Workspace()
         self._alone: dict[tuple[int, int], Whole] = {}
 
-    def __call__(self, time: int, angle: int, lifted: Whole) -> Mask:
+    def __call__(self, time: int, angle: int, step: Image) -> Mask:
         """Return the pixels (y, x) of a change at which it is denied.
 
         Parameters
         ----------
         time, angle : int
             Of the first of the two frames, counted among those seen.
-        lifted : ndarray of int, shape (y, x)
-            Turns that the map adds to the wrapped change.
+        step : ndarray of float32, shape (y, x)
+            What changes to the next one, as its map says, in radians; see `link_map`.
         """
-        difference = self._seen.phase[time + 1, angle] - self._seen.phase[time, angle]
+        found = np.zeros(step.shape, dtype=bool)
+        frames = self._seen.phase[time : time + 2, angle]
+        known = self._seen.usable[time, angle] & self._seen.usable[time + 1, angle]
+        difference = frames[1] - frames[0]
         change = turned(difference)
-        passed = np.round((difference - change) / TURN).astype(np.int32)
-        found = np.zeros(lifted.shape, dtype=bool)
-        asked = [jumps_of(change, axis) for axis in (0, 1)]
+        lifted = whole_turns(step - change)
         for side in (1, -1):
-            labels, count = scipy.ndimage.label(side * lifted >= 1)
-            size = np.bincount(labels.ravel(), minlength=count + 1)
-            torn, edge = edges_of(labels, count, side * lifted, [side * own for own in asked])
-            clear = (torn < -CLEARLY * edge) & (size > edge)
-            clear[0] = False
-            if clear.any():
-                for frame in self._seen.phase[time : time + 2, angle]:
-                    clear &= steep_steps(labels, count, frame) <= STEEP_EDGE * edge
-            if clear.any():
-                said = self._of(time + 1, angle) - self._of(time, angle) + passed
-                affirmed = np.bincount(labels[side * said >= 1], minlength=count + 1)
-                found |= (clear & (affirmed < AFFIRMED * size))[labels]
+            parts = Pieces(side * lifted >= 1, known)
+            heard = parts.torn(change, lifted, side) < -CLEARLY * parts.steps
+            heard &= parts.size > parts.steps
+            for frame in frames:
+                heard &= parts.steep(frame) <= STEEP_EDGE * parts.steps
+            heard[0] = False
+            if heard.any():
+                by_frames = self._turns(time + 1, angle) - self._turns(time, angle)
+                by_frames += whole_turns(difference - change)
+                affirmed = np.bincount(parts.labels[side * by_frames >= 1], minlength=len(heard))
+                found |= (heard & (affirmed < AFFIRMED * parts.size))[parts.labels]
         return found
 
-    def _of(self, time: int, angle: int) -> Whole:
+    def _turns(self, time: int, angle: int) -> Whole:
         """Return the turns of a frame unwrapped by itself, above its empty field."""
         at = (time, angle)
         if at not in self._alone:
-            known = self._seen.usable[at]
-            turns, _ = turns_of_frame(self._seen.phase[at], known, second_differences, self._work)
-            level = np.median(turns[self._seen.empty[at] & known])
-            self._alone[at] = turns - np.int32(np.round(level))
+            phase, known = self._seen.phase[at], self._seen.usable[at]
+            ground = self._seen.empty[at] & known
+            self._alone[at] = turns_above_field(phase, known, ground, self._work)
         return self._alone[at]
+
+
+def whole_turns(phase: Image) -> Whole:
+    """Return the number of turns of phase that consists of whole ones."""
+    found: Whole = np.round(phase / TURN).astype(np.int32)
+    return found

@@ -14,6 +14,7 @@ from napari_phase4d.stack import Block
 from napari_phase4d.task import Watch
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import (
+    HALF_A_TURN,
     Courses,
     Floors,
     Opinion,
@@ -28,7 +29,6 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 #: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
 STEEP = 1.5
-HALF_A_TURN = np.float32(np.pi)
 #: Followed steps count where they are steadier than this, in radians.
 FOLLOWED = 3.0
 #: A step is at least this share as doubtful as it was once followed, see `remember`.

@@ -30,6 +30,7 @@ from napari_phase4d.unwrapping.given import working_frames
 from napari_phase4d.unwrapping.neighbours import change_on_both_sides, ends_along, known_mean
 
 __all__ = [
+    "HALF_A_TURN",
     "Along",
     "Courses",
     "Floors",
@@ -45,6 +46,7 @@ __all__ = [
 ]
 
 TURN = np.float32(2 * np.pi)
+HALF_A_TURN = np.float32(np.pi)
 
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
@@ -285,7 +287,10 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
     def weigh_along(axis: int) -> Opinion:
         if axis == 0:
             steps = along(axis, seen, seams)
-            return opinion(axis, steps, steps.valid, floors, seen.amplitude, block.of(around))
+            inner = block.of(around)
+            found = opinion(axis, steps, steps.valid, floors, seen.amplitude, inner)
+            doubt_lifted(found, steps.step[inner], seen, inner)
+            return found
         steps = along(axis, close, close_seams)
         kept = steps.valid
         if axis > 1:  # within an island of the empty field there is nothing to ask
@@ -296,7 +301,6 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
 
     by_axis = {axis: weigh_along(axis) for axis in range(4) if scene.part[axis] > 1}
     doubt_torn(by_axis, seen, seams, block.of(around), n <= FEW)
-    doubt_lifted(by_axis, seen, block.of(around))
     return Weighed(block, part_of(seen, block.of(around)).free, by_axis, {}, courses)
 
 
@@ -323,18 +327,12 @@ def doubt_torn(
             rough[at][by] = np.maximum(rough[at][by], TORN)
 
 
-def doubt_lifted(by_axis: dict[int, Opinion], seen: Seen, own: slice) -> None:
+def doubt_lifted(opinion: Opinion, step: Image, seen: Seen, own: slice) -> None:
     """Let changes over time count for little where the frames deny them; see `Denied`."""
-    if 0 not in by_axis:
-        return
-    opinion, denied = by_axis[0], Denied(seen)
-    differences = (seen.phase[1:] - seen.phase[:-1])[own]
-    for i, angle in np.ndindex(*opinion.turns.shape[:2]):
-        # The turns of a step are those of its wrapped change, and those that the map has added.
-        plain = turns_between(differences[i, angle], turned(differences[i, angle]))
-        lifted = (opinion.turns[i, angle] - plain).astype(np.int32)
-        if lifted.any():
-            by = denied(own.start + i, angle, lifted)
+    denied = Denied(seen)
+    for i, angle in np.ndindex(*step.shape[:2]):
+        if np.abs(step[i, angle]).max() > HALF_A_TURN:
+            by = denied(own.start + i, angle, step[i, angle])
             opinion.rough[i, angle][by] = np.maximum(opinion.rough[i, angle][by], TORN)
 
 
