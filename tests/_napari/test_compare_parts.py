@@ -52,6 +52,19 @@ def test_long_names_get_letters_that_fit_their_cells(qapp: Any, width: int, size
 
 
 @pytest.mark.thorough
+def test_nobody_is_sent_to_sliders_that_are_not_there(dock, small_video, click) -> None:
+    exact = p4d.simulation.swimming_euglena((128, 128), 1, pixel_um=5.2 / 60 * 4, peak_rad=6)
+    single = p4d.simulation.multiplexed_video(exact["phase"][:, :1], carriers=((0.19, 0.21),))
+    for recording, views, words in ((small_video, 2, "Move the sliders"), (single, 1, "Zoom in")):
+        dock.session.set_recording(recording)
+        dock.session.find_lobes(views)
+        dock.session.reconstruct()
+        dock.session.unwrap(["spatial-2d"])
+        click("side_by_side")
+        assert dock.status.text() == f"{words}: all results follow."
+
+
+@pytest.mark.thorough
 def test_leaving_the_grid_restores_the_view(viewer, ready, click) -> None:
     wrapped = viewer.layers[-1]
     wrapped.contrast_limits = (-2, 2)

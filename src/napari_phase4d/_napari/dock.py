@@ -506,7 +506,7 @@ class Phase4DDock(QWidget):  # type: ignore[misc]
         if advice := left_out_advice(found):
             self._go_on(4, f"⚠ {advice} by unticking it. {start}")
         else:
-            self._go_on(4, f"Move the sliders: all results follow. {start}")
+            self._go_on(4, f"{self.compare.follow_words()} {start}")
 
     def _go_on(self, step: int, words: str) -> None:
         """Open the next step and say what to do there, also once a job has ended."""

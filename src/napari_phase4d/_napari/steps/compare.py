@@ -272,7 +272,13 @@ class CompareStep(Step):
     def show_side_by_side(self) -> None:
         """Show the results in a grid."""
         self.presenter.side_by_side()
-        self.said.emit("Move the sliders: all results follow.")
+        self.said.emit(self.follow_words())
+
+    def follow_words(self) -> str:
+        """Say how to look at all results together: a single frame has no sliders."""
+        phase = self.session.needed_reconstruction()["phase"]
+        single = phase.sizes["time"] == phase.sizes["angle"] == 1
+        return f"{'Zoom in' if single else 'Move the sliders'}: all results follow."
 
     def leave_grid(self) -> None:
         """Show what was shown before the grid."""
