@@ -14,7 +14,7 @@ from skimage.restoration import unwrap_phase
 from unwrapping import same, wrong_share
 
 import napari_phase4d as p4d
-from napari_phase4d.unwrapping.frames import object_mask, smooth_share_left_out
+from napari_phase4d.unwrapping.objects import object_mask, smooth_share_left_out
 
 #: (time, angle, y, x) of a camera of a megapixel with two lobes: for T/A, and for WL1.
 OF_PAPER, OF_OWN = (64, 2, 270, 330), (48, 2, 270, 330)

@@ -19,7 +19,8 @@ from napari_phase4d.unwrapping.filters import (
     upper_quantile,
     widened,
 )
-from napari_phase4d.unwrapping.frames import border_of, centre, object_mask
+from napari_phase4d.unwrapping.frames import border_of, centre
+from napari_phase4d.unwrapping.objects import object_mask
 
 SHAPES = [(135, 165), (64, 1), (3, 90), (7, 5), (2, 3), (1, 1)]
 

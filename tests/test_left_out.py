@@ -16,12 +16,8 @@ from napari_phase4d.cli.app import app
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.unwrapping import left_out_advice
 from napari_phase4d.unwrapping.causal import Causal, causal_methods
-from napari_phase4d.unwrapping.frames import (
-    left_out_note,
-    object_mask,
-    smooth_share_left_out,
-    unwrap_frame,
-)
+from napari_phase4d.unwrapping.frames import unwrap_frame
+from napari_phase4d.unwrapping.objects import left_out_note, object_mask, smooth_share_left_out
 
 
 def plume(height_rad: float, noise: float = 0.1, seed: int = 1) -> np.ndarray:

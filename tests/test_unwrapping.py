@@ -14,12 +14,8 @@ from napari_phase4d.simulation import Ellipsoid, phase_stack
 from napari_phase4d.task import Watch
 from napari_phase4d.unwrapping import Problem
 from napari_phase4d.unwrapping.chain import Line, Maps, unwrap_line
-from napari_phase4d.unwrapping.frames import (
-    border_medians,
-    centre_of_mass_shifts,
-    moved,
-    object_mask,
-)
+from napari_phase4d.unwrapping.frames import border_medians, centre_of_mass_shifts, moved
+from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.pieces import Piece, pieces_between, with_thin_turning_points
 
 FIVE = ("spatial-2d", "angular", "temporal", "temporal-angular", "angular-temporal")
@@ -246,7 +242,8 @@ def test_line_is_unwrapped_outwards_from_every_start() -> None:
     mask = np.ones((3, 3), dtype=bool)
     maps = [Maps(phase, np.int16([[-(k > 0)] * 3] * 3), mask) for k, phase in enumerate(wrapped)]
     found = np.zeros(wrapped.shape, np.int16)
-    unwrap_line(Line(6, maps.__getitem__, found.__setitem__), [0], split=False)
+    line = Line(6, maps.__getitem__, lambda k, _, turns: found.__setitem__(k, turns))
+    unwrap_line(line, [0], split=False)
     np.testing.assert_allclose(wrapped + TURN * found, steps, atol=1e-5)
 
 

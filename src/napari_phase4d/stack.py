@@ -261,14 +261,15 @@ class Unwritten(InMemory):
         return self._values
 
 
-def room_in(stack: Stack, block: Block, dtype: Any) -> NDArray[Any]:
+def room_in(stack: Stack, block: Block, dtype: Any, angles: slice = ALL) -> NDArray[Any]:
     """Return an array of any content for the frames of a block, to be written to the stack then.
 
     It is the place itself where the stack lies in memory: that spares a copy.
     """
     if isinstance(stack, InMemory) and stack.values.dtype == dtype:
-        return stack.values[block.start : block.stop]
-    return np.empty((len(block), *stack.shape[1:]), dtype)
+        return stack.values[block.start : block.stop, angles]
+    n_angles = len(range(*angles.indices(stack.shape[1])))
+    return np.empty((len(block), n_angles, *stack.shape[2:]), dtype)
 
 
 def is_same(one: NDArray[Any], other: NDArray[Any]) -> bool:

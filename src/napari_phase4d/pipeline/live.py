@@ -38,7 +38,7 @@ from napari_phase4d.pipeline.stored import GrowingStack, Shelf
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Threads, Watch, in_threads
 from napari_phase4d.unwrapping import METHODS, Causal, causal_methods, noted
-from napari_phase4d.unwrapping.frames import left_out_note
+from napari_phase4d.unwrapping.objects import left_out_note
 from napari_phase4d.words import as_path, check_call, check_type, counted, shown
 
 __all__ = ["shown_method", "watch"]

@@ -22,7 +22,7 @@ from napari_phase4d.unwrapping.directional.support import (
     supports_by_steps,
 )
 from napari_phase4d.unwrapping.filters import median_of, shrunk
-from napari_phase4d.unwrapping.frames import border_medians, left_out_advice
+from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import (
     Given,
     is_known,
@@ -34,6 +34,7 @@ from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_ligh
 from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, chance_by_wavelengths
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
+from napari_phase4d.unwrapping.objects import left_out_advice
 from napari_phase4d.unwrapping.problem import Problem, SharedSteps
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS, STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.running import (

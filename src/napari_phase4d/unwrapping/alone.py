@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,15 +17,15 @@ from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, Store, limits_of, room_in
 from napari_phase4d.task import Task, on_all_cores
 from napari_phase4d.unwrapping.frames import (
+    as_loops_take,
     border_medians,
     centre,
-    object_mask,
-    smooth_share_left_out,
     turns_of_frame,
     unwrap_frame,
 )
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
+from napari_phase4d.unwrapping.objects import object_mask, smooth_share_left_out
 
 __all__ = [
     "ALL_USABLE",
@@ -47,6 +47,7 @@ __all__ = [
     "object_in",
     "with_turns",
     "write_block",
+    "write_phase",
     "written_alone",
 ]
 
@@ -207,11 +208,6 @@ def write_phase(wrapped: Phase, turns: Turns, mask: Mask, out: Phase) -> None:
         as_loops_take(mask, np.bool_),
         out,
     )
-
-
-def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
-    """Return a frame as loops are compiled for; a copy of what is not in order or read-only."""
-    return np.require(frame, dtype, ["C", "W"])
 
 
 @compiled

@@ -24,9 +24,11 @@ from napari_phase4d.unwrapping.alone import (
     FinishBlock,
     Framewise,
     Mask,
+    Phase,
     Turns,
     lifted_turns,
     write_block,
+    write_phase,
     written_alone,
 )
 from napari_phase4d.unwrapping.given import Given
@@ -256,13 +258,20 @@ class AlongAngle:
         every, usable = chain.read(block, self.initial)
         for i, maps in enumerate(every):
             starts = starts_on("angle", block.start + i, chain.boundaries)
-            line = Line(len(maps), maps.__getitem__, found[i].__setitem__, phase=self.finishes)
+            line = Line(len(maps), maps.__getitem__, partial(self._write, found[i]))
             unwrap_line(line, starts, split=chain.split)
             limits.append((float(found[i].min()), float(found[i].max())))
         if self.finishes:
             return write_block(chain.given, self.result, block, found, usable, widest(limits))
         self.result.write(block, found)
         return widest(limits)
+
+    def _write(self, out: Phase | Turns, k: int, maps: Maps, turns: Turns) -> None:
+        """Write a finished map, its phase if this finishes, among those of its time."""
+        if self.finishes:
+            write_phase(maps.wrapped, turns, maps.mask, out[k])
+        else:
+            out[k] = turns
 
 
 def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> None:
@@ -289,6 +298,7 @@ def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> Non
             split=chain.split,
             check=watch.check,
         )
+        maps.finish()
 
     for _ in in_threads(work, range(chain.given.shape[1]), watch, wait=True):
         pass
@@ -330,14 +340,15 @@ def carried_on(maps: MapsOfAngle, n: int, before: Last | None) -> Last:
         else:
             found = np.empty_like(before[1])
             next_turns(*before, now, found)
-        maps.write(k, found)
+        maps.write(k, now, found)
         before = now, found
+    maps.finish()
     assert before is not None  # there is one frame at least
     return before
 
 
 class MapsOfAngle:
-    """The maps of one angle over time, of which a block is held.
+    """The maps of one angle over time, of which a block is held, and what was found in it.
 
     Parameters
     ----------
@@ -349,19 +360,33 @@ class MapsOfAngle:
 
     def __init__(self, chain: Chain, initial: Stack, result: Stack, angle: int) -> None:
         self._chain, self._initial, self._result = chain, initial, result
-        self._angle = angle
-        self._block: Block | None = None
+        self._angle = slice(angle, angle + 1)
+        self._block = self._found = Block(0, 0)
         self._held: list[list[Maps]]
+        #: What was found, of which as much as `_found` says has not been written.
+        self._room: Turns
+        self._room_of = Block(0, 0)
 
     def read(self, k: int) -> Maps:
         """Return what is known of map k."""
-        if self._block is None or k not in self._block.times:
+        if k not in self._block.times:
             self._block = block_at(self._chain.given.shape, k)
-            angle = slice(self._angle, self._angle + 1)
-            self._held, _ = self._chain.read(self._block, self._initial, angle)
+            self._held, _ = self._chain.read(self._block, self._initial, self._angle)
         return self._held[k - self._block.start][0]
 
-    def write(self, k: int, turns: Turns) -> None:
-        """Write the turns of the finished map k."""
-        angle = slice(self._angle, self._angle + 1)
-        self._result.write(Block(k, k + 1), turns[None, None], angle)
+    def write(self, k: int, maps: Maps, turns: Turns) -> None:
+        """Take the turns of the finished map k, which are written with those beside it."""
+        start, stop = self._found.start, self._found.stop
+        if not (k in self._room_of.times and start - 1 <= k <= stop):
+            self.finish()
+            self._room_of, start, stop = block_at(self._chain.given.shape, k), k, k
+            self._room = room_in(self._result, self._room_of, np.int16, self._angle)
+        self._room[k - self._room_of.start] = turns
+        self._found = Block(min(start, k), max(stop, k + 1))
+
+    def finish(self) -> None:
+        """Write what has not been written."""
+        if len(self._found):
+            found = self._room[self._found.of(self._room_of)]
+            self._result.write(self._found, found, self._angle)
+        self._found = Block(0, 0)

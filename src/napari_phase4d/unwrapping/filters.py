@@ -18,12 +18,16 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 
 __all__ = [
+    "correlate_nine",
     "extent",
     "fill_holes",
     "gaussian",
+    "half_gaussian",
     "keep_touching",
     "median_of",
     "middle",
+    "middle_of",
+    "quantile_of",
     "remove_specks",
     "running_mean",
     "shrunk",
@@ -92,21 +96,42 @@ def upper_quantile(frame: Frame, share: float) -> np.float32:
     share : float
         Between 0 and 1.
     """
-    numbers = frame.ravel()
-    place = (numbers.size - 1) * share
-    rank = int(place)
-    low, high = ranked(numbers, rank)
-    part = place - rank
-    between = high - low
-    return high - between * (1 - part) if part >= 0.5 else low + between * part
+    found: np.float32 = quantile_of(as_ranked(frame), share)
+    return found
 
 
 def middle(numbers: Frame) -> np.float32:
     """Return the median of numbers of shape (n,), none of them NaN, as `numpy.median` does."""
-    low, high = ranked(numbers, (numbers.size - 1) // 2)
-    return low if numbers.size % 2 else (low + high) / np.float32(2)
+    found: np.float32 = middle_of(as_ranked(numbers))
+    return found
 
 
+def as_ranked(numbers: Frame) -> Frame:
+    """Return numbers of shape (n,), in order, as `ranked` is compiled for."""
+    return np.require(native(numbers).ravel(), np.float32, ["C", "W"])
+
+
+@compiled
+def quantile_of(numbers: Frame, share: float) -> np.float32:
+    """Return what `upper_quantile` does, in single precision, of numbers (n,)."""
+    place = (len(numbers) - 1) * share
+    rank = int(place)
+    low, high = ranked(numbers, rank)
+    part = place - rank
+    between = np.float32(high - low)
+    if part >= 0.5:
+        return np.float32(high - np.float32(between * np.float32(1 - part)))
+    return np.float32(low + np.float32(between * np.float32(part)))
+
+
+@compiled
+def middle_of(numbers: Frame) -> np.float32:
+    """Return what `middle` does."""
+    low, high = ranked(numbers, (len(numbers) - 1) // 2)
+    return low if len(numbers) % 2 else np.float32(np.float32(low + high) / np.float32(2))
+
+
+@compiled
 def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
     """Return the number of a rank, counted from the smallest one, 0, and the one after it.
 
@@ -117,21 +142,39 @@ def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
     rank : int
         From 0 to n - 1; after the last one comes itself.
     """
-    last = numbers.size - 1
-    numbers = native(numbers)
-    if numbers.size > 4 * MARGIN * SAMPLE:
-        some = ordered_bits(numbers[::SAMPLE])
+    last = len(numbers) - 1
+    pair = np.empty(2, np.float32)
+    if len(numbers) > 4 * MARGIN * SAMPLE:
+        some = as_ordered_bits(numbers[::SAMPLE].copy())
         about = rank // SAMPLE
         low, high = np.float32(-np.inf), np.float32(np.inf)
         if about >= MARGIN:
-            low, _ = numbers_at(some, about - MARGIN, numbers.dtype)
-        if about + MARGIN < some.size:
-            high, _ = numbers_at(some, about + MARGIN, numbers.dtype)
-        near = np.empty(numbers.size, np.float32)
-        below, count = listed_between(np.ascontiguousarray(numbers), low, high, near)
+            low = at_rank(some, about - MARGIN, pair)
+        if about + MARGIN < len(some):
+            high = at_rank(some, about + MARGIN, pair)
+        near = np.empty(len(numbers), np.float32)
+        below, count = listed_between(numbers, low, high, near)
         if below <= rank and min(rank + 1, last) < below + count:
-            numbers, rank = near[:count], rank - below
-    return numbers_at(ordered_bits(numbers), rank, numbers.dtype)
+            at_rank(as_ordered_bits(near[:count]), rank - below, pair)
+            return pair[0], pair[1]
+    at_rank(as_ordered_bits(numbers.copy()), rank, pair)
+    return pair[0], pair[1]
+
+
+@compiled
+def as_ordered_bits(numbers: Frame) -> NDArray[np.int32]:
+    """Turn numbers of single precision into whole ones in the same order, where they lie."""
+    bits = numbers.view(np.int32)
+    return turn_negative(bits, bits)
+
+
+@compiled
+def at_rank(bits: NDArray[np.int32], rank: int, pair: Frame) -> np.float32:
+    """Return the number of a rank by its bits; write it and the one after it."""
+    whole = pair.view(np.int32)
+    select(bits, rank, whole)
+    turn_negative(whole, whole)
+    return pair[0]
 
 
 def native(numbers: NDArray[Any]) -> NDArray[Any]:

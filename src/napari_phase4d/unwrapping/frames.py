@@ -1,4 +1,4 @@
-"""Single frames: two-dimensional unwrapping, the object's mask, registration by its centre.
+"""Single frames: two-dimensional unwrapping, and registration by the centre of the object's mask.
 
 These are steps 1 and 2 of the paper's algorithms. Wrapped phase must not be interpolated, so
 frames are moved by whole pixels, round the edges of the field, which can be undone exactly.
@@ -6,7 +6,7 @@ frames are moved by whole pixels, round the edges of the field, which can be und
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -15,39 +15,27 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.filters import (
-    extent,
-    fill_holes,
-    gaussian,
-    median_of,
-    middle,
-    remove_specks,
-    running_mean,
-    upper_quantile,
-    widened,
-)
+from napari_phase4d.unwrapping.filters import middle_of
 from napari_phase4d.unwrapping.growing import (
     CostsOf,
     Workspace,
     grow_through_residues,
+    integrated,
     second_differences,
-    smooth_turns,
 )
 
 __all__ = [
     "BORDER",
+    "as_loops_take",
     "border_medians",
     "border_of",
     "border_values",
     "centre",
     "centre_of_mass_shifts",
-    "left_out_advice",
-    "left_out_note",
+    "edge_of",
     "likeness",
     "moved",
     "next_shift",
-    "object_mask",
-    "smooth_share_left_out",
     "turns_of_frame",
     "unwrap_frame",
 ]
@@ -86,14 +74,14 @@ def turns_of_frame(
 
     See `unwrap_frame`; the turns may lie in ``work`` until it is used again.
     """
-    if not mask.any():
-        return np.zeros(wrapped.shape, dtype=np.int32), 0.0
-    smooth = smooth_turns(wrapped, work)
-    turns = smooth
-    if turns is None:
-        turns, _ = grow_through_residues(wrapped, None, costs_of, work)
-    level = median_of(border_phase(wrapped, turns))
-    if smooth is None and not mask.all():  # where residues are, the mask may lead another way
+    turns = work.array("turns", wrapped.shape, np.int32)
+    wrapped, mask = as_loops_take(wrapped, np.float32), as_loops_take(mask, np.bool_)
+    smooth, level = smooth_turns_and_level(wrapped, mask, turns)
+    if smooth:
+        return turns, level
+    turns, _ = grow_through_residues(wrapped, None, costs_of, work)
+    level = border_level(wrapped, turns)
+    if not mask.all():  # where residues are, the mask may lead another way
         whole = turns.copy()
         turns, parts = grow_through_residues(wrapped, mask, costs_of, work)
         if parts is None:
@@ -101,6 +89,34 @@ def turns_of_frame(
         # A mask that leaves pixels out leaves several.
         turns = turns + nearest_turns(whole - turns, parts, mask)
     return turns, level
+
+
+def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
+    """Return a frame as loops are compiled for; a copy of what is not in order or read-only."""
+    return np.require(frame, dtype, ["C", "W"])
+
+
+@compiled
+def smooth_turns_and_level(
+    wrapped: NDArray[np.float32], mask: NDArray[np.bool_], turns: NDArray[np.int32]
+) -> tuple[bool, float]:
+    """Write the turns of a frame that has no residues.
+
+    All in one piece: between pieces, threads wait for each other.
+
+    Returns
+    -------
+    bool, float
+        Whether it has none, and the level of its border. Where nothing is in the mask, all turns
+        are 0, and so is the level.
+    """
+    if not mask.any():
+        turns[:] = 0
+        return True, 0.0
+    height, width = wrapped.shape
+    if not integrated(wrapped, (1, 1, height, width), np.pi, turns):
+        return False, 0.0
+    return True, border_level(wrapped, turns)
 
 
 def add_turns(
@@ -127,11 +143,18 @@ def nearest_turns(
 
 def border_values(frame: NDArray[Number]) -> NDArray[Number]:
     """Return the pixels at the border of a frame."""
-    if min(frame.shape) <= 2 * BORDER:
-        return frame.ravel()
+    found: NDArray[Number] = edge_of(as_loops_take(frame))
+    return found
+
+
+@compiled
+def edge_of(frame: NDArray[Any]) -> NDArray[Any]:
+    """Return what `border_values` does."""
     height, width = frame.shape
+    if min(height, width) <= 2 * BORDER:
+        return frame.copy().reshape(-1)
     out = np.empty(2 * BORDER * (height + width - 2 * BORDER), frame.dtype)
-    list_border(np.require(frame, None, ["C", "W"]), BORDER, out)
+    list_border(frame, BORDER, out)
     return out
 
 
@@ -153,11 +176,16 @@ def list_border(frame: NDArray[Any], wide: int, out: NDArray[Any]) -> None:
             count += width
 
 
-def border_phase(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> NDArray[np.float32]:
-    """Return the unwrapped phase of the pixels at the border of a frame."""
-    phase = border_values(turns).astype(np.float32)
-    add_turns(border_values(wrapped), phase, phase)
-    return phase
+@compiled
+def border_level(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> float:
+    """Return the median of the unwrapped phase at the border of a frame."""
+    phase, own = edge_of(wrapped), edge_of(turns)
+    turn = np.float32(TURN)
+    for k in range(len(phase)):
+        phase[k] = np.float32(own[k]) * turn + phase[k]
+        if np.isnan(phase[k]):
+            return np.nan
+    return float(middle_of(phase))
 
 
 def border_of(shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -184,137 +212,6 @@ def unwrap_outwards(line: NDArray[np.float64], start: int) -> None:
         return
     line[start:] = np.unwrap(line[start:])
     line[: start + 1] = np.unwrap(line[: start + 1][::-1])[::-1]
-
-
-# ---- the object's mask ----------------------------------------------------------------------
-
-
-#: A pixel belongs to the object where its phase exceeds this share of the largest ...
-SHARE_OF_PEAK = 0.1
-#: ... which is taken where all but this share of the frame lies below it ...
-PEAK = 0.995
-#: ... and so many standard deviations of the background.
-DEVIATIONS = 4.0
-#: Blobs smaller than this share of the frame are noise.
-SMALLEST_SHARE = 0.002
-#: What lies on more of the border than this is no single object; nothing is then left out.
-LARGEST_BORDER_SHARE = 0.5
-#: Pixels to widen the mask by, so that the object's rim is inside.
-WIDEN = 2
-#: What is left out is looked at on every so-manieth row and column.
-THIN = 2
-#: Phase is not flat so many radians from the level of what is left out. Whole turns do not count:
-#: noise lifts patches of an empty field by them.
-NOT_FLAT_RAD = 1.0
-#: It is smooth where the mean cosine of its difference from its surroundings is larger. Noise of
-#: 0.7 rad leaves 0.8 of it, noise of a whole turn next to nothing, and a slope does not count.
-SMOOTH_COSINE = 0.7
-#: From so many percent of the field of any frame on it is worth a warning.
-MUCH_LEFT_OUT_PERCENT = 10.0
-
-
-def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return the mask of what rises out of the background of one frame.
-
-    Where no single object can be told from a background, nothing is left out.
-
-    Parameters
-    ----------
-    unwrapped : ndarray of shape (y, x)
-        Unwrapped phase in radians.
-    """
-    edge = border_values(unwrapped)
-    level = median_of(edge)
-    noise = 1.4826 * median_of(np.abs(edge - level))
-    height = gaussian(unwrapped, level)
-    np.abs(height, out=height)
-    threshold = max(SHARE_OF_PEAK * float(upper_quantile(height, PEAK)), DEVIATIONS * noise, 1e-3)
-    above: NDArray[np.bool_] = height > threshold
-    top, bottom, left, right = extent(above, WIDEN + 1)
-    part = above[top:bottom, left:right].copy()
-    fill_holes(part)
-    remove_specks(part, SMALLEST_SHARE * above.size)
-    above[top:bottom, left:right] = part
-    if not part.any() or border_values(above).mean() > LARGEST_BORDER_SHARE:
-        return np.ones(above.shape, dtype=bool)
-    above[top:bottom, left:right] = widened(part, WIDEN)
-    return above
-
-
-def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
-    """Return the share of a frame that a mask leaves out though its phase is smooth and not flat.
-
-    The phase of an empty field is flat, and that of noise is not smooth; what is neither may well
-    be measured.
-
-    Parameters
-    ----------
-    unwrapped : ndarray of shape (y, x)
-        Unwrapped phase in radians.
-    mask : ndarray of bool, shape (y, x)
-        What is kept.
-    """
-    out = ~mask[::THIN, ::THIN]
-    if not out.any():
-        return 0.0
-    phase = unwrapped[::THIN, ::THIN]
-    soft = running_mean(phase, 3)
-    uneven = out & (np.cos(soft - middle(soft[out])) < np.cos(NOT_FLAT_RAD))
-    if not uneven.any():
-        return 0.0
-    uneven &= running_mean(np.cos(phase - soft), 5) > SMOOTH_COSINE
-    return float(uneven.mean())
-
-
-def left_out_note(shares: NDArray[np.float64]) -> dict[str, Any]:
-    """Return what a result notes of the shares left out; nothing if there are none.
-
-    Parameters
-    ----------
-    shares : ndarray of shape (time, angle)
-        Of each frame, see `smooth_share_left_out`; may be empty.
-    """
-    if not shares.size:
-        return {}
-    percents = np.round(100 * shares, 1)
-    mean, much = round(100 * float(shares.mean()), 1), percents > MUCH_LEFT_OUT_PERCENT
-    note: dict[str, Any] = {"smooth_left_out_percent": mean} if mean or much.any() else {}
-    if much.any():  # a mean over many frames hides the few in which all is lost
-        note["smooth_left_out_most_percent"] = float(percents.max())
-        note["smooth_left_out_frames"] = np.argwhere(much).tolist()
-    return note
-
-
-def left_out_advice(attrs: Mapping[str, Any]) -> str:
-    """Say that a mask found by itself leaves out much that may be measured; "" if it does not.
-
-    It is said if it does so in any frame.
-
-    Parameters
-    ----------
-    attrs : mapping
-        The notes of a result.
-
-    Examples
-    --------
-    >>> notes = {"smooth_left_out_most_percent": 66.2, "smooth_left_out_frames": [[3, 0]]}
-    >>> left_out_advice(notes)[:57]
-    '"object only" leaves out 66 % of the field at time 3 thou'
-    """
-    frames = attrs.get("smooth_left_out_frames", [])
-    if not len(frames):
-        return ""
-    time, view = frames[0]
-    first = f"time {time}, view {view + 1}" if view else f"time {time}"
-    percent = f"{attrs['smooth_left_out_most_percent']:.0f} % of the field"
-    if len(frames) == 1:
-        where = f"{percent} at {first}"
-    else:
-        where = f"up to {percent} in {len(frames)} frames, the first at {first},"
-    return (
-        f'"object only" leaves out {where} though its phase there is smooth and not flat: '
-        "try the whole field"
-    )
 
 
 # ---- registration ---------------------------------------------------------------------------

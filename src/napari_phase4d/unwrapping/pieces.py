@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.task import nothing
-from napari_phase4d.unwrapping.alone import Mask, Phase, Turns, as_loops_take, with_turns
-from napari_phase4d.unwrapping.filters import upper_quantile
+from napari_phase4d.unwrapping.alone import Mask, Phase, Turns, as_loops_take
+from napari_phase4d.unwrapping.filters import quantile_of
 
 __all__ = [
     "Last",
@@ -44,11 +44,16 @@ class Piece:
     stop: int
 
 
-def thickness(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
-    """Return the peak phase (99th percentile inside the mask) of one map, in radians."""
-    if mask.all():
-        return float(upper_quantile(unwrapped, 0.99))
-    return float(upper_quantile(unwrapped[mask], 0.99)) if mask.any() else 0.0
+@compiled
+def peak_phase(wrapped: Phase, turns: Turns, mask: Mask) -> float:
+    """Return the peak phase (99th percentile inside the mask) of one map, in radians; or 0."""
+    turn = np.float32(2 * np.pi)
+    inside, count = np.empty(wrapped.size, np.float32), 0
+    for y in range(len(wrapped)):
+        for x in range(wrapped.shape[1]):
+            inside[count] = np.float32(turns[y, x]) * turn + wrapped[y, x]
+            count += mask[y, x]
+    return float(quantile_of(inside[:count], 0.99)) if count else 0.0
 
 
 def with_thin_turning_points(profile: NDArray[np.float64], starts: Sequence[int]) -> list[int]:
@@ -133,37 +138,28 @@ class Line:
     read : callable
         Returns what is known of a map by its number.
     write : callable
-        ``write(k, turns)`` takes a finished map.
-    phase : bool, optional
-        Whether it takes the unwrapped phase instead of the turns. Default False.
+        ``write(k, map, turns)`` takes a finished map and its turns.
     """
 
     def __init__(
         self,
         n: int,
         read: Callable[[int], Maps],
-        write: Callable[[int, Any], Any],
-        *,
-        phase: bool = False,
+        write: Callable[[int, Maps, Turns], None],
     ) -> None:
         self.n = n
         self.read = read
         self._write = write
-        self._phase = phase
         #: Peak phase of every map of the result.
         self.profile = np.zeros(n)
 
     def write(self, k: int, maps: Maps, turns: Turns, *, peak: bool) -> None:
         """Take a finished map; note its peak."""
-        if not self._phase:
-            self._write(k, turns)
-        if not (self._phase or peak):
-            return
-        unwrapped = with_turns(maps.wrapped, turns, maps.mask)
-        if self._phase:
-            self._write(k, unwrapped)
+        self._write(k, maps, turns)
         if peak:
-            self.profile[k] = thickness(unwrapped, maps.mask)
+            self.profile[k] = peak_phase(
+                as_loops_take(maps.wrapped, np.float32), turns, as_loops_take(maps.mask, np.bool_)
+            )
 
 
 def unwrap_line(

@@ -15,14 +15,10 @@ from napari_phase4d.stack import InMemory, Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.background import Background
-from napari_phase4d.unwrapping.frames import (
-    border_medians,
-    border_values,
-    left_out_advice,
-    left_out_note,
-)
+from napari_phase4d.unwrapping.frames import border_medians, border_values
 from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.light.synthetic import check_wavelengths
+from napari_phase4d.unwrapping.objects import left_out_advice, left_out_note
 from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS, Option
 from napari_phase4d.words import shown, warn

@@ -19,9 +19,10 @@ from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
 from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
-from napari_phase4d.unwrapping.frames import border_medians, object_mask
+from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
+from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.problem import FIELD
 
 __all__ = [

@@ -15,7 +15,7 @@ from napari_phase4d.unwrapping.growing.growth import (
     grow_through_residues,
     smooth_turns,
 )
-from napari_phase4d.unwrapping.growing.rows import PerThread, Workspace
+from napari_phase4d.unwrapping.growing.rows import PerThread, Workspace, integrated
 
 __all__ = [
     "Contracted",
@@ -30,6 +30,7 @@ __all__ = [
     "grow_grid",
     "grow_list",
     "grow_through_residues",
+    "integrated",
     "second_differences",
     "smooth_turns",
 ]

@@ -20,7 +20,7 @@ from napari_phase4d.task import Task
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.chain import temporal_angular
 from napari_phase4d.unwrapping.directional import directional_l1
-from napari_phase4d.unwrapping.frames import border_medians, object_mask
+from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.light.steps import (
     SHARED,
@@ -31,6 +31,7 @@ from napari_phase4d.unwrapping.light.steps import (
     wrapped_to_turn,
 )
 from napari_phase4d.unwrapping.light.views import Rung, frames_among, ladder_of, noise_between
+from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.problem import Problem
 
 __all__ = [

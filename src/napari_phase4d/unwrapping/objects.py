@@ -1,0 +1,195 @@
+"""What of a frame is taken for the object: what rises out of its background.
+
+That is step 2 of the paper's algorithms, whose frames are registered by it, and "object only".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.compiling import compiled
+from napari_phase4d.unwrapping.filters import (
+    correlate_nine,
+    extent,
+    fill_holes,
+    half_gaussian,
+    middle,
+    middle_of,
+    quantile_of,
+    remove_specks,
+    running_mean,
+    widened,
+)
+from napari_phase4d.unwrapping.frames import as_loops_take, edge_of
+
+__all__ = ["left_out_advice", "left_out_note", "object_mask", "smooth_share_left_out"]
+
+#: A pixel belongs to the object where its phase exceeds this share of the largest ...
+SHARE_OF_PEAK = 0.1
+#: ... which is taken where all but this share of the frame lies below it ...
+PEAK = 0.995
+#: ... so many standard deviations of the background, and this, in radians.
+DEVIATIONS, LEAST = 4.0, 1e-3
+#: Blobs smaller than this share of the frame are noise.
+SMALLEST_SHARE = 0.002
+#: What lies on more of the border than this is no single object; nothing is then left out.
+LARGEST_BORDER_SHARE = 0.5
+#: Pixels to widen the mask by, so that the object's rim is inside.
+WIDEN = 2
+#: What is left out is looked at on every so-manieth row and column.
+THIN = 2
+#: Phase is not flat so many radians from the level of what is left out. Whole turns do not count:
+#: noise lifts patches of an empty field by them.
+NOT_FLAT_RAD = 1.0
+#: It is smooth where the mean cosine of its difference from its surroundings is larger. Noise of
+#: 0.7 rad leaves 0.8 of it, noise of a whole turn next to nothing, and a slope does not count.
+SMOOTH_COSINE = 0.7
+#: From so many percent of the field of any frame on it is worth a warning.
+MUCH_LEFT_OUT_PERCENT = 10.0
+
+
+def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
+    """Return the mask of what rises out of the background of one frame.
+
+    Where no single object can be told from a background, nothing is left out.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of shape (y, x)
+        Unwrapped phase in radians.
+    """
+    found = np.empty(unwrapped.shape, np.bool_)
+    mark_object(as_loops_take(unwrapped, np.float32), half_gaussian(), found)
+    return found
+
+
+@compiled
+def mark_object(
+    unwrapped: NDArray[np.float32], half: NDArray[np.float64], out: NDArray[np.bool_]
+) -> None:
+    """Mark what `object_mask` returns: in one piece, as threads wait for each other between them.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of float32, shape (y, x)
+        Unwrapped phase in radians.
+    half : ndarray of float64, shape (5,)
+        What `half_gaussian` returns.
+    out : ndarray of bool, same shape
+        Where it goes.
+    """
+    level, noise = level_and_noise(edge_of(unwrapped))
+    if np.isnan(level):
+        out[:] = True
+        return
+    height = np.empty(unwrapped.shape, np.float32)
+    correlate_nine(unwrapped, level, half, height)
+    for y in range(len(height)):
+        for x in range(height.shape[1]):
+            height[y, x] = abs(height[y, x])
+    peak = float(quantile_of(height.reshape(-1), PEAK))
+    threshold = np.float32(max(max(SHARE_OF_PEAK * peak, DEVIATIONS * noise), LEAST))
+    for y in range(len(height)):
+        for x in range(height.shape[1]):
+            out[y, x] = height[y, x] > threshold
+    top, bottom, left, right = extent(out, WIDEN + 1)
+    part = out[top:bottom, left:right].copy()
+    fill_holes(part)
+    remove_specks(part, SMALLEST_SHARE * out.size)
+    out[top:bottom, left:right] = part
+    if not part.any() or edge_of(out).mean() > LARGEST_BORDER_SHARE:
+        out[:] = True
+        return
+    out[top:bottom, left:right] = widened(part, WIDEN)
+
+
+@compiled
+def level_and_noise(edge: NDArray[np.float32]) -> tuple[np.float32, float]:
+    """Return the median of pixels (n,), and their deviation by the median distance from it."""
+    for k in range(len(edge)):
+        if np.isnan(edge[k]):
+            return np.float32(np.nan), np.nan
+    level = middle_of(edge)
+    for k in range(len(edge)):
+        edge[k] = abs(np.float32(edge[k] - level))
+    return level, 1.4826 * float(middle_of(edge))
+
+
+def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
+    """Return the share of a frame that a mask leaves out though its phase is smooth and not flat.
+
+    The phase of an empty field is flat, and that of noise is not smooth; what is neither may well
+    be measured.
+
+    Parameters
+    ----------
+    unwrapped : ndarray of shape (y, x)
+        Unwrapped phase in radians.
+    mask : ndarray of bool, shape (y, x)
+        What is kept.
+    """
+    out = ~mask[::THIN, ::THIN]
+    if not out.any():
+        return 0.0
+    phase = unwrapped[::THIN, ::THIN]
+    soft = running_mean(phase, 3)
+    uneven = out & (np.cos(soft - middle(soft[out])) < np.cos(NOT_FLAT_RAD))
+    if not uneven.any():
+        return 0.0
+    uneven &= running_mean(np.cos(phase - soft), 5) > SMOOTH_COSINE
+    return float(uneven.mean())
+
+
+def left_out_note(shares: NDArray[np.float64]) -> dict[str, Any]:
+    """Return what a result notes of the shares left out; nothing if there are none.
+
+    Parameters
+    ----------
+    shares : ndarray of shape (time, angle)
+        Of each frame, see `smooth_share_left_out`; may be empty.
+    """
+    if not shares.size:
+        return {}
+    percents = np.round(100 * shares, 1)
+    mean, much = round(100 * float(shares.mean()), 1), percents > MUCH_LEFT_OUT_PERCENT
+    note: dict[str, Any] = {"smooth_left_out_percent": mean} if mean or much.any() else {}
+    if much.any():  # a mean over many frames hides the few in which all is lost
+        note["smooth_left_out_most_percent"] = float(percents.max())
+        note["smooth_left_out_frames"] = np.argwhere(much).tolist()
+    return note
+
+
+def left_out_advice(attrs: Mapping[str, Any]) -> str:
+    """Say that a mask found by itself leaves out much that may be measured; "" if it does not.
+
+    It is said if it does so in any frame.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a result.
+
+    Examples
+    --------
+    >>> notes = {"smooth_left_out_most_percent": 66.2, "smooth_left_out_frames": [[3, 0]]}
+    >>> left_out_advice(notes)[:57]
+    '"object only" leaves out 66 % of the field at time 3 thou'
+    """
+    frames = attrs.get("smooth_left_out_frames", [])
+    if not len(frames):
+        return ""
+    time, view = frames[0]
+    first = f"time {time}, view {view + 1}" if view else f"time {time}"
+    percent = f"{attrs['smooth_left_out_most_percent']:.0f} % of the field"
+    if len(frames) == 1:
+        where = f"{percent} at {first}"
+    else:
+        where = f"up to {percent} in {len(frames)} frames, the first at {first},"
+    return (
+        f'"object only" leaves out {where} though its phase there is smooth and not flat: '
+        "try the whole field"
+    )
