@@ -242,7 +242,12 @@ def test_line_is_unwrapped_outwards_from_every_start() -> None:
     mask = np.ones((3, 3), dtype=bool)
     maps = [Maps(phase, np.int16([[-(k > 0)] * 3] * 3), mask) for k, phase in enumerate(wrapped)]
     found = np.zeros(wrapped.shape, np.int16)
-    line = Line(6, maps.__getitem__, lambda k, _, turns: found.__setitem__(k, turns))
+    room = np.zeros_like(found)
+
+    def write(k: int, _: Maps, turns: np.ndarray) -> None:
+        found[k] = turns
+
+    line = Line(6, maps.__getitem__, room.__getitem__, write)
     unwrap_line(line, [0], split=False)
     np.testing.assert_allclose(wrapped + TURN * found, steps, atol=1e-5)
 

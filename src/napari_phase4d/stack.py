@@ -41,6 +41,7 @@ __all__ = [
     "each_frame",
     "frame_of",
     "in_memory",
+    "is_same",
     "limits_of",
     "parts_over_time",
     "read_all",

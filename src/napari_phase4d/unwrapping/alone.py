@@ -6,7 +6,7 @@ phase is the wrapped phase plus these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -16,16 +16,18 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, Store, limits_of, room_in
 from napari_phase4d.task import Task, on_all_cores
+from napari_phase4d.unwrapping.filters import half_gaussian
 from napari_phase4d.unwrapping.frames import (
     as_loops_take,
     border_medians,
-    centre,
-    turns_of_frame,
+    moments,
+    smooth_turns_and_level,
+    turns_past_residues,
     unwrap_frame,
 )
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
-from napari_phase4d.unwrapping.objects import object_mask, smooth_share_left_out
+from napari_phase4d.unwrapping.objects import mark_object, object_mask, share_left_out
 
 __all__ = [
     "ALL_USABLE",
@@ -330,9 +332,15 @@ class UnwrapBlock:
         wrapped, mask = self.given.read(block)
         if self.mask is not None:
             mask = self.mask.read(block)
+        wrapped, mask = as_loops_take(wrapped, np.float32), as_loops_take(mask, np.bool_)
         turns, border = room_in(self.turns, block, np.int16), np.empty(wrapped.shape[:2])
-        for frame, own, level in each_of_block(wrapped, mask, self.costs_of):
-            turns[frame], border[frame] = own, level
+        smooth = np.empty(border.shape, np.bool_)
+        smooth_turns(wrapped, mask, turns, border, smooth)
+        work = Workspace()
+        for frame in zip(*np.nonzero(~smooth), strict=True):
+            turns[frame], border[frame] = turns_past_residues(
+                wrapped[frame], mask[frame], self.costs_of, work
+            )
         whole = bool(mask.all())
         if not whole:
             turns[~mask] = 0
@@ -340,13 +348,29 @@ class UnwrapBlock:
         return border, whole
 
 
-def each_of_block(
-    wrapped: Phase, mask: Mask, costs_of: CostsOf
-) -> Iterator[tuple[tuple[int, ...], NDArray[np.int32], float]]:
-    """Yield the place of each frame, its turns until the next one, and its border's level."""
-    work = Workspace()
-    for frame in np.ndindex(*wrapped.shape[:2]):
-        yield frame, *turns_of_frame(wrapped[frame], mask[frame], costs_of, work)
+@compiled
+def smooth_turns(
+    wrapped: Phase, mask: Mask, out: Turns, border: NDArray[np.float64], smooth: Mask
+) -> None:
+    """Write the turns of those frames of a block that have no residues.
+
+    All in one piece: threads would wait for each other between the frames.
+
+    Parameters
+    ----------
+    wrapped, mask, out : ndarray of shape (time, angle, y, x)
+        Wrapped phase, what counts, and where the turns go.
+    border, smooth : ndarray of shape (time, angle)
+        Where the level of each frame's border goes, and whether it has no residues.
+    """
+    turns = np.empty(wrapped.shape[2:], np.int32)
+    for t in range(len(wrapped)):
+        for a in range(wrapped.shape[1]):
+            one = smooth_turns_and_level(wrapped[t, a], mask[t, a], turns)
+            smooth[t, a], border[t, a] = one
+            for y in range(len(turns)):
+                for x in range(turns.shape[1]):
+                    out[t, a, y, x] = turns[y, x]
 
 
 def turns_round_0(border: NDArray[np.float64]) -> Turns:
@@ -373,14 +397,39 @@ class PhaseBlock:
     def __call__(self, block: Block) -> NDArray[np.float64]:
         """Do a block; return the level of each frame's border, shape (time, angle)."""
         wrapped, usable = self.given.read(block)
+        wrapped, usable = as_loops_take(wrapped, np.float32), as_loops_take(usable, np.bool_)
         unwrapped, border = room_in(self.result, block, np.float32), np.empty(wrapped.shape[:2])
-        for frame, turns, level in each_of_block(wrapped, usable, second_differences):
-            border[frame] = level
-            if lift := int(turns_round_0(border[frame])):  # most often none
-                turns += lift
+        smooth = np.empty(border.shape, np.bool_)
+        smooth_phase(wrapped, usable, unwrapped, border, smooth)
+        work = Workspace()
+        for frame in zip(*np.nonzero(~smooth), strict=True):
+            turns, border[frame] = turns_past_residues(
+                wrapped[frame], usable[frame], second_differences, work
+            )
+            turns += int(turns_round_0(border[frame]))
             write_phase(wrapped[frame], turns, usable[frame], unwrapped[frame])
         self.result.write(block, unwrapped)
         return border
+
+
+@compiled
+def smooth_phase(
+    wrapped: Phase, usable: Mask, out: Phase, border: NDArray[np.float64], smooth: Mask
+) -> None:
+    """Write the phase of those frames of a block that have no residues, see `smooth_turns`."""
+    turns = np.empty(wrapped.shape[2:], np.int32)
+    for t in range(len(wrapped)):
+        for a in range(wrapped.shape[1]):
+            one = smooth_turns_and_level(wrapped[t, a], usable[t, a], turns)
+            smooth[t, a], border[t, a] = one
+            if not smooth[t, a]:
+                continue
+            lift = -np.int32(np.rint(border[t, a] / np.float64(TURN)))
+            if lift:  # most often none
+                for y in range(len(turns)):
+                    for x in range(turns.shape[1]):
+                        turns[y, x] += lift
+            add_in_mask(wrapped[t, a], turns, usable[t, a], out[t, a])
 
 
 @dataclass(frozen=True)
@@ -457,16 +506,63 @@ class FindBlock:
             phase is smooth and not flat, where the object is to be found.
         """
         wrapped, usable = self.given.read(block)
-        turns, unwrapped = self.turns.read(block), np.empty(wrapped.shape[2:], np.float32)
         found = room_in(self.found, block, np.bool_)
-        centres = np.empty((*wrapped.shape[:2], 2))
-        shares = np.zeros(wrapped.shape[:2])
-        for frame in np.ndindex(*wrapped.shape[:2]):
-            write_phase(wrapped[frame], turns[frame], usable[frame], unwrapped)
-            found[frame] = object_mask(unwrapped)
-            if self.finds_mask:
-                shares[frame] = smooth_share_left_out(unwrapped, found[frame])
-                found[frame] &= usable[frame]
-            centres[frame] = centre(found[frame])
+        sums, shares = np.empty((*wrapped.shape[:2], 3), np.intp), np.zeros(wrapped.shape[:2])
+        find_objects(
+            as_loops_take(wrapped, np.float32),
+            as_loops_take(self.turns.read(block)),
+            as_loops_take(usable, np.bool_),
+            half_gaussian(),
+            self.finds_mask,
+            found,
+            sums,
+            shares,
+        )
         self.found.write(block, found)
-        return centres, shares
+        count = sums[..., :1]
+        none = (count == 0) | (count == wrapped[0, 0].size)
+        return np.where(none, np.nan, sums[..., 1:] / np.maximum(count, 1)), shares
+
+
+@compiled
+def find_objects(
+    wrapped: Phase,
+    turns: Turns,
+    usable: Mask,
+    half: NDArray[np.float64],
+    finds_mask: bool,
+    found: Mask,
+    sums: NDArray[np.intp],
+    shares: NDArray[np.float64],
+) -> None:
+    """Mark the object in all frames of a block.
+
+    All in one piece: threads would wait for each other between the frames.
+
+    Parameters
+    ----------
+    wrapped, turns, usable : ndarray of shape (time, angle, y, x)
+        Wrapped phase, turns of each frame by itself, and what counts.
+    half : ndarray of float64, shape (5,)
+        What `half_gaussian` returns.
+    finds_mask : bool
+        Whether the object is what is to be unwrapped.
+    found : ndarray of bool, shape (time, angle, y, x)
+        Where the object goes.
+    sums : ndarray of int, shape (time, angle, 3)
+        Where the number of its pixels goes, and the sums of their rows and columns.
+    shares : ndarray of shape (time, angle)
+        Where the shares left out go, if the object is what is to be unwrapped.
+    """
+    unwrapped = np.empty(wrapped.shape[2:], np.float32)
+    for t in range(len(wrapped)):
+        for a in range(wrapped.shape[1]):
+            mask, known = found[t, a], usable[t, a]
+            add_in_mask(wrapped[t, a], turns[t, a], known, unwrapped)
+            mark_object(unwrapped, half, mask)
+            if finds_mask:
+                shares[t, a] = share_left_out(unwrapped, mask)
+                for y in range(len(mask)):
+                    for x in range(mask.shape[1]):
+                        mask[y, x] &= known[y, x]
+            sums[t, a, 0], sums[t, a, 1], sums[t, a, 2] = moments(mask)

@@ -17,7 +17,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Limits, Stack, block_at, room_in, widest
+from napari_phase4d.stack import Block, Limits, Stack, block_at, is_same, room_in, widest
 from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import (
@@ -256,9 +256,12 @@ class AlongAngle:
         chain, limits = self.chain, []
         found = room_in(self.result, block, np.float32 if self.finishes else np.int16)
         every, usable = chain.read(block, self.initial)
+        room = np.empty(found.shape[1:], np.int16) if self.finishes else None
         for i, maps in enumerate(every):
             starts = starts_on("angle", block.start + i, chain.boundaries)
-            line = Line(len(maps), maps.__getitem__, partial(self._write, found[i]))
+            turns = found[i] if room is None else room
+            write = partial(self._write, found[i])
+            line = Line(len(maps), maps.__getitem__, turns.__getitem__, write)
             unwrap_line(line, starts, split=chain.split)
             limits.append((float(found[i].min()), float(found[i].max())))
         if self.finishes:
@@ -270,7 +273,7 @@ class AlongAngle:
         """Write a finished map, its phase if this finishes, among those of its time."""
         if self.finishes:
             write_phase(maps.wrapped, turns, maps.mask, out[k])
-        else:
+        elif not is_same(out[k], turns):
             out[k] = turns
 
 
@@ -291,7 +294,7 @@ def along_time(chain: Chain, initial: Stack, result: Stack, watch: Watch) -> Non
 
     def work(angle: int) -> None:
         maps = MapsOfAngle(chain, initial, result, angle)
-        line = Line(chain.given.shape[0], maps.read, maps.write)
+        line = Line(chain.given.shape[0], maps.read, maps.room, maps.write)
         unwrap_line(
             line,
             starts_on("time", angle, chain.boundaries),
@@ -338,13 +341,14 @@ def carried_on(maps: MapsOfAngle, n: int, before: Last | None) -> Last:
         if before is None:
             found = first_turns(now)
         else:
-            found = np.empty_like(before[1])
+            found = maps.room(k)
             next_turns(*before, now, found)
         maps.write(k, now, found)
         before = now, found
     maps.finish()
     assert before is not None  # there is one frame at least
-    return before
+    last, turns = before
+    return last, turns.copy()  # they lie in the result
 
 
 class MapsOfAngle:
@@ -374,15 +378,22 @@ class MapsOfAngle:
             self._held, _ = self._chain.read(self._block, self._initial, self._angle)
         return self._held[k - self._block.start][0]
 
-    def write(self, k: int, maps: Maps, turns: Turns) -> None:
-        """Take the turns of the finished map k, which are written with those beside it."""
+    def room(self, k: int) -> Turns:
+        """Return where the turns of map k go, which are written with those beside it."""
         start, stop = self._found.start, self._found.stop
         if not (k in self._room_of.times and start - 1 <= k <= stop):
             self.finish()
-            self._room_of, start, stop = block_at(self._chain.given.shape, k), k, k
+            self._room_of, self._found = block_at(self._chain.given.shape, k), Block(k, k)
             self._room = room_in(self._result, self._room_of, np.int16, self._angle)
-        self._room[k - self._room_of.start] = turns
-        self._found = Block(min(start, k), max(stop, k + 1))
+        found: Turns = self._room[k - self._room_of.start, 0]
+        return found
+
+    def write(self, k: int, maps: Maps, turns: Turns) -> None:
+        """Take the turns of the finished map k."""
+        room = self.room(k)
+        if not is_same(room, turns):
+            room[...] = turns
+        self._found = Block(min(self._found.start, k), max(self._found.stop, k + 1))
 
     def finish(self) -> None:
         """Write what has not been written."""

@@ -34,9 +34,12 @@ __all__ = [
     "centre_of_mass_shifts",
     "edge_of",
     "likeness",
+    "moments",
     "moved",
     "next_shift",
+    "smooth_turns_and_level",
     "turns_of_frame",
+    "turns_past_residues",
     "unwrap_frame",
 ]
 
@@ -77,8 +80,13 @@ def turns_of_frame(
     turns = work.array("turns", wrapped.shape, np.int32)
     wrapped, mask = as_loops_take(wrapped, np.float32), as_loops_take(mask, np.bool_)
     smooth, level = smooth_turns_and_level(wrapped, mask, turns)
-    if smooth:
-        return turns, level
+    return (turns, level) if smooth else turns_past_residues(wrapped, mask, costs_of, work)
+
+
+def turns_past_residues(
+    wrapped: NDArray[np.float32], mask: NDArray[np.bool_], costs_of: CostsOf, work: Workspace
+) -> tuple[NDArray[np.int32], float]:
+    """Do the same with a frame that is known to have residues."""
     turns, _ = grow_through_residues(wrapped, None, costs_of, work)
     level = border_level(wrapped, turns)
     if not mask.all():  # where residues are, the mask may lead another way
@@ -93,6 +101,8 @@ def turns_of_frame(
 
 def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
     """Return a frame as loops are compiled for; a copy of what is not in order or read-only."""
+    if frame.flags.carray and (dtype is None or frame.dtype == dtype):
+        return frame  # `numpy.require` takes ten times as long to find that out
     return np.require(frame, dtype, ["C", "W"])
 
 

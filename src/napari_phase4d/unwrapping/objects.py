@@ -13,20 +13,28 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.unwrapping.filters import (
+    average,
     correlate_nine,
     extent,
     fill_holes,
     half_gaussian,
-    middle,
     middle_of,
     quantile_of,
     remove_specks,
-    running_mean,
     widened,
 )
 from napari_phase4d.unwrapping.frames import as_loops_take, edge_of
 
-__all__ = ["left_out_advice", "left_out_note", "object_mask", "smooth_share_left_out"]
+__all__ = [
+    "left_out_advice",
+    "left_out_note",
+    "mark_object",
+    "object_mask",
+    "share_left_out",
+    "smooth_share_left_out",
+]
+
+TURN = 2 * np.pi
 
 #: A pixel belongs to the object where its phase exceeds this share of the largest ...
 SHARE_OF_PEAK = 0.1
@@ -132,16 +140,56 @@ def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_
     mask : ndarray of bool, shape (y, x)
         What is kept.
     """
-    out = ~mask[::THIN, ::THIN]
-    if not out.any():
+    return float(
+        share_left_out(as_loops_take(unwrapped, np.float32), as_loops_take(mask, np.bool_))
+    )
+
+
+@compiled
+def share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
+    """Return what `smooth_share_left_out` does, in one piece."""
+    phase = unwrapped[::THIN, ::THIN].copy()
+    soft, like, uneven = (
+        np.empty_like(phase),
+        np.empty_like(phase),
+        np.empty(phase.shape, np.bool_),
+    )
+    average(phase, 3, soft)
+    if not mark_uneven(soft, mask, uneven):
         return 0.0
-    phase = unwrapped[::THIN, ::THIN]
-    soft = running_mean(phase, 3)
-    uneven = out & (np.cos(soft - middle(soft[out])) < np.cos(NOT_FLAT_RAD))
-    if not uneven.any():
-        return 0.0
-    uneven &= running_mean(np.cos(phase - soft), 5) > SMOOTH_COSINE
-    return float(uneven.mean())
+    height, width = phase.shape
+    for y in range(height):
+        for x in range(width):
+            phase[y, x] = np.cos(phase[y, x] - soft[y, x])
+    average(phase, 5, like)
+    count = 0
+    for y in range(height):
+        for x in range(width):
+            count += uneven[y, x] & (like[y, x] > SMOOTH_COSINE)
+    return count / phase.size
+
+
+@compiled
+def mark_uneven(
+    soft: NDArray[np.float32], mask: NDArray[np.bool_], uneven: NDArray[np.bool_]
+) -> bool:
+    """Mark what a mask leaves out that is not flat; return whether anything is."""
+    height, width = soft.shape
+    left, count = np.empty(soft.size, np.float32), 0
+    for y in range(height):
+        for x in range(width):
+            uneven[y, x] = not mask[THIN * y, THIN * x]
+            left[count] = soft[y, x]
+            count += uneven[y, x]
+    if not count:
+        return False
+    level, some = middle_of(left[:count]), False
+    for y in range(height):
+        for x in range(width):
+            above = (soft[y, x] - level) / TURN
+            uneven[y, x] &= abs(above - np.rint(above)) * TURN > NOT_FLAT_RAD
+            some |= uneven[y, x]
+    return some
 
 
 def left_out_note(shares: NDArray[np.float64]) -> dict[str, Any]:

@@ -44,18 +44,6 @@ class Piece:
     stop: int
 
 
-@compiled
-def peak_phase(wrapped: Phase, turns: Turns, mask: Mask) -> float:
-    """Return the peak phase (99th percentile inside the mask) of one map, in radians; or 0."""
-    turn = np.float32(2 * np.pi)
-    inside, count = np.empty(wrapped.size, np.float32), 0
-    for y in range(len(wrapped)):
-        for x in range(wrapped.shape[1]):
-            inside[count] = np.float32(turns[y, x]) * turn + wrapped[y, x]
-            count += mask[y, x]
-    return float(quantile_of(inside[:count], 0.99)) if count else 0.0
-
-
 def with_thin_turning_points(profile: NDArray[np.float64], starts: Sequence[int]) -> list[int]:
     """Return the starts and those maps where the object has become as thin again.
 
@@ -137,6 +125,8 @@ class Line:
         How many there are.
     read : callable
         Returns what is known of a map by its number.
+    room : callable
+        Returns where the turns of a map may be put until it is written, shape (y, x).
     write : callable
         ``write(k, map, turns)`` takes a finished map and its turns.
     """
@@ -145,21 +135,15 @@ class Line:
         self,
         n: int,
         read: Callable[[int], Maps],
+        room: Callable[[int], Turns],
         write: Callable[[int, Maps, Turns], None],
     ) -> None:
         self.n = n
         self.read = read
-        self._write = write
+        self.room = room
+        self.write = write
         #: Peak phase of every map of the result.
         self.profile = np.zeros(n)
-
-    def write(self, k: int, maps: Maps, turns: Turns, *, peak: bool) -> None:
-        """Take a finished map; note its peak."""
-        self._write(k, maps, turns)
-        if peak:
-            self.profile[k] = peak_phase(
-                as_loops_take(maps.wrapped, np.float32), turns, as_loops_take(maps.mask, np.bool_)
-            )
 
 
 def unwrap_line(
@@ -195,7 +179,8 @@ def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) ->
     for piece in pieces:
         maps = line.read(piece.start)
         first = first_turns(maps)
-        line.write(piece.start, maps, first, peak=peaks)
+        line.profile[piece.start] = peak_phase(maps.wrapped, first, maps.mask) if peaks else 0.0
+        line.write(piece.start, maps, first)
         for way in (
             range(piece.start + 1, piece.stop),
             range(piece.start - 1, piece.first - 1, -1),
@@ -203,10 +188,9 @@ def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) ->
             before, turns = maps, first
             for k in way:
                 check()
-                now = line.read(k)
-                found = np.empty_like(turns)
-                next_turns(before, turns, now, found)
-                line.write(k, now, found, peak=peaks)
+                now, found = line.read(k), line.room(k)
+                line.profile[k] = next_turns(before, turns, now, found, peak=peaks)
+                line.write(k, now, found)
                 before, turns = now, found
 
 
@@ -215,7 +199,7 @@ def first_turns(maps: Maps) -> Turns:
     return np.where(maps.mask, maps.turns, np.int16(0))
 
 
-def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns) -> None:
+def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns, *, peak: bool = False) -> float:
     """Write the turns of the next map (steps 2 to 4).
 
     Parameters
@@ -226,9 +210,16 @@ def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns) -> None:
         The next map.
     out : ndarray of int
         Where its turns go.
+    peak : bool, optional
+        Whether its peak phase is asked for.
+
+    Returns
+    -------
+    float
+        Its peak phase in radians, see `peak_phase`; 0 if nobody asked.
     """
     height, width = out.shape
-    next_turns_from(
+    found: float = next_turns_from(
         as_loops_take(before.wrapped),
         as_loops_take(before.mask),
         as_loops_take(turns),
@@ -237,8 +228,22 @@ def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns) -> None:
         as_loops_take(now.turns),
         (now.shift[0] - before.shift[0]) % height,
         (now.shift[1] - before.shift[1]) % width,
+        peak,
         out,
     )
+    return found
+
+
+@compiled
+def peak_phase(wrapped: Phase, turns: Turns, mask: Mask) -> float:
+    """Return the peak phase (99th percentile inside the mask) of one map, in radians; or 0."""
+    turn = np.float32(2 * np.pi)
+    inside, count = np.empty(wrapped.size, np.float32), 0
+    for y in range(len(wrapped)):
+        for x in range(wrapped.shape[1]):
+            inside[count] = np.float32(turns[y, x]) * turn + wrapped[y, x]
+            count += mask[y, x]
+    return float(quantile_of(inside[:count], 0.99)) if count else 0.0
 
 
 @compiled
@@ -251,8 +256,9 @@ def next_turns_from(
     turns: Turns,
     down: int,
     right: int,
+    peak: bool,
     out: Turns,
-) -> None:
+) -> float:
     """Do it for arrays, each pixel from the one so far down and right of it in the map before."""
     height, width = out.shape
     split = width - right
@@ -277,6 +283,7 @@ def next_turns_from(
             turns[y, split:],
             out[y, split:],
         )
+    return peak_phase(wrapped, out, mask) if peak else 0.0
 
 
 @compiled
