@@ -79,6 +79,8 @@ OPEN_ARRAYS = 32
 ALL = slice(None)
 #: Bytes of a checksum.
 SUM_BYTES = 4
+#: So many bytes are rather copied than read or written frame by frame.
+FEW_BYTES = 2**23
 PART_OF_PIECE = threading.Lock()
 #: Frames that a growing stack has room for; what is not written takes none.
 ROOM = 2**31 - 1
@@ -226,9 +228,11 @@ class FrameFiles:
                 raise OSError(msg)
             file.seek(first * size)
             total = 0
-            for frame in out:
-                read_all(file, frame)
-                total = more_of_sum(total, bytes_of(frame))
+            for place, part in read_in_parts(out):
+                read_all(file, part)
+                total = more_of_sum(total, bytes_of(part))
+                if place is not part:
+                    place[...] = part
             if first == 0 and (last or len(out) == self._frames):
                 beyond = (self._frames - len(out)) * size
                 total = more_of_sum(total, file.read(beyond)) if beyond else total
@@ -261,9 +265,11 @@ class FrameFiles:
         partial, total = path.with_suffix(f".{uuid.uuid4().hex}.partial"), 0
         beyond = np.zeros((self._frames - len(frames), *self._shape[2:]), np.float32)
         # Numbers as they come may be of another type, or lie in another order.
-        parts = [np.ascontiguousarray(frame, np.float32) for frame in (*frames, *beyond)]
+        whole = frames.nbytes <= FEW_BYTES or self._packer is not None
+        several = [frames] if whole else list(frames)
+        parts = [np.ascontiguousarray(part, np.float32) for part in (*several, beyond)]
         if self._packer is not None:
-            parts = [np.frombuffer(self._packer.encode(np.stack(parts)), np.uint8)]
+            parts = [np.frombuffer(self._packer.encode(np.concatenate(parts)), np.uint8)]
         try:
             with partial.open("wb", 0) as file:
                 for part in parts:
@@ -275,6 +281,23 @@ class FrameFiles:
         except BaseException:
             partial.unlink(missing_ok=True)
             raise
+
+
+def read_in_parts(
+    out: NDArray[np.float32],
+) -> Iterator[tuple[NDArray[np.float32], NDArray[np.float32]]]:
+    """Yield frames that lie one after the other in a file, and where to read them to.
+
+    They are one part if they lie so in memory too, or are few bytes: to copy these takes less than
+    to read them frame by frame.
+    """
+    if out.flags.c_contiguous:
+        yield out, out
+    elif out.nbytes <= FEW_BYTES:
+        yield out, np.empty(out.shape, np.float32)
+    else:
+        for frame in out:
+            yield frame, frame
 
 
 def opened_file(path: Path) -> FileIO:
