@@ -57,7 +57,9 @@ def reader_of(frames: Any) -> ReadsFrames | None:
 def one_frame(frames: Any, index: int) -> NDArray[np.generic]:
     """Return one frame of an array (time, y, x), by the shortest way."""
     reader = reader_of(frames)
-    frame = frames[index] if reader is None else reader.frame(range(len(frames))[index])
+    # The length of a dask array is counted anew each time, over all of its chunks.
+    n_frames = frames.shape[0]
+    frame = frames[index] if reader is None else reader.frame(range(n_frames)[index])
     return np.asarray(frame)
 
 
