@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import vectorized
 
-__all__ = ["parts_of", "phase_of", "phasors", "to_polar", "turned"]
+__all__ = ["parts_of", "phase_of", "phasors", "to_polar", "turned", "write_polar"]
 
 TURN = 2 * np.pi
 PI = np.float32(np.pi)

@@ -274,8 +274,7 @@ def transformed_columns(
     for top in range(0, height, BLOCK_ROWS):
         rows = slice(top, min(top + BLOCK_ROWS, height))
         grey = buffer[: rows.stop - top]
-        grey[:] = frame[rows]
-        grey -= level
+        np.subtract(frame[rows], level, out=grey, dtype=np.float32, casting="unsafe")
         half = scipy.fft.rfft(grey, axis=1, overwrite_x=True)
         for place, source in copies:
             kept[rows, place] = half[:, source]

@@ -16,7 +16,7 @@ import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled, vectorized
-from napari_phase4d.phasors import parts_of
+from napari_phase4d.phasors import parts_of, write_polar
 
 __all__ = [
     "ENOUGH_BACKGROUND",
@@ -27,9 +27,9 @@ __all__ = [
     "flat_share",
     "joined_to_the_border",
     "mode_phase",
-    "remove_offset",
     "solved",
     "wrapped",
+    "write_levelled",
 ]
 
 Real = TypeVar("Real", np.float32, np.float64)
@@ -177,14 +177,23 @@ def background_offset(field: Fields, phase: Image | None = None) -> float:
     """
     if phase is None:
         phase = np.angle(field)
-    parts = parts_of(field)
-    start, shift = peak_of(histogram(phase)), 0.0
+    found: float = offset_of(parts_of(field), phase)
+    return found
+
+
+@compiled
+def offset_of(parts: Image, phase: Image) -> float:
+    """Return what `background_offset` does; real and imaginary parts take turns along x."""
+    start, shift = place_of_peak(histogram(phase), KERNEL) - np.pi, 0.0
     for limit in OFFSET_LIMITS_RAD:
         total = sum_near(parts, phase, np.float32(start), np.float32(shift), np.float32(limit))
-        if not total:
+        if total == 0:
             break
         shift = cmath.phase(total * cmath.exp(-1j * start))
-    return math.remainder(start + shift, 2 * math.pi)
+    found = start + shift
+    if found > np.pi:
+        return found - 2 * np.pi
+    return found + 2 * np.pi if found < -np.pi else found
 
 
 def flat_share(phase: Image, offset: float) -> float:
@@ -192,18 +201,33 @@ def flat_share(phase: Image, offset: float) -> float:
     return float(count_near(phase, np.float32(offset), FLAT_RAD)) / phase.size
 
 
-def remove_offset(field: Fields, phase: Image) -> float:
-    """Set the background of a wrapped phase to zero, if its field shows enough of one.
+@compiled
+def write_levelled(parts: Image, amplitude: Image, phase: Image, drift: bool) -> float:
+    """Write the amplitude and phase of a view, its background at zero if it shows enough of one.
+
+    All in one piece: between pieces, threads wait for each other.
+
+    Parameters
+    ----------
+    parts : ndarray of shape (y, 2 x)
+        Real and imaginary parts, which take turns along x.
+    amplitude, phase : ndarray of shape (y, x)
+        Where they go.
+    drift : bool
+        Whether the background is to be set to zero.
 
     Returns
     -------
     float
-        Share of the pixels that look like background.
+        Share of the pixels that look like background; 1 if nobody asked.
     """
-    offset = background_offset(field, phase)
-    share = flat_share(phase, offset)
+    write_polar(parts, amplitude, phase)
+    if not drift:
+        return 1.0
+    offset = np.float32(offset_of(parts, phase))
+    share = count_near(phase, offset, FLAT_RAD) / phase.size
     if share >= ENOUGH_BACKGROUND:
-        take_off(phase, np.float32(offset))
+        take_off(phase, offset)
     return share
 
 

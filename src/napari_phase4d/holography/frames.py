@@ -21,14 +21,14 @@ from napari_phase4d.holography.demodulation import (
     field_shape,
     half_spectrum,
 )
-from napari_phase4d.holography.emptyfield import FrameTilt, remove_offset
+from napari_phase4d.holography.emptyfield import FrameTilt, write_levelled
 from napari_phase4d.holography.focusing import Focus
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.lost import LostFrames
 from napari_phase4d.holography.refocusing import Propagator
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
-from napari_phase4d.phasors import to_polar
+from napari_phase4d.phasors import parts_of, to_polar
 from napari_phase4d.recording import BrokenFrameError, Recording
 from napari_phase4d.stacks import (
     AXES,
@@ -138,11 +138,8 @@ class FrameReconstructor:
         if self.lost is not None and self.lost.reason(frame, fields):
             return nothing_seen(phase, amplitude)
         fields = self.corrected(fields)
-        for view in zip(fields, amplitude, phase, strict=True):
-            to_polar(*view)
-        if not self.drift:
-            return 1.0
-        return min(remove_offset(*view) for view in zip(fields, phase, strict=True))
+        views = zip(fields, amplitude, phase, strict=True)
+        return min(write_levelled(parts_of(f), a, p, self.drift) for f, a, p in views)
 
     def fields(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
         """Return the corrected and refocused fields of all views of a frame, (view, y, x)."""

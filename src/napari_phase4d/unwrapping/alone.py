@@ -363,13 +363,14 @@ def smooth_turns(
     border, smooth : ndarray of shape (time, angle)
         Where the level of each frame's border goes, and whether it has no residues.
     """
-    turns = np.empty(wrapped.shape[2:], np.int32)
-    for t in range(len(wrapped)):
-        for a in range(wrapped.shape[1]):
+    n_times, n_angles, height, width = wrapped.shape
+    turns = np.empty((height, width), np.int32)
+    for t in range(n_times):
+        for a in range(n_angles):
             one = smooth_turns_and_level(wrapped[t, a], mask[t, a], turns)
             smooth[t, a], border[t, a] = one
-            for y in range(len(turns)):
-                for x in range(turns.shape[1]):
+            for y in range(height):
+                for x in range(width):
                     out[t, a, y, x] = turns[y, x]
 
 
@@ -417,17 +418,18 @@ def smooth_phase(
     wrapped: Phase, usable: Mask, out: Phase, border: NDArray[np.float64], smooth: Mask
 ) -> None:
     """Write the phase of those frames of a block that have no residues, see `smooth_turns`."""
-    turns = np.empty(wrapped.shape[2:], np.int32)
-    for t in range(len(wrapped)):
-        for a in range(wrapped.shape[1]):
+    n_times, n_angles, height, width = wrapped.shape
+    turns = np.empty((height, width), np.int32)
+    for t in range(n_times):
+        for a in range(n_angles):
             one = smooth_turns_and_level(wrapped[t, a], usable[t, a], turns)
             smooth[t, a], border[t, a] = one
             if not smooth[t, a]:
                 continue
             lift = -np.int32(np.rint(border[t, a] / np.float64(TURN)))
             if lift:  # most often none
-                for y in range(len(turns)):
-                    for x in range(turns.shape[1]):
+                for y in range(height):
+                    for x in range(width):
                         turns[y, x] += lift
             add_in_mask(wrapped[t, a], turns, usable[t, a], out[t, a])
 
@@ -554,15 +556,16 @@ def find_objects(
     shares : ndarray of shape (time, angle)
         Where the shares left out go, if the object is what is to be unwrapped.
     """
-    unwrapped = np.empty(wrapped.shape[2:], np.float32)
-    for t in range(len(wrapped)):
-        for a in range(wrapped.shape[1]):
+    n_times, n_angles, height, width = wrapped.shape
+    unwrapped = np.empty((height, width), np.float32)
+    for t in range(n_times):
+        for a in range(n_angles):
             mask, known = found[t, a], usable[t, a]
             add_in_mask(wrapped[t, a], turns[t, a], known, unwrapped)
             mark_object(unwrapped, half, mask)
             if finds_mask:
                 shares[t, a] = share_left_out(unwrapped, mask)
-                for y in range(len(mask)):
-                    for x in range(mask.shape[1]):
+                for y in range(height):
+                    for x in range(width):
                         mask[y, x] &= known[y, x]
             sums[t, a, 0], sums[t, a, 1], sums[t, a, 2] = moments(mask)

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 
 __all__ = [
+    "average",
     "correlate_nine",
     "extent",
     "fill_holes",
@@ -162,19 +163,19 @@ def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
 
 
 @compiled
-def as_ordered_bits(numbers: Frame) -> NDArray[np.int32]:
+def as_ordered_bits(numbers: Frame) -> Bits:
     """Turn numbers of single precision into whole ones in the same order, where they lie."""
     bits = numbers.view(np.int32)
     return turn_negative(bits, bits)
 
 
 @compiled
-def at_rank(bits: NDArray[np.int32], rank: int, pair: Frame) -> np.float32:
+def at_rank(bits: Bits, rank: int, pair: Frame) -> np.float32:
     """Return the number of a rank by its bits; write it and the one after it."""
     whole = pair.view(np.int32)
     select(bits, rank, whole)
     turn_negative(whole, whole)
-    return pair[0]
+    return np.float32(pair[0])
 
 
 def native(numbers: NDArray[Any]) -> NDArray[Any]:

@@ -96,13 +96,14 @@ def mark_object(
         return
     height = np.empty(unwrapped.shape, np.float32)
     correlate_nine(unwrapped, level, half, height)
-    for y in range(len(height)):
-        for x in range(height.shape[1]):
+    rows, columns = unwrapped.shape
+    for y in range(rows):
+        for x in range(columns):
             height[y, x] = abs(height[y, x])
     peak = float(quantile_of(height.reshape(-1), PEAK))
     threshold = np.float32(max(max(SHARE_OF_PEAK * peak, DEVIATIONS * noise), LEAST))
-    for y in range(len(height)):
-        for x in range(height.shape[1]):
+    for y in range(rows):
+        for x in range(columns):
             out[y, x] = height[y, x] > threshold
     top, bottom, left, right = extent(out, WIDEN + 1)
     part = out[top:bottom, left:right].copy()
