@@ -9,7 +9,8 @@ import napari_phase4d as p4d
 from helpers import wrap
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings, stray_terms
 from napari_phase4d.holography.background import fit_background
-from napari_phase4d.holography.emptyfield import background_offset, flat_share
+from napari_phase4d.holography.emptyfield import background_offset, write_levelled
+from napari_phase4d.phasors import parts_of
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 
@@ -393,7 +394,14 @@ def test_background_offset_is_found_across_the_jump_at_pi(offset: float) -> None
     assert -np.pi <= found <= np.pi
     assert abs(wrap(found - expected)) < 5e-3
     share = np.mean(np.abs(wrap(np.angle(field) - found)) < 0.8)
-    assert flat_share(np.angle(field), found) == pytest.approx(share, abs=1e-4)
+    phase, amplitude = np.empty((2, *field.shape), np.float32)
+    assert write_levelled(parts_of(field), amplitude, phase, True) == pytest.approx(
+        share, abs=1e-4
+    )
+    assert np.abs(wrap(phase - (np.angle(field) - found))).max() < 2e-6
+    assert np.abs(amplitude - np.abs(field)).max() < 1e-6
+    assert write_levelled(parts_of(field), amplitude, phase, False) == 1
+    assert np.abs(wrap(phase - np.angle(field))).max() < 1e-6
 
 
 def test_reconstruction_equals_its_plain_formula(small_video) -> None:

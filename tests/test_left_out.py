@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import xarray as xr
+from scipy import ndimage
 from typer.testing import CliRunner
 
 import napari_phase4d as p4d
@@ -50,6 +51,19 @@ def test_cells_in_an_empty_field_give_no_warning(shape: str, noise: float) -> No
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         p4d.unwrap(wrap(phase).astype(np.float32), "spatial-2d", mask="auto")
+
+
+@pytest.mark.parametrize("noise", [0.1, 0.5, 0.9])
+def test_the_share_left_out_is_its_formula_in_scipys_words(noise: float) -> None:
+    frame = plume(12, noise)
+    mask = object_mask(frame)
+    out, phase = ~mask[::2, ::2], frame[::2, ::2]
+    soft = ndimage.uniform_filter(phase, 3)
+    uneven = np.cos(soft - np.median(soft[out])) < np.cos(1)
+    smooth = ndimage.uniform_filter(np.cos(phase - soft), 5) > 0.7
+    expected = (out & uneven & smooth).mean()
+    assert expected > 0.05
+    assert smooth_share_left_out(frame, mask) == pytest.approx(expected, abs=2 / out.size)
 
 
 def test_noise_that_is_left_out_does_not_count() -> None:

@@ -19,6 +19,7 @@ from napari_phase4d.holography import (
     pair_distance,
     reconstruction_advice,
 )
+from napari_phase4d.holography.lost import Fringes, are_usual
 from napari_phase4d.recording import Recording
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 from napari_phase4d.unwrapping import methods_for
@@ -66,6 +67,25 @@ LOSSES: dict[str, Callable[[Frame], Frame]] = {
     "torn rows": torn_rows,
     "faint": faint,
 }
+
+
+def test_no_frame_is_passed_as_usual_that_a_close_look_calls_lost(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    rng = np.random.default_rng(0)
+    frames = []
+    for kind in range(400):
+        power, coherence = rng.uniform(0.5, 2, (2, 2, 4, 4)), rng.uniform(0.5, 1, (2, 2, 4, 4))
+        some = rng.random((2, 4, 4)) < rng.choice([0.1, 0.2, 0.6])
+        power[0][some] *= (1, 1e-3, 100, 1)[kind % 4]
+        coherence[0][some] *= (1, 1, 1, 0.2)[kind % 4]
+        frames.append((Fringes(power[0], coherence[0], 1.0), Fringes(power[1], coherence[1], 1.0)))
+    quick = [are_usual(a.power, a.coherence, b.power, b.coherence, b.lit) for a, b in frames]
+    monkeypatch.setattr("napari_phase4d.holography.lost.are_usual", lambda *_: False)
+    lost = [bool(frame.reason(usual)) for frame, usual in frames]
+    assert sum(quick) > 100
+    assert sum(lost) > 100
+    assert not any(a and b for a, b in zip(quick, lost, strict=True))
 
 
 @pytest.mark.slow

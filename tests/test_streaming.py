@@ -320,10 +320,13 @@ def test_threads_may_write_parts_of_the_same_piece(tmp_path: Path) -> None:
 STACK = (11, 3, 6, 5)
 
 
-@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize(("packed", "few"), [(False, None), (False, 0), (True, None)])
 def test_stacks_on_disk_are_zarr_whatever_reads_and_writes_them(
-    tmp_path: Path, packed: bool
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, packed: bool, few: int | None
 ) -> None:
+    """Small frames of a file together, and large ones one by one."""
+    if few is not None:
+        monkeypatch.setattr("napari_phase4d.pipeline.stored.FEW_BYTES", few)
     numbers = np.random.default_rng(0).normal(size=STACK).astype(np.float32)
     path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=packed)
     stored = Stored(path, STACK)

@@ -24,7 +24,6 @@ __all__ = [
     "background_offset",
     "count_near",
     "fitted",
-    "flat_share",
     "joined_to_the_border",
     "mode_phase",
     "solved",
@@ -194,11 +193,6 @@ def offset_of(parts: Image, phase: Image) -> float:
     if found > np.pi:
         return found - 2 * np.pi
     return found + 2 * np.pi if found < -np.pi else found
-
-
-def flat_share(phase: Image, offset: float) -> float:
-    """Return the share of pixels within 0.8 rad of the background's phase."""
-    return float(count_near(phase, np.float32(offset), FLAT_RAD)) / phase.size
 
 
 @compiled

@@ -22,8 +22,10 @@ from napari_phase4d.words import counted
 
 __all__ = [
     "STATIC_FRAMES",
+    "Fringes",
     "LostFrames",
     "all_lost",
+    "are_usual",
     "first_seen",
     "lost_sentence",
     "reason_alone",

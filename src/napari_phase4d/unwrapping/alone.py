@@ -27,7 +27,7 @@ from napari_phase4d.unwrapping.frames import (
 )
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import CostsOf, Workspace, second_differences
-from napari_phase4d.unwrapping.objects import mark_object, object_mask, share_left_out
+from napari_phase4d.unwrapping.objects import mark_object, object_mask, smooth_share_left_out
 
 __all__ = [
     "ALL_USABLE",
@@ -564,7 +564,7 @@ def find_objects(
             add_in_mask(wrapped[t, a], turns[t, a], known, unwrapped)
             mark_object(unwrapped, half, mask)
             if finds_mask:
-                shares[t, a] = share_left_out(unwrapped, mask)
+                shares[t, a] = smooth_share_left_out(unwrapped, mask)
                 for y in range(height):
                     for x in range(width):
                         mask[y, x] &= known[y, x]

@@ -22,17 +22,13 @@ __all__ = [
     "correlate_nine",
     "extent",
     "fill_holes",
-    "gaussian",
     "half_gaussian",
     "keep_touching",
     "median_of",
-    "middle",
     "middle_of",
     "quantile_of",
     "remove_specks",
-    "running_mean",
     "shrunk",
-    "upper_quantile",
     "widened",
 ]
 
@@ -48,22 +44,6 @@ SAMPLE, MARGIN = 64, 24
 SOME = 64
 
 
-def gaussian(frame: Frame, level: float = 0.0) -> Frame:
-    """Return a frame smoothed as `scipy.ndimage.gaussian_filter` does with a sigma of one pixel.
-
-    Parameters
-    ----------
-    frame : ndarray of float32, shape (y, x)
-        What to smooth.
-    level : float, optional
-        What is taken off it before, in single precision. Default nothing.
-    """
-    out = np.empty_like(frame)
-    frame = np.require(frame, np.float32, ["C", "W"])
-    correlate_nine(frame, np.float32(level), half_gaussian(), out)
-    return out
-
-
 @functools.cache
 def half_gaussian() -> Doubles:
     """Return the weights of a Gaussian of one pixel from its middle on, cut off after four."""
@@ -72,49 +52,17 @@ def half_gaussian() -> Doubles:
     return half
 
 
-def running_mean(frame: Frame, size: int) -> Frame:
-    """Return the means over squares, as `scipy.ndimage.uniform_filter` does.
+@compiled
+def quantile_of(numbers: Frame, share: float) -> np.float32:
+    """Return the number below which a share of numbers lies, as `numpy.quantile` does.
 
     Parameters
     ----------
-    frame : ndarray of float32, shape (y, x)
-        What to average.
-    size : int
-        Pixels of a square from side to side.
-    """
-    out = np.empty_like(frame)
-    average(np.require(frame, np.float32, ["C", "W"]), size, out)
-    return out
-
-
-def upper_quantile(frame: Frame, share: float) -> np.float32:
-    """Return the number below which a share of a frame lies, as `numpy.quantile` does.
-
-    Parameters
-    ----------
-    frame : ndarray of float32
-        Numbers, none of them NaN.
+    numbers : ndarray of float32, shape (n,)
+        None of them is NaN.
     share : float
         Between 0 and 1.
     """
-    found: np.float32 = quantile_of(as_ranked(frame), share)
-    return found
-
-
-def middle(numbers: Frame) -> np.float32:
-    """Return the median of numbers of shape (n,), none of them NaN, as `numpy.median` does."""
-    found: np.float32 = middle_of(as_ranked(numbers))
-    return found
-
-
-def as_ranked(numbers: Frame) -> Frame:
-    """Return numbers of shape (n,), in order, as `ranked` is compiled for."""
-    return np.require(native(numbers).ravel(), np.float32, ["C", "W"])
-
-
-@compiled
-def quantile_of(numbers: Frame, share: float) -> np.float32:
-    """Return what `upper_quantile` does, in single precision, of numbers (n,)."""
     place = (len(numbers) - 1) * share
     rank = int(place)
     low, high = ranked(numbers, rank)
@@ -127,7 +75,7 @@ def quantile_of(numbers: Frame, share: float) -> np.float32:
 
 @compiled
 def middle_of(numbers: Frame) -> np.float32:
-    """Return what `middle` does."""
+    """Return the median of numbers of shape (n,), none of them NaN, as `numpy.median` does."""
     low, high = ranked(numbers, (len(numbers) - 1) // 2)
     return low if len(numbers) % 2 else np.float32(np.float32(low + high) / np.float32(2))
 
@@ -269,14 +217,15 @@ def mirrored(place: int, n: int) -> int:
 def correlate_nine(frame: Frame, level: np.float32, half: Doubles, out: Frame) -> None:
     """Write a frame weighted along y, then along x, over nine pixels each.
 
-    What is added when is SciPy's order: the middle, then pairs from the outermost inwards.
+    With `half_gaussian` that is `scipy.ndimage.gaussian_filter` with a sigma of one pixel. What is
+    added when is SciPy's order: the middle, then pairs from the outermost inwards.
 
     Parameters
     ----------
     frame : ndarray of float32, shape (y, x)
         What to weigh.
     level : float
-        What is taken off it before.
+        What is taken off it before, in single precision.
     half : ndarray of float64, shape (5,)
         Weights from the middle on.
     out : ndarray of float32, shape (y, x)
@@ -322,7 +271,7 @@ def copy_row(row: Frame, level: np.float32, out: Doubles) -> None:
 
 @compiled
 def average(frame: Frame, size: int, out: Frame) -> None:
-    """Write the mean over so many pixels along y, then along x."""
+    """Write the mean over so many pixels along y, then along x: `scipy.ndimage.uniform_filter`."""
     height, width = frame.shape
     before, after = size // 2, size - size // 2 - 1
     total, line = np.zeros(width, np.float64), np.empty(width + size - 1, np.float64)

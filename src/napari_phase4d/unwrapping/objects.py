@@ -30,7 +30,6 @@ __all__ = [
     "left_out_note",
     "mark_object",
     "object_mask",
-    "share_left_out",
     "smooth_share_left_out",
 ]
 
@@ -128,6 +127,7 @@ def level_and_noise(edge: NDArray[np.float32]) -> tuple[np.float32, float]:
     return level, 1.4826 * float(middle_of(edge))
 
 
+@compiled
 def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
     """Return the share of a frame that a mask leaves out though its phase is smooth and not flat.
 
@@ -141,14 +141,6 @@ def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_
     mask : ndarray of bool, shape (y, x)
         What is kept.
     """
-    return float(
-        share_left_out(as_loops_take(unwrapped, np.float32), as_loops_take(mask, np.bool_))
-    )
-
-
-@compiled
-def share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
-    """Return what `smooth_share_left_out` does, in one piece."""
     phase = unwrapped[::THIN, ::THIN].copy()
     soft, like, uneven = (
         np.empty_like(phase),
