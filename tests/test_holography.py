@@ -10,6 +10,7 @@ from helpers import wrap
 from napari_phase4d.holography import WINDOWS, Demodulator, Lobe, lobe_warnings, stray_terms
 from napari_phase4d.holography.background import fit_background
 from napari_phase4d.holography.emptyfield import background_offset, write_levelled
+from napari_phase4d.holography.frames import FrameReconstructor
 from napari_phase4d.phasors import parts_of
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
@@ -402,6 +403,21 @@ def test_background_offset_is_found_across_the_jump_at_pi(offset: float) -> None
     assert np.abs(amplitude - np.abs(field)).max() < 1e-6
     assert write_levelled(parts_of(field), amplitude, phase, False) == 1
     assert np.abs(wrap(phase - np.angle(field))).max() < 1e-6
+
+
+def test_the_view_with_the_least_empty_field_speaks_for_a_frame() -> None:
+    phase = np.random.default_rng(2).uniform(-np.pi, np.pi, (2, 50, 60)).astype(np.float32)
+    phase[0] *= 0.01
+    each = FrameReconstructor(
+        lambda _: np.exp(1j * phase).astype(np.complex64),
+        np.ones((1, 1, 1), np.complex64),
+        True,
+        [0.0, 1.0],
+        {},
+    )
+    room = np.empty((2, *phase.shape), np.float32)
+    share = each(np.zeros((9, 9)), *room)
+    assert share == pytest.approx(0.8 / np.pi, abs=0.05)  # 0.8 rad to either side; 1 in the other
 
 
 def test_reconstruction_equals_its_plain_formula(small_video) -> None:

@@ -15,7 +15,10 @@ import napari_phase4d as p4d
 from helpers import wrap
 from napari_phase4d.cli.app import app
 from napari_phase4d.pipeline import Recipe
-from napari_phase4d.unwrapping import left_out_advice
+from napari_phase4d.stack import Block
+from napari_phase4d.task import Task
+from napari_phase4d.unwrapping import Problem, left_out_advice
+from napari_phase4d.unwrapping.alone import each_alone, found_in
 from napari_phase4d.unwrapping.causal import Causal, causal_methods
 from napari_phase4d.unwrapping.frames import unwrap_frame
 from napari_phase4d.unwrapping.objects import left_out_note, object_mask, smooth_share_left_out
@@ -197,3 +200,17 @@ def test_the_command_says_it_and_takes_the_whole_field(tmp_path: Path) -> None:
     whole = CliRunner().invoke(app, [*call, str(tmp_path / "b"), "--whole-field"])
     assert whole.exit_code == 0, whole.output
     assert "leaves out" not in whole.output
+
+
+def test_the_centre_of_an_object_is_its_mean_place_and_none_if_it_fills_the_frame() -> None:
+    """So that a frame without a background is not moved against the others."""
+    y, x = np.mgrid[:50, :60]
+    cells = 5 * np.exp(-((y - 25) ** 2 + (x - np.array([15, 30, 45])[:, None, None]) ** 2) / 50)
+    ramp = np.broadcast_to(x / 3, (1, 50, 60))
+    stack = Problem(wrap(np.concatenate([cells, ramp]))[:, None].astype(np.float32))
+    found = found_in(stack, each_alone(stack, Task()), Task())
+    masks = found.object.read(Block(0, 4))[:, 0]
+    assert [bool(mask.all()) for mask in masks] == [False, False, False, True]
+    for mask, own in zip(masks[:3], found.centres[:3, 0], strict=True):
+        np.testing.assert_allclose(own, np.argwhere(mask).mean(axis=0))
+    assert np.isnan(found.centres[3]).all()

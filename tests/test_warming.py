@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+import napari_phase4d
 from napari_phase4d.pipeline import running
 
 SCRIPT = """
@@ -33,6 +35,38 @@ assert warm_up_elsewhere() is None  # nothing is left to do
 def test_another_process_compiles_once_for_all(tmp_path: Path) -> None:
     environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
     subprocess.run([sys.executable, "-c", SCRIPT], check=True, env=environment, timeout=900)
+
+
+#: Sums what a loop of a room makes of one that lies in the package's own folder.
+CALLED = """
+import numpy as np
+from napari_phase4d.holography.emptyfield import write_levelled
+
+out = np.empty((2, 3, 3), np.float32)
+write_levelled(np.ones((3, 6), np.float32), *out, False)
+print(round(float(out[0].sum()), 3))
+"""
+
+
+@pytest.mark.slow
+def test_a_loop_is_compiled_anew_where_one_that_it_calls_has_changed(tmp_path: Path) -> None:
+    shutil.copytree(
+        Path(napari_phase4d.__file__).parent,
+        tmp_path / "napari_phase4d",
+        ignore=shutil.ignore_patterns("__pycache__"),
+    )
+    called = tmp_path / "napari_phase4d" / "phasors.py"
+    environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+    environment.pop("NUMBA_CACHE_DIR", None)
+
+    def summed() -> float:
+        command = [sys.executable, "-c", CALLED]
+        return float(subprocess.check_output(command, env=environment, timeout=300))
+
+    assert summed() == pytest.approx(9 * 2**0.5, abs=1e-3)
+    now = "amplitude[y, x] = np.sqrt"
+    called.write_text(called.read_text().replace(now, "amplitude[y, x] = 2 * np.sqrt"))
+    assert summed() == pytest.approx(18 * 2**0.5, abs=1e-3)
 
 
 @pytest.mark.parametrize("executable", [None, "", "/nowhere/python"])

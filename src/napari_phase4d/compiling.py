@@ -13,7 +13,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
-__all__ = ["can_compile", "compiled", "is_on_disk", "unchecked", "vectorized"]
+__all__ = ["can_compile", "compiled", "inlined", "is_on_disk", "unchecked", "vectorized"]
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -37,6 +37,14 @@ def compiled(function: F) -> F:
 def vectorized(function: F) -> F:
     """Do the same with a loop over pixels that does not depend on the order of its sums."""
     return cast("F", WhenCalled(function, VECTORIZED))
+
+
+def inlined(function: F) -> F:
+    """Do the same with a loop that others call in one place or two: it becomes part of them.
+
+    What is compiled by itself and again as part of each of its callers takes longer to compile.
+    """
+    return cast("F", WhenCalled(function, {"inline": "always"}))
 
 
 def unchecked(function: F) -> F:
@@ -151,15 +159,15 @@ def has_compiled(trial: Any) -> bool:
 
 @functools.cache
 def drop_outdated(room: Path) -> None:
-    """Delete a room's compiled functions that are older than any of its sources.
+    """Delete a room's compiled functions that are older than any source that they may call.
 
-    numba looks at the file of the function itself, not at those of functions that it calls.
+    numba looks at the file of the function itself, not at those of functions that it calls. Rooms
+    call loops of the package's own folder too; what lies there calls nothing of the rooms.
     """
-    sources = room.glob("*.py") if room == HERE else room.rglob("*.py")
+    sources = {*HERE.glob("*.py"), *(room.glob("*.py") if room == HERE else room.rglob("*.py"))}
     changed = [path.stat().st_mtime for path in sources]
     # Clocks differ between machines: what seems to come from the future says nothing.
     newest = max((time_ for time_ in changed if time_ <= time.time()), default=0.0)
-    # What lies in the package's own folder calls nothing of the rooms.
     for path in (room.glob if room == HERE else room.rglob)("__pycache__/*.nb[ic]"):
         try:
             if path.stat().st_mtime < newest:

@@ -227,7 +227,7 @@ def write_levelled(parts: Image, amplitude: Image, phase: Image, drift: bool) ->
 
 @vectorized
 def histogram(phase: Image) -> NDArray[np.int64]:
-    """Return how many phases lie in each narrow bin from -pi to pi, for `peak_of`."""
+    """Return how many phases lie in each narrow bin from -pi to pi, for `place_of_peak`."""
     counts = np.zeros(N_FINE + 1, dtype=np.int64)
     for row in phase:
         for value in row:

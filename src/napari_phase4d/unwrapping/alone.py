@@ -335,7 +335,7 @@ class UnwrapBlock:
         wrapped, mask = as_loops_take(wrapped, np.float32), as_loops_take(mask, np.bool_)
         turns, border = room_in(self.turns, block, np.int16), np.empty(wrapped.shape[:2])
         smooth = np.empty(border.shape, np.bool_)
-        smooth_turns(wrapped, mask, turns, border, smooth)
+        turns_where_smooth(wrapped, mask, turns, border, smooth)
         work = Workspace()
         for frame in zip(*np.nonzero(~smooth), strict=True):
             turns[frame], border[frame] = turns_past_residues(
@@ -349,7 +349,7 @@ class UnwrapBlock:
 
 
 @compiled
-def smooth_turns(
+def turns_where_smooth(
     wrapped: Phase, mask: Mask, out: Turns, border: NDArray[np.float64], smooth: Mask
 ) -> None:
     """Write the turns of those frames of a block that have no residues.
@@ -369,6 +369,8 @@ def smooth_turns(
         for a in range(n_angles):
             one = smooth_turns_and_level(wrapped[t, a], mask[t, a], turns)
             smooth[t, a], border[t, a] = one
+            if not smooth[t, a]:  # its turns were left where the first residue is
+                continue
             for y in range(height):
                 for x in range(width):
                     out[t, a, y, x] = turns[y, x]
@@ -401,7 +403,7 @@ class PhaseBlock:
         wrapped, usable = as_loops_take(wrapped, np.float32), as_loops_take(usable, np.bool_)
         unwrapped, border = room_in(self.result, block, np.float32), np.empty(wrapped.shape[:2])
         smooth = np.empty(border.shape, np.bool_)
-        smooth_phase(wrapped, usable, unwrapped, border, smooth)
+        phase_where_smooth(wrapped, usable, unwrapped, border, smooth)
         work = Workspace()
         for frame in zip(*np.nonzero(~smooth), strict=True):
             turns, border[frame] = turns_past_residues(
@@ -414,10 +416,10 @@ class PhaseBlock:
 
 
 @compiled
-def smooth_phase(
+def phase_where_smooth(
     wrapped: Phase, usable: Mask, out: Phase, border: NDArray[np.float64], smooth: Mask
 ) -> None:
-    """Write the phase of those frames of a block that have no residues, see `smooth_turns`."""
+    """Write the phase of those frames that have no residues, see `turns_where_smooth`."""
     n_times, n_angles, height, width = wrapped.shape
     turns = np.empty((height, width), np.int32)
     for t in range(n_times):

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
+from napari_phase4d.compiling import compiled, inlined
 
 __all__ = [
     "average",
@@ -94,7 +94,7 @@ def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
     last = len(numbers) - 1
     pair = np.empty(2, np.float32)
     if len(numbers) > 4 * MARGIN * SAMPLE:
-        some = as_ordered_bits(numbers[::SAMPLE].copy())
+        some = turn_negative(numbers[::SAMPLE].copy().view(np.int32))
         about = rank // SAMPLE
         low, high = np.float32(-np.inf), np.float32(np.inf)
         if about >= MARGIN:
@@ -104,17 +104,10 @@ def ranked(numbers: Frame, rank: int) -> tuple[np.float32, np.float32]:
         near = np.empty(len(numbers), np.float32)
         below, count = listed_between(numbers, low, high, near)
         if below <= rank and min(rank + 1, last) < below + count:
-            at_rank(as_ordered_bits(near[:count]), rank - below, pair)
+            at_rank(turn_negative(near[:count].view(np.int32)), rank - below, pair)
             return pair[0], pair[1]
-    at_rank(as_ordered_bits(numbers.copy()), rank, pair)
+    at_rank(turn_negative(numbers.copy().view(np.int32)), rank, pair)
     return pair[0], pair[1]
-
-
-@compiled
-def as_ordered_bits(numbers: Frame) -> Bits:
-    """Turn numbers of single precision into whole ones in the same order, where they lie."""
-    bits = numbers.view(np.int32)
-    return turn_negative(bits, bits)
 
 
 @compiled
@@ -122,7 +115,7 @@ def at_rank(bits: Bits, rank: int, pair: Frame) -> np.float32:
     """Return the number of a rank by its bits; write it and the one after it."""
     whole = pair.view(np.int32)
     select(bits, rank, whole)
-    turn_negative(whole, whole)
+    turn_negative(whole)
     return np.float32(pair[0])
 
 
@@ -133,25 +126,24 @@ def native(numbers: NDArray[Any]) -> NDArray[Any]:
 
 def ordered_bits(numbers: NDArray[np.floating[Any]]) -> Bits:
     """Return the bits of numbers (n,), none of them NaN, as whole numbers in the same order."""
-    bits = np.ascontiguousarray(numbers).view(f"i{numbers.itemsize}")
-    return turn_negative(bits, np.empty_like(bits))
+    return turn_negative(numbers.copy().view(f"i{numbers.itemsize}"))
 
 
 def numbers_at(bits: Bits, rank: int, dtype: Any) -> tuple[Any, Any]:
     """Return the number of a rank and the one after it, by what `ordered_bits` gave."""
     pair = np.empty(2, bits.dtype)
     select(bits, rank, pair)
-    low, high = turn_negative(pair, pair).view(dtype)
+    low, high = turn_negative(pair).view(dtype)
     return low, high
 
 
 @compiled
-def turn_negative(bits: Bits, out: Bits) -> Bits:
-    """Turn the order of negative floating-point numbers round, or back."""
+def turn_negative(bits: Bits) -> Bits:
+    """Turn the order of negative floating-point numbers round, or back, where they lie."""
     most = np.iinfo(bits.dtype).max
     for k in range(len(bits)):
-        out[k] = bits[k] ^ most if bits[k] < 0 else bits[k]
-    return out
+        bits[k] = bits[k] ^ most if bits[k] < 0 else bits[k]
+    return bits
 
 
 @compiled
@@ -161,7 +153,9 @@ def select(numbers: Bits, rank: int, pair: Bits) -> None:
     The range that it lies in is halved again and again: counting how many are no larger does many
     numbers at a time, where sorting waits at every second comparison for what comes out of it.
     """
-    low, high = numbers.min(), numbers.max()
+    low, high = numbers[0], numbers[0]
+    for k in range(1, len(numbers)):
+        low, high = min(low, numbers[k]), max(high, numbers[k])
     largest = high
     while low < high:
         half = (low & high) + ((low ^ high) >> 1)
@@ -293,14 +287,14 @@ def average(frame: Frame, size: int, out: Frame) -> None:
         mean_along(line, size, total_along, out[y])
 
 
-@compiled
+@inlined
 def go_on(entering: Frame, leaving: Frame, total: Doubles) -> None:
     """Move running sums by one row."""
     for x in range(len(total)):
         total[x] += np.float64(entering[x]) - np.float64(leaving[x])
 
 
-@compiled
+@inlined
 def mean_along(line: Doubles, size: int, total: Doubles, out: Frame) -> None:
     """Write the means along a line that goes on beyond both ends."""
     for x in range(1, len(out)):
@@ -322,6 +316,9 @@ Mask = NDArray[np.bool_]
 #: patch, and whether it touches the edge, both by its first run.
 Runs = NDArray[np.int32]
 ROW, START, STOP, PARENT, SIZE, EDGE = 0, 1, 2, 3, 4, 5
+#: numba takes a plain number for a type of its own, and compiles what it is handed to once for
+#: each; made of one by ``int`` or ``bool``, it is as any other.
+NONE, BESIDE, INSIDE = 0, False, True
 
 
 @compiled
@@ -351,19 +348,19 @@ def extent(mask: Mask, room: int) -> tuple[int, int, int, int]:
     )
 
 
-@compiled
+@inlined
 def fill_holes(mask: Mask) -> None:
     """Fill what the edge can't be reached from."""
-    runs, count = patches_of(mask, False)
+    runs, count = patches_of(mask, bool(BESIDE))
     for k in range(count):
         if not runs[EDGE, root_of(runs, k)]:
             mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = True
 
 
-@compiled
+@inlined
 def remove_specks(mask: Mask, smallest: float) -> None:
     """Leave out patches of fewer pixels."""
-    runs, count = patches_of(mask, True)
+    runs, count = patches_of(mask, bool(INSIDE))
     for k in range(count):
         if runs[SIZE, root_of(runs, k)] < smallest:
             mask[runs[ROW, k], runs[START, k] : runs[STOP, k]] = False
@@ -372,7 +369,7 @@ def remove_specks(mask: Mask, smallest: float) -> None:
 @compiled
 def keep_touching(mask: Mask, edge: Mask, smallest: int) -> None:
     """Keep patches of so many pixels that share some with an edge; leave the others out."""
-    runs, count = patches_of(mask, True)
+    runs, count = patches_of(mask, bool(INSIDE))
     runs[EDGE] = 0
     for k in range(count):
         row = edge[runs[ROW, k]]
@@ -439,7 +436,7 @@ def patches_of(mask: Mask, value: bool) -> tuple[Runs, int]:
     """Return the runs of pixels that have a value, joined to patches, and how many there are."""
     height, width = mask.shape
     runs = np.empty((6, height * ((width + 1) // 2)), np.int32)
-    count, above = 0, 0
+    count = above = int(NONE)
     for y in range(height):
         row = mask[y]
         own, x = count, 0
@@ -459,7 +456,7 @@ def patches_of(mask: Mask, value: bool) -> tuple[Runs, int]:
     return runs, count
 
 
-@compiled
+@inlined
 def join_rows(runs: Runs, above: int, own: int, count: int) -> None:
     """Join the runs of a row, from ``own`` on, to those of the row before that they touch."""
     for k in range(own, count):
@@ -471,7 +468,7 @@ def join_rows(runs: Runs, above: int, own: int, count: int) -> None:
             other += 1
 
 
-@compiled
+@inlined
 def join(runs: Runs, one: int, other: int) -> None:
     """Make one patch of those of two runs."""
     first, second = root_of(runs, one), root_of(runs, other)

@@ -13,7 +13,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
+from napari_phase4d.compiling import compiled, inlined
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.filters import middle_of
 from napari_phase4d.unwrapping.growing import (
@@ -106,7 +106,7 @@ def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
     return np.require(frame, dtype, ["C", "W"])
 
 
-@compiled
+@inlined
 def smooth_turns_and_level(
     wrapped: NDArray[np.float32], mask: NDArray[np.bool_], turns: NDArray[np.int32]
 ) -> tuple[bool, float]:
@@ -168,7 +168,7 @@ def edge_of(frame: NDArray[Any]) -> NDArray[Any]:
     return out
 
 
-@compiled
+@inlined
 def list_border(frame: NDArray[Any], wide: int, out: NDArray[Any]) -> None:
     """Write the border of a frame, so many pixels wide."""
     height, width = frame.shape
@@ -186,7 +186,7 @@ def list_border(frame: NDArray[Any], wide: int, out: NDArray[Any]) -> None:
             count += width
 
 
-@compiled
+@inlined
 def border_level(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> float:
     """Return the median of the unwrapped phase at the border of a frame."""
     phase, own = edge_of(wrapped), edge_of(turns)
@@ -339,7 +339,7 @@ def next_shift(
 
 def centre(mask: NDArray[np.bool_]) -> tuple[float, float]:
     """Return the centre of mass of a mask, NaN if it is empty or all of the frame."""
-    count, rows, columns = moments(np.require(mask, np.bool_, ["C", "W"]))
+    count, rows, columns = moments(as_loops_take(mask, np.bool_))
     if count in (0, mask.size):
         return (np.nan, np.nan)
     return (rows / count, columns / count)
@@ -374,7 +374,7 @@ def likeness(
 ) -> float:
     """Return the mean cosine of the phase difference of two moved frames, on their objects."""
     own, own_mask, other, other_mask = (
-        np.require(frame, None, ["C", "W"])
+        as_loops_take(frame)
         for frame in (wrapped[now], masks[now], wrapped[before], masks[before])
     )
     out = np.empty(own.size, np.float32)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
+from napari_phase4d.compiling import compiled, inlined
 from napari_phase4d.unwrapping.filters import (
     average,
     correlate_nine,
@@ -23,7 +23,7 @@ from napari_phase4d.unwrapping.filters import (
     remove_specks,
     widened,
 )
-from napari_phase4d.unwrapping.frames import as_loops_take, edge_of
+from napari_phase4d.unwrapping.frames import BORDER, as_loops_take, edge_of
 
 __all__ = [
     "left_out_advice",
@@ -49,6 +49,8 @@ LARGEST_BORDER_SHARE = 0.5
 WIDEN = 2
 #: What is left out is looked at on every so-manieth row and column.
 THIN = 2
+#: It is averaged over so many pixels a side, and its likeness to that over so many.
+SOFT, AROUND = 3, 5
 #: Phase is not flat so many radians from the level of what is left out. Whole turns do not count:
 #: noise lifts patches of an empty field by them.
 NOT_FLAT_RAD = 1.0
@@ -74,11 +76,13 @@ def object_mask(unwrapped: NDArray[np.float32]) -> NDArray[np.bool_]:
     return found
 
 
-@compiled
+@inlined
 def mark_object(
     unwrapped: NDArray[np.float32], half: NDArray[np.float64], out: NDArray[np.bool_]
 ) -> None:
-    """Mark what `object_mask` returns: in one piece, as threads wait for each other between them.
+    """Mark what `object_mask` returns.
+
+    All in one piece: between pieces, threads wait for each other.
 
     Parameters
     ----------
@@ -108,14 +112,38 @@ def mark_object(
     part = out[top:bottom, left:right].copy()
     fill_holes(part)
     remove_specks(part, SMALLEST_SHARE * out.size)
-    out[top:bottom, left:right] = part
-    if not part.any() or edge_of(out).mean() > LARGEST_BORDER_SHARE:
+    put(part, out, top, left)
+    if not part.any() or share_of_border(out) > LARGEST_BORDER_SHARE:
         out[:] = True
         return
-    out[top:bottom, left:right] = widened(part, WIDEN)
+    put(widened(part, WIDEN), out, top, left)
 
 
 @compiled
+def put(part: NDArray[np.bool_], out: NDArray[np.bool_], top: int, left: int) -> None:
+    """Put a part of a mask back into it; as a slice it would take seconds to compile."""
+    height, width = part.shape
+    for y in range(height):
+        for x in range(width):
+            out[top + y, left + x] = part[y, x]
+
+
+@inlined
+def share_of_border(mask: NDArray[np.bool_]) -> float:
+    """Return which share of a frame's border is marked."""
+    height, width = mask.shape
+    count, marked = 0, 0
+    for y in range(height):
+        inner = BORDER <= y < height - BORDER
+        for x in range(width):
+            if inner and BORDER <= x < width - BORDER:
+                continue
+            count += 1
+            marked += mask[y, x]
+    return marked / count
+
+
+@inlined
 def level_and_noise(edge: NDArray[np.float32]) -> tuple[np.float32, float]:
     """Return the median of pixels (n,), and their deviation by the median distance from it."""
     for k in range(len(edge)):
@@ -127,7 +155,7 @@ def level_and_noise(edge: NDArray[np.float32]) -> tuple[np.float32, float]:
     return level, 1.4826 * float(middle_of(edge))
 
 
-@compiled
+@inlined
 def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_]) -> float:
     """Return the share of a frame that a mask leaves out though its phase is smooth and not flat.
 
@@ -147,14 +175,14 @@ def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_
         np.empty_like(phase),
         np.empty(phase.shape, np.bool_),
     )
-    average(phase, 3, soft)
+    average(phase, int(SOFT), soft)
     if not mark_uneven(soft, mask, uneven):
         return 0.0
     height, width = phase.shape
     for y in range(height):
         for x in range(width):
             phase[y, x] = np.cos(phase[y, x] - soft[y, x])
-    average(phase, 5, like)
+    average(phase, int(AROUND), like)
     count = 0
     for y in range(height):
         for x in range(width):
@@ -162,7 +190,7 @@ def smooth_share_left_out(unwrapped: NDArray[np.float32], mask: NDArray[np.bool_
     return count / phase.size
 
 
-@compiled
+@inlined
 def mark_uneven(
     soft: NDArray[np.float32], mask: NDArray[np.bool_], uneven: NDArray[np.bool_]
 ) -> bool:

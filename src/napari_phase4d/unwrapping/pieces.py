@@ -179,7 +179,10 @@ def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) ->
     for piece in pieces:
         maps = line.read(piece.start)
         first = first_turns(maps)
-        line.profile[piece.start] = peak_phase(maps.wrapped, first, maps.mask) if peaks else 0.0
+        if peaks:
+            line.profile[piece.start] = peak_phase(
+                as_loops_take(maps.wrapped), first, as_loops_take(maps.mask)
+            )
         line.write(piece.start, maps, first)
         for way in (
             range(piece.start + 1, piece.stop),
@@ -189,7 +192,9 @@ def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) ->
             for k in way:
                 check()
                 now, found = line.read(k), line.room(k)
-                line.profile[k] = next_turns(before, turns, now, found, peak=peaks)
+                peak = next_turns(before, turns, now, found, peak=peaks)
+                if peaks:
+                    line.profile[k] = peak
                 line.write(k, now, found)
                 before, turns = now, found
 
