@@ -491,7 +491,7 @@ def warm_up() -> None:
 def warm_up_elsewhere() -> subprocess.Popen[bytes] | None:
     """Let another process compile, once, if it has not been done before; return that process.
 
-    Compiling holds the interpreter's lock for ten seconds or so, in which a window of this
+    Compiling holds the interpreter's lock for ten seconds and more, in which a window of this
     process could not be used.
     """
     done = all(is_on_disk(kernel) for kernel in (integrated, sink_side, count_near))

@@ -181,7 +181,8 @@ def sink_side(  # noqa: C901 - one loop, as published; calls would cost a third 
         if work > limit:
             work = 0
             distances(start, head, reverse, capacity, to_sink, distance)
-            current[:] = start[:-1]
+            for i in range(n):  # as a slice it would take four seconds to compile
+                current[i] = start[i]
     distances(start, head, reverse, capacity, to_sink, distance)
     return distance <= n
 

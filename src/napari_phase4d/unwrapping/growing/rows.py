@@ -249,7 +249,8 @@ def residue_limit(
                 costs_along(point, steps, before, costs[0, :-1])
                 costs_along(point, steps, row, costs[1, :-1])
                 costs_across(point, steps, axis, before, row, costs[2])
-                costs[3, :-1] = costs[2, 1:]
+                for x in range(len(here) - 1):  # as a slice it would take seconds to compile
+                    costs[3, x] = costs[2, x + 1]
                 limit = min(limit, least_of_dearest(loops[:-1], costs))
             for other in range(axis + 1, 3):
                 side = row_before(row, other, shape)
