@@ -357,5 +357,5 @@ def words_on_score(scores: Any, time: int, angle: int) -> str:
         verdict = "the safest"
     return (
         f"Score {score:.3f}, {verdict}: {scores.attrs['basis']} agree on about "
-        f"{100 * score:.1f} % of the object."
+        f"{100 * score:.3g} % of the object."
     )
