@@ -376,9 +376,15 @@ def test_measured_files_open() -> None:
         p4d.open_recording(measured("multiplexed/profilometry_t00-29.tif"))
 
 
-def test_what_a_killed_worker_left_does_not_count_as_a_frame(tmp_path: Path) -> None:
+@pytest.mark.parametrize("separator", [".", "/"])
+def test_what_a_killed_worker_left_does_not_count_as_a_frame(
+    tmp_path: Path, separator: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each file lay in a folder of its own in version 0.1.0."""
+    keys = {"name": "default", "separator": separator}
+    monkeypatch.setattr("napari_phase4d.io.zarr_results.FLAT", keys)
     path = write_phase(tmp_path / "phase.ome.zarr", stack())
-    chunk = next(file for file in (path / "0" / "c").rglob("*") if file.is_file())
+    chunk = path / "0" / separator.join("c1100")
     chunk.with_suffix(".0123456789abcdef.partial").write_bytes(b"half of it")
     assert read_results(path).equals(stack())
     chunk.unlink()

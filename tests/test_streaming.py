@@ -393,7 +393,7 @@ def test_a_damaged_piece_of_a_stack_is_an_error(
     path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=packed)
     stored = Stored(path, STACK)
     stored.write(Block(0, 11), np.ones(STACK, np.float32))
-    damage(path / "c" / str(piece) / "2" / "0" / "0")
+    damage(path / f"c.{piece}.2.0.0")
     assert (stored.read(Block(0, 4)) == 1).all()
     with pytest.raises(OSError, match=words):
         stored.read(Block(4 * piece, min(4 * piece + 4, 11)))
@@ -405,7 +405,7 @@ def test_a_packed_piece_of_another_size_is_an_error(tmp_path: Path, frames: int)
     path = create_blocks(tmp_path / "a.ome.zarr", STACK, 4, packed=True)
     stored = Stored(path, STACK)
     stored.write(Block(0, 11), np.ones(STACK, np.float32))
-    file = path / "c" / "0" / "1" / "0" / "0"
+    file = path / "c.0.1.0.0"
     packed = numcodecs.Blosc().encode(np.ones((frames, 6, 5), np.float32))
     file.write_bytes(packed + google_crc32c.value(packed).to_bytes(4, "little"))
     with pytest.raises(OSError, match="it holds more or less than its frames"):

@@ -142,6 +142,10 @@ Limits = tuple[float, float]
 
 def limits_of(values: NDArray[np.float32]) -> Limits:
     """Return the smallest and the largest number that is finite; 0 if there is none."""
+    if values.size:
+        low, high = float(values.min()), float(values.max())
+        if np.isfinite((low, high)).all():  # as nearly always: no copy of them is needed
+            return low, high
     known = values[np.isfinite(values)]
     return (float(known.min()), float(known.max())) if known.size else (0.0, 0.0)
 

@@ -53,6 +53,9 @@ ARRAY, NOTE = "0", "zarr.json"
 NAMES = ("t", "c", "y", "x")
 #: Chunks of zeros are written too: one that is missing is then one that was lost.
 ALL_CHUNKS = {"write_empty_chunks": True}
+#: All files of an array lie in its own folder: to make several for each takes longer than to write
+#: a small file.
+FLAT = {"name": "default", "separator": "."}
 #: Smallest and largest number of each angle.
 Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -97,6 +100,7 @@ def new_array(
         dtype=np.dtype(dtype).newbyteorder("="),
         # The sum is checked first: Blosc crashes on what is cut short.
         compressors=[*packed, Crc32cCodec()],
+        chunk_key_encoding=FLAT,
         dimension_names=NAMES,
         config=ALL_CHUNKS,
     )
@@ -205,9 +209,7 @@ def read_zarr_result(path: Path) -> xr.DataArray:
     if frames.shape != wanted:
         msg = f"{path.name} is damaged: it has {frames.shape} pixels, but notes {wanted}"
         raise OSError(msg)
-    # A worker that was killed may have left a piece with another name, whose block was done again.
-    every = os.walk(path / ARRAY / "c")
-    count = sum(file.isdigit() for _, _, files in every for file in files)
+    count = count_files(path / ARRAY)
     if count != frames.n_files:
         msg = f"{path.name} is not complete: it has {count} of {frames.n_files} files of frames"
         raise OSError(msg)
@@ -224,6 +226,15 @@ def read_zarr_result(path: Path) -> xr.DataArray:
     )
     remember_reader(name, frames)
     return stack_of(description, lazy)
+
+
+def count_files(array: Path) -> int:
+    """Return how many files of frames an array has, in folders or not.
+
+    A worker that was killed may have left a piece with another name, whose block was done again.
+    """
+    every = os.walk(array)
+    return sum(name.rpartition(".")[2].isdigit() for _, _, names in every for name in names)
 
 
 def path_of(stack: xr.DataArray) -> Path | None:

@@ -261,7 +261,6 @@ class FrameFiles:
 
         The last file of a view has as many frames as all others: those beyond the end are 0.
         """
-        path.parent.mkdir(parents=True, exist_ok=True)
         partial, total = path.with_suffix(f".{uuid.uuid4().hex}.partial"), 0
         beyond = np.zeros((self._frames - len(frames), *self._shape[2:]), np.float32)
         # Numbers as they come may be of another type, or lie in another order.
@@ -271,7 +270,7 @@ class FrameFiles:
         if self._packer is not None:
             parts = [np.frombuffer(self._packer.encode(np.concatenate(parts)), np.uint8)]
         try:
-            with partial.open("wb", 0) as file:
+            with new_file(partial) as file:
                 for part in parts:
                     numbers = bytes_of(part)
                     total = more_of_sum(total, numbers)
@@ -298,6 +297,15 @@ def read_in_parts(
     else:
         for frame in out:
             yield frame, frame
+
+
+def new_file(path: Path) -> FileIO:
+    """Return a new file, open for writing, in a folder that is made if it is not there."""
+    try:
+        return path.open("xb", 0)
+    except FileNotFoundError:  # to ask ahead takes longer than to write a small file
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return path.open("xb", 0)
 
 
 def opened_file(path: Path) -> FileIO:
