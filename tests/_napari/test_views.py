@@ -40,6 +40,11 @@ def down(dock: Any) -> list[str]:
 
 def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
     assert down(differing) == ["results"]
+    layer = viewer.layers["WL1"]
+    low, high = layer.contrast_limits
+    zero, top = layer.colormap.map(np.array([(0 - low) / (high - low), 1.0]))
+    assert zero[:3].max() < 0.05  # the empty field is black
+    assert top[:3].sum() > 2
     for name, button, words in (
         ("confidence", "show_confidence", "colours: chance to be right, 0 to 1"),
         ("margin", "show_margin", "colours: steps in half cycles"),
@@ -49,6 +54,9 @@ def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
     ):
         click(button)
         assert down(differing) == [name]
+        if name == "confidence":  # what is safe is bright
+            colours = viewer.layers["confidence in WL1"].colormap.map(np.array([0.0, 1.0]))
+            assert colours[1, :3].sum() > colours[0, :3].sum() + 1
         text = viewer.canvas.overlays.text
         assert (frame_on_canvas(viewer)[:5], text.text) == ("time ", words)
         assert text.visible == bool(words)
@@ -90,18 +98,6 @@ def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, view
     viewer.dims.set_current_step(0, 3)
     assert frame_on_canvas(viewer) == ""
     assert viewer.canvas.overlays.current_slice.visible
-
-
-def test_a_step_of_a_slider_leaves_the_words_of_napari_alone(differing: Any, viewer: Any) -> None:
-    # For each that changes, napari lays the names of all results out anew.
-    heard: list[Any] = []
-    overlays = viewer.canvas.overlays
-    for overlay in (overlays.text, overlays.current_slice):
-        overlay.events.connect(heard.append)
-    before = frame_on_canvas(viewer)
-    viewer.dims.set_current_step(0, 4)
-    assert frame_on_canvas(viewer) != before
-    assert not heard
 
 
 def test_the_frame_stands_above_what_the_colours_mean(
@@ -151,11 +147,37 @@ def test_the_difference_is_to_what_is_chosen(
     assert viewer.layers["WL1 − 2-D"].visible
 
 
-def test_the_sliders_go_to_where_methods_disagree(differing: Any, click: Any) -> None:
+def test_the_sliders_go_to_where_methods_disagree(differing: Any, viewer: Any, qtbot: Any) -> None:
     worst = differing.session.verdict.frame
     assert worst not in (None, (0, 0))
     assert differing.presenter.current_frame() == worst
     assert "here methods disagree most" in differing.status.text()
+
+    # The strip shows where they agree, and leads there.
+    strip, session = differing.compare.agreement, differing.session
+    assert strip.isVisible()
+    inside = session.outcome.comparison.object_mask().values
+    first, *others = (session.results[method].values for method in METHODS)
+    differ = np.any([abs(other - first) > np.pi for other in others], axis=0)
+    shares = (differ & inside).sum((2, 3)) / inside.sum((2, 3))
+    assert shares.max() > 0.005
+    np.testing.assert_allclose(strip._picture.scores, 1 - shares, atol=1e-6)
+    click_cell(strip, 4, 1)
+    assert differing.presenter.current_frame() == (4, 1)
+    strip.setFocus()
+    for key in (Qt.Key.Key_Right, Qt.Key.Key_Right, Qt.Key.Key_Return):
+        QTest.keyClick(strip, key)
+    assert differing.presenter.current_frame() == (6, 1)
+
+    # Napari's own words do not change then: for each it would lay the names of all results out.
+    heard: list[Any] = []
+    overlays = viewer.canvas.overlays
+    for overlay in (overlays.text, overlays.current_slice):
+        overlay.events.connect(heard.append)
+    before = frame_on_canvas(viewer)
+    viewer.dims.set_current_step(0, 4)
+    assert frame_on_canvas(viewer) != before
+    assert not heard
 
 
 def test_they_move_there_in_a_turn_of_their_own(viewer: Any, dock: Any, qtbot: Any) -> None:
@@ -179,35 +201,6 @@ def test_but_not_if_somebody_has_moved_them(dock: Any, qtbot: Any) -> None:
     qtbot.waitUntil(lambda: bool(dock.session.verdict), timeout=60_000)
     assert dock.session.verdict.frame is not None
     assert dock.presenter.current_frame() == (3, 1)
-
-
-def test_the_strip_shows_agreement_and_leads_there(differing: Any, qtbot: Any) -> None:
-    strip, session = differing.compare.agreement, differing.session
-    assert strip.isVisible()
-    inside = session.outcome.comparison.object_mask().values
-    first, *others = (session.results[method].values for method in METHODS)
-    differ = np.any([abs(other - first) > np.pi for other in others], axis=0)
-    shares = (differ & inside).sum((2, 3)) / inside.sum((2, 3))
-    assert shares.max() > 0.005
-    np.testing.assert_allclose(strip._picture.scores, 1 - shares, atol=1e-6)
-    click_cell(strip, 4, 1)
-    assert differing.presenter.current_frame() == (4, 1)
-    strip.setFocus()
-    for key in (Qt.Key.Key_Right, Qt.Key.Key_Right, Qt.Key.Key_Return):
-        QTest.keyClick(strip, key)
-    assert differing.presenter.current_frame() == (6, 1)
-
-
-def test_zero_is_black_and_safe_is_bright(differing: Any, click: Any, viewer: Any) -> None:
-    layer = viewer.layers["WL1"]
-    low, high = layer.contrast_limits
-    zero = layer.colormap.map(np.array([(0 - low) / (high - low)]))[0]
-    top = layer.colormap.map(np.array([1.0]))[0]
-    assert zero[:3].max() < 0.05
-    assert top[:3].sum() > 2
-    click("show_confidence")
-    confidence = viewer.layers["confidence in WL1"].colormap.map(np.array([0.0, 1.0]))
-    assert confidence[1, :3].sum() > confidence[0, :3].sum() + 1
 
 
 def test_the_picture_is_cropped_to_the_object(viewer: Any, dock: Any) -> None:
