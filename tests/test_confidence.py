@@ -146,11 +146,11 @@ def test_noisy_pixels_that_are_wrong_are_found(name: str, noise: float) -> None:
     assert np.mean(areas) >= 0.97
 
 
-@pytest.mark.parametrize("shape", [(3, 2, 17, 20), (1, 1, 1, 6), (2, 1, 2, 2)])
-def test_the_median_of_nine_is_scipys(shape: tuple[int, ...]) -> None:
-    values = np.random.default_rng(4).normal(0, 3, shape).astype(np.float32)
-    expected = median_filter(values, (1, 1, 3, 3), mode="reflect")
-    np.testing.assert_array_equal(median_of_nine(values), expected)
+@pytest.mark.parametrize("shape", [(17, 20), (1, 6), (2, 2)])
+def test_the_median_of_nine_is_scipys(shape: tuple[int, int]) -> None:
+    frame = np.random.default_rng(4).normal(0, 3, shape).astype(np.float32)
+    expected = median_filter(frame, 3, mode="reflect")
+    np.testing.assert_array_equal(median_of_nine(frame), expected)
 
 
 def test_a_few_pixels_stand_out_slopes_and_edges_do_not() -> None:

@@ -368,22 +368,24 @@ def odds_in_line(values: Image) -> Image:
     A pixel that is wrong alone, or with a few others, is a turn off from those round it. Steep
     slopes do not stand out, nor do edges: half of nine pixels lie on either side.
     """
-    known = np.nan_to_num(values)  # what is not known counts as empty field
-    out = np.abs(known - median_of_nine(known))
-    odds: Image = np.exp(-np.float32(PER_OUT) * (np.clip(out, OUT, FAR_OUT) - np.float32(OUT)))
+    odds = np.empty_like(values)
+    for frame in np.ndindex(*values.shape[:2]):  # which stay in the cache one by one
+        known = np.nan_to_num(values[frame])  # what is not known counts as empty field
+        out = np.clip(np.abs(known - median_of_nine(known)), OUT, FAR_OUT)
+        odds[frame] = np.exp(np.float32(PER_OUT) * (np.float32(OUT) - out))
     return odds
 
 
-def median_of_nine(values: Image) -> Image:
-    """Return the median of each pixel and the eight round it, frames mirrored at their edges.
+def median_of_nine(frame: Image) -> Image:
+    """Return the median of each pixel of a frame and the eight round it, mirrored at its edges.
 
     It lies between the largest of three small, the middle of three middle and the smallest of
     three large ones, if every three along y are put in order first: `scipy.ndimage.median_filter`
     gives the same, and takes ten times as long.
     """
-    rows = np.pad(values, ((0, 0), (0, 0), (1, 1), (1, 1)), mode="symmetric")
-    ordered = in_order(rows[..., :-2, :], rows[..., 1:-1, :], rows[..., 2:, :])
-    low, middle, high = (in_order(v[..., :-2], v[..., 1:-1], v[..., 2:]) for v in ordered)
+    rows = np.pad(frame, 1, mode="symmetric")
+    ordered = in_order(rows[:-2], rows[1:-1], rows[2:])
+    low, middle, high = (in_order(v[:, :-2], v[:, 1:-1], v[:, 2:]) for v in ordered)
     return in_order(low[2], middle[1], high[0])[1]
 
 
