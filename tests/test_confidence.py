@@ -160,10 +160,14 @@ def test_a_few_pixels_stand_out_slopes_and_edges_do_not() -> None:
     off = np.zeros_like(smooth)
     off[0, 0, 9, 5:7], off[1, 0, 4, 4] = -TURN, TURN
     found = odds_in_line(off)
-    np.testing.assert_allclose(found[off != 0], np.exp(-2), rtol=1e-6)
+    np.testing.assert_allclose(found[off != 0], np.exp(-3), rtol=1e-6)
     np.testing.assert_array_equal(found[off == 0], 1)
-    off[off != 0] = np.nan  # left out: counts as empty field
-    np.testing.assert_array_equal(odds_in_line(off), 1)
+    # What is thin or small has no step of half a turn, unless it is thick: nobody can know then.
+    np.testing.assert_array_equal(odds_in_line(np.clip(off, -3, 3)), 1)
+    # Nothing is said beside what was left out, nor of that.
+    holes = off + np.float32(9)
+    holes[:, 0, 10, 5] = holes[:, 0, 4, 5] = np.nan
+    assert (odds_in_line(holes)[:, 0, (9, 10, 4), (5, 5, 4)] == 1).all()
 
 
 @pytest.mark.slow
@@ -277,7 +281,8 @@ def test_an_object_is_judged_above_the_field_of_its_frame(judged) -> None:
 
     whole = right.copy(deep=True)
     whole.values[frame] += TURN
-    assert np.array_equal(p4d.confidence(whole, phase), trust)
+    # A turn more leaves a float32 fewer digits, by which it stands out from its neighbours.
+    np.testing.assert_allclose(p4d.confidence(whole, phase), trust, rtol=1e-5, atol=1e-6)
 
     field_only = right.copy(deep=True)
     field_only.values[frame][field[frame]] += TURN

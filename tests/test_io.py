@@ -386,6 +386,7 @@ def test_what_a_killed_worker_left_does_not_count_as_a_frame(
     path = write_phase(tmp_path / "phase.ome.zarr", stack())
     chunk = path / "0" / separator.join("c1100")
     chunk.with_suffix(".0123456789abcdef.partial").write_bytes(b"half of it")
+    chunk.with_name(f"._{chunk.name}").write_bytes(b"a note of a Mac on a network drive")
     assert read_results(path).equals(stack())
     chunk.unlink()
     with pytest.raises(OSError, match="is not complete"):

@@ -29,7 +29,7 @@ from napari_phase4d.machine import measured
 from napari_phase4d.pipeline import Needs, find_place, needs_of, phase_needs, run_batch, unwrap_by
 from napari_phase4d.pipeline.stored import Shelf, Stored, new_folder, stored_at
 from napari_phase4d.recording import Recording
-from napari_phase4d.stack import Block, block_at, block_frames, blocks_of
+from napari_phase4d.stack import Block, block_at, block_frames, blocks_of, limits_of
 from napari_phase4d.task import Cancelled, Cluster, Threads, Watch, in_threads
 from napari_phase4d.unwrapping import (
     METHODS,
@@ -320,11 +320,20 @@ def test_threads_may_write_parts_of_the_same_piece(tmp_path: Path) -> None:
 STACK = (11, 3, 6, 5)
 
 
-@pytest.mark.parametrize(("packed", "few"), [(False, None), (False, 0), (True, None)])
+@pytest.mark.parametrize(
+    ("packed", "few", "separator"),
+    [(False, None, "."), (False, 0, "."), (True, None, "."), (False, None, "/")],
+)
 def test_stacks_on_disk_are_zarr_whatever_reads_and_writes_them(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, packed: bool, few: int | None
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    packed: bool,
+    few: int | None,
+    separator: str,
 ) -> None:
-    """Small frames of a file together, and large ones one by one."""
+    """Small frames of a file together, and large ones one by one; files in folders or not."""
+    keys = {"name": "default", "separator": separator}
+    monkeypatch.setattr("napari_phase4d.io.zarr_results.FLAT", keys)
     if few is not None:
         monkeypatch.setattr("napari_phase4d.pipeline.stored.FEW_BYTES", few)
     numbers = np.random.default_rng(0).normal(size=STACK).astype(np.float32)
@@ -344,6 +353,15 @@ def test_stacks_on_disk_are_zarr_whatever_reads_and_writes_them(
             assert np.array_equal(found, numbers[start:stop, angles])
     assert np.array_equal(zarr_array[:], numbers)
     assert not [*path.rglob("*.partial")]
+
+
+def test_limits_are_those_of_what_is_known() -> None:
+    numbers = np.arange(-3, 9, dtype=np.float32).reshape(3, 4)
+    assert limits_of(numbers) == (-3, 8)
+    numbers[0, 0], numbers[2, 3] = np.nan, np.inf
+    assert limits_of(numbers) == (-2, 7)
+    numbers[:] = -np.inf
+    assert limits_of(numbers) == limits_of(numbers[:0]) == (0, 0)
 
 
 @pytest.mark.parametrize("packed", [False, True])

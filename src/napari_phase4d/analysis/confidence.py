@@ -34,6 +34,7 @@ from napari_phase4d.unwrapping import (
     supports_by_steps,
     working_blocks,
 )
+from napari_phase4d.unwrapping.neighbours import ends_along
 from napari_phase4d.words import warn
 
 __all__ = [
@@ -60,10 +61,10 @@ ROUGHEST = 4.0
 #: No result is held less than this.
 LOOSEST = -0.2
 #: Added to the same: so much for each radian by which a pixel stands out from those round it,
-#: from OUT on, as noise alone does less, up to FAR_OUT. How much was chosen on the same half for
-#: WL1, from where on by false alarms on both.
+#: from OUT on, up to FAR_OUT, if a step beside it is more than half a turn. Chosen on the same
+#: half for WL1.
 PER_OUT = 2.0
-OUT, FAR_OUT = 1.0, 2.0
+OUT, FAR_OUT = 0.5, 2.0
 #: Logarithm of the odds that the level of an object is wrong: so much, and so much for each factor
 #: of e in one and the residues that stand in the way of it. Fitted to WL1 on the same half.
 LEVEL_OF_OBJECT, PER_FACTOR = -20.2, 4.57
@@ -365,15 +366,31 @@ def odds_of_right(support: Support, block: Block) -> Image:
 def odds_in_line(values: Image) -> Image:
     """Return by what the odds of phase (time, angle, y, x) change where it stands out.
 
-    A pixel that is wrong alone, or with a few others, is a turn off from those round it. Steep
-    slopes do not stand out, nor do edges: half of nine pixels lie on either side.
+    A pixel that is wrong alone, or with a few others, is a turn off from those round it: beside a
+    step of more than half a turn. What is thin or small and has no such step is not doubted, nor
+    are straight edges, where half of nine pixels lie on either side. Pixels beside what is not
+    known are left as they are.
     """
     odds = np.empty_like(values)
     for frame in np.ndindex(*values.shape[:2]):  # which stay in the cache one by one
-        known = np.nan_to_num(values[frame])  # what is not known counts as empty field
-        out = np.clip(np.abs(known - median_of_nine(known)), OUT, FAR_OUT)
-        odds[frame] = np.exp(np.float32(PER_OUT) * (np.float32(OUT) - out))
+        phase = values[frame]
+        with np.errstate(invalid="ignore"):  # NaN, see above
+            out = np.abs(phase - median_of_nine(phase))
+        judged = (out > OUT) & beside_large_steps(phase)
+        further = np.where(judged, np.minimum(out, FAR_OUT) - np.float32(OUT), np.float32(0))
+        odds[frame] = np.exp(-np.float32(PER_OUT) * further)
     return odds
+
+
+def beside_large_steps(frame: Image) -> Mask:
+    """Mark the pixels of a frame from which a step along y or x is more than half a turn."""
+    found = np.zeros(frame.shape, dtype=bool)
+    for axis in (0, 1):
+        with np.errstate(invalid="ignore"):
+            large = np.abs(np.diff(frame, axis=axis)) > TURN / 2
+        for end in ends_along(axis, 2):
+            found[end] |= large
+    return found
 
 
 def median_of_nine(frame: Image) -> Image:

@@ -8,6 +8,7 @@ from __future__ import annotations
 import json
 import math
 import os
+import re
 import uuid
 from contextlib import closing
 from pathlib import Path
@@ -56,6 +57,8 @@ ALL_CHUNKS = {"write_empty_chunks": True}
 #: All files of an array lie in its own folder: to make several for each takes longer than to write
 #: a small file.
 FLAT = {"name": "default", "separator": "."}
+#: Names of these files; those of version 0.1.0, which lay in folders, were numbers.
+FRAMES = re.compile(r"(c(\.[0-9]+){3}\.)?[0-9]+")
 #: Smallest and largest number of each angle.
 Limits = tuple[NDArray[np.float64], NDArray[np.float64]]
 
@@ -231,10 +234,11 @@ def read_zarr_result(path: Path) -> xr.DataArray:
 def count_files(array: Path) -> int:
     """Return how many files of frames an array has, in folders or not.
 
-    A worker that was killed may have left a piece with another name, whose block was done again.
+    A worker that was killed may have left a piece with another name, whose block was done again;
+    some systems lay hidden files beside each.
     """
     every = os.walk(array)
-    return sum(name.rpartition(".")[2].isdigit() for _, _, names in every for name in names)
+    return sum(bool(FRAMES.fullmatch(name)) for _, _, names in every for name in names)
 
 
 def path_of(stack: xr.DataArray) -> Path | None:
