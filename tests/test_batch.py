@@ -174,7 +174,7 @@ def contents_of(found: dict[str, bytes], folder: str) -> dict[str, bytes]:
 
 def test_damaged_frame_of_a_zarr_is_done_again(phases: Path, tmp_path: Path) -> None:
     batch(tmp_path, phases / "a.npy", form="zarr")
-    chunk = tmp_path / "a" / "wrapped.ome.zarr" / "0" / "c" / "1" / "0" / "0" / "0"
+    chunk = tmp_path / "a" / "wrapped.ome.zarr" / "0" / "c.1.0.0.0"
     whole = chunk.read_bytes()
     flip(chunk)
     assert statuses(tmp_path, phases / "a.npy", form="zarr") == ["done"]
