@@ -70,6 +70,7 @@ def test_cells_are_found_and_keep_their_numbers(name: str, noise: float) -> None
     assert switches <= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "noise"), CASES)
 def test_divisions_are_found(name: str, noise: float) -> None:
     data, _ = recording(name, noise)

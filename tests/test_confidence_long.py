@@ -41,6 +41,7 @@ def short_spans(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(graph, "SPAN_FRAMES", 3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("start", [(0, 0), (7, 1)])
 @pytest.mark.parametrize("data", [thick_and_noisy(), with_black_frames()])
@@ -139,6 +140,7 @@ def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
     assert not list((tmp_path / "disk").glob(".phase4d*"))
 
 
+@pytest.mark.slow
 def test_on_disk_it_is_the_same_for_several_wavelengths(tmp_path: Path) -> None:
     data = at_wavelengths(moving_shape("swelling"), (0.532, 0.6328))
     held, lying = outcomes(tmp_path, data["wrapped"], methods=("temporal-angular",))

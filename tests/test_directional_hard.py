@@ -488,6 +488,7 @@ def test_changes_beyond_half_a_turn_are_found_as_a_map() -> None:
     np.testing.assert_allclose(part[..., :25], change[..., :25], atol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 def test_what_a_growing_rim_encloses_does_not_sink(noise: float) -> None:
     """A bud's rim grows by more than half a turn; all that is inside sank by a turn each time."""
