@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.analysis.itoh import larger_step
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.stacks import (
@@ -34,7 +35,6 @@ from napari_phase4d.unwrapping import (
     supports_by_steps,
     working_blocks,
 )
-from napari_phase4d.unwrapping.neighbours import ends_along
 from napari_phase4d.words import warn
 
 __all__ = [
@@ -61,8 +61,8 @@ ROUGHEST = 4.0
 #: No result is held less than this.
 LOOSEST = -0.2
 #: Added to the same: so much for each radian by which a pixel stands out from those round it,
-#: from OUT on, up to FAR_OUT, if a step beside it is more than half a turn. Chosen on the same
-#: half for WL1.
+#: from OUT on, up to FAR_OUT, if a step beside it is more than half a turn. Chosen for WL1 on the
+#: same half, with the other one in view.
 PER_OUT = 2.0
 OUT, FAR_OUT = 0.5, 2.0
 #: Logarithm of the odds that the level of an object is wrong: so much, and so much for each factor
@@ -376,21 +376,12 @@ def odds_in_line(values: Image) -> Image:
         phase = values[frame]
         with np.errstate(invalid="ignore"):  # NaN, see above
             out = np.abs(phase - median_of_nine(phase))
-        judged = (out > OUT) & beside_large_steps(phase)
+            judged = (out > OUT) & np.any(
+                [larger_step(phase, axis) > 1 for axis in (0, 1)], axis=0
+            )
         further = np.where(judged, np.minimum(out, FAR_OUT) - np.float32(OUT), np.float32(0))
         odds[frame] = np.exp(-np.float32(PER_OUT) * further)
     return odds
-
-
-def beside_large_steps(frame: Image) -> Mask:
-    """Mark the pixels of a frame from which a step along y or x is more than half a turn."""
-    found = np.zeros(frame.shape, dtype=bool)
-    for axis in (0, 1):
-        with np.errstate(invalid="ignore"):
-            large = np.abs(np.diff(frame, axis=axis)) > TURN / 2
-        for end in ends_along(axis, 2):
-            found[end] |= large
-    return found
 
 
 def median_of_nine(frame: Image) -> Image:

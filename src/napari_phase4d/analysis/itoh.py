@@ -18,7 +18,7 @@ from napari_phase4d.stacks import (
 from napari_phase4d.unwrapping import both_ends, frames_among, loop_sums, views_by_light
 from napari_phase4d.words import check_type, checked_call
 
-__all__ = ["itoh_margin", "order_shares", "residues"]
+__all__ = ["itoh_margin", "larger_step", "order_shares", "residues"]
 
 TURN = 2 * np.pi
 
