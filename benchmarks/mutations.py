@@ -100,7 +100,7 @@ MUTATIONS = (
              "self.task.progress(self._done, self.total, self.message)\n        self.check()",
              "self.task.progress(self._done, self.total, self.message)",
              ("test_task", "test_unwrapping")),
-    Mutation("WL1: views are lost one by one", "unwrapping/directional/scene.py",
+    Mutation("WL1: views are lost one by one", "unwrapping/directional/registration.py",
              "np.flatnonzero(~self.lost.all(axis=1))", "np.flatnonzero(~self.lost.any(axis=1))",
              ("test_directional_hard",)),
     Mutation("WL1: level of a map of changes", "unwrapping/directional/changes.py",

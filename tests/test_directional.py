@@ -12,6 +12,7 @@ from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
 import napari_phase4d as p4d
+from napari_phase4d.phasors import turned
 from napari_phase4d.simulation import SHAPES, budding_yeast, moving_shape, with_noise
 from napari_phase4d.stack import Block
 from napari_phase4d.task import UNWATCHED, Watch
@@ -28,7 +29,13 @@ from napari_phase4d.unwrapping.directional.least_turns import (
     sink_side,
 )
 from napari_phase4d.unwrapping.directional.methods import median_of, prepared
-from napari_phase4d.unwrapping.directional.scene import Scene, Seen, follow_object, seams
+from napari_phase4d.unwrapping.directional.registration import (
+    Seen,
+    coherence_of,
+    follow_object,
+    looks_at,
+)
+from napari_phase4d.unwrapping.directional.scene import Scene, seams
 from napari_phase4d.unwrapping.directional.steps import Floors, roughness
 from napari_phase4d.unwrapping.given import noise_of
 from napari_phase4d.unwrapping.problem import Problem
@@ -296,6 +303,35 @@ def test_a_moving_object_is_followed() -> None:
     stack = np.stack([np.roll(frame, way, (0, 1)) for way in ways])[:, None]
     shifts = follow_object(Still(stack, stack == 0), Watch(1, ""))
     assert shifts[:, 0].tolist() == [[-dy, -dx] for dy, dx in ways]
+
+
+@pytest.mark.parametrize("step", [(0, 0), (1, -2), (-9, 13)])
+def test_coherence_is_the_mean_phasor_round_each_pixel(step: tuple[int, int]) -> None:
+    rng = np.random.default_rng(2)
+    phase = rng.normal(0, 1, (2, 2, 23, 31)).astype(np.float32)
+    empty = np.ones(phase.shape, dtype=bool)
+    empty[..., 3:17, 9:28] = rng.random((2, 2, 14, 19)) < 0.2
+    now, before = looks_at(Seen(phase, empty, np.ones_like(empty), None))
+    total, count = coherence_of(now, before, np.array(step))
+    moved = np.roll(phase[0], step, (1, 2)), np.roll(~empty[0], step, (1, 2))
+    either = moved[1] | ~empty[1]
+    phasor = np.exp(1j * (moved[0] - phase[1])) * either
+    square = np.ones((1, 7, 7))
+    number = np.maximum(ndimage.convolve(either.astype(float), square, mode="constant"), 1)
+    mean = np.abs(ndimage.convolve(phasor, square, mode="constant")) / number
+    assert count == either.sum()
+    np.testing.assert_allclose(total, mean[either].sum(), rtol=1e-5)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_an_object_that_grows_fast_is_not_moved(noise: float) -> None:
+    """A shift that lowers one rim would make up for some of what it grows by."""
+    exact = moving_shape("returning")["phase"] * np.float32(1.5)
+    rng = np.random.default_rng(1)
+    phase = (exact + rng.normal(0, noise, exact.shape)).values.astype(np.float32)
+    still = Still(turned(phase), exact.values < 0.05)
+    still.background.noise = noise
+    assert (follow_object(still, Watch(1, "")) == 0).all()
 
 
 def test_seams_part_what_came_from_the_other_side() -> None:

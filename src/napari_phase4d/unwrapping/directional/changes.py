@@ -7,7 +7,7 @@ import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.phasors import turned
-from napari_phase4d.unwrapping.directional.scene import Seen
+from napari_phase4d.unwrapping.directional.registration import Seen
 from napari_phase4d.unwrapping.frames import turns_of_frame
 from napari_phase4d.unwrapping.growing import Workspace, second_differences
 from napari_phase4d.unwrapping.neighbours import ends_along
@@ -22,6 +22,8 @@ SURE = 2.0
 CLEARLY = 0.2
 #: A part is denied if less than this share of it is lifted between the two frames by themselves.
 AFFIRMED = 0.2
+#: A change is denied as a whole if more than this share of what it lifts is.
+MOST_DENIED = 0.5
 #: Frames in which more than this share of the steps at its edge are beyond `SURE` don't know it.
 STEEP_EDGE = 0.6
 
@@ -181,10 +183,13 @@ class Denied:
     ----------
     seen : Seen
         The frames.
+    few : bool, optional
+        Whether the recording has few. Then, where most of what a change lifts is denied, nothing
+        that it says of objects is known; of more frames there are other ways to them.
     """
 
-    def __init__(self, seen: Seen) -> None:
-        self._seen, self._work = seen, Workspace()
+    def __init__(self, seen: Seen, *, few: bool = False) -> None:
+        self._seen, self._few, self._work = seen, few, Workspace()
         self._alone: dict[tuple[int, int], Whole] = {}
 
     def __call__(self, time: int, angle: int, step: Image) -> Mask:
@@ -215,6 +220,8 @@ class Denied:
                 by_frames += whole_turns(difference - change)
                 affirmed = np.bincount(parts.labels[side * by_frames >= 1], minlength=len(heard))
                 found |= (heard & (affirmed < AFFIRMED * parts.size))[parts.labels]
+        if self._few and found.sum() > MOST_DENIED * np.count_nonzero(lifted):
+            found |= known & ~(self._seen.empty[time, angle] & self._seen.empty[time + 1, angle])
         return found
 
     def _turns(self, time: int, angle: int) -> Whole:

@@ -17,7 +17,8 @@ from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.groups import PARTS, Index, weight_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
-from napari_phase4d.unwrapping.directional.scene import Recorded, Scene, find_scene
+from napari_phase4d.unwrapping.directional.registration import Recorded
+from napari_phase4d.unwrapping.directional.scene import Scene, find_scene
 from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks

@@ -17,6 +17,7 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.directional.changes import Denied, changes_along, link_map
+from napari_phase4d.unwrapping.directional.registration import Seen
 from napari_phase4d.unwrapping.directional.residues import (
     FEW,
     residues_of_maps,
@@ -25,7 +26,7 @@ from napari_phase4d.unwrapping.directional.residues import (
     torn_of_few,
     torn_views,
 )
-from napari_phase4d.unwrapping.directional.scene import Scene, Seen
+from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.given import working_frames
 from napari_phase4d.unwrapping.neighbours import change_on_both_sides, ends_along, known_mean
 
@@ -289,7 +290,7 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
             steps = along(axis, seen, seams)
             inner = block.of(around)
             found = opinion(axis, steps, steps.valid, floors, seen.amplitude, inner)
-            doubt_lifted(found, steps.step[inner], seen, inner)
+            doubt_lifted(found, steps.step[inner], seen, inner, few=n <= FEW)
             return found
         steps = along(axis, close, close_seams)
         kept = steps.valid
@@ -327,9 +328,9 @@ def doubt_torn(
             rough[at][by] = np.maximum(rough[at][by], TORN)
 
 
-def doubt_lifted(opinion: Opinion, step: Image, seen: Seen, own: slice) -> None:
+def doubt_lifted(opinion: Opinion, step: Image, seen: Seen, own: slice, *, few: bool) -> None:
     """Let changes over time count for little where the frames deny them; see `Denied`."""
-    denied = Denied(seen)
+    denied = Denied(seen, few=few)
     for i, angle in np.ndindex(*step.shape[:2]):
         if np.abs(step[i, angle]).max() > HALF_A_TURN:
             by = denied(own.start + i, angle, step[i, angle])
