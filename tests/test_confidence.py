@@ -133,7 +133,7 @@ def test_noisy_pixels_that_are_wrong_are_found(name: str, noise: float) -> None:
     """
     exact = hard_shape(name) if name == "daughters" else moving_shape(name)
     inside = exact["phase"].values > 0.05
-    areas = []
+    areas, shares = [], []
     for seed in range(4, 12):
         data = with_noise(exact, noise, seed=seed)
         result = p4d.unwrap(data["wrapped"], "directional-l1")
@@ -143,8 +143,10 @@ def test_noisy_pixels_that_are_wrong_are_found(name: str, noise: float) -> None:
         areas.append(area_under_curve(-trust[inside], wrong[inside]))
         trusted = inside & (trust > 0.99)
         assert trusted.sum() > 0.3 * inside.sum()
-        assert wrong[trusted].mean() < 0.01  # less than they are given
+        shares.append(wrong[trusted].mean())
     assert np.median(areas) >= 0.97
+    assert np.median(shares) < 0.001
+    assert max(shares) < 0.01  # what they are given
 
 
 @pytest.mark.parametrize("shape", [(17, 20), (1, 6), (2, 2)])
@@ -251,7 +253,7 @@ def test_noise_is_no_reason_to_doubt_a_level(side: int, noise: float) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize("thicker", [1.5, 2.0])
 def test_a_thick_cell_that_grows_fast_is_right_and_trusted(thicker: float) -> None:
-    """Its rim is too steep for any frame alone; what changes, by up to 8 rad a frame, is smooth.
+    """Its rim is too steep for any frame alone; what changes, by up to 6 rad a frame, is smooth.
 
     So it is known, if the cell is not moved by what its growth looks like.
     """

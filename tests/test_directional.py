@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from types import SimpleNamespace
 
 import numpy as np
@@ -34,6 +35,7 @@ from napari_phase4d.unwrapping.directional.registration import (
     coherence_of,
     follow_object,
     looks_at,
+    most_coherent,
 )
 from napari_phase4d.unwrapping.directional.scene import Scene, seams
 from napari_phase4d.unwrapping.directional.steps import Floors, roughness
@@ -332,6 +334,33 @@ def test_an_object_that_grows_fast_is_not_moved(noise: float) -> None:
     still = Still(turned(phase), exact.values < 0.05)
     still.background.noise = noise
     assert (follow_object(still, Watch(1, "")) == 0).all()
+
+
+def test_to_move_must_be_worth_it() -> None:
+    """By 0.03 and 0.005 a pixel, where there is no noise; by exp(-0.25) of it at 0.5 rad."""
+    tried = [np.array(shift) for shift in ((0, 0), (0, 0), (1, -2))]
+    for noise, worth in ((0.0, 0.045), (0.5, 0.045 * math.exp(-0.25))):
+        for more, moved in ((0.001, True), (-0.001, False)):
+            coherence = [0.5, 0.5, 0.5 + worth + more]
+            found = most_coherent(tried, coherence, tried[0], noise)
+            assert (found.tolist() == [1, -2]) == moved
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_a_thick_cell_that_moves_and_grows_is_followed(noise: float) -> None:
+    y, x = np.mgrid[:70, :70]
+    rng = np.random.default_rng(1)
+    ways = [(0, 0), (2, 1), (4, 2), (6, 4), (8, 5), (9, 7)]
+    height = [
+        (18 + 4 * t) * np.sqrt(np.maximum(1 - ((y - 25 - dy) ** 2 + (x - 25 - dx) ** 2) / 225, 0))
+        for t, (dy, dx) in enumerate(ways)
+    ]
+    phase = np.stack(height)[:, None]
+    noisy = (phase + rng.normal(0, noise, phase.shape)).astype(np.float32)
+    still = Still(turned(noisy), phase == 0)
+    still.background.noise = noise
+    found = follow_object(still, Watch(1, ""))[:, 0]
+    assert found.tolist() == [[-dy, -dx] for dy, dx in ways]
 
 
 def test_seams_part_what_came_from_the_other_side() -> None:

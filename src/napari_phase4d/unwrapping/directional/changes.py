@@ -185,7 +185,7 @@ class Denied:
         The frames.
     few : bool, optional
         Whether the recording has few. Then, where most of what a change lifts is denied, nothing
-        that it says of objects is known; of more frames there are other ways to them.
+        that it says of objects is known. In more frames other changes lead there as well.
     """
 
     def __init__(self, seen: Seen, *, few: bool = False) -> None:

@@ -186,7 +186,8 @@ def follow_object(frames: Frames, watch: Watch) -> Shifts:
 
     They are the sum of one shift for each time and one for each angle. The centre of mass of the
     object proposes; of the shifts round it and the one before, that is taken which makes
-    neighbouring frames most coherent.
+    neighbouring frames most coherent. An object so smooth that it stays coherent where it is, and
+    moves slowly, is left there: its changes are smooth as well.
 
     Parameters
     ----------
@@ -236,8 +237,8 @@ def most_coherent(
 ) -> Shifts:
     """Return the shift that makes frames most coherent; moving must be worth it.
 
-    Between two frames with noise, normal of a standard deviation in radians, coherence is
-    exp(-noise^2) at most.
+    Between two frames with noise, normal of a standard deviation in radians, coherence is about
+    exp(-noise^2) where squares are full; more where few pixels of them count.
     """
     costs = [-ADVANTAGE] + [COST_OF_A_PIXEL * int(np.abs(s - before).sum()) for s in tried[1:]]
     most = math.exp(-(noise**2))
@@ -347,7 +348,10 @@ def sum_of_coherence(
     right: int,
     box: tuple[int, int, int, int],
 ) -> tuple[float, int]:
-    """Do `coherence_of` in a part of the field (first and last row, first and last column)."""
+    """Do `coherence_of` in a box: its first row and the one after its last, columns likewise.
+
+    The phase has to be finite all over it, in pixels that don't count too.
+    """
     views, height, width = now[2].shape
     top, bottom, left, end = box
     wide, seam = end - left, right % width
