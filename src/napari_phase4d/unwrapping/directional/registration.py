@@ -229,7 +229,8 @@ def proposals(off: NDArray[np.float64], before: Shifts) -> list[Shifts]:
     if not np.isfinite(off).all():
         return [before]
     rounded = np.floor(off + 0.5).astype(np.intp)
-    return [before] + [rounded + np.array(d) for d in product((-1, 0, 1), repeat=2)]
+    near = [rounded + np.array(d) for d in product((-1, 0, 1), repeat=2)]
+    return [before] + [shift for shift in near if (shift != before).any()]
 
 
 def most_coherent(
@@ -326,9 +327,9 @@ def mean_coherence(sums: Iterable[Sums]) -> float:
 def coherence_of(now: Look, before: Look, step: Shifts) -> Sums:
     """Return how coherent two looks are where either mask is, if the first is moved.
 
-    At each pixel that is the mean phasor of the phase differences round it (Hanssen, Radar
-    Interferometry, 2001, eq. 4.4.5 without amplitudes), of those in either mask. The first look
-    is moved round the edges of the field.
+    At each pixel that is the length of the mean phasor of the phase differences round it, of those
+    in either mask: the coherence that radar interferometry estimates, without amplitudes. The
+    first look is moved round the edges of the field.
     """
     down, right = int(step[0]), int(step[1])
     rows = np.flatnonzero(before.rows | np.roll(now.rows, down))
