@@ -11,14 +11,18 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import compiled
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block
-from napari_phase4d.task import Watch
+from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.unwrapping.directional.groups import heavier
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import (
+    FLOOR_TIMES,
     HALF_A_TURN,
     Courses,
     Floors,
     Opinion,
     Weighed,
+    along,
+    boxed,
     turns_between,
     weighed_steps,
 )
@@ -29,6 +33,13 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 #: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
 STEEP = 1.5
+#: The boundary frame is thin if none of the others looked at has fewer steep steps than this share
+#: of its own. Any share from 0.15 to 0.5 does the same.
+THINNER = 1 / 3
+#: Steps within a thin boundary frame weigh so many times as much, but no more than those that are
+#: so rough, in radians: what is smoother is known anyway. From 20 times on walls come right in
+#: more noise, and thick cells wrong whose boundary frame is wrong by itself.
+AUTHORITY, SMOOTH = 12, np.float32(1)
 #: Followed steps count where they are steadier than this, in radians.
 FOLLOWED = 3.0
 #: A step is at least this share as doubtful as it was once followed, see `remember`.
@@ -38,9 +49,72 @@ REMEMBERED = np.float32(0.6)
 def followed_steps(
     scene: Scene, floors: Floors, watch: Watch, *, frames: int = 0, remembering: bool = True
 ) -> Iterator[Weighed]:
-    """Yield all steps with their second opinions, see `weighed_steps` and `with_followed`."""
+    """Yield all steps with their second opinions, see `weighed_steps` and `with_followed`.
+
+    With `remembering`, those within a thin boundary frame weigh more, see `starting_thin`.
+    """
+    start = scene.frames.start[0]
     steps = weighed_steps(scene, floors, watch, frames=frames)
-    return with_followed(steps, scene.frames.start[0], remembering=remembering)
+    if not remembering:
+        return with_followed(steps, start, remembering=False)
+    steps = with_followed(steps, start)
+    return starting_thin(steps, start) if is_thin(scene, watch) else steps
+
+
+# ---- the boundary frame ----------------------------------------------------------------------
+
+
+def is_thin(scene: Scene, watch: Watch) -> bool:
+    """Say whether the object is about as thin in the boundary frame as at any time looked at.
+
+    A recording that begins where the object is thickest is known by its other frames. Of one time
+    alone there is nothing to hold it against.
+    """
+    n, start = scene.shape[0], scene.frames.start[0]
+    times = sorted({start, *range(0, n, -(-n // FLOOR_TIMES))})
+
+    def work(time: int) -> int:
+        return steep_steps(scene, time)
+
+    steep = dict(zip(times, in_threads(work, times, watch.quiet(len(times))), strict=True))
+    return n > 1 and min(steep.values()) >= THINNER * steep[start]
+
+
+def steep_steps(scene: Scene, time: int) -> int:
+    """Count the object's steps along y and x that are steep at a time, in all views."""
+    seen, seams, _ = boxed(scene, Block(time, time + 1))
+    count = 0
+    for axis in (axis for axis in (2, 3) if scene.part[axis] > 1):
+        steps = along(axis, seen, seams)
+        steep = np.abs(steps.step) > np.float32(STEEP)
+        count += int(np.count_nonzero(steep & steps.valid & ~steps.bare))
+    return count
+
+
+def starting_thin(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
+    """Let steps within the boundary frame weigh more, where they are not smooth.
+
+    A wall or a rim that is steep there may pass half a turn soon after. From then on it looks
+    smoother a turn lower, the more so the higher it gets, and many such frames outvote the few
+    before. What has changed between them is known well and would be the same either way. So the
+    frame that the paper takes its boundary condition from (section 2) decides.
+
+    Parameters
+    ----------
+    blocks : iterable of Weighed
+        From the start on, then those before it.
+    start : int
+        The boundary frame, which has to be thin, see `is_thin`.
+    """
+    for weighed in blocks:
+        if weighed.block.start == start:
+            for axis in (axis for axis in weighed.by_axis if axis > 1):
+                rough = weighed.by_axis[axis].rough[0]
+                rough[:] = np.minimum(rough, np.maximum(heavier(rough, AUTHORITY), SMOOTH))
+        yield weighed
+
+
+# ---- steps followed --------------------------------------------------------------------------
 
 
 def with_followed(

@@ -26,6 +26,7 @@ __all__ = [
     "Whole",
     "columns_of",
     "grouped",
+    "heavier",
     "join",
     "merged_edges",
     "no_edges",
@@ -53,6 +54,12 @@ def weight_of(roughness: NDArray[np.floating]) -> NDArray[np.float64]:
     """Return the weight of steps of some roughness in radians."""
     weight: NDArray[np.float64] = (SOFTENING + roughness.astype(np.float64)) ** -POWER
     return weight
+
+
+def heavier(roughness: NDArray[np.float32], times: float) -> NDArray[np.float32]:
+    """Return the roughness in radians of steps that weigh so many times as much."""
+    softened = (SOFTENING + roughness) * np.float32(times ** (-1 / POWER))
+    return softened - np.float32(SOFTENING)
 
 
 @dataclass(frozen=True)

@@ -31,12 +31,14 @@ from napari_phase4d.unwrapping.given import working_frames
 from napari_phase4d.unwrapping.neighbours import change_on_both_sides, ends_along, known_mean
 
 __all__ = [
+    "FLOOR_TIMES",
     "HALF_A_TURN",
     "Along",
     "Courses",
     "Floors",
     "Opinion",
     "Weighed",
+    "along",
     "boxed",
     "courses_of",
     "fading",
