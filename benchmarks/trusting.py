@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import statistics
-from collections.abc import Iterator
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -11,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 from regimes import (
     OWN_PHANTOMS,
+    UNSEEN_FAULTY,
     WALLS,
     Case,
     every_third,
     faults,
     hard_shapes,
-    noisy,
-    object_,
     one_view,
     own_phantoms,
     sharp_walls,
     sparse_lapses,
+    thicker,
     turns_off,
 )
 from scipy import ndimage
@@ -46,20 +45,10 @@ WL1 = "directional-l1"
 #: Every other shape and wall, beginning with the first, was looked at when confidence was fitted,
 #: and so was every other sparse recording.
 FITTED = {*OWN_PHANTOMS[::2], *tuple(HARD_SHAPES)[::2], *tuple(WALLS)[::2]}
-#: What faults are done to here: none of these was looked at.
-UNSEEN_FAULTY = ("touching", "returning", "daughters", "ring")
 #: Walls that were there from the start: nothing in a recording tells 5 rad from 5 - 2 pi.
 UNKNOWABLE = ("disc of 5 rad that stays", "disc of 8 rad that falls")
 #: An area under the curve needs at least so many wrong pixels; an object so many pixels.
 ENOUGH, OBJECT = 20, 30
-
-
-def thicker(noise: float) -> Iterator[Case]:
-    """Objects half as thick again."""
-    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
-        exact = object_(name)
-        exact = exact.assign(phase=np.float32(1.5) * exact["phase"])
-        yield noisy(name, exact, noise, f"thick{name}{noise}")
 
 
 def unseen(case: Case) -> bool:

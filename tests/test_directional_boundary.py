@@ -1,4 +1,4 @@
-"""What the boundary frame is worth to the project's own methods."""
+"""What is known from the boundary frame on: the frame itself, and changes that go on as before."""
 
 from __future__ import annotations
 
@@ -8,17 +8,25 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from napari_phase4d.phasors import turned
 from napari_phase4d.simulation import hard_shape, moving_shape, with_noise
-from napari_phase4d.stack import Block
+from napari_phase4d.stack import Block, Memory
 from napari_phase4d.task import UNWATCHED, Watch
-from napari_phase4d.unwrapping.directional import following
+from napari_phase4d.unwrapping.directional import changes, following
+from napari_phase4d.unwrapping.directional.changes import (
+    going_on,
+    lifts_of_changes,
+    maps_of,
+    turns_of_maps,
+)
 from napari_phase4d.unwrapping.directional.following import is_thin, starting_thin, steep_steps
 from napari_phase4d.unwrapping.directional.groups import heavier, weight_of
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
 from napari_phase4d.unwrapping.problem import Problem
-from test_directional_hard import empty_of, error_of
+from test_directional import Still
+from test_directional_hard import TURN, empty_of, error_of
 
 
 def second_half(make: Callable[..., xr.Dataset], name: str, step: int = 3) -> xr.Dataset:
@@ -112,3 +120,73 @@ def test_only_steps_within_the_boundary_frame_that_are_not_smooth_weigh_more() -
             if weighed.block.start == 4 and axis > 1:
                 expected[0] = first
             np.testing.assert_allclose(own.rough, expected, rtol=1e-6)
+
+
+# ---- changes that go on as before ------------------------------------------------------------
+
+
+def test_what_a_steep_rim_encloses_goes_on_as_before() -> None:
+    """A cell that rises by 2.4 rad from frame to frame, and by 5 rad in a ring round it."""
+    radius = np.hypot(*np.mgrid[-20:20, -20:20])
+    change = np.select([radius < 11, radius < 12], [2.4, 5.0]).astype(np.float32)
+    known, bare = np.ones(change.shape, bool), change == 0
+    wrapped = turned(change)
+    lifts = turns_of_maps(wrapped[None, None], known[None, None], bare[None, None])[0, 0]
+    inside = np.isclose(change, np.float32(2.4))
+    assert (lifts[inside] == -1).all()  # the ring by itself tells no other
+    assert not going_on(wrapped, known, lifts, change)[inside].any()
+    # What came before was the leap itself, or something else, or is not alike all over.
+    for before in (
+        change - np.float32(TURN),
+        0 * change,
+        np.where(np.indices(change.shape)[0] % 2, change, 0),
+    ):
+        np.testing.assert_array_equal(going_on(wrapped, known, lifts, before), lifts)
+
+
+@pytest.mark.parametrize("start", [0, 5, 11])
+def test_changes_are_followed_from_the_boundary_frame_to_both_sides(start: int) -> None:
+    """The ring begins to grow too fast some frames before and after the boundary frame."""
+    radius = np.hypot(*np.mgrid[-20:20, -20:20])
+    inside, ring = radius < 11, (radius >= 11) & (radius < 12)
+    phase = np.zeros((12, 1, 40, 40), np.float32)
+    for time in range(12):
+        away = time - start
+        phase[time, 0][inside | ring] = 1 + 2.4 * away
+        phase[time, 0][ring] += 2.6 * np.sign(away) * max(abs(away) - 3, 0)
+    empty = np.broadcast_to(~(inside | ring), phase.shape)
+    still = Still(turned(phase), empty)
+    still.start = (start, 0)
+    scene = Scene(still, np.zeros((12, 1, 2), np.intp), (slice(0, 40), slice(0, 40)))
+    by_itself = maps_of(scene, Block(0, 12))[0].turns
+    too_fast = np.array([max(abs(t - start), abs(t + 1 - start)) > 3 for t in range(11)])
+    assert (by_itself[too_fast][:, 0, inside] == -1).all()
+    assert not by_itself[~too_fast].any()
+    # Every part goes on as before, so that nothing is lifted and no stack of it made.
+    assert lifts_of_changes(scene, Memory(), Watch(1, "")) == {}
+    still.start = (11 - start, 0)
+    if start != 5:  # on the other side the first changes known are those that leap
+        lifts = lifts_of_changes(scene, Memory(), Watch(1, ""))[0].read(Block(0, 11))
+        assert (lifts[too_fast][:, 0, inside] == -1).all()
+
+
+def test_a_cell_that_leaps_is_lifted() -> None:
+    """It did not grow before: nothing goes on there."""
+    change = (9 * np.exp(-(np.hypot(*np.mgrid[-20:20, -20:20]) ** 2) / 80)).astype(np.float32)
+    known, bare = np.ones(change.shape, bool), change < 0.01
+    lifts = turns_of_maps(turned(change)[None, None], known[None, None], bare[None, None])[0, 0]
+    assert lifts.max() == 1
+    np.testing.assert_array_equal(going_on(turned(change), known, lifts, 0 * change), lifts)
+    np.testing.assert_array_equal(going_on(turned(change), known, lifts, change / 20), lifts)
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.4])
+def test_a_thick_cell_that_grows_steadily_keeps_its_level(
+    noise: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exact = moving_shape("swelling", angles_deg=(0.0, 6.0)).isel(time=slice(None, None, 2))
+    exact = exact.assign(phase=np.float32(1.25) * exact["phase"])
+    data = with_noise(exact, noise, seed=5)
+    assert error_of(data, empty_of(exact)) <= 0.3
+    monkeypatch.setattr(changes, "going_on", lambda *own: own[2])
+    assert error_of(data, empty_of(exact)) >= 1

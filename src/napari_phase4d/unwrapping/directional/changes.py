@@ -2,17 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+
 import numpy as np
 import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.phasors import turned
+from napari_phase4d.stack import Block, Stack, Store, blocks_outwards
+from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.directional.registration import Seen
+from napari_phase4d.unwrapping.directional.scene import Box, Scene
 from napari_phase4d.unwrapping.frames import turns_of_frame
+from napari_phase4d.unwrapping.given import working_frames
 from napari_phase4d.unwrapping.growing import Workspace, second_differences
 from napari_phase4d.unwrapping.neighbours import ends_along
 
-__all__ = ["Denied", "changes_along", "link_map"]
+__all__ = ["Denied", "changes_along", "lifts_of_changes", "turns_of_maps"]
 
 TURN = np.float32(2 * np.pi)
 #: Changes that stay below this many radians everywhere can't have passed half a turn unseen.
@@ -20,6 +27,8 @@ SURE = 2.0
 #: A part is lowered if its tears are more than its mends by this share of its edge, and may be
 #: denied if its mends are more than its tears by as much.
 CLEARLY = 0.2
+#: A part is put back if this share of it is then within so many radians of the change before.
+MOST_LIKE, LIKE_BEFORE = 0.75, np.float32(0.6)
 #: A part is denied if less than this share of it is lifted between the two frames by themselves.
 AFFIRMED = 0.2
 #: A change is denied as a whole if more than this share of what it lifts is.
@@ -30,6 +39,7 @@ STEEP_EDGE = 0.6
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Whole = NDArray[np.int32]
+Lifts = NDArray[np.int8]
 
 
 def changes_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> tuple[Image, Mask, Mask]:
@@ -39,8 +49,11 @@ def changes_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> tuple[Image
     return seen.phase[tail] - seen.phase[head], known, seen.empty[head] & seen.empty[tail]
 
 
-def link_map(step: Image, inside: Mask, bare: Mask) -> Image:
-    """Return wrapped changes between frames with the turns that make each map smooth.
+# ---- maps unwrapped --------------------------------------------------------------------------
+
+
+def turns_of_maps(step: Image, inside: Mask, bare: Mask) -> Lifts | None:
+    """Return the turns that make each map of wrapped changes smooth; None if no map has any.
 
     A change of more than half a turn between two frames can't be told from a smaller one at any
     single pixel. As a map it can: it is zero on the empty field and rises from there. So where
@@ -54,13 +67,9 @@ def link_map(step: Image, inside: Mask, bare: Mask) -> Image:
         Wrapped changes in radians.
     inside, bare : ndarray of bool, same shape
         Where both ends count; where both are empty field.
-
-    Returns
-    -------
-    ndarray
-        The changes in radians, which may be larger than half a turn.
     """
-    found, work = step.copy(), Workspace()
+    found: Lifts | None = None
+    work = Workspace()
     for frame in np.ndindex(*step.shape[:2]):
         wrapped, known = step[frame], inside[frame]
         ground = bare[frame] & known
@@ -68,7 +77,8 @@ def link_map(step: Image, inside: Mask, bare: Mask) -> Image:
             continue
         turns = turns_above_field(wrapped, known, ground, work)
         if turns.any():
-            found[frame] = wrapped + TURN * without_tears(wrapped, known, turns)
+            found = np.zeros(step.shape, np.int8) if found is None else found
+            found[frame] = without_tears(wrapped, known, turns)
     return found
 
 
@@ -87,20 +97,38 @@ def without_tears(wrapped: Image, known: Mask, turns: Whole) -> Whole:
     edge of such a part is mostly made of tears, steps that were small before; that of a part
     whose change has truly passed half a turn is mostly made of steps that are small only now.
     """
+    box = box_of_turns(turns)
+    inside, kept = wrapped[box], turns.copy()
+    part = kept[box]
+    for side, pieces in lifted_pieces(part, known[box]):
+        down = pieces.torn(inside, part, side) > CLEARLY * pieces.steps
+        put_back(part, pieces, down, side)
+    return kept
+
+
+def box_of_turns(turns: Whole) -> Box:
+    """Return the part of a map (y, x) that has turns, and a pixel round it."""
     rows, columns = (np.flatnonzero(turns.any(axis=axis)) for axis in (1, 0))
-    box = (
+    return (
         slice(max(rows[0] - 1, 0), rows[-1] + 2),
         slice(max(columns[0] - 1, 0), columns[-1] + 2),
     )
-    inside, kept = wrapped[box], turns.copy()
+
+
+def lifted_pieces(turns: Whole, known: Mask) -> Iterator[tuple[int, Pieces]]:
+    """Yield the pieces that are lifted (1) or lowered (-1), the highest first.
+
+    Some may be put back before the next are asked for.
+    """
     for side in (1, -1):
         for level in range(int((side * turns).max()), 0, -1):
-            part = kept[box]
-            pieces = Pieces(side * part >= level, known[box])
-            down = pieces.torn(inside, part, side) > CLEARLY * pieces.steps
-            down[0] = False
-            part -= np.int32(side) * down[pieces.labels]
-    return kept
+            yield side, Pieces(side * turns >= level, known)
+
+
+def put_back(turns: Whole, pieces: Pieces, chosen: Mask, side: int) -> None:
+    """Put the chosen ones of some pieces back by a turn, in place."""
+    chosen[0] = False
+    turns -= np.int32(side) * chosen[pieces.labels]
 
 
 class Pieces:
@@ -167,6 +195,113 @@ class Pieces:
         return found
 
 
+# ---- changes that go on as before ------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Maps:
+    """What changes along an axis in some frames, in the box of the object.
+
+    Parameters
+    ----------
+    wrapped : ndarray of float32, shape (time, angle, y, x)
+        Wrapped changes in radians.
+    inside : ndarray of bool, same shape
+        Where both ends count.
+    turns : ndarray of int8, same shape, or None
+        What each map by itself is lifted by; see `turns_of_maps`.
+    """
+
+    wrapped: Image
+    inside: Mask
+    turns: Lifts | None
+
+    def go_on_from(self, k: int, before: Image | None) -> Image:
+        """Put parts of a map back that then go on as before; return it in radians."""
+        wrapped: Image = self.wrapped[k]
+        if self.turns is None or not self.turns[k].any():
+            return wrapped
+        if before is not None:
+            for angle in np.flatnonzero(self.turns[k].any(axis=(1, 2))):
+                own = self.wrapped[k, angle], self.inside[k, angle], self.turns[k, angle]
+                self.turns[k, angle] = going_on(*own, before[angle])
+        found: Image = wrapped + TURN * self.turns[k].astype(np.float32)
+        return found
+
+
+def going_on(wrapped: Image, known: Mask, lifts: Lifts, before: Image) -> Whole:
+    """Return turns of a map (y, x) without those parts that would go on as before, put back.
+
+    A rim that grows by more than half a turn within one pixel lifts all that it encloses by a
+    turn. Nothing in the map tells, nor do its two frames, if each is a turn off for the same
+    reason. But what is enclosed then seems to leap, by just so much that put back by a turn it
+    goes on changing as it did. What truly leaps would have to hit that by chance, all over.
+    Only parts with more pixels than edge are asked.
+    """
+    turns = lifts.astype(np.int32)
+    box = box_of_turns(turns)
+    part, known = turns[box], known[box]
+    off = wrapped[box] - before[box]
+    for side, pieces in lifted_pieces(part, known):
+        like = np.abs(off + TURN * (part - np.int32(side)).astype(np.float32)) < LIKE_BEFORE
+        share = np.bincount(pieces.labels[like & known], minlength=len(pieces.size))
+        put_back(
+            part, pieces, (share > MOST_LIKE * pieces.size) & (pieces.size > pieces.steps), side
+        )
+    return turns
+
+
+def lifts_of_changes(scene: Scene, store: Store, watch: Watch) -> dict[int, Stack]:
+    """Return the turns of what changes along time (0) and angle (1), for `Scene.lifts`.
+
+    Each map is unwrapped by itself; then, from the boundary frame on to both sides, parts are put
+    back that go on as before, see `going_on`. An axis along which nothing is lifted is left out.
+    """
+    n, start = scene.shape[0], scene.frames.start[0]
+    ahead, behind = blocks_outwards(n, start, working_frames(scene.part))
+    blocks = [*ahead, *behind]
+
+    def work(block: Block) -> dict[int, Maps]:
+        return maps_of(scene, block)
+
+    found: dict[int, Stack] = {}
+    first: dict[int, Image] = {}
+    last: dict[int, Image] = {}
+    maps = in_threads(work, blocks, watch.quiet(len(blocks)), large=True)
+    for block, by_axis in zip(blocks, maps, strict=True):
+        forward = block.start >= start
+        near = last if forward else first
+        for axis, some in by_axis.items():
+            order = range(len(some.wrapped))
+            for k in order if forward else reversed(order):
+                near[axis] = some.go_on_from(k, near.get(axis))
+                first.setdefault(axis, near[axis])  # that of the boundary frame
+            if some.turns is not None and some.turns.any():
+                if axis not in found:
+                    shape = tuple(m - (i == axis) for i, m in enumerate(scene.part))
+                    found[axis] = store.temporary(f"lifts_{axis}", shape, "int8")
+                of_maps = Block(block.start, block.start + len(some.turns))
+                found[axis].write(of_maps, some.turns)
+    return found
+
+
+def maps_of(scene: Scene, block: Block) -> dict[int, Maps]:
+    """Return what changes from some frames to the next ones, and in them from view to view."""
+    seen, _, _ = scene.boxed(block.wider(0, 1, scene.shape[0]))
+    found = {}
+    for axis, frames in ((0, slice(None)), (1, slice(0, len(block)))):
+        phase, usable, empty = seen.phase[frames], seen.usable[frames], seen.empty[frames]
+        if phase.shape[axis] > 1:
+            head, tail = ends_along(axis, 4)
+            wrapped, inside = turned(phase[tail] - phase[head]), usable[head] & usable[tail]
+            turns = turns_of_maps(wrapped, inside, empty[head] & empty[tail])
+            found[axis] = Maps(wrapped, inside, turns)
+    return found
+
+
+# ---- changes that the frames deny ------------------------------------------------------------
+
+
 class Denied:
     """Says where two frames deny what the map of their change says.
 
@@ -200,7 +335,7 @@ class Denied:
         time, angle : int
             Of the first of the two frames, counted among those seen.
         step : ndarray of float32, shape (y, x)
-            What changes to the next one, as its map says, in radians; see `link_map`.
+            What changes to the next one, as its map says, in radians; see `turns_of_maps`.
         """
         found = np.zeros(step.shape, dtype=bool)
         frames = self._seen.phase[time : time + 2, angle]

@@ -22,7 +22,6 @@ from napari_phase4d.unwrapping.directional.steps import (
     Opinion,
     Weighed,
     along,
-    boxed,
     turns_between,
     weighed_steps,
 )
@@ -82,7 +81,7 @@ def is_thin(scene: Scene, watch: Watch) -> bool:
 
 def steep_steps(scene: Scene, time: int) -> int:
     """Count the object's steps along y and x that are steep at a time, in all views."""
-    seen, seams, _ = boxed(scene, Block(time, time + 1))
+    seen, seams, _ = scene.boxed(Block(time, time + 1))
     count = 0
     for axis in (axis for axis in (2, 3) if scene.part[axis] > 1):
         steps = along(axis, seen, seams)

@@ -13,7 +13,6 @@ from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.residues import residues_of_objects
 from napari_phase4d.unwrapping.directional.scene import Scene
-from napari_phase4d.unwrapping.directional.steps import boxed
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.problem import RESIDUES, Problem
 
@@ -99,7 +98,7 @@ class CountBlock:
     def __call__(self, block: Block) -> None:
         """Do a block."""
         scene = self.scene
-        seen, numbers, _ = boxed(scene, block.wider(0, 1, scene.shape[0]))
+        seen, numbers, _ = scene.boxed(block.wider(0, 1, scene.shape[0]))
         seams = numbers.astype(np.int16)
         own, changes = (np.zeros((len(block), *scene.shape[1:]), np.uint8) for _ in range(2))
         inside = (slice(None), slice(None), *scene.box)

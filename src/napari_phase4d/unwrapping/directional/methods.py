@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, Protocol, TypeVar
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
 from napari_phase4d.task import Task, Watch, in_threads
 from napari_phase4d.unwrapping.directional.bunches import Bunch, Bunches
+from napari_phase4d.unwrapping.directional.changes import lifts_of_changes
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.groups import PARTS, Index, weight_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
@@ -95,8 +96,10 @@ def prepared(problem: Unwraps, task: Task) -> Field:
     """Return what both methods start from, computed once for a problem."""
 
     def prepare() -> Field:
-        watch = Watch(3, "finding the object", task)
+        watch = Watch(4, "finding the object", task)
         scene = find_scene(problem, watch)
+        scene = replace(scene, lifts=lifts_of_changes(scene, problem.store, watch))
+        watch.step()
         watch = Watch(1, "weighing the steps", task)
         floors = floors_of(scene, watch)
         steps = followed_steps(scene, floors, watch)

@@ -6,8 +6,8 @@ on a block of frames at a time, with the same numbers whatever the blocks are.
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -27,7 +27,7 @@ from napari_phase4d.unwrapping.frames import moved
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.neighbours import HALO, along_slope
 
-__all__ = ["NOISY", "Scene", "find_scene", "seams"]
+__all__ = ["NOISY", "Box", "Scene", "find_scene", "seams"]
 
 #: Pixels of the empty field that are kept round the object.
 MARGIN = 3
@@ -55,6 +55,9 @@ class Scene:
         Wrapped phase in that part with the noise averaged out, and ...
     left : Stack or None
         ... which share of the noise's variance is left; None where there is hardly any noise.
+    lifts : mapping of int to Stack, optional
+        Turns in that part that maps of changes along time (0) and angle (1) are lifted by; none
+        along an axis that is left out.
     """
 
     frames: Frames
@@ -62,6 +65,7 @@ class Scene:
     box: Box
     averaged: Stack | None = None
     left: Stack | None = None
+    lifts: Mapping[int, Stack] = field(default_factory=dict)
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -92,6 +96,26 @@ class Scene:
             moved(seen.usable, shifts),
             None if seen.amplitude is None else moved(seen.amplitude, shifts),
         )
+
+    def boxed(
+        self, block: Block, *, amplitude: bool = False
+    ) -> tuple[Seen, NDArray[np.int8], Image | None]:
+        """Return the box of some frames, its seams, and the share of noise that is left there."""
+        seen = self.read(block, amplitude=amplitude)
+        inside = (slice(None), slice(None), *self.box)
+        cut = Seen(
+            np.ascontiguousarray(seen.phase[inside]),
+            seen.empty[inside],
+            seen.usable[inside],
+            None if seen.amplitude is None else seen.amplitude[inside],
+        )
+        return cut, self.seams(block), None if self.left is None else self.left.read(block)
+
+    def lifts_of(self, axis: int, block: Block) -> NDArray[np.int8] | None:
+        """Return the turns that changes between some frames, or their views, are lifted by."""
+        if axis not in self.lifts:
+            return None
+        return self.lifts[axis].read(Block(block.start, block.stop - (axis == 0)))
 
     def islands(self, block: Block) -> NDArray[np.int32]:
         """Return the number of each island of the empty field in its frame; -1 elsewhere."""

@@ -1,6 +1,7 @@
 """Steps between neighbours, what turns they ask for, and how far each is to be trusted.
 
-A step along time and angle links two frames: their change is unwrapped as a map, see `link_map`.
+A step along time and angle links two frames: their change is unwrapped as a map, see
+`lifts_of_changes`.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from napari_phase4d.compiling import compiled, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, blocks_outwards
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.directional.changes import Denied, changes_along, link_map
+from napari_phase4d.unwrapping.directional.changes import Denied, changes_along
 from napari_phase4d.unwrapping.directional.registration import Seen
 from napari_phase4d.unwrapping.directional.residues import (
     FEW,
@@ -39,7 +40,6 @@ __all__ = [
     "Opinion",
     "Weighed",
     "along",
-    "boxed",
     "courses_of",
     "fading",
     "floors_of",
@@ -156,30 +156,19 @@ class Along:
     bare: Mask
 
 
-def along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> Along:
-    """Return the steps along an axis."""
+def along(
+    axis: int, seen: Seen, seams: NDArray[np.int8], lifts: NDArray[np.int8] | None = None
+) -> Along:
+    """Return the steps along an axis, with the turns that their maps are lifted by."""
     head, tail = ends_along(axis, 4)
     difference = seen.phase[tail] - seen.phase[head]
     inside = seen.usable[head] & seen.usable[tail]
     valid = inside & (seams[head] == seams[tail])
     bare = seen.empty[head] & seen.empty[tail]
     step = turned(difference)
-    if axis < 2:
-        step = link_map(step, inside, bare)
+    if lifts is not None:
+        step += TURN * lifts.astype(np.float32)
     return Along(difference, step, inside, valid, bare)
-
-
-def boxed(scene: Scene, block: Block) -> tuple[Seen, NDArray[np.int8], Image | None]:
-    """Return the box of some frames, their seams, and the share of noise that is left there."""
-    seen = scene.read(block, amplitude=True)
-    inside = (slice(None), slice(None), *scene.box)
-    cut = Seen(
-        np.ascontiguousarray(seen.phase[inside]),
-        seen.empty[inside],
-        seen.usable[inside],
-        None if seen.amplitude is None else seen.amplitude[inside],
-    )
-    return cut, scene.seams(block), None if scene.left is None else scene.left.read(block)
 
 
 def part_of(seen: Seen, frames: slice) -> Seen:
@@ -220,13 +209,14 @@ def ground_squares(scene: Scene, time: int) -> dict[tuple[str, int], tuple[float
     n = scene.shape[0]
     own = Block(time, time + 1)
     around = own.wider(1, 2, n)
-    seen, seams, left = boxed(scene, around)
+    seen, seams, left = scene.boxed(around)
     found = {}
     for axis in (axis for axis in range(4) if seen.phase.shape[axis] > 1):
         if axis == 0 and time + 1 == n:
             continue
         frames = slice(None) if axis == 0 else own.of(around)
-        steps = along(axis, part_of(seen, frames), seams[frames])
+        lifts = scene.lifts_of(axis, around if axis == 0 else own)
+        steps = along(axis, part_of(seen, frames), seams[frames], lifts)
         here = own.of(around) if axis == 0 else slice(None)
         squares = change_on_both_sides(steps.step, axis, steps.valid)[here]
         ground = (steps.bare & steps.valid)[here]
@@ -278,7 +268,7 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
     """Weigh the steps of a block of frames."""
     n = scene.shape[0]
     around, near = block.wider(BEFORE, AFTER, n), block.with_neighbours(n)
-    seen, seams, left = boxed(scene, around)
+    seen, seams, left = scene.boxed(around, amplitude=True)
     frames, own = near.of(around), block.of(near)
     close, close_seams = part_of(seen, frames), seams[frames]
     share = None if left is None else left[frames]
@@ -289,12 +279,12 @@ def weigh(scene: Scene, floors: Floors, block: Block) -> Weighed:
     # What an axis takes on the way goes before the next one.
     def weigh_along(axis: int) -> Opinion:
         if axis == 0:
-            steps = along(axis, seen, seams)
+            steps = along(axis, seen, seams, scene.lifts_of(axis, around))
             inner = block.of(around)
             found = opinion(axis, steps, steps.valid, floors, seen.amplitude, inner)
             doubt_lifted(found, steps.step[inner], seen, inner, few=n <= FEW)
             return found
-        steps = along(axis, close, close_seams)
+        steps = along(axis, close, close_seams, scene.lifts_of(axis, near))
         kept = steps.valid
         if axis > 1:  # within an island of the empty field there is nothing to ask
             kept = kept & ~steps.bare
