@@ -83,15 +83,16 @@ def test_of_one_time_there_is_nothing_to_be_thinner_than() -> None:
     assert not is_thin(scene_of(data), Watch(1, ""))
 
 
-def test_steep_steps_are_those_of_the_object_beyond_a_radian_and_a_half() -> None:
+def test_thin_is_what_has_few_steps_beyond_a_radian_and_a_half() -> None:
     """A block of four by four pixels that rises by 1 rad, then 2 rad, above an empty field."""
     phase = np.zeros((2, 1, 40, 40), np.float32)
     for time, height in enumerate((1.0, 2.0)):
         phase[time, 0, 18:22, 17:21] = height
-    scene = scene_of(xr.Dataset({"wrapped": (("time", "angle", "y", "x"), phase)}))
+    data = xr.Dataset({"wrapped": (("time", "angle", "y", "x"), phase)})
+    scene = scene_of(data)
     assert [steep_steps(scene, time) for time in (0, 1)] == [0, 16]
-    # Their share that another frame may have less.
     assert is_thin(scene, Watch(1, ""))
+    assert not is_thin(scene_of(data, (1, 0)), Watch(1, ""))
 
 
 @pytest.mark.parametrize("times", [1, 20, 1000.0])
@@ -168,6 +169,54 @@ def test_changes_are_followed_from_the_boundary_frame_to_both_sides(start: int) 
     if start != 5:  # on the other side the first changes known are those that leap
         lifts = lifts_of_changes(scene, Memory(), Watch(1, ""))[0].read(Block(0, 11))
         assert (lifts[too_fast][:, 0, inside] == -1).all()
+
+
+def test_lifts_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
+    exact = moving_shape("swelling", angles_deg=(0.0, 6.0)).isel(time=slice(None, None, 2))
+    exact = exact.assign(phase=np.float32(1.25) * exact["phase"])
+    data = with_noise(exact, 0.3, seed=5)
+    found = []
+    for start in (0, 4):
+        for frames in (1, 3, 10):
+            monkeypatch.setattr(changes, "working_frames", lambda _, n=frames: n)
+            lifts = scene_of(data, (start, 0)).lifts
+            found.append(lifts[0].read(Block(0, 9)))
+            assert found[-1].any()
+            np.testing.assert_array_equal(found[-1], found[-1 if frames == 1 else -2])
+
+
+@pytest.mark.parametrize("start", [0, 4, 9])
+def test_a_recording_turned_round_has_the_same_lifts_turned_round(start: int) -> None:
+    exact = moving_shape("swelling", angles_deg=(0.0, 6.0)).isel(time=slice(None, None, 2))
+    phase = turned(np.float32(1.25) * exact["phase"].values)
+    empty = exact["phase"].values < 0.05
+    found = []
+    for way in (1, -1):
+        still = Still(phase[::way], empty[::way])
+        still.start = (start if way == 1 else 9 - start, 0)
+        scene = Scene(still, np.zeros((10, 2, 2), np.intp), (slice(0, 64), slice(0, 64)))
+        lifts = lifts_of_changes(scene, Memory(), Watch(1, ""))
+        found.append(lifts[0].read(Block(0, 9))[::way])
+    assert found[0].any()
+    np.testing.assert_array_equal(found[0], -found[1])
+
+
+def test_nothing_goes_on_from_what_is_not_known() -> None:
+    """No empty field is in view of the first change, so that its level is not known."""
+    radius = np.hypot(*np.mgrid[-20:20, -20:20])
+    change = np.select([radius < 11, radius < 12], [2.4, 5.0]).astype(np.float32)
+    phase = np.stack([0 * change, change, 2 * change])[:, None]
+    empty = np.broadcast_to(change == 0, phase.shape).copy()
+    for known in (True, False):
+        empty[0] &= known
+        still = Still(turned(phase), empty)
+        scene = Scene(still, np.zeros((3, 1, 2), np.intp), (slice(0, 40), slice(0, 40)))
+        maps = maps_of(scene, Block(0, 3))[0]
+        if known:  # the first one is what it goes on from
+            maps.turns[0] = 0
+        before = maps.go_on_from(0, None)
+        maps.go_on_from(1, before)
+        assert maps.turns[1, 0, 20, 20] == (0 if known else -1)
 
 
 def test_a_cell_that_leaps_is_lifted() -> None:

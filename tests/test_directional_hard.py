@@ -21,7 +21,7 @@ from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with
 from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping import neighbours
 from napari_phase4d.unwrapping.background import find_background, plane, tilt_of
-from napari_phase4d.unwrapping.directional import steps
+from napari_phase4d.unwrapping.directional import changes, steps
 from napari_phase4d.unwrapping.directional.changes import Denied, turns_of_maps
 from napari_phase4d.unwrapping.directional.following import follow
 from napari_phase4d.unwrapping.directional.registration import Seen
@@ -135,7 +135,7 @@ def test_views_are_torn_where_time_tells_more() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "noise"), [("daughters", 0), ("daughters", 0.4), ("returning", 0.2)]
+    ("name", "noise"), [("daughters", 0), ("daughters", 0.4), ("returning", 0.2), ("dividing", 0)]
 )
 def test_four_frames_far_apart_in_time(name: str, noise: float) -> None:
     """They are thick from the start on, and changes are torn more than they are."""
@@ -511,7 +511,8 @@ def test_what_a_growing_rim_encloses_does_not_sink(noise: float) -> None:
     whole = p4d.unwrap(data["wrapped"], WL1).values
     for frames in (1, 3):
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(steps, "working_frames", lambda _, n=frames: n)
+            for part in (steps, changes):
+                patch.setattr(part, "working_frames", lambda _, n=frames: n)
             np.testing.assert_array_equal(p4d.unwrap(data["wrapped"], WL1).values, whole)
 
 

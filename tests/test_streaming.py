@@ -39,7 +39,15 @@ from napari_phase4d.unwrapping import (
     volumes,
     working_frames,
 )
-from napari_phase4d.unwrapping.directional import methods, regions, registration, scene, steps
+from napari_phase4d.unwrapping.directional import (
+    changes,
+    following,
+    methods,
+    regions,
+    registration,
+    scene,
+    steps,
+)
 
 #: A method of another package, which is given all frames at once.
 WHOLE = Method(
@@ -155,7 +163,7 @@ def test_every_block_may_be_done_twice(
 
     monkeypatch.setattr(Threads, "map", twice)
     monkeypatch.setattr(volumes, "working_blocks", lambda shape: blocks_of(shape, 8))
-    for part in (registration, scene, steps, regions, methods):
+    for part in (registration, scene, changes, steps, following, regions, methods):
         monkeypatch.setattr(part, "in_threads", twice_in_threads)
     found = p4d.run(chosen.changed(storage="disk"), folder=tmp_path / "out").comparison.results
     for method, result in expected.items():

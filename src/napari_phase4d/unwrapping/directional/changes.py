@@ -29,6 +29,8 @@ SURE = 2.0
 CLEARLY = 0.2
 #: A part is put back if this share of it is then within so many radians of the change before.
 MOST_LIKE, LIKE_BEFORE = 0.75, np.float32(0.6)
+#: Turns that are kept; a map that is lifted by more is not known.
+MOST_TURNS = 127
 #: A part is denied if less than this share of it is lifted between the two frames by themselves.
 AFFIRMED = 0.2
 #: A change is denied as a whole if more than this share of what it lifts is.
@@ -76,7 +78,7 @@ def turns_of_maps(step: Image, inside: Mask, bare: Mask) -> Lifts | None:
         if not ground.any() or np.abs(wrapped).max(initial=0, where=known) <= SURE:
             continue
         turns = turns_above_field(wrapped, known, ground, work)
-        if turns.any():
+        if turns.any() and np.abs(turns).max() <= MOST_TURNS:
             found = np.zeros(step.shape, np.int8) if found is None else found
             found[frame] = without_tears(wrapped, known, turns)
     return found
@@ -198,7 +200,7 @@ class Pieces:
 # ---- changes that go on as before ------------------------------------------------------------
 
 
-@dataclass(frozen=True)
+@dataclass
 class Maps:
     """What changes along an axis in some frames, in the box of the object.
 
@@ -207,9 +209,9 @@ class Maps:
     wrapped : ndarray of float32, shape (time, angle, y, x)
         Wrapped changes in radians.
     inside : ndarray of bool, same shape
-        Where both ends count.
+        Where both ends count, in maps that have empty field: of others the level is not known.
     turns : ndarray of int8, same shape, or None
-        What each map by itself is lifted by; see `turns_of_maps`.
+        What each map is lifted by: at first by itself, see `turns_of_maps`.
     """
 
     wrapped: Image
@@ -217,15 +219,27 @@ class Maps:
     turns: Lifts | None
 
     def go_on_from(self, k: int, before: Image | None) -> Image:
-        """Put parts of a map back that then go on as before; return it in radians."""
-        wrapped: Image = self.wrapped[k]
-        if self.turns is None or not self.turns[k].any():
-            return wrapped
-        if before is not None:
+        """Put parts of a map back that then go on as before.
+
+        Parameters
+        ----------
+        k : int
+            Which time of these.
+        before : ndarray of float32, shape (angle, y, x), or None
+            The maps next to it on the way from the boundary frame.
+
+        Returns
+        -------
+        ndarray of float32, shape (angle, y, x)
+            These maps, in radians; NaN where they are not known.
+        """
+        if self.turns is not None and before is not None:
             for angle in np.flatnonzero(self.turns[k].any(axis=(1, 2))):
                 own = self.wrapped[k, angle], self.inside[k, angle], self.turns[k, angle]
                 self.turns[k, angle] = going_on(*own, before[angle])
-        found: Image = wrapped + TURN * self.turns[k].astype(np.float32)
+        found = np.where(self.inside[k], self.wrapped[k], np.float32(np.nan))
+        if self.turns is not None:
+            found += TURN * self.turns[k].astype(np.float32)
         return found
 
 
@@ -236,7 +250,8 @@ def going_on(wrapped: Image, known: Mask, lifts: Lifts, before: Image) -> Whole:
     turn. Nothing in the map tells, nor do its two frames, if each is a turn off for the same
     reason. But what is enclosed then seems to leap, by just so much that put back by a turn it
     goes on changing as it did. What truly leaps would have to hit that by chance, all over.
-    Only parts with more pixels than edge are asked.
+    Only parts with more pixels than edge are asked. From view to view the same goes for how two
+    views differed before.
     """
     turns = lifts.astype(np.int32)
     box = box_of_turns(turns)
@@ -244,10 +259,9 @@ def going_on(wrapped: Image, known: Mask, lifts: Lifts, before: Image) -> Whole:
     off = wrapped[box] - before[box]
     for side, pieces in lifted_pieces(part, known):
         like = np.abs(off + TURN * (part - np.int32(side)).astype(np.float32)) < LIKE_BEFORE
-        share = np.bincount(pieces.labels[like & known], minlength=len(pieces.size))
-        put_back(
-            part, pieces, (share > MOST_LIKE * pieces.size) & (pieces.size > pieces.steps), side
-        )
+        count = np.bincount(pieces.labels[like & known], minlength=len(pieces.size))
+        goes_on = (count > MOST_LIKE * pieces.size) & (pieces.size > pieces.steps)
+        put_back(part, pieces, goes_on, side)
     return turns
 
 
@@ -275,7 +289,8 @@ def lifts_of_changes(scene: Scene, store: Store, watch: Watch) -> dict[int, Stac
             order = range(len(some.wrapped))
             for k in order if forward else reversed(order):
                 near[axis] = some.go_on_from(k, near.get(axis))
-                first.setdefault(axis, near[axis])  # that of the boundary frame
+                if axis == 1 and forward:  # views of the boundary frame come before both sides
+                    first.setdefault(axis, near[axis])
             if some.turns is not None and some.turns.any():
                 if axis not in found:
                     shape = tuple(m - (i == axis) for i, m in enumerate(scene.part))
@@ -294,8 +309,10 @@ def maps_of(scene: Scene, block: Block) -> dict[int, Maps]:
         if phase.shape[axis] > 1:
             head, tail = ends_along(axis, 4)
             wrapped, inside = turned(phase[tail] - phase[head]), usable[head] & usable[tail]
-            turns = turns_of_maps(wrapped, inside, empty[head] & empty[tail])
-            found[axis] = Maps(wrapped, inside, turns)
+            bare = empty[head] & empty[tail]
+            turns = turns_of_maps(wrapped, inside, bare)
+            ground = (inside & bare).any(axis=(2, 3), keepdims=True)
+            found[axis] = Maps(wrapped, inside & ground, turns)
     return found
 
 

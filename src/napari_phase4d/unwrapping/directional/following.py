@@ -12,7 +12,7 @@ from napari_phase4d.compiling import compiled
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.directional.groups import heavier
+from napari_phase4d.unwrapping.directional.groups import CERTAIN, heavier
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import (
     FLOOR_TIMES,
@@ -30,15 +30,16 @@ __all__ = ["follow", "followed_steps"]
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
-#: A spatial step beyond this many radians makes a start of following as doubtful as roughness.
+#: A spatial step beyond this many radians makes a start of following as doubtful as roughness, and
+#: a boundary frame with many of them is not thin.
 STEEP = 1.5
 #: The boundary frame is thin if none of the others looked at has fewer steep steps than this share
 #: of its own. Any share from 0.15 to 0.5 does the same.
 THINNER = 1 / 3
 #: Steps within a thin boundary frame weigh so many times as much, but no more than those that are
-#: so rough, in radians: what is smoother is known anyway. From 20 times on walls come right in
-#: more noise, and thick cells wrong whose boundary frame is wrong by itself.
-AUTHORITY, SMOOTH = 12, np.float32(1)
+#: just not certain. From 20 times on walls come right in more noise, and thick cells wrong whose
+#: boundary frame is wrong by itself.
+AUTHORITY = 12
 #: Followed steps count where they are steadier than this, in radians.
 FOLLOWED = 3.0
 #: A step is at least this share as doubtful as it was once followed, see `remember`.
@@ -109,7 +110,7 @@ def starting_thin(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
         if weighed.block.start == start:
             for axis in (axis for axis in weighed.by_axis if axis > 1):
                 rough = weighed.by_axis[axis].rough[0]
-                rough[:] = np.minimum(rough, np.maximum(heavier(rough, AUTHORITY), SMOOTH))
+                rough[:] = np.minimum(rough, np.maximum(heavier(rough, AUTHORITY), CERTAIN))
         yield weighed
 
 

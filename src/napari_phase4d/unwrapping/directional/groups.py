@@ -15,6 +15,7 @@ from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
 
 __all__ = [
+    "CERTAIN",
     "PARTS",
     "SURE",
     "SUREST",

@@ -53,7 +53,8 @@ HALF_A_TURN = np.float32(np.pi)
 
 #: Fewest steps of the empty field from which the noise floor is taken.
 ENOUGH = 50
-#: The noise floor is measured at no more times than this, evenly spaced.
+#: The noise floor is measured at no more times than this, evenly spaced, and so is how thin the
+#: object is.
 FLOOR_TIMES = 12
 #: Mean of D^2 for white noise of one radian: 12 + 2 * 4.7 where there are two changes, which share
 #: two thirds of their noise, and 4 * 2 where there is a single step.
