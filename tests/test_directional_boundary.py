@@ -19,11 +19,11 @@ from napari_phase4d.unwrapping.directional.changes import (
     maps_of,
     turns_of_maps,
 )
-from napari_phase4d.unwrapping.directional.following import is_thin, starting_thin, steep_steps
-from napari_phase4d.unwrapping.directional.groups import heavier, weight_of
+from napari_phase4d.unwrapping.directional.following import followed_steps, is_thin, steep_steps
+from napari_phase4d.unwrapping.directional.groups import CERTAIN, heavier, weight_of
 from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.scene import Scene
-from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
+from napari_phase4d.unwrapping.directional.steps import Floors
 from napari_phase4d.unwrapping.problem import Problem
 from test_directional import Still
 from test_directional_hard import TURN, empty_of, error_of
@@ -103,24 +103,32 @@ def test_heavier_steps_weigh_so_many_times_as_much(times: float) -> None:
     )
 
 
-def test_only_steps_within_the_boundary_frame_that_are_not_smooth_weigh_more() -> None:
-    rough = np.linspace(6, 0, 2 * 3 * 4 * 5, dtype=np.float32).reshape(2, 3, 4, 5)
-    none = np.zeros(rough.shape, bool)
-
-    def steps_of(start: int) -> Weighed:
-        turns = none.astype(np.int16)
-        every = {axis: Opinion(turns, rough.copy(), ~none, none) for axis in range(4)}
-        return Weighed(Block(start, start + 2), ~none, every)
-
-    first = rough[0].copy()
-    first[first > 1] = np.maximum(heavier(first[first > 1], following.AUTHORITY), 1)
-    assert (first < rough[0]).any()
-    for weighed in starting_thin([steps_of(4), steps_of(2)], 4):
-        for axis, own in weighed.by_axis.items():
-            expected = rough.copy()
-            if weighed.block.start == 4 and axis > 1:
-                expected[0] = first
-            np.testing.assert_allclose(own.rough, expected, rtol=1e-6)
+@pytest.mark.parametrize("amplitude", [None, 0.5])
+@pytest.mark.parametrize("start", [0, 1])
+def test_only_steps_within_the_boundary_frame_weigh_more_and_none_that_fades(
+    amplitude: float | None, start: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half the amplitude counts as a roughness of 2 rad, which stays."""
+    phase = np.random.default_rng(4).uniform(-3, 3, (3, 2, 9, 9)).astype(np.float32)
+    bright = None if amplitude is None else np.full(phase.shape, amplitude, np.float32)
+    still = Still(phase, np.zeros(phase.shape, bool), bright)
+    still.start = (start, 0)
+    scene = Scene(still, np.zeros((3, 2, 2), np.intp), (slice(0, 9), slice(0, 9)))
+    floors = Floors(dict.fromkeys(range(4), 0.0), dict.fromkeys((2, 3), (0.0, 1.0)))
+    rough = []
+    for thin in (False, True):
+        monkeypatch.setattr(following, "is_thin", lambda *_, found=thin: found)
+        steps = followed_steps(scene, floors, Watch(1, ""), frames=3)
+        parts = {part.block.start: part.by_axis for part in steps}
+        rough.append({(at, axis): o.rough for at in parts for axis, o in parts[at].items()})
+    fade = 0 if amplitude is None else 2
+    for (at, axis), plain in rough[0].items():
+        expected = plain.copy()
+        if at == start and axis > 1:
+            first = expected[0] - fade
+            assert (first > CERTAIN).all()
+            expected[0] = np.maximum(heavier(first, following.AUTHORITY), CERTAIN) + fade
+        np.testing.assert_allclose(rough[1][at, axis], expected, rtol=1e-5)
 
 
 # ---- changes that go on as before ------------------------------------------------------------

@@ -51,14 +51,13 @@ def followed_steps(
 ) -> Iterator[Weighed]:
     """Yield all steps with their second opinions, see `weighed_steps` and `with_followed`.
 
-    With `remembering`, those within a thin boundary frame weigh more, see `starting_thin`.
+    With `remembering`, those within a thin boundary frame weigh more, see `outweigh`.
     """
     start = scene.frames.start[0]
     steps = weighed_steps(scene, floors, watch, frames=frames)
     if not remembering:
         return with_followed(steps, start, remembering=False)
-    steps = with_followed(steps, start)
-    return starting_thin(steps, start) if is_thin(scene, watch) else steps
+    return with_followed(steps, start, thin=is_thin(scene, watch))
 
 
 # ---- the boundary frame ----------------------------------------------------------------------
@@ -91,34 +90,22 @@ def steep_steps(scene: Scene, time: int) -> int:
     return count
 
 
-def starting_thin(blocks: Iterable[Weighed], start: int) -> Iterator[Weighed]:
-    """Let steps within the boundary frame weigh more, where they are not smooth.
+def outweigh(rough: Image) -> None:
+    """Let steps within a thin boundary frame weigh more, in place, where they are not smooth.
 
     A wall or a rim that is steep there may pass half a turn soon after. From then on it looks
     smoother a turn lower, the more so the higher it gets, and many such frames outvote the few
     before. What has changed between them is known well and would be the same either way. So the
     frame that the paper takes its boundary condition from (section 2) decides.
-
-    Parameters
-    ----------
-    blocks : iterable of Weighed
-        From the start on, then those before it.
-    start : int
-        The boundary frame, which has to be thin, see `is_thin`.
     """
-    for weighed in blocks:
-        if weighed.block.start == start:
-            for axis in (axis for axis in weighed.by_axis if axis > 1):
-                rough = weighed.by_axis[axis].rough[0]
-                rough[:] = np.minimum(rough, np.maximum(heavier(rough, AUTHORITY), CERTAIN))
-        yield weighed
+    rough[:] = np.minimum(rough, np.maximum(heavier(rough, AUTHORITY), CERTAIN))
 
 
 # ---- steps followed --------------------------------------------------------------------------
 
 
 def with_followed(
-    blocks: Iterable[Weighed], start: int, *, remembering: bool = True
+    blocks: Iterable[Weighed], start: int, *, remembering: bool = True, thin: bool = False
 ) -> Iterator[Weighed]:
     """Add the second opinions: steps followed along time from a frame where they are small.
 
@@ -135,6 +122,8 @@ def with_followed(
         Frame at which the object is thin.
     remembering : bool, optional
         Whether steps are no smoother than what they went through allows, see `remember`.
+    thin : bool, optional
+        Whether those within the frame at the start weigh more, see `outweigh`.
     """
     first: dict[int, tuple[Image, Image]] = {}
     last: dict[int, tuple[Image, Image]] = {}
@@ -154,6 +143,8 @@ def with_followed(
             followed, doubt = follow(course, step, rough, block, before, forward=forward)
             if remembering:
                 remember(rough.reshape(-1), doubt.reshape(-1))
+            if thin and block.start == start:
+                outweigh(rough[0])  # as far as amplitude does not fade
             rough += fade_of(course, block)
             if block.start == start:
                 first[axis] = followed[0].copy(), doubt[0].copy()
