@@ -78,6 +78,20 @@ def test_a_thick_boundary_frame_decides_nothing(
     assert error_of(data, empty_of(exact)) >= 1
 
 
+@pytest.mark.parametrize("first_column", [40, 64])
+def test_a_cell_that_leaves_has_not_become_thin(first_column: int) -> None:
+    """Of the last frame a part is left, or nothing."""
+    exact = second_half(hard_shape, "growing wall")
+    phase = exact["phase"].values.copy()
+    phase[-1] = np.roll(phase[-1], first_column, -1)
+    phase[-1, ..., :first_column] = 0
+    data = with_noise(exact.assign(phase=exact["phase"].copy(data=phase)), 0.05, seed=5)
+    scene = scene_of(data)
+    (steep, _), *_, (left, _) = (steep_steps(scene, time) for time in range(scene.shape[0]))
+    assert left < steep / 3
+    assert is_thin(scene, Watch(1, ""))
+
+
 def test_of_one_time_there_is_nothing_to_be_thinner_than() -> None:
     data = moving_shape("swelling", angles_deg=(0.0, 6.0)).isel(time=slice(10, 11))
     assert not is_thin(scene_of(data), Watch(1, ""))
@@ -90,7 +104,7 @@ def test_thin_is_what_has_few_steps_beyond_a_radian_and_a_half() -> None:
         phase[time, 0, 18:22, 17:21] = height
     data = xr.Dataset({"wrapped": (("time", "angle", "y", "x"), phase)})
     scene = scene_of(data)
-    assert [steep_steps(scene, time) for time in (0, 1)] == [0, 16]
+    assert [steep_steps(scene, time)[0] for time in (0, 1)] == [0, 16]
     assert is_thin(scene, Watch(1, ""))
     assert not is_thin(scene_of(data, (1, 0)), Watch(1, ""))
 

@@ -33,8 +33,8 @@ Mask = NDArray[np.bool_]
 #: A spatial step beyond this many radians makes a start of following as doubtful as roughness, and
 #: a boundary frame with many of them is not thin.
 STEEP = 1.5
-#: The boundary frame is thin if none of the others looked at has fewer steep steps than this share
-#: of its own. Any share from 0.15 to 0.5 does the same.
+#: The boundary frame is thin if none of the others looked at has less than this share of its steep
+#: steps. Any share from 0.15 to 0.5 does the same.
 THINNER = 1 / 3
 #: Steps within a thin boundary frame weigh so many times as much, but no more than those that are
 #: just not certain. From 20 times on walls come right in more noise, and thick cells wrong whose
@@ -67,27 +67,32 @@ def is_thin(scene: Scene, watch: Watch) -> bool:
     """Say whether the object is about as thin in the boundary frame as at any time looked at.
 
     A recording that begins where the object is thickest is known by its other frames. Of one time
-    alone there is nothing to hold it against.
+    alone there is nothing to hold it against. Where part of the object has left the field, as
+    much less of it is steep, which says nothing.
     """
     n, start = scene.shape[0], scene.frames.start[0]
     times = sorted({start, *range(0, n, -(-n // FLOOR_TIMES))})
 
-    def work(time: int) -> int:
+    def work(time: int) -> tuple[int, int]:
         return steep_steps(scene, time)
 
-    steep = dict(zip(times, in_threads(work, times, watch.quiet(len(times))), strict=True))
-    return n > 1 and min(steep.values()) >= THINNER * steep[start]
+    found = dict(zip(times, in_threads(work, times, watch.quiet(len(times))), strict=True))
+    steep, every = found[start]
+    return n > 1 and all(
+        some * every >= THINNER * steep * min(every, of_all) for some, of_all in found.values()
+    )
 
 
-def steep_steps(scene: Scene, time: int) -> int:
-    """Count the object's steps along y and x that are steep at a time, in all views."""
+def steep_steps(scene: Scene, time: int) -> tuple[int, int]:
+    """Count the object's steps along y and x at a time, in all views: the steep ones, and all."""
     seen, seams, _ = scene.boxed(Block(time, time + 1))
-    count = 0
+    counts = np.zeros(2, dtype=np.int64)
     for axis in (axis for axis in (2, 3) if scene.part[axis] > 1):
         steps = along(axis, seen, seams)
+        inside = steps.valid & ~steps.bare
         steep = np.abs(steps.step) > np.float32(STEEP)
-        count += int(np.count_nonzero(steep & steps.valid & ~steps.bare))
-    return count
+        counts += np.count_nonzero(steep & inside), np.count_nonzero(inside)
+    return int(counts[0]), int(counts[1])
 
 
 def outweigh(rough: Image) -> None:
