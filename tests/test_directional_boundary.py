@@ -236,8 +236,8 @@ def test_nothing_goes_on_from_what_is_not_known() -> None:
         maps = maps_of(scene, Block(0, 3))[0]
         if known:  # the first one is what it goes on from
             maps.turns[0] = 0
-        before = maps.go_on_from(0, None)
-        maps.go_on_from(1, before)
+        maps.go_on_from(0, None)
+        maps.go_on_from(1, (maps, 0))
         assert maps.turns[1, 0, 20, 20] == (0 if known else -1)
 
 

@@ -13,6 +13,7 @@ from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from itertools import combinations
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import google_crc32c
@@ -34,19 +35,11 @@ from napari_phase4d.task import Cancelled, Cluster, Threads, Watch, in_threads
 from napari_phase4d.unwrapping import (
     METHODS,
     Method,
+    directional,
     frame_by_frame,
     methods_for,
     volumes,
     working_frames,
-)
-from napari_phase4d.unwrapping.directional import (
-    changes,
-    following,
-    methods,
-    regions,
-    registration,
-    scene,
-    steps,
 )
 
 #: A method of another package, which is given all frames at once.
@@ -163,20 +156,17 @@ def test_every_block_may_be_done_twice(
 
     monkeypatch.setattr(Threads, "map", twice)
     monkeypatch.setattr(volumes, "working_blocks", lambda shape: blocks_of(shape, 8))
-    for part in (registration, scene, changes, steps, following, regions, methods):
-        monkeypatch.setattr(part, "in_threads", twice_in_threads)
+    for part in iter_modules(directional.__path__, f"{directional.__name__}."):
+        monkeypatch.setattr(f"{part.name}.in_threads", twice_in_threads, raising=False)
     found = p4d.run(chosen.changed(storage="disk"), folder=tmp_path / "out").comparison.results
     for method, result in expected.items():
         xr.testing.assert_identical(found[method].compute(), result)
     assert len(done) >= 20, sorted(done)  # every stage but the holograms'
     assert {
         "volumes.ContractBlock",
-        "laplacian.FramesBlock",
-        "laplacian.TimeBlock",
-        "network_flow.CourseBlock",
-        "network_flow.CloseBlock",
-        "alone.FinishBlock",
-        "directional.methods.FinishBlock",
+        *(f"laplacian.{part}Block" for part in ("Frames", "Time")),
+        *(f"network_flow.{part}Block" for part in ("Course", "Close")),
+        *(f"{part}.FinishBlock" for part in ("alone", "directional.methods")),
     } <= done
 
 

@@ -218,28 +218,27 @@ class Maps:
     inside: Mask
     turns: Lifts | None
 
-    def go_on_from(self, k: int, before: Image | None) -> Image:
-        """Put parts of a map back that then go on as before.
+    def go_on_from(self, k: int, before: tuple[Maps, int] | None) -> None:
+        """Put parts of the maps at a time back that then go on as before.
 
         Parameters
         ----------
         k : int
             Which time of these.
-        before : ndarray of float32, shape (angle, y, x), or None
-            The maps next to it on the way from the boundary frame.
-
-        Returns
-        -------
-        ndarray of float32, shape (angle, y, x)
-            These maps, in radians; NaN where they are not known.
+        before : (Maps, int), or None
+            Those next to it on the way from the boundary frame, and which time of them.
         """
-        if self.turns is not None and before is not None:
-            for angle in np.flatnonzero(self.turns[k].any(axis=(1, 2))):
-                own = self.wrapped[k, angle], self.inside[k, angle], self.turns[k, angle]
-                self.turns[k, angle] = going_on(*own, before[angle])
-        found = np.where(self.inside[k], self.wrapped[k], np.float32(np.nan))
+        if self.turns is None or before is None:
+            return
+        for angle in np.flatnonzero(self.turns[k].any(axis=(1, 2))):
+            own = self.wrapped[k, angle], self.inside[k, angle], self.turns[k, angle]
+            self.turns[k, angle] = going_on(*own, before[0].in_radians(before[1], int(angle)))
+
+    def in_radians(self, k: int, angle: int) -> Image:
+        """Return a map (y, x) with its turns; NaN where it is not known."""
+        found = np.where(self.inside[k, angle], self.wrapped[k, angle], np.float32(np.nan))
         if self.turns is not None:
-            found += TURN * self.turns[k].astype(np.float32)
+            found += TURN * self.turns[k, angle].astype(np.float32)
         return found
 
 
@@ -279,8 +278,8 @@ def lifts_of_changes(scene: Scene, store: Store, watch: Watch) -> dict[int, Stac
         return maps_of(scene, block)
 
     found: dict[int, Stack] = {}
-    first: dict[int, Image] = {}
-    last: dict[int, Image] = {}
+    first: dict[int, tuple[Maps, int]] = {}
+    last: dict[int, tuple[Maps, int]] = {}
     maps = in_threads(work, blocks, watch.quiet(len(blocks)), large=True)
     for block, by_axis in zip(blocks, maps, strict=True):
         forward = block.start >= start
@@ -288,7 +287,8 @@ def lifts_of_changes(scene: Scene, store: Store, watch: Watch) -> dict[int, Stac
         for axis, some in by_axis.items():
             order = range(len(some.wrapped))
             for k in order if forward else reversed(order):
-                near[axis] = some.go_on_from(k, near.get(axis))
+                some.go_on_from(k, near.get(axis))
+                near[axis] = some, k
                 if axis == 1 and forward:  # views of the boundary frame come before both sides
                     first.setdefault(axis, near[axis])
             if some.turns is not None and some.turns.any():
@@ -302,7 +302,7 @@ def lifts_of_changes(scene: Scene, store: Store, watch: Watch) -> dict[int, Stac
 
 def maps_of(scene: Scene, block: Block) -> dict[int, Maps]:
     """Return what changes from some frames to the next ones, and in them from view to view."""
-    seen, _, _ = scene.boxed(block.wider(0, 1, scene.shape[0]))
+    seen = scene.read_box(block.wider(0, 1, scene.shape[0]))
     found = {}
     for axis, frames in ((0, slice(None)), (1, slice(0, len(block)))):
         phase, usable, empty = seen.phase[frames], seen.usable[frames], seen.empty[frames]

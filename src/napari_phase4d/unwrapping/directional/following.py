@@ -85,7 +85,8 @@ def is_thin(scene: Scene, watch: Watch) -> bool:
 
 def steep_steps(scene: Scene, time: int) -> tuple[int, int]:
     """Count the object's steps along y and x at a time, in all views: the steep ones, and all."""
-    seen, seams, _ = scene.boxed(Block(time, time + 1))
+    block = Block(time, time + 1)
+    seen, seams = scene.read_box(block), scene.seams(block)
     counts = np.zeros(2, dtype=np.int64)
     for axis in (axis for axis in (2, 3) if scene.part[axis] > 1):
         steps = along(axis, seen, seams)

@@ -98,8 +98,8 @@ class CountBlock:
     def __call__(self, block: Block) -> None:
         """Do a block."""
         scene = self.scene
-        seen, numbers, _ = scene.boxed(block.wider(0, 1, scene.shape[0]))
-        seams = numbers.astype(np.int16)
+        around = block.wider(0, 1, scene.shape[0])
+        seen, seams = scene.read_box(around), scene.seams(around).astype(np.int16)
         own, changes = (np.zeros((len(block), *scene.shape[1:]), np.uint8) for _ in range(2))
         inside = (slice(None), slice(None), *scene.box)
         noisy = scene.noise > NOISY

@@ -97,19 +97,23 @@ class Scene:
             None if seen.amplitude is None else moved(seen.amplitude, shifts),
         )
 
-    def boxed(
-        self, block: Block, *, amplitude: bool = False
-    ) -> tuple[Seen, NDArray[np.int8], Image | None]:
-        """Return the box of some frames, its seams, and the share of noise that is left there."""
+    def read_box(self, block: Block, *, amplitude: bool = False) -> Seen:
+        """Return the box of some frames; see `read`."""
         seen = self.read(block, amplitude=amplitude)
         inside = (slice(None), slice(None), *self.box)
-        cut = Seen(
+        return Seen(
             np.ascontiguousarray(seen.phase[inside]),
             seen.empty[inside],
             seen.usable[inside],
             None if seen.amplitude is None else seen.amplitude[inside],
         )
-        return cut, self.seams(block), None if self.left is None else self.left.read(block)
+
+    def boxed(
+        self, block: Block, *, amplitude: bool = False
+    ) -> tuple[Seen, NDArray[np.int8], Image | None]:
+        """Return the box of some frames, its seams, and the share of noise that is left there."""
+        left = None if self.left is None else self.left.read(block)
+        return self.read_box(block, amplitude=amplitude), self.seams(block), left
 
     def lifts_of(self, axis: int, block: Block) -> NDArray[np.int8] | None:
         """Return the turns that changes between some frames, or their views, are lifted by."""
