@@ -52,6 +52,16 @@ def test_own_results_keep_their_coordinates(tmp_path: Path) -> None:
     xr.testing.assert_equal(open_phase(path), YEAST["wrapped"])
 
 
+@pytest.mark.parametrize("name", ["stack.ome.tif", "stack.ome.zarr"])
+def test_own_results_without_a_unit_are_known_by_their_numbers(tmp_path: Path, name: str) -> None:
+    plain = YEAST["wrapped"].drop_attrs()
+    path = write_phase(tmp_path / name, plain)
+    assert holds_phase(path)
+    xr.testing.assert_equal(open_phase(path), plain)
+    assert not holds_phase(write_phase(path, abs(plain)))
+    assert not holds_phase(write_phase(path, plain.assign_attrs(method="temporal")))
+
+
 NOT_PHASE = {
     "counts": np.ones((3, 8, 8), np.uint8),
     "fringes about zero": np.random.default_rng(0).uniform(-1, 1, (3, 8, 8)),

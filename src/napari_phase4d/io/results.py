@@ -425,14 +425,17 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
 
     Holograms are counts of light; wrapped phase lies within half a cycle of zero, on both sides,
     and spans more than half a cycle. Stacks of four dimensions are phase. Of files that this
-    program wrote, those that no method has unwrapped are.
+    program wrote, those in radians are that no method has unwrapped; of those without a unit, as
+    a script may write them, those whose numbers are such.
     """
     path = Path(path)
     if not path.exists() and address_of(path) is None:
         return False
     noted = result_attrs(path)
+    if noted is not None and "units" in noted:
+        return noted["units"] == "rad" and "method" not in noted
     if noted is not None:
-        return noted.get("units") == "rad" and "method" not in noted
+        return "method" not in noted and looks_wrapped(read_results(path).data)
     if is_koala_phase(path):
         return True
     try:
