@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,8 @@ from napari_phase4d.simulation import (
     with_noise,
 )
 from napari_phase4d.stack import Block, InMemory
-from napari_phase4d.unwrapping import Judged, Problem, supports_by_steps
+from napari_phase4d.unwrapping import Judged, Problem, given, supports_by_steps
+from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.directional import graph
 
 TURN = 2 * np.pi
@@ -138,6 +140,41 @@ def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
     np.testing.assert_array_equal(reopened.confidence("spatial-2d").values, expected)
     assert reopened.verdict == held.verdict
     assert not list((tmp_path / "disk").glob(".phase4d*"))
+
+
+def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is looked for anew where the shelf was cleared: every block of the tally asks for it."""
+    held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=METHODS[:2])
+    for comparison in (held, lying):
+        comparison.confidences()
+    monkeypatch.setattr(given, "WORKING_FRAMES", 1)
+    looks = []
+    find = Problem._find_background
+
+    def slowly(problem: Problem) -> Background:
+        looks.append(problem)
+        time.sleep(0.05)
+        return find(problem)
+
+    monkeypatch.setattr(Problem, "_find_background", slowly)
+    assert lying.verdict == held.verdict
+    assert len(set(map(id, looks))) == len(looks)
+
+
+@pytest.mark.parametrize("mask", [None, "auto"])
+@pytest.mark.parametrize("storage", ["memory", "disk"])
+def test_phase_of_which_nothing_is_known_is_refused_wherever_it_lies(
+    tmp_path: Path, storage: str, mask: str | None
+) -> None:
+    nothing = with_black_frames()["wrapped"][:1] * np.nan
+    path = p4d.io.write_phase(tmp_path / "phase.ome.zarr", nothing)
+    recipe = p4d.Recipe(
+        recording=str(path), content="phase", mask=mask, storage=storage, boundary=((0, 0),)
+    )
+    with pytest.raises(ValueError, match="NaN everywhere, so there is nothing to unwrap"):
+        p4d.run(recipe, folder=tmp_path / "out")
 
 
 @pytest.mark.slow

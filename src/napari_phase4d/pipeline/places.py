@@ -304,6 +304,7 @@ class Place:
             amplitude=amplitude,
             workers=self.workers,
         )
+        problem.check_any_known()
         return compare_on(
             problem, recipe.methods, truth, recipe.options, **task.calls, finished=finished
         )

@@ -364,7 +364,10 @@ def mask_of(recipe: Recipe, phase: xr.DataArray) -> NDArray[np.bool_] | str | No
     """Return what a recipe unwraps of a phase in memory: what is known, where it says nothing."""
     if recipe.mask is not None:
         return recipe.mask
-    return None if all_known(phase.values) else is_known(phase.values)
+    if all_known(phase.values):
+        return None
+    known = is_known(phase.values)
+    return known if known.any() else None  # which is refused for what it is, and no mask blamed
 
 
 def reconstruct_by(

@@ -30,7 +30,7 @@ from napari_phase4d.unwrapping.given import (
     relative_amplitude,
 )
 from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
-from napari_phase4d.unwrapping.problem import Boundary, checked_boundaries
+from napari_phase4d.unwrapping.problem import Boundary, check_any_known, checked_boundaries
 
 __all__ = ["ProblemOnDisk", "reconstruct_to_disk"]
 
@@ -196,6 +196,16 @@ class ProblemOnDisk(Problem):
         """Whether there is an amplitude."""
         return self._amplitude is not None
 
+    def check_any_known(self) -> None:
+        """Refuse phase of which nothing is known, reading no further than to what is.
+
+        Raises
+        ------
+        ValueError
+            If there is none.
+        """
+        check_any_known(any(self.given.read(block)[1].any() for block in self.blocks()))
+
     @property
     def all_usable(self) -> bool:
         """Whether the phase is known everywhere."""
@@ -295,9 +305,10 @@ class ProblemOnDisk(Problem):
 
     def once(self, name: str, work: Callable[[], T]) -> T:
         """Return what ``work()`` returned when it was first asked for by this name."""
-        if self._shelf.clearings != self._clearings:
-            self._clearings = self._shelf.clearings
-            self._known = {k: v for k, v in self._known.items() if k.startswith(LASTING)}
+        with self._changing:
+            if self._shelf.clearings != self._clearings:
+                self._clearings = self._shelf.clearings
+                self._known = {k: v for k, v in self._known.items() if k.startswith(LASTING)}
         return super().once(name, work)
 
     def knows(self, name: str) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
@@ -57,6 +58,7 @@ __all__ = [
     "Boundary",
     "Problem",
     "SharedSteps",
+    "check_any_known",
     "checked_boundaries",
 ]
 
@@ -71,7 +73,7 @@ T = TypeVar("T")
 
 
 class SharedSteps:
-    """Holds what was computed once, and how long it took.
+    """Holds what was computed once, and how long it took; several threads may ask for it.
 
     Attributes
     ----------
@@ -85,15 +87,25 @@ class SharedSteps:
         self._known: dict[str, Any] = {}
         self.seconds: dict[str, float] = {}
         self.used: set[str] = set()
+        self._changing = threading.Lock()
+        self._under_way: dict[str, threading.RLock] = {}
 
     def once(self, name: str, work: Callable[[], T]) -> T:
-        """Return what ``work()`` returned when it was first asked for by this name."""
+        """Return what ``work()`` returned when it was first asked for by this name.
+
+        Who asks while another thread is at it waits: on disk both would write the same file, and
+        one would read it while it is still empty. What is asked for by other names goes on, as
+        the work may ask for it from threads of its own.
+        """
         self.used.add(name)
-        if name not in self._known:
-            began = time.perf_counter()
-            self._known[name] = work()
-            self.seconds[name] = time.perf_counter() - began
-        found: T = self._known[name]
+        with self._changing:
+            under_way = self._under_way.setdefault(name, threading.RLock())
+        with under_way:
+            if name not in self._known:
+                began = time.perf_counter()
+                self._known[name] = work()
+                self.seconds[name] = time.perf_counter() - began
+            found: T = self._known[name]
         return found
 
     def knows(self, name: str) -> bool:
@@ -190,9 +202,7 @@ class Problem(SharedSteps):
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
         self.unknown = np.asarray(bad.all(axis=(2, 3)))
-        if self.unknown.all():
-            msg = "the phase is NaN everywhere, so there is nothing to unwrap"
-            raise ValueError(msg)
+        check_any_known(not self.unknown.all())
         count = int((bad & ~self.unknown[..., None, None] & self.usable).sum())
         if count and not self.finds_mask:
             msg = (
@@ -548,6 +558,13 @@ class Problem(SharedSteps):
             msg = "the mask is empty, so there is nothing to unwrap"
             raise ValueError(msg)
         return found
+
+
+def check_any_known(known: bool) -> None:
+    """Refuse phase of which nothing is known."""
+    if not known:
+        msg = "the phase is NaN everywhere, so there is nothing to unwrap"
+        raise ValueError(msg)
 
 
 def checked_boundaries(
