@@ -299,13 +299,19 @@ def cells_by(
     noted = result.attrs.get("wavelength_um")
     if noted is not None:
         optics = replace(optics, wavelength_um=float(noted))
+    trust = comparison.known_confidence(method, **task.calls)
+    if trust is None:
+        warn(
+            "pixels in doubt about their cycle are not in the errors of the cells: of results "
+            "larger than memory confidence has to be asked for"
+        )
     found = cells_in(
         result,
         recipe.optics or optics,
         recipe.cells,
         method=method,
         wrapped=wrapped,
-        confidence=comparison.known_confidence(method, **task.calls),
+        confidence=trust,
         **task.calls,
     )
     if found.table.empty:
