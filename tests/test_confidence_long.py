@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +15,7 @@ import xarray as xr
 from scipy.stats import rankdata
 
 import napari_phase4d as p4d
+from napari_phase4d import task
 from napari_phase4d.pipeline import read_outcome, write_outcome
 from napari_phase4d.simulation import (
     at_wavelengths,
@@ -150,7 +155,8 @@ def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
     for comparison in (held, lying):
         comparison.confidences()
     monkeypatch.setattr(given, "WORKING_FRAMES", 1)
-    looks = []
+    monkeypatch.setattr(task, "cores", lambda: 4)
+    looks: list[Problem] = []
     find = Problem._find_background
 
     def slowly(problem: Problem) -> Background:
@@ -160,7 +166,30 @@ def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
 
     monkeypatch.setattr(Problem, "_find_background", slowly)
     assert lying.verdict == held.verdict
-    assert len(set(map(id, looks))) == len(looks)
+    assert [id(problem) for problem in looks] == [id(lying.problem)]
+
+
+def test_several_threads_may_ask_for_confidence_on_disk(tmp_path: Path) -> None:
+    """Each ends with tidying up, which must not take away what another one reads."""
+    held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=METHODS)
+    with ThreadPoolExecutor(3) as pool:
+        found = list(pool.map(lying.confidence, METHODS))
+        verdicts = set(pool.map(lambda _: lying.verdict, METHODS))
+    for method, trust in zip(METHODS, found, strict=True):
+        np.testing.assert_array_equal(trust.values, held.confidence(method).values)
+    assert verdicts == {held.verdict}
+
+
+@pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
+def test_a_comparison_can_be_copied_and_sent_to_another_process(
+    copied: Callable[[p4d.Comparison], p4d.Comparison],
+) -> None:
+    comparison = p4d.compare(with_black_frames()["wrapped"], METHODS[:1])
+    expected = comparison.verdict
+    found = copied(comparison)
+    assert found.verdict == expected
+    assert found.problem.locks is not comparison.problem.locks
+    assert copied(found.problem).once("anything", lambda: 1) == 1
 
 
 @pytest.mark.parametrize("mask", [None, "auto"])

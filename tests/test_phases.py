@@ -62,6 +62,13 @@ def test_own_results_without_a_unit_are_known_by_their_numbers(tmp_path: Path, n
     assert not holds_phase(write_phase(path, plain.assign_attrs(method="temporal")))
 
 
+def test_a_damaged_result_without_a_unit_is_no_phase(tmp_path: Path) -> None:
+    path = write_phase(tmp_path / "stack.ome.zarr", YEAST["wrapped"].drop_attrs())
+    for file in (path / "0").glob("c.*"):
+        file.write_bytes(file.read_bytes()[:-9])
+    assert not holds_phase(path)
+
+
 NOT_PHASE = {
     "counts": np.ones((3, 8, 8), np.uint8),
     "fringes about zero": np.random.default_rng(0).uniform(-1, 1, (3, 8, 8)),

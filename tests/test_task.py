@@ -8,6 +8,7 @@ import time
 import pytest
 
 from napari_phase4d.task import THREADS, Cancelled, Task, Watch, in_threads
+from napari_phase4d.unwrapping import SharedSteps
 
 
 def test_results_come_in_order_and_are_counted() -> None:
@@ -52,3 +53,47 @@ def test_threads_end_soon_after_quick_items_became_slow() -> None:
         if thread.name.startswith(THREADS):
             thread.join()
     assert time.monotonic() - began < 1.5
+
+
+def test_what_several_threads_ask_for_is_computed_once() -> None:
+    steps, calls = SharedSteps(), []
+
+    def work() -> int:
+        time.sleep(0.05)
+        calls.append("work")
+        # Threads of its own may ask for something else meanwhile.
+        return sum(in_threads(lambda _: steps.once("other", lambda: 2), range(4), Watch(4, "")))
+
+    found = list(in_threads(lambda _: steps.once("name", work), range(8), Watch(8, "")))
+    assert found == [8] * 8
+    assert calls == ["work"]
+
+
+def test_after_an_error_it_is_tried_again() -> None:
+    steps, tried = SharedSteps(), []
+
+    def work() -> int:
+        tried.append(len(tried))
+        return 1 // tried[-1]
+
+    with pytest.raises(ZeroDivisionError):
+        steps.once("name", work)
+    assert not steps.knows("name")
+    assert [steps.once("name", work) for _ in range(3)] == [1, 1, 1]
+    assert tried == [0, 1]
+
+
+def test_what_is_forgotten_while_somebody_asks_is_there_for_him() -> None:
+    steps, over = SharedSteps(), threading.Event()
+
+    def forget() -> None:
+        while not over.is_set():
+            steps.forget("name")
+
+    forgetting = threading.Thread(target=forget)
+    forgetting.start()
+    try:
+        assert [steps.once("name", lambda: 4) for _ in range(20_000)] == [4] * 20_000
+    finally:
+        over.set()
+        forgetting.join()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -119,9 +119,8 @@ class Comparison:
         """
         task = Task(progress, cancelled)
         wanted = list(self.results) if methods is None else list(methods)
-        missing = [m for m in wanted if not self.problem.knows(map_name(m))]
-        if missing:
-            self._judge(missing, task)
+        if not all(self.problem.knows(map_name(m)) for m in wanted):
+            self._judge(wanted, task)
         return {m: self.problem.once(map_name(m), nothing) for m in wanted}
 
     def _judge(
@@ -129,30 +128,47 @@ class Comparison:
         methods: Sequence[str],
         task: Task = UNWATCHED,
     ) -> None:
-        """Make maps of confidence of methods.
+        """Make maps of confidence of methods, one thread at a time: it ends with tidying up.
 
         Of directional L1, if it was not run, no more is kept than how much of it is in doubt: the
         verdict needs no more, and what lies on disk would have to be read once more for it.
         """
-        problem, held = self.problem, self.held
-        try:
-            reference = self.results.get(REFERENCE)
-            if reference is None and held:
-                reference = self.reference(**task.calls)
-            results = {m: self.results.get(m) for m in methods}
-            own = REFERENCE not in self.results and not problem.knows(OF_REFERENCE)
-            if own and not (held and methods):
-                results[REFERENCE] = reference
-            found = chances_of_right(problem, results, reference, task)
-            for method in methods:
-                trust = trust_map(problem, found[method], method, method)
-                problem.once(map_name(method), partial(identity, trust))
-            if REFERENCE in found and REFERENCE not in self.results:
-                tally = tally_of(problem, {}, {REFERENCE: found[REFERENCE]})
-                problem.once(OF_REFERENCE, lambda: tally.doubtful_share(REFERENCE))
-        finally:
-            problem.forget_field()
-            problem.tidy()
+        with self.problem.locks.together:
+            missing = [m for m in methods if not self.problem.knows(map_name(m))]
+            own = REFERENCE not in self.results and not self.problem.knows(OF_REFERENCE)
+            if missing or own:
+                try:
+                    self._make_maps(missing, task, own=own)
+                finally:
+                    self.problem.forget_field()
+                    self.problem.tidy()
+
+    def _make_maps(self, methods: Sequence[str], task: Task, *, own: bool) -> None:
+        """Make maps of confidence of methods, or find out how much of directional L1 is in doubt.
+
+        Parameters
+        ----------
+        methods : sequence of str
+            Ids of the methods.
+        task : Task
+            Who is told of it, and may stop it.
+        own : bool
+            Whether nothing is known of directional L1 yet, which was not run.
+        """
+        problem = self.problem
+        reference = self.results.get(REFERENCE)
+        if reference is None and self.held:
+            reference = self.reference(**task.calls)
+        results = {m: self.results.get(m) for m in methods}
+        if own and not (self.held and methods):
+            results[REFERENCE] = reference
+        found = chances_of_right(problem, results, reference, task)
+        for method in methods:
+            trust = trust_map(problem, found[method], method, method)
+            problem.once(map_name(method), partial(identity, trust))
+        if REFERENCE in found and REFERENCE not in self.results:
+            tally = tally_of(problem, {}, {REFERENCE: found[REFERENCE]})
+            problem.once(OF_REFERENCE, lambda: tally.doubtful_share(REFERENCE))
 
     def tally(self, maps: Mapping[str, xr.DataArray] | None = None) -> Tally:
         """Count what is in doubt in each frame's object, and on how much of it results differ.
@@ -163,18 +179,29 @@ class Comparison:
             What `confidence` gave for methods; default all of them.
         """
         counted = self.confidences() if maps is None else dict(maps)
-        name = f"tally of {', '.join(counted)}"
-        known: tuple[dict[str, xr.DataArray], dict[str, xr.DataArray], Tally] | None = None
-        if self.problem.knows(name):
-            known = self.problem.once(name, nothing)
-        results = dict(counting_turns(self.results))
-        if known is None or not (same(known[0], counted) and same(known[1], results)):
-            self.problem.forget(name)
+        known = self._known_tally(counted)
+        return self._count(counted) if known is None else known
+
+    def _known_tally(self, counted: dict[str, xr.DataArray]) -> Tally | None:
+        """Return the tally of maps if these, of the same results, were counted last."""
+        name = tally_name(counted)
+        if not self.problem.knows(name):
+            return None
+        maps, results, found = self.problem.once(name, nothing)
+        now = dict(counting_turns(self.results))
+        return found if same(maps, counted) and same(results, now) else None
+
+    def _count(self, counted: dict[str, xr.DataArray]) -> Tally:
+        """Count what is in doubt, one thread at a time: it ends with tidying up."""
+        problem, results = self.problem, dict(counting_turns(self.results))
+        with problem.locks.together:
+            if (known := self._known_tally(counted)) is not None:
+                return known
             maps_on = {method: stack_of(trust) for method, trust in counted.items()}
-            found = tally_of(self.problem, results, maps_on)
-            known = self.problem.once(name, lambda: (counted, results, found))
-            self.problem.tidy()
-        return known[2]
+            found = tally_of(problem, results, maps_on)
+            problem.note(tally_name(counted), (counted, results, found))
+            problem.tidy()
+        return found
 
     def warnings(self) -> dict[str, str]:
         """Say of which methods whole objects may be a cycle off, and in how many frames."""
@@ -309,6 +336,11 @@ class Comparison:
 def map_name(method: str) -> str:
     """Return by which name a problem knows the map of confidence of a method."""
     return f"confidence of {method}"
+
+
+def tally_name(methods: Iterable[str]) -> str:
+    """Return by which name a problem knows what was counted in maps of some methods."""
+    return f"tally of {', '.join(methods)}"
 
 
 def identity(found: T) -> T:

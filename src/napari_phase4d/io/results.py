@@ -434,11 +434,11 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     noted = result_attrs(path)
     if noted is not None and "units" in noted:
         return noted["units"] == "rad" and "method" not in noted
-    if noted is not None:
-        return "method" not in noted and looks_wrapped(read_results(path).data)
-    if is_koala_phase(path):
+    if noted is None and is_koala_phase(path):
         return True
     try:
+        if noted is not None:  # amplitude has four axes as well
+            return "method" not in noted and looks_wrapped(read_results(path).data)
         if path.suffix.lower() == ".npz" and dataset is None and holds_holograms(path):
             return False
         values = plain_phase(path, dataset).frames

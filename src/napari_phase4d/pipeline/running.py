@@ -56,9 +56,8 @@ from napari_phase4d.unwrapping import (
     unwrap,
 )
 from napari_phase4d.unwrapping.directional.least_turns import sink_side
-from napari_phase4d.unwrapping.given import all_known
+from napari_phase4d.unwrapping.given import all_known, checked_boundaries
 from napari_phase4d.unwrapping.growing.rows import integrated
-from napari_phase4d.unwrapping.problem import checked_boundaries
 from napari_phase4d.words import advised_call, sentence_of, warn
 
 __all__ = [
@@ -300,11 +299,6 @@ def cells_by(
     if noted is not None:
         optics = replace(optics, wavelength_um=float(noted))
     trust = comparison.known_confidence(method, **task.calls)
-    if trust is None:
-        warn(
-            "pixels in doubt about their cycle are not in the errors of the cells: of results "
-            "larger than memory confidence has to be asked for"
-        )
     found = cells_in(
         result,
         recipe.optics or optics,
@@ -318,6 +312,12 @@ def cells_by(
         warn(
             "no cells were found; is the object thinner than threshold_rad, or smaller than "
             "smallest_um2?"
+        )
+    elif trust is None:
+        warn(
+            "the errors of the cells leave out pixels in doubt about their cycle: of results that "
+            "lie on disk, confidence is computed where a recipe for the finished recording asks "
+            "for it (confidence=True)"
         )
     return found
 
@@ -373,7 +373,7 @@ def mask_of(recipe: Recipe, phase: xr.DataArray) -> NDArray[np.bool_] | str | No
     if all_known(phase.values):
         return None
     known = is_known(phase.values)
-    return known if known.any() else None  # which is refused for what it is, and no mask blamed
+    return known if known.any() else None  # or the error would be that of an empty mask
 
 
 def reconstruct_by(

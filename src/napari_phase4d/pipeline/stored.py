@@ -451,13 +451,13 @@ class Shelf:
             stored.write(block, part)
             return limits_of(part)
 
-        return self.put(name, stack, widest(in_threads(write, blocks, watch)))
+        return self.put(name, stack, widest(in_threads(write, blocks, watch, wait=True)))
 
     def clear(self) -> None:
         """Remove what was needed on the way only."""
         if self._clear.alive:
+            self.clearings += 1  # first, or somebody would look for what is going
             self._clear()
-            self.clearings += 1
 
 
 class GrowingStack:

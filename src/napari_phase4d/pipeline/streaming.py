@@ -24,13 +24,15 @@ from napari_phase4d.task import UNWATCHED, Task, Threads, Watch, Workers
 from napari_phase4d.unwrapping import Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.alone import ALL_USABLE
 from napari_phase4d.unwrapping.given import (
+    Boundary,
     Given,
     all_known,
     brightness_of,
+    checked_boundaries,
+    refuse_unknown,
     relative_amplitude,
 )
 from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
-from napari_phase4d.unwrapping.problem import Boundary, check_any_known, checked_boundaries
 
 __all__ = ["ProblemOnDisk", "reconstruct_to_disk"]
 
@@ -196,15 +198,10 @@ class ProblemOnDisk(Problem):
         """Whether there is an amplitude."""
         return self._amplitude is not None
 
-    def check_any_known(self) -> None:
-        """Refuse phase of which nothing is known, reading no further than to what is.
-
-        Raises
-        ------
-        ValueError
-            If there is none.
-        """
-        check_any_known(any(self.given.read(block)[1].any() for block in self.blocks()))
+    def check_phase(self) -> None:
+        """Raise ValueError if nothing of the phase is known; it is read as far as to what is."""
+        known = any(self.given.read(block)[1].any() for block in self.blocks())
+        refuse_unknown(known=known)
 
     @property
     def all_usable(self) -> bool:
@@ -305,7 +302,7 @@ class ProblemOnDisk(Problem):
 
     def once(self, name: str, work: Callable[[], T]) -> T:
         """Return what ``work()`` returned when it was first asked for by this name."""
-        with self._changing:
+        with self.locks.changing:  # or what another thread has found since would go as well
             if self._shelf.clearings != self._clearings:
                 self._clearings = self._shelf.clearings
                 self._known = {k: v for k, v in self._known.items() if k.startswith(LASTING)}

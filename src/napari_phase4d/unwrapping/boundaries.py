@@ -19,8 +19,9 @@ from napari_phase4d.task import (
     watched,
 )
 from napari_phase4d.unwrapping.frames import border_medians, unwrap_frame
+from napari_phase4d.unwrapping.given import Boundary, checked_boundaries
 from napari_phase4d.unwrapping.growing import Workspace, smooth_turns
-from napari_phase4d.unwrapping.problem import Boundary, Problem, checked_boundaries
+from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import METHODS
 from napari_phase4d.unwrapping.running import run_method
 

@@ -19,9 +19,11 @@ from napari_phase4d.stack import Block, InMemory, ReadOnly, Stack, block_at, blo
 from napari_phase4d.task import on_all_cores
 from napari_phase4d.unwrapping.filters import median_of
 from napari_phase4d.unwrapping.light.views import ViewsOf
+from napari_phase4d.words import shown
 
 __all__ = [
     "LARGEST",
+    "Boundary",
     "Counted",
     "Given",
     "KeptFrames",
@@ -29,16 +31,20 @@ __all__ = [
     "all_known",
     "as_given",
     "brightness_of",
+    "checked_boundaries",
     "is_known",
     "lost_frames",
     "lost_of",
     "noise_of",
+    "refuse_unknown",
     "relative_amplitude",
     "sampled_noise",
     "working_blocks",
     "working_frames",
 ]
 
+#: A frame by its numbers (time, angle), which unwrapping starts from.
+Boundary = tuple[int, int]
 #: Beyond so many radians, single precision no longer tells the parts of a turn.
 LARGEST = 1e5
 #: Times at which the usual amplitude is looked at.
@@ -407,3 +413,36 @@ def relative_amplitude(values: NDArray[Any], bright: NDArray[np.float64]) -> NDA
         view = values[:, angle]
         share[:, angle] = np.where(np.isfinite(view), view, 0) / bright[angle]
     return share
+
+
+def refuse_unknown(*, known: bool) -> None:
+    """Raise ValueError if nothing is known of some phase."""
+    if not known:
+        msg = "the phase is NaN everywhere, so there is nothing to unwrap"
+        raise ValueError(msg)
+
+
+def checked_boundaries(
+    boundary: Boundary | Sequence[Boundary], shape: tuple[int, ...]
+) -> list[Boundary]:
+    """Return the boundary frames as a list of index pairs that exist."""
+    try:
+        pairs = np.atleast_2d(np.asarray(boundary))
+    except (TypeError, ValueError):  # pairs of different lengths, or no numbers at all
+        pairs = np.empty(0)
+    if pairs.size == 0 or pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
+        msg = (
+            "boundary must be (time, angle) frame numbers, one pair or several, not "
+            f"{shown(boundary)}"
+        )
+        raise ValueError(msg)
+    found: list[Boundary] = []
+    for t, a in pairs.tolist():
+        if not (-shape[0] <= t < shape[0] and -shape[1] <= a < shape[1]):
+            msg = (
+                f"the boundary frame (time {t}, angle {a}) does not exist; "
+                f"there are {shape[0]} times and {shape[1]} angles, counted from 0"
+            )
+            raise ValueError(msg)
+        found.append((t % shape[0], a % shape[1]))
+    return list(dict.fromkeys(found))

@@ -20,8 +20,8 @@ from napari_phase4d.stack import Block, Limits, Stack, Temporary
 from napari_phase4d.task import Task, Watch
 from napari_phase4d.unwrapping.alone import FinishBlock, Lifted
 from napari_phase4d.unwrapping.frames import border_medians, border_of
-from napari_phase4d.unwrapping.given import Given
-from napari_phase4d.unwrapping.problem import Boundary, Problem
+from napari_phase4d.unwrapping.given import Boundary, Given
+from napari_phase4d.unwrapping.problem import Problem
 
 __all__ = ["closing_turns", "loop_sums", "network_flow"]
 

@@ -39,13 +39,16 @@ from napari_phase4d.unwrapping.background import Background, background_of
 from napari_phase4d.unwrapping.frames import centre_of_mass_shifts
 from napari_phase4d.unwrapping.given import (
     LARGEST,
+    Boundary,
     Counted,
     Given,
     KeptFrames,
     all_known,
     brightness_of,
+    checked_boundaries,
     is_known,
     lost_of,
+    refuse_unknown,
     relative_amplitude,
 )
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
@@ -55,11 +58,8 @@ __all__ = [
     "FIELD",
     "GRAPH",
     "RESIDUES",
-    "Boundary",
     "Problem",
     "SharedSteps",
-    "check_any_known",
-    "checked_boundaries",
 ]
 
 #: Name of what the directional methods start from.
@@ -72,6 +72,26 @@ RESIDUES = "residues"
 T = TypeVar("T")
 
 
+class Locks:
+    """What threads wait for that share a problem; a copy of it, or one in a file, has its own."""
+
+    def __init__(self) -> None:
+        #: Held while what is known is looked through.
+        self.changing = threading.Lock()
+        #: Held while several things are made that belong together.
+        self.together = threading.RLock()
+        self._named: dict[str, threading.RLock] = {}
+
+    def of(self, name: str) -> threading.RLock:
+        """Return the lock of a step."""
+        with self.changing:
+            return self._named.setdefault(name, threading.RLock())
+
+    def __reduce__(self) -> tuple[type[Locks], tuple[()]]:
+        """Leave out what nobody else can hold."""
+        return Locks, ()
+
+
 class SharedSteps:
     """Holds what was computed once, and how long it took; several threads may ask for it.
 
@@ -81,36 +101,41 @@ class SharedSteps:
         Time that each step took.
     used : set of str
         Steps that were asked for since this was last emptied.
+    locks : Locks
+        What threads wait for.
     """
 
     def __init__(self) -> None:
         self._known: dict[str, Any] = {}
         self.seconds: dict[str, float] = {}
         self.used: set[str] = set()
-        self._changing = threading.Lock()
-        self._under_way: dict[str, threading.RLock] = {}
+        self.locks = Locks()
 
     def once(self, name: str, work: Callable[[], T]) -> T:
         """Return what ``work()`` returned when it was first asked for by this name.
 
         Who asks while another thread is at it waits: on disk both would write the same file, and
-        one would read it while it is still empty. What is asked for by other names goes on, as
-        the work may ask for it from threads of its own.
+        one would read it while it is still empty. Other names don't wait: the work may use
+        threads that ask for them. None of these may ask for its own name, nor for one that waits
+        for it: that would never end.
         """
         self.used.add(name)
-        with self._changing:
-            under_way = self._under_way.setdefault(name, threading.RLock())
-        with under_way:
-            if name not in self._known:
+        with self.locks.of(name):
+            if name in self._known:
+                found: T = self._known[name]
+            else:
                 began = time.perf_counter()
-                self._known[name] = work()
+                found = self._known[name] = work()
                 self.seconds[name] = time.perf_counter() - began
-            found: T = self._known[name]
         return found
 
     def knows(self, name: str) -> bool:
         """Say whether something has been computed by this name."""
         return name in self._known
+
+    def note(self, name: str, found: object) -> None:
+        """Keep something by a name, in the place of what was there."""
+        self._known[name] = found
 
     def forget(self, name: str) -> None:
         """Let go of what was computed by this name."""
@@ -129,7 +154,6 @@ class SharedSteps:
 #: Names of what each frame by itself gave, and of the object in it, among what a problem shares.
 ALONE, OBJECT = "spatial", "object"
 
-Boundary = tuple[int, int]
 R = TypeVar("R")
 
 #: Share of pixels of an amplitude that may be below 0, by noise.
@@ -202,7 +226,7 @@ class Problem(SharedSteps):
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
         self.unknown = np.asarray(bad.all(axis=(2, 3)))
-        check_any_known(not self.unknown.all())
+        refuse_unknown(known=not self.unknown.all())
         count = int((bad & ~self.unknown[..., None, None] & self.usable).sum())
         if count and not self.finds_mask:
             msg = (
@@ -558,36 +582,3 @@ class Problem(SharedSteps):
             msg = "the mask is empty, so there is nothing to unwrap"
             raise ValueError(msg)
         return found
-
-
-def check_any_known(known: bool) -> None:
-    """Refuse phase of which nothing is known."""
-    if not known:
-        msg = "the phase is NaN everywhere, so there is nothing to unwrap"
-        raise ValueError(msg)
-
-
-def checked_boundaries(
-    boundary: Boundary | Sequence[Boundary], shape: tuple[int, ...]
-) -> list[Boundary]:
-    """Return the boundary frames as a list of index pairs that exist."""
-    try:
-        pairs = np.atleast_2d(np.asarray(boundary))
-    except (TypeError, ValueError):  # pairs of different lengths, or no numbers at all
-        pairs = np.empty(0)
-    if pairs.size == 0 or pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
-        msg = (
-            "boundary must be (time, angle) frame numbers, one pair or several, not "
-            f"{shown(boundary)}"
-        )
-        raise ValueError(msg)
-    found: list[Boundary] = []
-    for t, a in pairs.tolist():
-        if not (-shape[0] <= t < shape[0] and -shape[1] <= a < shape[1]):
-            msg = (
-                f"the boundary frame (time {t}, angle {a}) does not exist; "
-                f"there are {shape[0]} times and {shape[1]} angles, counted from 0"
-            )
-            raise ValueError(msg)
-        found.append((t % shape[0], a % shape[1]))
-    return list(dict.fromkeys(found))
