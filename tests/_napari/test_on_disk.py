@@ -75,6 +75,20 @@ def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Pa
 
 
 @pytest.mark.slow
+def test_the_window_says_where_errors_of_cells_leave_out_doubt(on_disk, click) -> None:
+    on_disk.session.update(methods=("temporal-angular",))
+    click("run")
+    said: list[str] = []
+    on_disk.compare.cells.said.connect(said.append)
+    for name in ("find_cells", "show_confidence", "find_cells"):
+        click(name)
+    assert "errors leave out pixels in doubt" in said[0]
+    assert "press Confidence above" in said[0]
+    assert "doubt" not in said[-1]
+    assert "Click one" in said[-1]
+
+
+@pytest.mark.slow
 def test_curves_follow_the_mouse(on_disk, click, qtbot) -> None:
     on_disk.session.update(methods=("spatial-2d", "temporal-angular"))
     click("run")

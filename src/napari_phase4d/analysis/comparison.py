@@ -103,9 +103,13 @@ class Comparison:
         cancelled: CancelledCall | None = None,
     ) -> xr.DataArray | None:
         """Return `confidence` of a method; of results on disk, None unless it is known already."""
-        if not self.held and not self.problem.knows(map_name(method)):
+        if not self.held and not self.knows_confidence(method):
             return None
         return self.confidence(method, progress, cancelled)
+
+    def knows_confidence(self, method: str) -> bool:
+        """Say whether `confidence` of a method has been computed."""
+        return self.problem.knows(map_name(method))
 
     def confidences(
         self,

@@ -237,10 +237,19 @@ class CellsPart(Step):
             return
         divided = len({parent for _, parent in cells.labels.attrs.get("parents", ())})
         words = f", {counted(divided, 'division')}" if divided else ""
-        self.said.emit(
-            f"{counted(len(cells.summary), 'cell')}{words}. Click one to see it alone. Wrong "
-            "outlines: paint in the layer of cells, then press Follow cells."
-        )
+        told = f"{counted(len(cells.summary), 'cell')}{words}."
+        comparison = self.session.needed_outcome().comparison
+        if comparison.knows_confidence(str(self.result.value)):
+            told += (
+                " Click one to see it alone. Wrong outlines: paint in the layer of cells, then "
+                "press Follow cells."
+            )
+        else:  # of results on disk
+            told += (
+                " Their errors leave out pixels in doubt about their cycle. To have these in, "
+                "press Confidence above, then Find cells again."
+            )
+        self.said.emit(told)
 
     def show_all(self) -> None:
         """Show the curves of all cells."""
