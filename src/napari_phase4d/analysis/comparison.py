@@ -7,7 +7,8 @@ from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.confidence import (
     REFERENCE,
@@ -93,8 +94,14 @@ class Comparison:
 
         See `napari_phase4d.confidence`. The first call may unwrap by directional L1, which the
         others are held against. Where results lie on disk, so do these maps.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If there is no result of such a method; id and label are both taken for it.
         """
-        return self.confidences([method], progress, cancelled)[method]
+        (found,) = self.confidences([method], progress, cancelled).values()
+        return found
 
     def known_confidence(
         self,
@@ -109,7 +116,17 @@ class Comparison:
 
     def knows_confidence(self, method: str) -> bool:
         """Say whether `confidence` of a method has been computed."""
-        return self.problem.knows(map_name(method))
+        return self.problem.knows(map_name(self._run(method)))
+
+    def _run(self, method: str) -> str:
+        """Return the id of a method that was run, or of the one that all are held against."""
+        known = isinstance(method, str) and method in self.results
+        found = method if known else check_method(method, {})
+        if found not in self.results and found != REFERENCE:
+            there = ", ".join(map(str, self.results)) or "none"
+            msg = f"there is no result of {shown(method)}; there are those of: {there}"
+            raise ValueError(msg)
+        return found
 
     def confidences(
         self,
@@ -117,12 +134,12 @@ class Comparison:
         progress: ProgressCall | None = None,
         cancelled: CancelledCall | None = None,
     ) -> dict[str, xr.DataArray]:
-        """Return `confidence` of several methods, by default all; each is computed once.
+        """Return `confidence` of several methods by their ids, by default all; each once.
 
         All at once take less time than one by one.
         """
         task = Task(progress, cancelled)
-        wanted = list(self.results) if methods is None else list(methods)
+        wanted = list(self.results) if methods is None else [self._run(m) for m in methods]
         if not all(self.problem.knows(map_name(m)) for m in wanted):
             self._judge(wanted, task)
         return {m: self.problem.once(map_name(m), nothing) for m in wanted}
@@ -318,23 +335,23 @@ class Comparison:
     def object_mask(self) -> xr.DataArray:
         """Return what of the usable field is not empty, in the form of the phase.
 
-        Frames that say nothing hold no object.
-
-        Raises
-        ------
-        ValueError
-            If the results were not held in memory.
+        Frames that say nothing hold no object. Of results on disk it is held in memory as well,
+        in a byte a pixel.
         """
         problem = self.problem
-        if not problem.held:
-            msg = (
-                "the mask of the object is made of all frames at once, but these do not fit into "
-                "memory; take some of them, such as phase.isel(time=slice(100)), and compare"
-            )
-            raise ValueError(msg)
-        usable = problem.usable & ~problem.lost()[..., None, None]
-        inside = usable & ~problem.background().mask
+        with problem.locks.together:
+            usable = known_pixels(problem) & ~problem.lost()[..., None, None]
+            inside = usable & ~problem.background().mask
+            if not problem.held:
+                problem.tidy()
         return problem.result(inside if inside.any() else usable, "object", {"units": "1"})
+
+
+def known_pixels(problem: Problem) -> NDArray[np.bool_]:
+    """Return the pixels (time, angle, y, x) that may be looked at, wherever the phase lies."""
+    if problem.held:
+        return problem.usable
+    return np.concatenate([problem.given.read(block)[1] for block in problem.blocks()])
 
 
 def map_name(method: str) -> str:

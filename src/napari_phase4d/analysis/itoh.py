@@ -155,7 +155,7 @@ def order_shares(
     Parameters
     ----------
     phase : xarray.DataArray
-        Unwrapped phase in radians, dims (time, angle, y, x).
+        Unwrapped phase in radians, dims among (time, angle, y, x).
     boundary : tuple of int, optional
         The optically thin frame (time, angle).
     where : xarray.DataArray of bool, optional
@@ -167,12 +167,11 @@ def order_shares(
         Method id "temporal-angular" and "angular-temporal" to a share from 0 to 1.
     """
     phase = checked(phase)
-    stack = in_memory(phase.transpose("time", "angle", "y", "x")).values
-    inside = (
-        np.ones(stack.shape, dtype=bool)
-        if where is None
-        else where.transpose("time", "angle", "y", "x").values
-    )
+    missing = [axis for axis in AXES if axis not in phase.dims]
+    stack = in_memory(phase.expand_dims(missing).transpose(*AXES)).values
+    inside = np.ones(stack.shape, dtype=bool)
+    if where is not None:
+        inside = np.broadcast_to(mask_on(where, phase, "where"), stack.shape)
     t, a = (index % n for index, n in zip(boundary, stack.shape[:2], strict=True))
 
     def broken(axis: int, part: tuple[slice, slice]) -> NDArray[np.bool_]:

@@ -32,10 +32,17 @@ from napari_phase4d.io.reading import check_there
 from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, read_tiff
 from napari_phase4d.io.video import Video, check_fits, quiet
-from napari_phase4d.io.zarr_files import is_zarr, read_zarr
+from napari_phase4d.io.zarr_files import check_zarr_or_none, is_zarr, read_zarr
 from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
 from napari_phase4d.later import pd, tifffile, xr
-from napari_phase4d.stacks import AXES, PLAIN_AXES, coordinate, in_units, looks_wrapped
+from napari_phase4d.stacks import (
+    AXES,
+    PLAIN_AXES,
+    coordinate,
+    in_units,
+    looks_wrapped,
+    with_coordinates,
+)
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import (
     as_numbers,
@@ -61,6 +68,14 @@ __all__ = [
 
 #: Pixels up to this size leave room for the directory in a file whose places are 32 bits wide.
 CLASSIC_BYTES = 2**32 - 2**27
+#: Numbers that an OME-TIFF can hold.
+OME_TYPES = tuple(
+    np.dtype(name)
+    for name in (
+        "bool", "int8", "int16", "int32", "uint8", "uint16", "uint32", "float32", "float64",
+        "complex64", "complex128",
+    )
+)  # fmt: skip
 #: Ids of files are made from what is noted in them, so that the same run gives the same bytes.
 NAMESPACE = uuid.uuid5(uuid.NAMESPACE_OID, PROGRAM)
 
@@ -211,9 +226,11 @@ def write_phase(
     Raises
     ------
     OSError
-        If it can't be written; an older file of that name is then left as it was.
+        If it can't be written; an older file of that name is then left as it was. So is a folder
+        that is no Zarr.
     TypeError, ValueError
-        If the stack has other dims, or no pixels.
+        If the stack has other dims, no pixels, places that are no numbers, or numbers that such a
+        file can't hold.
     Cancelled
         If ``cancelled()`` returned True; an older file of that name is then left as it was.
 
@@ -236,9 +253,21 @@ def write_phase(
     if 0 in stack.shape:
         msg = f"the stack for {path.name} is empty: its shape is {stack.shape}"
         raise ValueError(msg)
-    stack = in_units(stack.transpose(*AXES), "the stack")
-    write = write_zarr_result if path.suffix.lower() == ZARR_SUFFIX else write_tiff_result
-    write(path, stack, Task(progress, cancelled))
+    stack = stack.transpose(*AXES)
+    plain = all(stack[axis].dtype.kind in "iuf" for axis in AXES)
+    stack = in_units(stack, "the stack") if plain else with_coordinates(stack, "the stack")
+    task = Task(progress, cancelled)
+    if path.suffix.lower() == ZARR_SUFFIX:
+        check_zarr_or_none(path)
+        write_zarr_result(path, stack, task)
+    else:
+        if stack.dtype.newbyteorder("=") not in OME_TYPES:
+            msg = (
+                f"an OME-TIFF can't hold numbers of {stack.dtype}; give them as float32, as "
+                'stack.astype("float32") does, or write a .ome.zarr'
+            )
+            raise TypeError(msg)
+        write_tiff_result(path, stack, task)
     return path
 
 

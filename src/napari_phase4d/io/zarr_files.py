@@ -31,7 +31,7 @@ from napari_phase4d.io.video import (
 from napari_phase4d.io.zarr_packing import Pieces, check_packed_once
 from napari_phase4d.words import size_in_words
 
-__all__ = ["ZarrReader", "is_zarr", "read_zarr"]
+__all__ = ["ZarrReader", "check_zarr_or_none", "is_zarr", "read_zarr"]
 
 #: Files of which one lies at the top of every Zarr folder.
 MARKS = ("zarr.json", ".zarray", ".zgroup", ".zmetadata")
@@ -46,6 +46,19 @@ def is_zarr(path: Path) -> bool:
     if path.is_dir():
         return path.suffix.lower() == ".zarr" or any((path / mark).is_file() for mark in MARKS)
     return path.name.lower().endswith((".zarr.zip", ".ozx"))
+
+
+def check_zarr_or_none(path: Path) -> None:
+    """Refuse to replace a folder that holds something else than a Zarr.
+
+    Raises
+    ------
+    OSError
+        If it does.
+    """
+    if path.is_dir() and any(path.iterdir()) and not any((path / m).is_file() for m in MARKS):
+        msg = f"{path} is a folder with something else in it; choose another name"
+        raise FileExistsError(msg)
 
 
 def read_zarr(path: Path, dataset: str | None = None) -> Video:

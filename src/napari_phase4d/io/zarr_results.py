@@ -244,8 +244,10 @@ def count_files(array: Path) -> int:
 def path_of(stack: xr.DataArray) -> Path | None:
     """Return the folder that a stack lies in as it is; None of a part or of a copy."""
     reader = reader_of(stack.data)
-    whole = isinstance(reader, ZarrFrames) and stack.dims == AXES
-    return reader.path if isinstance(reader, ZarrFrames) and whole else None
+    if not isinstance(reader, ZarrFrames) or stack.dims != AXES:
+        return None
+    reader.check()
+    return reader.path
 
 
 class ZarrFrames:
@@ -263,7 +265,23 @@ class ZarrFrames:
         self._kept: tuple[int, NDArray[Any]] | None
         self._open()
 
+    def check(self) -> None:
+        """Refuse to read what has come to lie in this place since it was opened.
+
+        Raises
+        ------
+        OSError
+            If another run has replaced it.
+        """
+        if which_array(self.path) not in (None, self._which):
+            msg = (
+                f"{self.path} was replaced since it was opened, as another run with the same "
+                "folder does; read it again, or give each run a folder of its own"
+            )
+            raise OSError(msg)
+
     def __getitem__(self, key: Any) -> NDArray[Any]:
+        self.check()
         try:
             return np.asarray(self._array[key])
         except Exception as error:  # each compressor has errors of its own
@@ -287,6 +305,7 @@ class ZarrFrames:
 
         self._kept = None
 
+        self._which = which_array(self.path)
         self._array: Any = zarr.open_array(self.path / ARRAY, mode="r")
         self.shape = tuple(int(n) for n in self._array.shape)
         self.dtype = np.dtype(self._array.dtype)
@@ -301,6 +320,15 @@ class ZarrFrames:
     def __setstate__(self, state: dict[str, Any]) -> None:
         self.path = state["path"]
         self._open()
+
+
+def which_array(path: Path) -> tuple[int, int] | None:
+    """Return what tells the array of an OME-Zarr from one that replaces it; None if it is gone."""
+    try:
+        status = (path / ARRAY / NOTE).stat()
+    except OSError:
+        return None
+    return status.st_ino, status.st_mtime_ns
 
 
 def zarr_description(path: str | Path) -> dict[str, Any] | None:

@@ -16,7 +16,7 @@ from napari_phase4d.io.results import is_result
 from napari_phase4d.io.zarr_files import is_zarr
 from napari_phase4d.pipeline.batch_folders import NOTE, alone, damaged_note, noted
 from napari_phase4d.pipeline.folder import checked_form, lying_in, write_files
-from napari_phase4d.pipeline.places import make_folder
+from napari_phase4d.pipeline.places import make_folder, over_input, taken
 from napari_phase4d.pipeline.provenance import Fingerprint, source_of
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import Outcome
@@ -81,15 +81,10 @@ class ResultFolder:
             if is_input and name.startswith("wrapped.") and holds_phase(path):
                 continue
             if is_input:
-                msg = f"results would be written over the input {path}; choose another folder"
-                raise OSError(msg)
+                raise over_input(path)
             if name not in self.own and not (name == NOTE and self.may_note):
-                how = "was changed since" if name in self.changed else "was not made by a run"
-                msg = (
-                    f"{path} is there already and {how}; move it away, or choose another folder "
-                    "for the results"
-                )
-                raise OSError(msg)
+                changed = name in self.changed
+                raise taken(path, "was changed since" if changed else "was not made by a run")
 
     def announce(self) -> None:
         """Note what may be written, so that the next run knows it if this one is killed."""

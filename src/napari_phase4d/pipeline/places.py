@@ -16,7 +16,9 @@ import psutil
 
 from napari_phase4d.analysis import REFERENCE, Comparison, compare_on
 from napari_phase4d.holography import Demodulator, Lobe
+from napari_phase4d.io import OME_ZARR
 from napari_phase4d.io.atomic import remove_folder
+from napari_phase4d.io.results import result_attrs
 from napari_phase4d.later import xr
 from napari_phase4d.machine import cores, free_memory
 from napari_phase4d.pipeline.recipe import Recipe
@@ -43,9 +45,11 @@ __all__ = [
     "make_folder",
     "needed_bytes",
     "needs_of",
+    "over_input",
     "phase_needs",
     "place_for",
     "stacks_beside",
+    "taken",
     "temporary_folder",
     "working_bytes",
 ]
@@ -311,6 +315,42 @@ class Place:
         )
 
 
+def check_replaceable(folder: Path, recipe: Recipe) -> None:
+    """Refuse a folder in which stacks of a run would be written over the input or other data.
+
+    Raises
+    ------
+    OSError
+        If something lies there by a name that the run needs, and no run has made it.
+    """
+    kinds = {"wrapped": ("units", "rad"), "amplitude": ("units", "a.u.")}
+    kinds |= {m: ("method", m) for m in recipe.methods}
+    kinds |= {f"confidence_{m}": ("of", m) for m in recipe.methods}
+    for name, (what, value) in kinds.items():
+        path = folder / f"{name}{OME_ZARR}"
+        if not os.path.lexists(path):
+            continue
+        if recipe.recording and os.path.realpath(path) == os.path.realpath(recipe.recording):
+            if name == "wrapped":  # which is left as it is
+                continue
+            raise over_input(path)
+        if (result_attrs(path) or {}).get(what) != value:
+            raise taken(path, "was not made by a run")
+
+
+def over_input(path: Path) -> OSError:
+    """Return the error that results would replace what they are made of."""
+    return OSError(f"results would be written over the input {path}; choose another folder")
+
+
+def taken(path: Path, how: str) -> OSError:
+    """Return the error that something lies where a result would go."""
+    return OSError(
+        f"{path} is there already and {how}; move it away, or choose another folder for the "
+        "results"
+    )
+
+
 @contextmanager
 def place_for(
     recipe: Recipe, needs: Needs, folder: str | Path | None, scheduler: str | None
@@ -355,6 +395,8 @@ def find_place(
     needs.check(where, on_disk=on_disk)
     if not on_disk:
         return None
+    if folder is not None:
+        check_replaceable(Path(folder), recipe)
     workers: Workers = Threads() if scheduler is None else Cluster(scheduler)
     return Place(Shelf(temporary_folder() if folder is None else Path(folder)), workers)
 

@@ -113,6 +113,10 @@ class Outcome:
     cells_error: Exception | None = None
 
 
+#: A rate that was counted back from times is off by no more than this share.
+RATE_OFF = 1e-6
+
+
 @advised_call(
     recipe="give Recipe(...), or Recipe.from_file(path)",
     recording="open_recording() makes one of a file",
@@ -182,6 +186,7 @@ def run(
         say_what_counts(recipe, recording)
     opened = recording if recording is not None else open_by(recipe)
     if isinstance(opened, xr.DataArray):
+        say_what_file_says(recipe, opened)
         check_start(recipe, opened.shape)
         check_light(recipe.methods, wavelengths_of(opened), opened["angle"].values)
         finds_start = recipe.boundary == "auto"
@@ -253,6 +258,27 @@ def say_what_counts(recipe: Recipe, recording: Recording) -> None:
         warn(
             f"the {' and '.join(passed_over)} of the recording count, not those of the recipe; "
             "give them to open_recording() to use them"
+        )
+
+
+def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
+    """Warn where a recipe has other times or views than the file of wrapped phase notes itself."""
+    passed_over = []
+    times, angles = phase["time"].values, phase["angle"].values
+    rate = recipe.frame_rate_hz
+    if rate is not None and len(times) > 1:
+        own = (len(times) - 1) / float(times[-1] - times[0])
+        if not math.isclose(own, rate, rel_tol=RATE_OFF):
+            passed_over.append(f"frame_rate_hz (the file: {own:.4g})")
+    asked = recipe.angles_deg
+    if asked is not None and not (len(asked) == len(angles) and np.allclose(asked, angles)):
+        passed_over.append(f"angles_deg (the file: {', '.join(f'{a:g}' for a in angles)})")
+    if recipe.n_views not in (None, len(angles)):
+        passed_over.append(f"n_views (the file: {len(angles)})")
+    if passed_over:
+        warn(
+            f"the file of wrapped phase says its own, which counts, not the recipe's "
+            f"{', '.join(passed_over)}"
         )
 
 

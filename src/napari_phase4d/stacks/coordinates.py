@@ -277,9 +277,10 @@ def check_rising(stack: xr.DataArray, name: str) -> None:
             continue
         places = np.asarray(stack.coords[axis].values, dtype=np.float64)
         steps = np.diff(places)
-        if axis == "angle" and WAVELENGTH in stack.coords:
+        light = stack.coords.get(WAVELENGTH)
+        if axis == "angle" and light is not None and light.ndim:
             # Views of one angle follow each other by their wavelengths.
-            steps = np.where(steps == 0, np.diff(stack.coords[WAVELENGTH].values), steps)
+            steps = np.where(steps == 0, np.diff(light.values), steps)
         if (steps <= 0).any():
             msg = (
                 f"the {axis} coordinates of {name} do not rise ({some(places)}), so neighbours "
