@@ -226,3 +226,20 @@ def test_peak_memory_is_that_of_the_process() -> None:
         return int(taken[-1])
 
     assert 290 <= measured(work).peak_mb <= 400
+
+
+def test_confidence_is_asked_for_by_id_or_label(compared: p4d.Comparison) -> None:
+    expected = compared.confidence("temporal-angular")
+    found = compared.confidence("T/A")
+    assert found.attrs["of"] == "temporal-angular"
+    np.testing.assert_array_equal(found.values, expected.values)
+    assert list(compared.confidences(["2-D"])) == ["spatial-2d"]
+
+
+@pytest.mark.parametrize("method", ["Temporal", "region-growing", "WL2", "", None, 3, ["T/A"]])
+def test_confidence_of_what_was_not_run_is_refused(
+    compared: p4d.Comparison, method: object
+) -> None:
+    """It gave that of directional L1, under another name."""
+    with pytest.raises(ValueError, match="there is no result of|method must be one of"):
+        compared.confidence(method)

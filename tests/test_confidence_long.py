@@ -213,3 +213,13 @@ def test_on_disk_it_is_the_same_for_several_wavelengths(tmp_path: Path) -> None:
     assert "wavelength" in lying.phase.coords
     found, expected = (c.confidence("temporal-angular").values for c in (lying, held))
     np.testing.assert_array_equal(found, expected)
+
+
+@pytest.mark.parametrize("mask", [None, "auto"])
+def test_the_object_of_results_on_disk_is_that_in_memory(tmp_path: Path, mask: str | None) -> None:
+    held, lying = outcomes(
+        tmp_path, with_black_frames()["wrapped"], methods=METHODS[:1], mask=mask
+    )
+    xr.testing.assert_equal(lying.object_mask(), held.object_mask())
+    assert 0.05 < float(held.object_mask().mean()) < 0.6
+    assert not list((tmp_path / "disk").glob(".phase4d*"))

@@ -14,6 +14,7 @@ import numpy as np
 import psutil
 import pytest
 import tifffile
+import xarray as xr
 import zarr
 from PIL import Image
 
@@ -409,3 +410,43 @@ def test_an_input_among_files_of_the_users_frees_none_of_them(tmp_path: Path) ->
     with pytest.raises(OSError, match=r"spatial-2d.ome.zarr is there already and was not made"):
         write_outcome(outcome, tmp_path)
     assert (p4d.read_results(theirs) == 3).all()
+
+
+def on_disk(path: Path, folder: Path, **settings: object) -> p4d.pipeline.Outcome:
+    """Run a script's recipe on disk, which has no guarded folder."""
+    recipe = RECIPE.changed(recording=str(path), content="phase", storage="disk", **settings)
+    return p4d.run(recipe, folder=folder)
+
+
+def test_a_script_on_disk_does_not_write_over_its_input(tmp_path: Path) -> None:
+    phase = p4d.simulation.swimming_euglena((24, 32), 2, peak_rad=9)["wrapped"]
+    path = p4d.write_phase(tmp_path / "spatial-2d.ome.zarr", phase)
+    with pytest.raises(OSError, match="written over the input .*spatial-2d"):
+        on_disk(path, tmp_path)
+    xr.testing.assert_identical(p4d.read_results(path).compute(), phase)
+
+
+def test_a_script_on_disk_does_not_replace_what_no_run_has_made(
+    tmp_path: Path, phase: Path
+) -> None:
+    other = p4d.simulation.swimming_euglena((24, 32), 2, peak_rad=5)["wrapped"]
+    path = p4d.write_phase(tmp_path / "out" / "spatial-2d.ome.zarr", other)
+    with pytest.raises(OSError, match="is there already and was not made by a run"):
+        on_disk(phase, tmp_path / "out")
+    xr.testing.assert_identical(p4d.read_results(path).compute(), other)
+
+
+def test_results_that_another_run_has_replaced_are_not_read_as_those_of_before(
+    tmp_path: Path, phase: Path
+) -> None:
+    """They lie on disk and are read when they are used."""
+    other = tmp_path / "other.npy"
+    np.save(other, -np.load(phase))
+    first = on_disk(phase, tmp_path / "out").comparison
+    second = on_disk(other, tmp_path / "out").comparison
+    with pytest.raises(OSError, match="was replaced since it was opened"):
+        first.results["spatial-2d"].compute()
+    with pytest.raises(OSError, match="was replaced since it was opened"):
+        first.confidence("spatial-2d")
+    alone = p4d.unwrap(-np.load(phase), "spatial-2d", mask="auto").values
+    np.testing.assert_array_equal(second.results["spatial-2d"].values, alone)

@@ -391,3 +391,51 @@ def test_what_a_killed_worker_left_does_not_count_as_a_frame(
     chunk.unlink()
     with pytest.raises(OSError, match="is not complete"):
         read_results(path)
+
+
+DATES = np.datetime64("2020-01-01", "s") + np.arange(3) * np.timedelta64(2, "s")
+
+
+@pytest.mark.parametrize("name", ["phase.ome.tif", "phase.ome.zarr"])
+@pytest.mark.parametrize(
+    "times", [DATES, DATES.astype("datetime64[ns]"), (DATES - DATES[0]).astype("m8[ms]")]
+)
+def test_dates_and_durations_are_written_in_seconds(
+    tmp_path: Path, name: str, times: np.ndarray
+) -> None:
+    dated = stack().isel(time=slice(3)).assign_coords(time=times)
+    found = read_results(write_phase(tmp_path / name, dated))
+    np.testing.assert_array_equal(found["time"].values, [0, 2, 4])
+    assert found["time"].attrs["units"] == "s"
+
+
+@pytest.mark.parametrize("name", ["phase.ome.tif", "phase.ome.zarr"])
+def test_places_that_are_no_numbers_are_refused(tmp_path: Path, name: str) -> None:
+    named = stack().isel(angle=[0]).assign_coords(angle=["left"])
+    with pytest.raises(TypeError, match="the angle coordinates .* no numbers; give them in deg"):
+        write_phase(tmp_path / name, named)
+
+
+@pytest.mark.parametrize("kind", ["float16", "int64", "uint64"])
+def test_numbers_that_a_tiff_has_no_name_for_are_refused(tmp_path: Path, kind: str) -> None:
+    path = tmp_path / "phase.ome.tif"
+    with pytest.raises(TypeError, match=f"can't hold numbers of {kind}; give them as float32"):
+        write_phase(path, stack().astype(kind))
+    assert not path.exists()
+    assert (
+        read_results(write_phase(tmp_path / "phase.ome.zarr", stack().astype(kind))).dtype == kind
+    )
+    assert read_results(write_phase(path, stack().astype(">f4"))).dtype == np.float32
+
+
+def test_a_folder_that_is_no_zarr_is_not_replaced(tmp_path: Path) -> None:
+    folder = tmp_path / "mine.zarr"
+    folder.mkdir()
+    write_phase(folder, stack())  # an empty one may be
+    write_phase(folder, stack())
+    other = tmp_path / "other.zarr"
+    other.mkdir()
+    (other / "notes.txt").write_text("mine", encoding="utf-8")
+    with pytest.raises(FileExistsError, match="a folder with something else in it"):
+        write_phase(other, stack())
+    assert [p.name for p in other.iterdir()] == ["notes.txt"]

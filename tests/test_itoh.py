@@ -148,3 +148,13 @@ def test_an_order_that_is_advised_is_the_better_one() -> None:
         best = min(wrong, key=lambda m: wrong[m])
         assert verdict.startswith(f"{p4d.METHODS[best].label} suits better")
     assert advised >= 3
+
+
+@pytest.mark.parametrize("dims", [("time", "y", "x"), ("angle", "y", "x"), ("y", "x")])
+def test_orders_of_phase_that_lacks_an_axis(dims: tuple[str, ...]) -> None:
+    """With one view, or one time, both ways take the same steps."""
+    frames = 5.0 * np.arange(3)[:, None, None] * (np.arange(4) > 1)[None, :, None] * np.ones(5)
+    stack = xr.DataArray(frames if len(dims) == 3 else frames[0], dims=dims)
+    shares = order_shares(stack, (0, 0), xr.ones_like(stack, dtype=bool))
+    assert shares["temporal-angular"] == shares["angular-temporal"]
+    assert shares["temporal-angular"] == (0.5 if len(dims) == 3 else 0)

@@ -214,3 +214,18 @@ def test_the_centre_of_an_object_is_its_mean_place_and_none_if_it_fills_the_fram
     for mask, own in zip(masks[:3], found.centres[:3, 0], strict=True):
         np.testing.assert_allclose(own, np.argwhere(mask).mean(axis=0))
     assert np.isnan(found.centres[3]).all()
+
+
+def test_a_view_that_the_camera_never_saw_makes_no_other_one_doubtful() -> None:
+    """One beam was blocked: its lobe holds noise in every frame, smooth over some pixels."""
+    wrapped = p4d.simulation.swimming_euglena((64, 64), 6, pixel_um=0.7, peak_rad=9)["wrapped"]
+    rng = np.random.default_rng(4)
+    field = rng.normal(size=(2, 6, 64, 64))
+    field = ndimage.gaussian_filter(field, (0, 0, 0.8, 0.8))
+    wrapped[:, 1] = np.angle(field[0] + 1j * field[1])
+    both = p4d.compare(wrapped, ["temporal-angular", "directional-l1"])
+    alone = p4d.compare(wrapped.isel(angle=[0]), ["temporal-angular", "directional-l1"])
+    for method, result in alone.results.items():
+        np.testing.assert_array_equal(both.results[method][:, :1].values, result.values)
+        assert float(both.confidence(method)[:, 0].min()) > 0.9
+        assert float(both.confidence(method)[:, 1].mean()) < 0.5

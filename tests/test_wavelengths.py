@@ -587,3 +587,13 @@ def test_wavelengths_that_can_not_be_are_refused() -> None:
             at_wavelengths(data, light)
     with pytest.raises(ValueError, match="data must note its one wavelength"):
         at_wavelengths(at_wavelengths(data, TWO), TWO)
+
+
+def test_one_wavelength_of_all_views_may_be_noted_as_a_single_number() -> None:
+    wrapped = swimming_euglena((24, 32), 3, peak_rad=9)["wrapped"].drop_vars(
+        "wavelength", errors="ignore"
+    )
+    noted = wrapped.assign_coords(wavelength=0.633)
+    for method in ("temporal-angular", "directional-l1"):
+        expected = p4d.unwrap(wrapped, method).values
+        np.testing.assert_array_equal(p4d.unwrap(noted, method).values, expected)

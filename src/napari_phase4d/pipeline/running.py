@@ -148,7 +148,8 @@ def run(
     progress, cancelled : callable, optional
         ``progress(done, total, message)``; ``cancelled()`` stops the work.
     folder : str or Path, optional
-        Where stacks lie that are not held in memory, those of an earlier run are replaced;
+        Where stacks lie that are not held in memory. Those of an earlier run are replaced, and
+        can't be read any more by what that one returned: give each run a folder of its own.
         `write_outcome` to the same folder finds them there. Default: a temporary folder that
         goes when Python ends.
     scheduler : str, optional

@@ -153,18 +153,35 @@ def background_of(given: Given, lost: Mask, store: Store) -> Background:
     noise = sampled_noise(looked_at)
     limits = limits_for(noise)
     levels = levels_of(looked_at, limits)
-    seen = ~lost if not lost.all() else lost
-    if levels.found[seen].mean() >= FRAME_SHARE:
-        level, tilt = filled(levels.level, levels.found), levels.tilt
-        shown = levels.found
-    else:
-        # Too few frames show one: what looks like it in some may lie inside the object.
-        level, tilt = np.zeros_like(levels.level), np.zeros_like(levels.tilt)
-        shown = np.zeros_like(levels.found)
+    views = shows_field(levels.found, ~lost if not lost.all() else lost)
+    shown = levels.found & views
+    level = np.where(views, filled(levels.level, shown), 0) if shown.any() else 0 * levels.level
+    tilt = levels.tilt * views[..., None]
     found = Background(store.temporary("empty", given.shape, "bool"), level, noise, tilt)
     mark = MarkBlock(looked_at, found, shown, limits)
     on_all_cores(mark, working_blocks(given.shape))
     return found
+
+
+def shows_field(found: Mask, seen: Mask) -> Mask:
+    """Mark the views (1, angle) whose empty field is to be relied on.
+
+    Where too few frames of a view show one, what looks like it in some may lie inside the object.
+    Where all views together show enough, single frames of any view may lack it. A view that the
+    camera never saw is noise in every frame, and no reason to doubt the others.
+
+    Parameters
+    ----------
+    found : ndarray of bool, shape (time, angle)
+        Frames that seem to show an empty field.
+    seen : ndarray of bool, same shape
+        Frames that say something.
+    """
+    if found[seen].mean() >= FRAME_SHARE:
+        return np.ones((1, found.shape[1]), dtype=bool)
+    counts = np.maximum(seen.sum(axis=0, keepdims=True), 1)
+    enough: Mask = (found & seen).sum(axis=0, keepdims=True) / counts >= FRAME_SHARE
+    return enough
 
 
 @dataclass(frozen=True)
