@@ -229,3 +229,7 @@ def test_a_view_that_the_camera_never_saw_makes_no_other_one_doubtful() -> None:
         np.testing.assert_array_equal(both.results[method][:, :1].values, result.values)
         assert float(both.confidence(method)[:, 0].min()) > 0.9
         assert float(both.confidence(method)[:, 1].mean()) < 0.5
+    assert "This is angle 21° above all; of what else was seen less than 0.01 %" in both.verdict
+    assert "above all" not in alone.verdict
+    numbered = p4d.compare(wrapped.values, ["directional-l1"]).verdict
+    assert "This is view 2 above all" in numbered

@@ -16,7 +16,7 @@ from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.task import UNWATCHED, Watch, in_threads
 from napari_phase4d.unwrapping import Problem, shrunk, working_blocks
 
-__all__ = ["Tally", "slip_warning", "slip_words", "slipped_frames", "tally_of"]
+__all__ = ["Counts", "Tally", "slip_warning", "slip_words", "slipped_frames", "tally_of"]
 
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30

@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from napari_phase4d.analysis.confidence import REFERENCE, turns_off
 from napari_phase4d.analysis.differences import wrong_cycle_share
 from napari_phase4d.analysis.itoh import order_shares
-from napari_phase4d.analysis.slips import Tally
+from napari_phase4d.analysis.slips import Counts, Tally
 from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import METHODS, Problem
-from napari_phase4d.words import checked_call, frame_in_words
+from napari_phase4d.words import checked_call, frame_in_words, view_in_words
 
 __all__ = [
     "Verdict",
@@ -29,6 +29,8 @@ __all__ = [
 SAFE = 0.1
 #: Results count as equally good if their shares in doubt differ by less than this.
 ALIKE = 1e-3
+#: A view of which more than this share is in doubt is so as a whole.
+MOST_OF_VIEW = 0.5
 #: Methods that don't count turns, but estimate the phase; they differ from all others everywhere.
 ESTIMATES = ("laplacian",)
 
@@ -118,6 +120,7 @@ def verdict_on(
             [
                 first_words(labels[best], doubt[best], len(results)),
                 where_words(where, most, len(results)),
+                view_words(tally.doubtful[best], tally.inside, problem.template),
                 better_words(None if own is None else np.nan_to_num(own), doubt[best]),
                 lost_words(lost, problem.template, problem.lost().size),
             ]
@@ -172,6 +175,27 @@ def where_words(where: str, most: float, n: int) -> str:
         return "and all methods agree."
     at = f" at {where}" if where else ""
     return f"and methods disagree most{at}, on {percent(most)} of the object there."
+
+
+def view_words(doubtful: Counts, inside: Counts, stack: xr.DataArray) -> str:
+    """Say which views are in doubt, if they are as a whole and the others hardly are.
+
+    Parameters
+    ----------
+    doubtful, inside : ndarray of int, shape (time, angle)
+        Pixels of the object that are in doubt, and all of them.
+    stack : DataArray
+        The phase, whose views these are.
+    """
+    each, every = doubtful.sum(axis=0), inside.sum(axis=0)
+    bad = each > MOST_OF_VIEW * every
+    rest = int(every[~bad].sum())
+    if not bad.any() or not rest or each[~bad].sum() > SAFE * rest:
+        return ""
+    angles = stack["angle"].values.tolist() if "angle" in stack.coords else range(len(bad))
+    names = " and ".join(view_in_words(angles, int(v), "angle ") for v in np.flatnonzero(bad))
+    share = percent(float(each[~bad].sum() / rest))
+    return f"This is {names} above all; of what else was seen {share} is in doubt."
 
 
 def better_words(own: float | None, doubt: float) -> str:

@@ -1,4 +1,4 @@
-"""Wrapped phase and amplitude as they are given: read in blocks, their noise, lost frames."""
+"""Phase, amplitude and boundary as given: checked, read in blocks, their noise, lost frames."""
 
 from __future__ import annotations
 
