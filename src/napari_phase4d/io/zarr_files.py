@@ -44,8 +44,13 @@ def is_zarr(path: Path) -> bool:
     if address_of(path) is not None:
         return True
     if path.is_dir():
-        return path.suffix.lower() == ".zarr" or any((path / mark).is_file() for mark in MARKS)
+        return path.suffix.lower() == ".zarr" or is_marked(path)
     return path.name.lower().endswith((".zarr.zip", ".ozx"))
+
+
+def is_marked(folder: Path) -> bool:
+    """Say whether a folder describes itself as Zarr."""
+    return any((folder / mark).is_file() for mark in MARKS)
 
 
 def check_zarr_or_none(path: Path) -> None:
@@ -56,7 +61,7 @@ def check_zarr_or_none(path: Path) -> None:
     OSError
         If it does.
     """
-    if path.is_dir() and any(path.iterdir()) and not any((path / m).is_file() for m in MARKS):
+    if path.is_dir() and any(path.iterdir()) and not is_marked(path):
         msg = f"{path} is a folder with something else in it; choose another name"
         raise FileExistsError(msg)
 
