@@ -258,3 +258,20 @@ def test_times_come_back_from_the_frame_rate() -> None:
         rec = p4d.open_recording(frames, frame_rate_hz=float(rate))
         again = p4d.open_recording(frames, frame_rate_hz=rec.frame_rate_hz)
         np.testing.assert_array_equal(again.times_s, rec.times_s)
+
+
+def test_what_a_file_of_phase_says_itself_counts_and_is_said(tmp_path: Path) -> None:
+    wrapped = p4d.simulation.swimming_euglena((24, 32), 3, peak_rad=9)["wrapped"]
+    path = str(p4d.write_phase(tmp_path / "wrapped.ome.tif", wrapped))
+    recipe = p4d.Recipe(recording=path, methods=("temporal",), boundary=((0, 0),))
+    other = recipe.changed(frame_rate_hz=100, angles_deg=(0, 60, 80), n_views=5)
+    with pytest.warns(UserWarning, match=r"frame_rate_hz \(.*angles_deg \(.*n_views \(") as said:
+        found = p4d.run(other)
+    assert len(said) == 1
+    np.testing.assert_array_equal(found.reconstruction["angle"], wrapped["angle"])
+    step = float(wrapped["time"][1] - wrapped["time"][0])
+    angles = tuple(wrapped["angle"].values.tolist())
+    p4d.run(recipe.changed(frame_rate_hz=1 / step, angles_deg=angles, n_views=2))
+    still = p4d.write_phase(tmp_path / "still.ome.tif", wrapped.assign_coords(time=[0.0, 0, 0]))
+    with pytest.raises(ValueError, match="time coordinates"):
+        p4d.run(recipe.changed(recording=str(still), frame_rate_hz=10))

@@ -266,9 +266,10 @@ def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
     """Warn where a recipe has other times or views than the file of wrapped phase notes itself."""
     passed_over = []
     times, angles = phase["time"].values, phase["angle"].values
-    rate = recipe.frame_rate_hz
-    if rate is not None and len(times) > 1:
-        own = (len(times) - 1) / float(times[-1] - times[0])
+    rate, span = recipe.frame_rate_hz, float(times[-1] - times[0])
+    # Times that do not rise are refused later, in a sentence of their own.
+    if rate is not None and span > 0:
+        own = (len(times) - 1) / span
         if not math.isclose(own, rate, rel_tol=RATE_OFF):
             passed_over.append(f"frame_rate_hz (the file: {own:.4g})")
     asked = recipe.angles_deg
