@@ -342,8 +342,7 @@ class Comparison:
         with problem.locks.together:
             usable = known_pixels(problem) & ~problem.lost()[..., None, None]
             inside = usable & ~problem.background().mask
-            if not problem.held:
-                problem.tidy()
+            problem.tidy()
         return problem.result(inside if inside.any() else usable, "object", {"units": "1"})
 
 
