@@ -82,7 +82,7 @@ def test_unwrapped_noise_does_not_count_alone_nor_beside_a_cell(seed: int) -> No
     for first_column in (0, 120):  # all of it, or what is to the right of a cell
         exact = p4d.simulation.moving_shape("swelling", (160, 120), 1)["phase"].values
         wrapped[:, :first_column] = wrap(exact.reshape(-1, 160, 120)[0])[:, :first_column]
-        unwrapped, _ = unwrap_frame(wrapped, np.ones(wrapped.shape, bool))
+        unwrapped = unwrap_frame(wrapped, np.ones(wrapped.shape, bool))
         for mask in (object_mask(unwrapped), np.zeros(wrapped.shape, bool)):
             noise = np.zeros(wrapped.shape, bool)
             noise[:, first_column:] = True

@@ -14,7 +14,14 @@ from napari_phase4d.simulation import Ellipsoid, phase_stack
 from napari_phase4d.task import Watch
 from napari_phase4d.unwrapping import Problem
 from napari_phase4d.unwrapping.chain import Line, Maps, unwrap_line
-from napari_phase4d.unwrapping.frames import border_medians, centre_of_mass_shifts, moved
+from napari_phase4d.unwrapping.frames import (
+    border_medians,
+    border_values,
+    centre_of_mass_shifts,
+    lift_of,
+    median_and_field,
+    moved,
+)
 from napari_phase4d.unwrapping.growing import Workspace, smooth_turns
 from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.pieces import (
@@ -358,6 +365,53 @@ def test_level_of_the_border_is_followed_from_frame_to_frame() -> None:
     views = np.array([[0.0, 2.5, 5.0]] * 3)
     found = border_medians(np.angle(np.exp(1j * views)), (2, 0))
     np.testing.assert_allclose(found, views, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "method", ["spatial-2d", "temporal-angular", "region-growing", "spatial-3d", "network-flow"]
+)
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_level_is_that_of_the_field_where_a_slope_covers_half_of_the_border(
+    method: str, noise: float
+) -> None:
+    """The border's median is 4 rad here, and half of the border's pixels lie further up."""
+    x = np.broadcast_to(np.arange(48), (48, 48))
+    wall = 16 / (1 + np.exp(-(x - 27 - 0.5 * np.arange(3)[:, None, None]) / 4))
+    truth = wall[:, None] + np.random.default_rng(2).normal(0, noise, (3, 1, 48, 48))
+    medians = [np.median(border_values(frame)) for frame in truth[:, 0]]
+    assert max(medians) > np.pi
+    wrapped = np.angle(np.exp(1j * truth)).astype(np.float32)
+    unwrapped = p4d.unwrap(wrapped, method, boundary=(2, 0))
+    assert np.mean(np.abs(unwrapped.values - truth) > 1) < (0.01 if noise else 1e-9)
+
+
+def test_a_border_shows_a_field_where_much_of_it_lies_close_together() -> None:
+    """A tilt has no such place; half a field under a slope has one."""
+    rising = np.linspace(-4, 5, 500).astype(np.float32)
+    np.testing.assert_equal(median_and_field(rising), (np.median(rising), np.nan))
+    even = np.random.default_rng(0).normal(0.2, 0.1, 400).astype(np.float32)
+    assert median_and_field(even) == (np.median(even), np.median(even))
+    slope = np.linspace(1, 16, 600, dtype=np.float32)
+    median, field = median_and_field(np.concatenate([even, slope]))
+    assert field == pytest.approx(0.2, abs=0.05)
+    assert median > 2
+    few = np.concatenate([even[:100], slope])
+    np.testing.assert_equal(median_and_field(few), (np.median(few), np.nan))
+
+
+def test_the_field_is_followed_through_frames_that_do_not_show_it() -> None:
+    """Medians rise by 2 rad a frame above a field that drifts; frames are whole turns off."""
+    above, field = 2.0 * np.arange(9), 0.3 + 0.1 * np.arange(9)
+    own = 2 * np.pi * np.array([0, 3, -2, 1, 0, 0, 5, -1, 2])
+    levels = np.stack([above + field + own, field + own], axis=1)[:, None]
+    for start, hidden in ((0, [2, 3, 5, 8]), (4, [0, 2, 3, 6, 7])):
+        seen = levels.copy()
+        seen[hidden, :, 1] = np.nan
+        np.testing.assert_array_equal(lift_of(seen, (start, 0))[:, 0], -own / (2 * np.pi))
+    # Where it is not seen at the boundary time, no later frame says how high the medians lie.
+    seen = levels.copy()
+    seen[0, :, 1] = np.nan
+    np.testing.assert_array_equal(lift_of(seen, (0, 0)), lift_of(levels[..., [0, 0]], (0, 0)))
 
 
 @pytest.mark.parametrize("method", FIVE)

@@ -6,7 +6,7 @@ phase is the wrapped phase plus these.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol, TypeVar
 
@@ -19,9 +19,9 @@ from napari_phase4d.task import Task, on_all_cores
 from napari_phase4d.unwrapping.filters import half_gaussian
 from napari_phase4d.unwrapping.frames import (
     as_loops_take,
-    border_medians,
+    lift_of,
     moments,
-    smooth_turns_and_level,
+    smooth_turns_and_levels,
     turns_past_residues,
     unwrap_frame,
 )
@@ -44,7 +44,6 @@ __all__ = [
     "each_alone",
     "finished_phase",
     "found_in",
-    "lift_of",
     "lifted_turns",
     "object_in",
     "with_turns",
@@ -234,7 +233,7 @@ def each_alone(problem: Framewise, task: Task) -> Stack:
     unwrap = UnwrapBlock(problem.given, turns)
     borders, whole = zip(*problem.each(unwrap, "2-D unwrapping", task), strict=True)
     problem.once(ALL_USABLE, lambda: all(whole))  # on disk another look at all of it would be long
-    return Lifted(turns, lift_of(borders, problem.first))
+    return Lifted(turns, lift_of(np.concatenate(borders), problem.first))
 
 
 def written_alone(problem: Framewise, result: Stack, task: Task) -> None:
@@ -246,7 +245,8 @@ def written_alone(problem: Framewise, result: Stack, task: Task) -> None:
     Lifting reads what it writes, so it is not for workers, which may do a block twice.
     """
     borders = problem.each(PhaseBlock(problem.given, result), "2-D unwrapping", task)
-    further = lift_of(borders, problem.first) - turns_round_0(np.concatenate(borders))
+    levels = np.concatenate(borders)
+    further = lift_of(levels, problem.first) - turns_round_0(levels)
     if further.any():
         turns = Lifted(TurnsIn(problem.given, result), further)
         lift = FinishBlock(problem.given, turns, Counted(problem.given), result)
@@ -275,7 +275,7 @@ def object_in(wrapped: Phase) -> Mask:
         Wrapped phase in radians; pixels that are NaN are not of the object.
     """
     known = np.isfinite(wrapped)
-    unwrapped, _ = unwrap_frame(np.where(known, wrapped, np.float32(0)), known)
+    unwrapped = unwrap_frame(np.where(known, wrapped, np.float32(0)), known)
     return object_mask(unwrapped) & known
 
 
@@ -290,14 +290,7 @@ def lifted_turns(
     turns = problem.store.temporary("ordered", shape, "int16")
     unwrap = UnwrapBlock(problem.given, turns, mask, costs_of)
     borders = [border for border, _ in problem.each(unwrap, "2-D unwrapping", task)]
-    return Lifted(turns, lift_of(borders, problem.first))
-
-
-def lift_of(borders: Sequence[NDArray[np.float64]], first: tuple[int, int]) -> Turns:
-    """Return the turns that bring the borders of all frames together."""
-    border = np.concatenate(borders)
-    lift: Turns = np.round((border_medians(border, first) - border) / TURN).astype(np.int16)
-    return lift
+    return Lifted(turns, lift_of(np.concatenate(borders), problem.first))
 
 
 @dataclass(frozen=True)
@@ -326,15 +319,15 @@ class UnwrapBlock:
 
         Returns
         -------
-        ndarray of shape (time, angle), bool
-            The level of each frame's border; whether all pixels count.
+        ndarray of shape (time, angle, 2), bool
+            The levels of each frame's border; whether all pixels count.
         """
         wrapped, mask = self.given.read(block)
         if self.mask is not None:
             mask = self.mask.read(block)
         wrapped, mask = as_loops_take(wrapped, np.float32), as_loops_take(mask, np.bool_)
-        turns, border = room_in(self.turns, block, np.int16), np.empty(wrapped.shape[:2])
-        smooth = np.empty(border.shape, np.bool_)
+        turns, border = room_in(self.turns, block, np.int16), np.empty((*wrapped.shape[:2], 2))
+        smooth = np.empty(wrapped.shape[:2], np.bool_)
         turns_where_smooth(wrapped, mask, turns, border, smooth)
         work = Workspace()
         for frame in zip(*np.nonzero(~smooth), strict=True):
@@ -360,15 +353,17 @@ def turns_where_smooth(
     ----------
     wrapped, mask, out : ndarray of shape (time, angle, y, x)
         Wrapped phase, what counts, and where the turns go.
-    border, smooth : ndarray of shape (time, angle)
-        Where the level of each frame's border goes, and whether it has no residues.
+    border : ndarray of shape (time, angle, 2)
+        Where the levels of each frame's border go.
+    smooth : ndarray of shape (time, angle)
+        Where it goes whether a frame has no residues.
     """
     n_times, n_angles, height, width = wrapped.shape
     turns = np.empty((height, width), np.int32)
     for t in range(n_times):
         for a in range(n_angles):
-            one = smooth_turns_and_level(wrapped[t, a], mask[t, a], turns)
-            smooth[t, a], border[t, a] = one
+            smooth[t, a], levels = smooth_turns_and_levels(wrapped[t, a], mask[t, a], turns)
+            border[t, a, 0], border[t, a, 1] = levels
             if not smooth[t, a]:  # its turns were left where the first residue is
                 continue
             for y in range(height):
@@ -376,9 +371,10 @@ def turns_where_smooth(
                     out[t, a, y, x] = turns[y, x]
 
 
-def turns_round_0(border: NDArray[np.float64]) -> Turns:
-    """Return the turns that bring levels of borders, in radians, into the turn round 0."""
-    turns: Turns = -np.round(border / TURN).astype(np.int16)
+def turns_round_0(levels: NDArray[np.float64]) -> Turns:
+    """Return the turns that bring borders with `BorderLevels` (..., 2) into the turn round 0."""
+    level = np.where(np.isnan(levels[..., 1]), levels[..., 0], levels[..., 1])
+    turns: Turns = -np.round(level / TURN).astype(np.int16)
     return turns
 
 
@@ -398,11 +394,14 @@ class PhaseBlock:
     result: Stack
 
     def __call__(self, block: Block) -> NDArray[np.float64]:
-        """Do a block; return the level of each frame's border, shape (time, angle)."""
+        """Do a block; return the levels of each frame's border, shape (time, angle, 2)."""
         wrapped, usable = self.given.read(block)
         wrapped, usable = as_loops_take(wrapped, np.float32), as_loops_take(usable, np.bool_)
-        unwrapped, border = room_in(self.result, block, np.float32), np.empty(wrapped.shape[:2])
-        smooth = np.empty(border.shape, np.bool_)
+        unwrapped, border = (
+            room_in(self.result, block, np.float32),
+            np.empty((*wrapped.shape[:2], 2)),
+        )
+        smooth = np.empty(wrapped.shape[:2], np.bool_)
         phase_where_smooth(wrapped, usable, unwrapped, border, smooth)
         work = Workspace()
         for frame in zip(*np.nonzero(~smooth), strict=True):
@@ -424,11 +423,12 @@ def phase_where_smooth(
     turns = np.empty((height, width), np.int32)
     for t in range(n_times):
         for a in range(n_angles):
-            one = smooth_turns_and_level(wrapped[t, a], usable[t, a], turns)
-            smooth[t, a], border[t, a] = one
+            smooth[t, a], levels = smooth_turns_and_levels(wrapped[t, a], usable[t, a], turns)
+            border[t, a, 0], border[t, a, 1] = levels
             if not smooth[t, a]:
                 continue
-            lift = -np.int32(np.rint(border[t, a] / np.float64(TURN)))
+            level = levels[0] if np.isnan(levels[1]) else levels[1]
+            lift = -np.int32(np.rint(level / np.float64(TURN)))
             if lift:  # most often none
                 for y in range(height):
                     for x in range(width):

@@ -305,7 +305,7 @@ def look_of(
     inside = usable & ~empty
     if not inside.any():
         return Look()
-    alone = unwrap_frame(wrapped, usable)[0]
+    alone = unwrap_frame(wrapped, usable)
     spatial = relative(alone - ground, empty)
     other = reference
     if other is None and usable.all() and smooth_turns(wrapped, Workspace()) is not None:

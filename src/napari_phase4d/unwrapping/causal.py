@@ -25,10 +25,9 @@ from napari_phase4d.unwrapping.alone import (
     Phase,
     Turns,
     UnwrapBlock,
-    lift_of,
 )
 from napari_phase4d.unwrapping.chain import ORDERS, AlongAngle, Chain, Last, onwards
-from napari_phase4d.unwrapping.frames import centre_of_mass_shifts, likeness, next_shift
+from napari_phase4d.unwrapping.frames import centre_of_mass_shifts, lift_of, likeness, next_shift
 from napari_phase4d.unwrapping.given import Counted, Given
 from napari_phase4d.unwrapping.growing import coherence
 from napari_phase4d.unwrapping.running import all_options, check_method, options_by_id
@@ -119,7 +118,7 @@ class Levels:
     def lift(self, borders: list[NDArray[np.float64]]) -> Turns:
         """Return the turns to add to the frames that have just come, shape (time, angle)."""
         self.borders = [np.concatenate([*self.borders, *borders])]
-        return lift_of(self.borders, self.first)[-len(borders) :]
+        return lift_of(self.borders[0], self.first)[-sum(map(len, borders)) :]
 
 
 class Registration:

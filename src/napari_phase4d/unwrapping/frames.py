@@ -26,6 +26,7 @@ from napari_phase4d.unwrapping.growing import (
 
 __all__ = [
     "BORDER",
+    "NEAR_LEVEL",
     "as_loops_take",
     "border_medians",
     "border_of",
@@ -33,11 +34,13 @@ __all__ = [
     "centre",
     "centre_of_mass_shifts",
     "edge_of",
+    "lift_of",
     "likeness",
+    "median_and_field",
     "moments",
     "moved",
     "next_shift",
-    "smooth_turns_and_level",
+    "smooth_turns_and_levels",
     "turns_of_frame",
     "turns_past_residues",
     "unwrap_frame",
@@ -45,6 +48,14 @@ __all__ = [
 
 #: Width of the frame's border that is taken for background, in pixels.
 BORDER = 2
+#: The median of a border and, if that shows one, the level of its empty field, else NaN; radians.
+BorderLevels = tuple[float, float]
+#: A border shows an empty field where half of it lies within so many radians of its median, ...
+NEAR_LEVEL = 1.0
+#: ... or more than this share of it within as many of another level, ...
+FIELD_SHARE = 0.3
+#: ... and so many times more than near the median.
+FULLER = 1.5
 TURN = 2 * np.pi
 Number = TypeVar("Number", bound=np.generic)
 
@@ -55,48 +66,49 @@ def unwrap_frame(
     costs_of: CostsOf = second_differences,
     work: Workspace | None = None,
     out: NDArray[np.float32] | None = None,
-) -> tuple[NDArray[np.float32], float]:
-    """Unwrap one frame by reliability sorting, and return it with the level of its border.
+) -> NDArray[np.float32]:
+    """Unwrap one frame by reliability sorting.
 
     Sorting (Herraez et al. 2002, [14] in the paper) leaves the frame's multiple of 2 pi open. A
     mask may cut the frame into parts that do not touch each other or the border. Their levels
     come from the frame unwrapped whole.
     """
     out = np.empty_like(wrapped) if out is None else out
-    turns, level = turns_of_frame(wrapped, mask, costs_of, Workspace() if work is None else work)
+    turns = turns_of_frame(wrapped, mask, costs_of, Workspace() if work is None else work)
     add_turns(wrapped, turns, out)
     if not mask.all():
         out[~mask] = 0
-    return out, level
+    return out
 
 
 def turns_of_frame(
     wrapped: NDArray[np.float32], mask: NDArray[np.bool_], costs_of: CostsOf, work: Workspace
-) -> tuple[NDArray[np.int32], float]:
-    """Return the turns of one frame, any outside a mask, and the level of its border.
+) -> NDArray[np.int32]:
+    """Return the turns of one frame, any outside a mask.
 
     See `unwrap_frame`; the turns may lie in ``work`` until it is used again.
     """
     turns = work.array("turns", wrapped.shape, np.int32)
     wrapped, mask = as_loops_take(wrapped, np.float32), as_loops_take(mask, np.bool_)
-    smooth, level = smooth_turns_and_level(wrapped, mask, turns)
-    return (turns, level) if smooth else turns_past_residues(wrapped, mask, costs_of, work)
+    if not smooth_turns_and_levels(wrapped, mask, turns)[0]:
+        turns, _ = turns_past_residues(wrapped, mask, costs_of, work)
+    return turns
 
 
 def turns_past_residues(
     wrapped: NDArray[np.float32], mask: NDArray[np.bool_], costs_of: CostsOf, work: Workspace
-) -> tuple[NDArray[np.int32], float]:
-    """Do the same with a frame that is known to have residues."""
+) -> tuple[NDArray[np.int32], BorderLevels]:
+    """Do the same with a frame that is known to have residues; return its border's levels too."""
     turns, _ = grow_through_residues(wrapped, None, costs_of, work)
-    level = border_level(wrapped, turns)
+    levels = border_levels(wrapped, turns)
     if not mask.all():  # where residues are, the mask may lead another way
         whole = turns.copy()
         turns, parts = grow_through_residues(wrapped, mask, costs_of, work)
         if parts is None:
-            return whole, level
+            return whole, levels
         # A mask that leaves pixels out leaves several.
         turns = turns + nearest_turns(whole - turns, parts, mask)
-    return turns, level
+    return turns, levels
 
 
 def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
@@ -107,26 +119,26 @@ def as_loops_take(frame: NDArray[Any], dtype: Any = None) -> NDArray[Any]:
 
 
 @inlined
-def smooth_turns_and_level(
+def smooth_turns_and_levels(
     wrapped: NDArray[np.float32], mask: NDArray[np.bool_], turns: NDArray[np.int32]
-) -> tuple[bool, float]:
+) -> tuple[bool, BorderLevels]:
     """Write the turns of a frame that has no residues.
 
     All in one piece: between pieces, threads wait for each other.
 
     Returns
     -------
-    bool, float
-        Whether it has none, and the level of its border. Where nothing is in the mask, all turns
-        are 0, and so is the level.
+    bool, tuple of float
+        Whether it has none, and the levels of its border. Where nothing is in the mask, all turns
+        are 0, and so are the levels.
     """
     if not mask.any():
         turns[:] = 0
-        return True, 0.0
+        return True, (0.0, 0.0)
     height, width = wrapped.shape
     if not integrated(wrapped, (1, 1, height, width), np.pi, turns):
-        return False, 0.0
-    return True, border_level(wrapped, turns)
+        return False, (0.0, 0.0)
+    return True, border_levels(wrapped, turns)
 
 
 def add_turns(
@@ -187,15 +199,59 @@ def list_border(frame: NDArray[Any], wide: int, out: NDArray[Any]) -> None:
 
 
 @inlined
-def border_level(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> float:
-    """Return the median of the unwrapped phase at the border of a frame."""
+def border_levels(wrapped: NDArray[np.float32], turns: NDArray[np.int32]) -> BorderLevels:
+    """Return `median_and_field` of the unwrapped phase at the border of a frame."""
     phase, own = edge_of(wrapped), edge_of(turns)
     turn = np.float32(TURN)
     for k in range(len(phase)):
         phase[k] = np.float32(own[k]) * turn + phase[k]
         if np.isnan(phase[k]):
-            return np.nan
-    return float(middle_of(phase))
+            return np.nan, np.nan
+    median, field = median_and_field(phase)
+    return float(median), float(field)
+
+
+@compiled
+def median_and_field(phase: NDArray[np.float32]) -> tuple[np.float32, np.float32]:
+    """Return the median of unwrapped phase at a frame's border, and the level of its empty field.
+
+    Mostly they are the same. Where an object covers about half of the border, though, its median
+    lies somewhere on a slope. The field is then what lies close together, if that is much of the
+    border, and far more than lies near the median: phase that rises evenly from side to side has
+    no such place.
+
+    Parameters
+    ----------
+    phase : ndarray of float32, shape (n,)
+        Unwrapped phase in radians; none of it is NaN.
+
+    Returns
+    -------
+    float32, float32
+        In radians; the second is NaN where the border does not show.
+    """
+    median, near = middle_of(phase), 0
+    for k in range(len(phase)):
+        near += abs(phase[k] - median) < NEAR_LEVEL
+    if 2 * near >= len(phase):
+        return median, median
+    ordered = np.sort(phase)
+    first, last = fullest(ordered, np.float32(2 * NEAR_LEVEL))
+    if last - first > max(FIELD_SHARE * len(phase), FULLER * near):
+        return median, middle_of(ordered[first:last])
+    return median, np.float32(np.nan)
+
+
+@inlined
+def fullest(ordered: NDArray[np.float32], wide: np.float32) -> tuple[int, int]:
+    """Return from where to where most numbers lie that differ by no more than this."""
+    start, best, end = 0, 0, 0
+    for k in range(len(ordered)):
+        while ordered[k] - ordered[start] > wide:
+            start += 1
+        if k + 1 - start > end - best:
+            best, end = start, k + 1
+    return best, end
 
 
 def border_of(shape: tuple[int, ...]) -> NDArray[np.bool_]:
@@ -204,6 +260,41 @@ def border_of(shape: tuple[int, ...]) -> NDArray[np.bool_]:
     if min(shape) > 2 * BORDER:
         edge[BORDER:-BORDER, BORDER:-BORDER] = False
     return edge
+
+
+def lift_of(levels: NDArray[np.float64], first: tuple[int, int]) -> NDArray[np.int16]:
+    """Return the turns that bring the borders of all frames together, shape (time, angle).
+
+    Parameters
+    ----------
+    levels : ndarray of shape (time, angle, 2)
+        The `BorderLevels` of each frame's border.
+    first : tuple of int
+        The boundary frame; its level comes to lie within half a turn of zero.
+    """
+    level = field_levels(levels, first[0])
+    lift: NDArray[np.int16] = np.round((border_medians(level, first) - level) / TURN)
+    return lift.astype(np.int16)
+
+
+def field_levels(levels: NDArray[np.float64], start: int) -> NDArray[np.float64]:
+    """Return the level of each frame's empty field, or what stands for it, shape (time, angle).
+
+    Where a border shows none, its median stays as far above the field as the way of the medians
+    from the frame before says, counted from the boundary time outwards. If none is shown there,
+    the medians stand for it: they move less than a guess that comes and goes.
+    """
+    median, field = levels[..., 0], levels[..., 1]
+    above = np.where(np.isnan(field[start]), 0.0, median - field)
+    if not np.nan_to_num(above).any():
+        return median.copy()
+    for line, way in zip(above.T, median.T.copy(), strict=True):
+        unwrap_outwards(way, start)
+        for t in (*range(start + 1, len(line)), *range(start - 1, -1, -1)):
+            if np.isnan(line[t]):
+                before = t - 1 if t > start else t + 1
+                line[t] = line[before] + way[t] - way[before]
+    return median - above
 
 
 def border_medians(border: NDArray[np.float64], first: tuple[int, int]) -> NDArray[np.float64]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from napari_phase4d.stack import Block, Limits, Stack, Temporary
 from napari_phase4d.task import Task, Watch
 from napari_phase4d.unwrapping.alone import FinishBlock, Lifted
-from napari_phase4d.unwrapping.frames import border_medians, border_of
+from napari_phase4d.unwrapping.frames import border_of, lift_of, median_and_field
 from napari_phase4d.unwrapping.given import Boundary, Given
 from napari_phase4d.unwrapping.problem import Problem
 
@@ -180,8 +180,7 @@ def network_flow(
     close = CloseBlock(given, tuple(steps), turns)
     borders = problem.each(close, "network flow in each frame", task)
     border = np.concatenate(borders)
-    level = np.round((border_medians(border, problem.first) - border) / TURN).astype(np.int32)
-    finish = FinishBlock(given, Lifted(turns, level), mask, result)
+    finish = FinishBlock(given, Lifted(turns, lift_of(border, problem.first)), mask, result)
     return problem.each(finish, "writing", task)
 
 
@@ -340,19 +339,19 @@ class CloseBlock:
     turns: Stack
 
     def __call__(self, block: Block) -> NDArray[np.float64]:
-        """Do a block; return the level of each frame's border, shape (time, angle)."""
+        """Do a block; return the levels of each frame's border, shape (time, angle, 2)."""
         wrapped, _ = self.given.read(block)
         down, down_cost, right, right_cost = (s.read(block).astype(np.int64) for s in self.steps)
         steps = (down[..., :-1, :], right[..., :-1], down_cost[..., :-1, :], right_cost[..., :-1])
         turns = np.empty(wrapped.shape, dtype=np.int32)
-        border = np.empty(wrapped.shape[:2])
+        border = np.empty((*wrapped.shape[:2], 2))
         edge = border_of(wrapped.shape[2:])
-        for frame in np.ndindex(*border.shape):
+        for frame in np.ndindex(*wrapped.shape[:2]):
             own = [part[frame][None] for part in steps]
             more_down, more_right = closing_turns(*own)
             turns[frame] = integrated(own[0][0] + more_down[0], own[1][0] + more_right[0])
             level = wrapped[frame] + np.float32(TURN) * turns[frame].astype(np.float32)
-            border[frame] = float(np.median(level[edge]))
+            border[frame] = median_and_field(level[edge])
         self.turns.write(block, turns)
         return border
 

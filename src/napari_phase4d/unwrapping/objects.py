@@ -23,7 +23,13 @@ from napari_phase4d.unwrapping.filters import (
     remove_specks,
     widened,
 )
-from napari_phase4d.unwrapping.frames import BORDER, as_loops_take, edge_of
+from napari_phase4d.unwrapping.frames import (
+    BORDER,
+    NEAR_LEVEL,
+    as_loops_take,
+    edge_of,
+    median_and_field,
+)
 
 __all__ = [
     "left_out_advice",
@@ -145,13 +151,16 @@ def share_of_border(mask: NDArray[np.bool_]) -> float:
 
 @inlined
 def level_and_noise(edge: NDArray[np.float32]) -> tuple[np.float32, float]:
-    """Return the median of pixels (n,), and their deviation by the median distance from it."""
+    """Return the level of pixels (n,), and their deviation by the median distance from it."""
     for k in range(len(edge)):
         if np.isnan(edge[k]):
             return np.float32(np.nan), np.nan
-    level = middle_of(edge)
+    median, field = median_and_field(edge)
+    level = median if np.isnan(field) else field
     for k in range(len(edge)):
         edge[k] = abs(np.float32(edge[k] - level))
+    if level != median:  # the rest of the border is the object's
+        edge = edge[edge < NEAR_LEVEL]
     return level, 1.4826 * float(middle_of(edge))
 
 

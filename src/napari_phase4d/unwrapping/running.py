@@ -15,7 +15,11 @@ from napari_phase4d.stack import InMemory, Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.unwrapping.background import Background
-from napari_phase4d.unwrapping.frames import border_medians, border_values
+from napari_phase4d.unwrapping.frames import (
+    border_values,
+    lift_of,
+    median_and_field,
+)
 from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.light.synthetic import check_wavelengths
 from napari_phase4d.unwrapping.objects import left_out_advice, left_out_note
@@ -449,18 +453,17 @@ def frame_by_frame(unwrap_frame: OnFrame) -> OnStack:
         task = Task(progress, cancelled)
         wrapped, mask = problem.wrapped, problem.mask
         unwrapped = np.zeros_like(wrapped)
-        border = np.zeros(wrapped.shape[:2])
+        border = np.zeros((*wrapped.shape[:2], 2))
 
         def work(index: tuple[int, ...]) -> None:
             found = unwrap_frame(wrapped[index].copy(), mask[index].copy(), **options)
             unwrapped[index] = as_frame(found, mask[index])
-            border[index] = np.median(border_values(unwrapped[index]))
+            border[index] = median_and_field(border_values(unwrapped[index]))
 
         watch = Watch(problem.n_frames, "unwrapping frame by frame", task)
         for _ in in_threads(work, list(np.ndindex(*wrapped.shape[:2])), watch):
             pass
-        turns = np.round((border_medians(border, problem.first) - border) / TURN)
-        unwrapped += (TURN * turns).astype(np.float32)[..., None, None]
+        unwrapped += (TURN * lift_of(border, problem.first)).astype(np.float32)[..., None, None]
         unwrapped[~mask] = 0
         return unwrapped
 

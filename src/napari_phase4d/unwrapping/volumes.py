@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack
 from napari_phase4d.task import Task, Watch, nothing, watched
 from napari_phase4d.unwrapping.alone import FinishBlock
+from napari_phase4d.unwrapping.frames import NEAR_LEVEL, median_and_field
 from napari_phase4d.unwrapping.given import Given, working_blocks
 from napari_phase4d.unwrapping.growing import Contracted, Joining, closed, contracted, grow_list
 from napari_phase4d.unwrapping.problem import Problem
@@ -445,8 +446,8 @@ class VoteBlock:
     def __call__(self, block: Block) -> list[tuple[Votes, Votes]]:
         """Do a block; return for each angle or all what is asked first, and then."""
         mask = self.mask.read(block)
+        wrapped, _ = self.given.read(block)
         if self.flat is None:
-            wrapped, _ = self.given.read(block)
             off, rim = -np.round(wrapped / np.float32(TURN)).astype(np.int32), rim_of(mask)
         else:
             off, rim = self.flat.read(block).astype(np.int32), mask
@@ -460,9 +461,26 @@ class VoteBlock:
             asked = (part >= 0) & ~np.append(known, True)[part]
             both = (before[:, of.angles] & asked, after[:, of.angles] & asked)
             off_here = off[:, of.angles] - turns
+            if self.flat is None:
+                keep_at_field(both[0], wrapped[:, of.angles], turns, part)
             first, then = (votes(part[some], off_here[some]) for some in both)
             found.append((first, then))
         return found
+
+
+def keep_at_field(asked: Mask, wrapped: Phase, turns: Whole, part: Whole) -> None:
+    """Leave out of a frame's border, in place, what does not lie at the level of its field.
+
+    That is for where an object covers about half of it; elsewhere the median says the same. Parts
+    that do not touch have no common level.
+    """
+    for frame in np.ndindex(*asked.shape[:2]):
+        some = asked[frame]
+        phase = wrapped[frame][some] + np.float32(TURN) * turns[frame][some].astype(np.float32)
+        if len(phase) and np.ptp(part[frame][some]) == 0:
+            median, field = median_and_field(phase)
+            if field != median and not np.isnan(field):
+                some[some] = np.abs(phase - field) < NEAR_LEVEL
 
 
 def votes(part: Whole, off: Whole) -> Votes:

@@ -86,7 +86,7 @@ def turns_of_maps(step: Image, inside: Mask, bare: Mask) -> Lifts | None:
 
 def turns_above_field(wrapped: Image, known: Mask, ground: Mask, work: Workspace) -> Whole:
     """Return the turns of a map (y, x) unwrapped by itself, above the median of its field."""
-    turns, _ = turns_of_frame(wrapped, known, second_differences, work)
+    turns = turns_of_frame(wrapped, known, second_differences, work)
     level = np.int32(np.round(np.median(turns[ground])))
     found: Whole = np.where(known, turns - level, np.int32(0))
     return found

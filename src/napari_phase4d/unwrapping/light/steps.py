@@ -307,7 +307,7 @@ def unwrapped_where_smooth(wrapped: Image, steps: Steps, known: Mask) -> Image:
         return wrapped
     labels, count = scipy.ndimage.label(smooth)
     labels = labels.astype(np.int32)
-    unwrapped, _ = unwrap_frame(wrapped, smooth)
+    unwrapped = unwrap_frame(wrapped, smooth)
     every = np.arange(1, count + 1)
     at_border = np.bincount(labels[border_of(labels.shape) & smooth], minlength=count + 1)[1:]
     size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
