@@ -29,6 +29,7 @@ def test_surface_is_the_sum_of_its_terms(kind: str, order: int) -> None:
     np.testing.assert_allclose(surface_of(coefficients, kind, order, shape), summed, atol=1e-10)
 
 
+@pytest.mark.slow
 def test_large_field_is_fitted_in_little_memory() -> None:
     """1024 x 1024, degree 8: all terms on all pixels would take 380 MB."""
     shape = (1024, 1024)

@@ -199,6 +199,7 @@ def test_importing_the_package_is_light() -> None:
     assert not light & {"numpy", "scipy", "skimage", "xarray", "pandas", "importlib.metadata"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("code", [
     "import napari_phase4d as p4d; [getattr(p4d, name) for name in p4d.__all__]",
     "from napari_phase4d.cli.app import app; app(['--help'], standalone_mode=False)",
@@ -208,6 +209,7 @@ def test_naming_what_there_is_loads_nothing_heavy(code: str) -> None:
     assert not loaded_by(code) & HEAVY
 
 
+@pytest.mark.slow
 def test_a_library_is_loaded_once_for_all_threads() -> None:
     code = (
         "import threading, napari_phase4d.later as later\n"

@@ -100,6 +100,7 @@ def write_backwards(path: Path, content: bytes, frame: Video, look: Callable[[],
                     look()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("pages", [False, True])
 def test_what_changes_is_not_read(video: Video, tmp_path: Path, *, pages: bool) -> None:
     path = tmp_path / "growing.tif"

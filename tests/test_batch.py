@@ -31,6 +31,7 @@ def phases(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_phases(tmp_path_factory.mktemp("phases"))
 
 
+@pytest.mark.slow
 def test_every_file_gets_a_folder_a_line_and_a_row(phases: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     files = [phases / "a.npy", phases / "bad.npy", phases / "missing.npy", phases / "b.npy"]
@@ -84,6 +85,7 @@ def test_confidence_gives_the_doubtful_share(phases: Path, tmp_path: Path) -> No
     assert 0 <= expected <= 100
 
 
+@pytest.mark.slow
 def test_runs_larger_than_memory_are_batched_too(tmp_path: Path, small_video: Any) -> None:
     np.save(tmp_path / "video.npy", small_video.holograms.values)
     on_disk = RECIPE.changed(storage="disk")

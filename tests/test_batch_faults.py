@@ -51,6 +51,7 @@ def test_input_is_hashed_once_and_in_another_thread(
     assert threads[0] is not threading.main_thread()
 
 
+@pytest.mark.slow
 def test_reference_and_truth_are_hashed_once_a_batch(
     tmp_path: Path, small_video: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -219,6 +220,7 @@ def test_cancelled_batch_leaves_nothing_half_written(phases: Path, tmp_path: Pat
     assert statuses(tmp_path, *files) == ["complete already", "done"]
 
 
+@pytest.mark.slow
 def test_batch_can_be_cancelled_while_results_are_hashed(
     phases: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

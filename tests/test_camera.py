@@ -45,6 +45,7 @@ def numbers(folder: Path) -> list[int]:
     return sorted(int(re.findall(r"\d+", path.name)[0]) for path in folder.glob("*.tif"))
 
 
+@pytest.mark.slow
 def test_every_frame_comes_and_gives_what_a_run_gives(core: Any, tmp_path: Path) -> None:
     camera = FromCamera(core, tmp_path / "cell", FRAMES)
     seen: list[int] = []
@@ -64,6 +65,7 @@ def test_every_frame_comes_and_gives_what_a_run_gives(core: Any, tmp_path: Path)
     assert np.ptp(live, axis=0).max() > 0.1  # something moves
 
 
+@pytest.mark.slow
 def test_frames_that_the_buffer_has_no_room_for_are_counted_and_said(
     core: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -92,6 +94,7 @@ def test_frames_that_the_buffer_has_no_room_for_are_counted_and_said(
     assert np.flatnonzero(known).tolist() == kept
 
 
+@pytest.mark.slow
 def test_it_ends_when_told_to(core: Any, tmp_path: Path) -> None:
     seen: list[int] = []
     outcome = watch(
@@ -141,6 +144,7 @@ def test_a_configuration_that_is_none_is_refused(tmp_path: Path) -> None:
     assert FromCamera.configured("demo", tmp_path / "frames").frames is None
 
 
+@pytest.mark.slow
 def test_the_command(tmp_path: Path) -> None:
     from test_guarding import run
 

@@ -312,6 +312,7 @@ def test_settings_that_can_not_be_are_refused(settings: dict, sentence: str) -> 
         p4d.Recipe(cells=settings)
 
 
+@pytest.mark.slow
 def test_labels_of_another_program_are_measured_as_they_are(sample: xr.Dataset) -> None:
     labels = sample["cells"].copy(data=sample["cells"].values * 7)
     cells = cells_in(sample["phase"], p4d.Optics(), labels=labels)

@@ -70,7 +70,7 @@ def test_cells_are_found_and_keep_their_numbers(name: str, noise: float) -> None
     assert switches <= 1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "noise"), CASES)
 def test_divisions_are_found(name: str, noise: float) -> None:
     data, _ = recording(name, noise)
@@ -185,6 +185,7 @@ def test_labels_of_another_program_are_followed() -> None:
             assert len(numbers) == 1
 
 
+@pytest.mark.slow
 def test_sizes_and_the_border_are_minded() -> None:
     _, noisy = recording("few", 0.0)
     pixel = float(noisy["x"][1] - noisy["x"][0])
@@ -214,12 +215,14 @@ def test_what_can_not_be_is_said(call, sentence: str) -> None:
         call(recording("few", 0.0)[0]["phase"])
 
 
+@pytest.mark.slow
 def test_a_stack_on_disk_gives_the_same() -> None:
     _, noisy = recording("few", 0.3)
     cells = p4d.find_cells(noisy.chunk({"time": 4}))
     xr.testing.assert_identical(cells.drop_attrs(), found_in("few", 0.3).drop_attrs())
 
 
+@pytest.mark.slow
 def test_other_axes_give_the_same() -> None:
     _, noisy = recording("few", 0.0)
     turned = p4d.find_cells(noisy.transpose("x", "time", "angle", "y"))

@@ -74,6 +74,7 @@ def test_cells_that_cross_keep_their_numbers(
     assert cells.attrs["parents"] == []
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside", [0, 3])
 @pytest.mark.parametrize("turned", [180, 120, 90])
 def test_a_cell_that_crosses_two_others_keeps_its_number(turned: float, aside: float) -> None:
@@ -97,6 +98,7 @@ def test_a_cell_that_crosses_two_others_keeps_its_number(turned: float, aside: f
         assert during == {of_own[0], before}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("aside", [0, 1.5])
 def test_cells_that_cross_twice_keep_their_numbers(aside: float) -> None:
     """They turn round and come back; before that, one of them crosses a third."""

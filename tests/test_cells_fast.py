@@ -22,6 +22,7 @@ def test_masks_are_opened_and_filled_as_scipy_does(share: float, shape: tuple[in
         np.testing.assert_array_equal(without_holes(mask), ndimage.binary_fill_holes(mask))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("size", [1, 2, 4095, 4096, 30_001, 30_002])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 def test_the_median_is_that_of_numpy(size: int, dtype: type) -> None:

@@ -51,6 +51,7 @@ def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
 
+@pytest.mark.slow
 def test_compare_of_stacks_on_disk_writes_everything(phase_file: Path, tmp_path: Path) -> None:
     recipe = RECIPE.changed(storage="disk").to_file(tmp_path / "recipe.json")
     out = tmp_path / "out"
@@ -98,6 +99,7 @@ def test_missing_package_is_one_sentence(
     assert said.startswith("Error: a cluster needs one more package; run: pip install")
 
 
+@pytest.mark.slow
 def test_too_little_memory_is_one_sentence(
     phase_file: Path,
     monkeypatch: pytest.MonkeyPatch,

@@ -173,7 +173,7 @@ def test_a_few_pixels_stand_out_slopes_and_edges_do_not() -> None:
     assert (odds_in_line(holes)[:, 0, (9, 10, 4), (5, 5, 4)] == 1).all()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["touching", "daughters", "crossing"])
 def test_objects_that_slip_where_much_changes_at_once_are_warned_of(name: str) -> None:
     """What changes has residues: its map has more than one phase. All else has none."""
@@ -276,6 +276,7 @@ def judged() -> tuple[xr.DataArray, xr.DataArray, xr.DataArray, np.ndarray]:
     return phase, right, p4d.confidence(right, phase), exact["phase"].values < 0.5
 
 
+@pytest.mark.slow
 def test_an_object_is_judged_above_the_field_of_its_frame(judged) -> None:
     """A frame that slips as a whole is right, an object whose field alone has slipped is not."""
     phase, right, trust, field = judged
@@ -294,6 +295,7 @@ def test_an_object_is_judged_above_the_field_of_its_frame(judged) -> None:
     assert np.argwhere(slipped_frames(Problem(phase), doubted)).tolist() == [list(frame)]
 
 
+@pytest.mark.slow
 def test_an_object_above_a_torn_field_is_doubted(judged) -> None:
     """Half of the field is a turn off: above which half is the object to be measured?"""
     phase, right, trust, field = judged
@@ -344,6 +346,7 @@ def test_noise_beyond_half_a_turn_is_a_reason_for_doubt() -> None:
     assert not noise_astray(exact["wrapped"]).any()
 
 
+@pytest.mark.slow
 def test_a_slipped_object_is_said() -> None:
     data = moving_shape("tumbling")
     exact, problem = data["phase"], Problem(data["wrapped"])

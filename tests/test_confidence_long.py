@@ -48,7 +48,7 @@ def short_spans(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(graph, "SPAN_FRAMES", 3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("start", [(0, 0), (7, 1)])
 @pytest.mark.parametrize("data", [thick_and_noisy(), with_black_frames()])
@@ -83,6 +83,7 @@ def test_a_thin_frame_far_away_vouches_for_a_thick_cell(short_spans: None) -> No
     assert alone.max() < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", METHODS)
 def test_doubt_is_where_it_belongs_in_short_spans_too(short_spans: None, method: str) -> None:
     data = thick_and_noisy()
@@ -113,6 +114,7 @@ def outcomes(
     return found[0], found[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mask", [None, "auto"])
 def test_on_disk_it_is_the_same(tmp_path: Path, short_spans: None, mask: str | None) -> None:
     held, lying = outcomes(
@@ -134,6 +136,7 @@ def test_on_disk_it_is_the_same(tmp_path: Path, short_spans: None, mask: str | N
     assert not (tmp_path / "disk" / "directional-l1.ome.zarr").exists()
 
 
+@pytest.mark.slow
 def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
     held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=("spatial-2d",))
     assert lying.known_confidence("spatial-2d") is None
@@ -147,6 +150,7 @@ def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
     assert not list((tmp_path / "disk").glob(".phase4d*"))
 
 
+@pytest.mark.slow
 def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -169,6 +173,7 @@ def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
     assert [id(problem) for problem in looks] == [id(lying.problem)]
 
 
+@pytest.mark.slow
 def test_several_threads_may_ask_for_confidence_on_disk(tmp_path: Path) -> None:
     """Each ends with tidying up, which must not take away what another one reads."""
     held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=METHODS)
@@ -215,6 +220,7 @@ def test_on_disk_it_is_the_same_for_several_wavelengths(tmp_path: Path) -> None:
     np.testing.assert_array_equal(found, expected)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mask", [None, "auto"])
 def test_the_object_of_results_on_disk_is_that_in_memory(tmp_path: Path, mask: str | None) -> None:
     held, lying = outcomes(

@@ -68,6 +68,7 @@ def test_published_defaults_only_propagate(
     np.testing.assert_array_equal(found[first], w[first])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("variant", ["textbook", "phasetools"])
 def test_a_window_wider_than_the_wraps_unwraps_the_boundary_frame(variant: str) -> None:
     phase = bump(4, 3)  # wrapped within 4 pixels of the middle

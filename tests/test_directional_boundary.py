@@ -193,6 +193,7 @@ def test_changes_are_followed_from_the_boundary_frame_to_both_sides(start: int) 
         assert (lifts[too_fast][:, 0, inside] == -1).all()
 
 
+@pytest.mark.slow
 def test_lifts_do_not_depend_on_blocks(monkeypatch: pytest.MonkeyPatch) -> None:
     exact = moving_shape("swelling", angles_deg=(0.0, 6.0)).isel(time=slice(None, None, 2))
     exact = exact.assign(phase=np.float32(1.25) * exact["phase"])

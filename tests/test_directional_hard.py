@@ -203,6 +203,7 @@ def test_over_time_residues_at_rims_count_and_only_objects_that_have_some() -> N
     assert not torn[20, 20]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.2, 0.5])
 def test_what_comes_into_view_leaves_other_cells_alone(noise: float) -> None:
     """A cell with a wall that grows, and another one that is there at once, far away."""
@@ -275,6 +276,7 @@ def test_a_wall_that_grows_through_a_turn(noise: float) -> None:
     assert error_of(data, empty) <= best
 
 
+@pytest.mark.slow
 def test_a_wall_that_noise_blurs() -> None:
     """Some steps across it pass half a turn unseen, and look smooth at a whole one."""
     y, x = np.mgrid[-32:32, -32:32]
@@ -324,6 +326,7 @@ def test_much_noise(name: str, most: float) -> None:
     assert error_of(data, empty_of(object_(name))) <= most
 
 
+@pytest.mark.slow
 def test_a_recording_turned_round_gives_the_same_turned_round() -> None:
     values = with_noise(object_("ring"), 0.5, seed=RNG_SEED)["wrapped"].values
     plain = p4d.unwrap(values, WL1, boundary=(0, 0)).values

@@ -62,6 +62,7 @@ def test_ranks_are_those_of_numpy(shape: tuple[int, int]) -> None:
         assert median_of(numbers.astype(">f4")) == np.median(frame)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("shape", SHAPES)
 def test_patches_are_those_of_scipy(shape: tuple[int, int]) -> None:
     for frame in frames(shape):

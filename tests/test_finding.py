@@ -68,6 +68,7 @@ def test_object_comes_out_denser_than_the_background_whichever_lobe_it_is() -> N
     assert not plain.flip
 
 
+@pytest.mark.slow
 def test_views_are_ordered_and_numbered() -> None:
     rec = video(TWO)
     lobes = p4d.find_lobes(rec, 2)
@@ -217,6 +218,7 @@ def test_carriers_of_measured_holograms(name: str) -> None:
     assert_found(p4d.open_recording(load()), carriers, within=0.004)
 
 
+@pytest.mark.slow
 @pytest.mark.measured
 def test_cells_come_out_denser_than_water() -> None:
     """Both conjugates are in a hologram; cells must not come out as holes."""

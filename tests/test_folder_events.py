@@ -150,6 +150,7 @@ def test_what_comes_just_after_a_look_is_not_missed(
     assert len(taken(arriving)) == 2
 
 
+@pytest.mark.slow
 @linux
 def test_what_was_not_told_is_looked_for_before_it_is_given_up(frames, tmp_path: Path) -> None:
     arriving = arriving_at(tmp_path, 0.5)
@@ -171,6 +172,7 @@ def test_what_was_not_told_is_looked_for_before_it_is_given_up(frames, tmp_path:
     arriving.close()
 
 
+@pytest.mark.slow
 def test_where_nothing_is_told_all_is_found(
     frames, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -187,6 +189,7 @@ def test_where_nothing_is_told_all_is_found(
         np.testing.assert_array_equal(found, frame)
 
 
+@pytest.mark.slow
 def test_what_is_not_told_is_found_all_the_same(
     frames, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -158,6 +158,7 @@ def test_films_follow_one_another(tmp_path: Path) -> None:
     assert rec.frame_rate_hz == pytest.approx(8)
 
 
+@pytest.mark.slow
 def test_a_folder_of_many_files_opens_at_once(tmp_path: Path) -> None:
     frame = noise(1, (16, 16), np.uint8)[0]
     iio.imwrite(tmp_path / "frame0.png", frame)
@@ -298,6 +299,7 @@ def test_bioio_place_of_one_slice() -> None:
         chosen_place(path, sizes, None)
 
 
+@pytest.mark.slow
 def test_bioio_colour(tmp_path: Path) -> None:
     frames = np.stack([noise(4, (32, 32), np.uint8) // part for part in (1, 2, 3)], -1)
     with pytest.raises(ValueError, match="is in colour"):

@@ -317,6 +317,7 @@ def test_tables_of_cells_are_guarded_too(phase: Path, tmp_path: Path) -> None:
     assert (out / "cells.csv").read_text() == "my cells"
 
 
+@pytest.mark.slow
 def test_links_that_go_round_stop_no_batch(phase: Path, tmp_path: Path) -> None:
     loop = tmp_path / "loop.npy"
     loop.symlink_to(loop)

@@ -123,6 +123,7 @@ def test_reconstruction_is_within_a_tenth_of_a_radian_of_truth(
     assert np.sqrt(np.mean(error**2)) < 0.1
 
 
+@pytest.mark.slow
 def test_pixel_of_the_reconstruction_is_recorded(reconstruction, sample) -> None:
     ratio = reconstruction.attrs["pixel_ratio"]
     pixel = sample.recording.optics.pixel_um

@@ -85,6 +85,7 @@ def test_the_brightest_place_near_a_carrier(place: tuple[float, float]) -> None:
         assert p4d.holography.pair_distance(found, there) < 1e-9
 
 
+@pytest.mark.slow
 def test_doubt_comes_with_another_choice_of_as_many_views(found) -> None:
     for _, lobes in found:
         assert 0 < lobes.chance <= 1

@@ -56,6 +56,7 @@ def test_cells_in_an_empty_field_give_no_warning(shape: str, noise: float) -> No
         p4d.unwrap(wrap(phase).astype(np.float32), "spatial-2d", mask="auto")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.1, 0.5, 0.9])
 def test_the_share_left_out_is_its_formula_in_scipys_words(noise: float) -> None:
     frame = plume(12, noise)
@@ -191,6 +192,7 @@ def test_results_on_disk_note_the_same(tmp_path: Path) -> None:
     assert in_memory == on_disk > 20
 
 
+@pytest.mark.slow
 def test_the_command_says_it_and_takes_the_whole_field(tmp_path: Path) -> None:
     np.save(tmp_path / "jet.npy", wrap(plume(12))[None])
     call = ["compare", str(tmp_path / "jet.npy"), "--method", "spatial-2d", "--out"]
@@ -216,6 +218,7 @@ def test_the_centre_of_an_object_is_its_mean_place_and_none_if_it_fills_the_fram
     assert np.isnan(found.centres[3]).all()
 
 
+@pytest.mark.slow
 def test_a_view_that_the_camera_never_saw_makes_no_other_one_doubtful() -> None:
     """One beam was blocked: its lobe holds noise in every frame, smooth over some pixels."""
     wrapped = p4d.simulation.swimming_euglena((64, 64), 6, pixel_um=0.7, peak_rad=9)["wrapped"]

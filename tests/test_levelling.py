@@ -118,7 +118,7 @@ def test_what_may_be_the_object_is_never_taken_off_in_silence(kind: float) -> No
     assert wrong  # it is not a test of what is right
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("shapes", [SHAPES, OTHER_SHAPES], ids=["fitted", "others"])
 def test_curvature_of_random_objects_is_right_or_told(shapes: dict[str, Shape]) -> None:
     """Half of them near the middle, the others anywhere.

@@ -37,6 +37,7 @@ def rows_of_pictures(path: Path) -> float:
     return height / width
 
 
+@pytest.mark.slow
 def test_plain_video_has_one_view_and_gets_its_picture(plain_video: Path, tmp_path: Path) -> None:
     out = tmp_path / "one.png"
     code, words = run_look(plain_video, "--out", out)
@@ -75,6 +76,7 @@ def test_multiplexed_video_gets_a_row_for_each_view(plain_video: Path, tmp_path:
     assert rows_of_pictures(tmp_path / "two.png") > 1.2 * rows_of_pictures(tmp_path / "one.png")
 
 
+@pytest.mark.slow
 def test_picture_is_named_after_the_recording_unless_a_name_is_given(
     plain_video: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -127,6 +129,7 @@ def test_measured_views_are_counted(name: str, array: str, views: int) -> None:
     assert len(p4d.find_lobes(p4d.open_recording(frames), None)) == views
 
 
+@pytest.mark.slow
 @pytest.mark.measured
 def test_measured_multi_carrier_hologram_has_two_views() -> None:
     """Quadri-wave shearing: two carriers, and their sum and difference, which are no views."""

@@ -88,7 +88,7 @@ def test_no_frame_is_passed_as_usual_that_a_close_look_calls_lost(
     assert not any(a and b for a, b in zip(quick, lost, strict=True))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("place", [0, 4, 8])
 @pytest.mark.parametrize("loss", LOSSES)
 def test_a_lost_frame_is_left_out_wherever_it_is(video: Recording, loss: str, place: int) -> None:
@@ -137,6 +137,7 @@ def noisy(frames: NDArray[np.floating] | Frame, sigma: float) -> Frame:
     return np.clip(np.round(frames + noise), 0, 255).astype("u1")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0, 1])
 @pytest.mark.parametrize("times", [0.1, 0.2, 0.5, 1, 5])
 def test_moving_cells_and_other_light_are_not_lost(
@@ -247,6 +248,7 @@ def test_scripts_are_warned_of_many_lost_frames(
     assert sentence not in reconstruction_advice(data.attrs)
 
 
+@pytest.mark.slow
 def test_the_command_says_lost_frames(video: Recording, tmp_path: Path) -> None:
     frames = video.holograms.values.copy()
     frames[4] = 0
@@ -257,6 +259,7 @@ def test_the_command_says_lost_frames(video: Recording, tmp_path: Path) -> None:
     assert "1 frame of 9 left out as lost, first at time 4." in " ".join(said.output.split())
 
 
+@pytest.mark.slow
 def test_info_says_lost_frames_once(video: Recording, tmp_path: Path) -> None:
     frames = video.holograms.values.copy()
     frames[3], frames[4] = garbage(frames[3]), 255
@@ -301,6 +304,7 @@ def test_scripts_are_warned_of_little_empty_field() -> None:
     assert data.attrs["background_share"] < 0.3
 
 
+@pytest.mark.slow
 def test_every_method_goes_on_to_the_end(video: Recording) -> None:
     frames = video.holograms.values.copy()
     frames[4] = 0
@@ -315,6 +319,7 @@ def test_every_method_goes_on_to_the_end(video: Recording) -> None:
     assert "time 4" in outcome.comparison.verdict
 
 
+@pytest.mark.slow
 def test_references_and_fits_leave_it_out(video: Recording) -> None:
     """The median and the tilt are those of the other frames."""
     frames = video.holograms.values.copy()
@@ -337,6 +342,7 @@ def unknown(frame: Frame) -> Frame:
     return np.full_like(frame, np.nan, dtype="f4")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ends", [(unknown, unknown), (np.zeros_like, garbage)])
 def test_lost_frames_do_not_move_the_focus(
     video: Recording, ends: tuple[Callable[[Frame], Frame], ...]
@@ -350,6 +356,7 @@ def test_lost_frames_do_not_move_the_focus(
     assert lost_um == pytest.approx(known_um, abs=0.02)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loss", [unknown, np.zeros_like, garbage, torn_rows])
 def test_a_reference_recording_is_averaged_without_its_lost_frames(
     video: Recording, loss: Callable[[Frame], Frame]
@@ -380,6 +387,7 @@ DARK = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("level", [0, 6])
 @pytest.mark.parametrize("pattern", DARK)
 def test_dark_frames_are_lost_even_where_most_are(pattern: str, level: int) -> None:

@@ -137,6 +137,7 @@ def test_sum_rule_of_a_multi_carrier_hologram() -> None:
     assert rms(rest) <= 0.005
 
 
+@pytest.mark.slow
 def test_red_blood_cells_are_found_and_nothing_else() -> None:
     """Six cells on an uneven background, of which two touch; the halo round them is no cell."""
     rec = p4d.open_recording(measured("offaxis/pydhm_RBC.jpg"))

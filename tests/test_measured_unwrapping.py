@@ -44,6 +44,7 @@ def test_radar_interferograms(
 
 
 # The paramecium and its blurred outline leave 27 % of the view that look empty.
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:paramecium_oa_oof.npz. little empty field")
 @pytest.mark.parametrize(
     "name", ["hologram_cell.npz", "single_holo.tif", "paramecium_oa_oof.npz", "pydhm_RBC.jpg"]

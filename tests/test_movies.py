@@ -70,6 +70,7 @@ def places(frame: np.ndarray, wanted: np.ndarray, tolerance: int = 1) -> np.ndar
     return np.argwhere((np.abs(inside - wanted) <= tolerance).all(axis=-1))
 
 
+@pytest.mark.slow
 def test_every_phase_is_in_its_place_in_its_colour(frames: list[np.ndarray]) -> None:
     assert len(frames) == 5
     for t, frame in enumerate(frames):
@@ -134,6 +135,7 @@ def test_stacks_that_do_not_fit_are_refused(columns) -> None:
         next(movie_frames({}, LIMITS))
 
 
+@pytest.mark.slow
 def test_mp4_as_other_programs_see_it(frames: list[np.ndarray], tmp_path: Path) -> None:
     path = write_movie(tmp_path / "movie.mp4", iter(frames), 6.0)
     with av.open(str(path)) as container:
@@ -172,6 +174,7 @@ def flat_error(frame: np.ndarray, picture: np.ndarray, wanted: np.ndarray) -> fl
     return float(np.abs(picture[top:bottom, left:right].astype(float) - wanted).max())
 
 
+@pytest.mark.slow
 def test_gif_as_other_programs_see_it(frames: list[np.ndarray], tmp_path: Path) -> None:
     path = write_movie(tmp_path / "movie.gif", iter(frames), 4.0)
     with Image.open(path) as image:
@@ -282,6 +285,7 @@ def test_wrong_wishes_give_one_sentence(tmp_path: Path, monkeypatch) -> None:
     assert not list(tmp_path.iterdir())
 
 
+@pytest.mark.slow
 def test_figure_in_svg_keeps_the_names_as_words(columns, tmp_path: Path) -> None:
     path = tmp_path / "figure.svg"
     write_figure(path, comparison_figure(columns, [(0, 0), (4, 1)]))
@@ -307,6 +311,7 @@ def test_a_scale_bar_is_as_long_as_it_says(columns, first: float, step: float) -
     assert 0.12 * width < drawn.get_width() <= 0.3 * width
 
 
+@pytest.mark.slow
 def test_figure_in_png_has_the_colours_of_the_phase(columns, tmp_path: Path) -> None:
     path = tmp_path / "figure.png"
     write_figure(path, comparison_figure(columns, [(0, 0), (4, 1)], limits=LIMITS))

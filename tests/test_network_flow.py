@@ -128,6 +128,7 @@ def test_progress_and_cancel() -> None:
         p4d.unwrap(w, "network-flow", cancelled=lambda: True)
 
 
+@pytest.mark.slow
 def test_a_mask_that_was_found_does_no_harm() -> None:
     data = p4d.simulation.budding_yeast()
     exact = data["phase"].values

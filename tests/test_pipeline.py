@@ -77,6 +77,7 @@ def test_compare_checks_before_it_works(reconstruction) -> None:
         p4d.compare(phase, truth=np.zeros((2, 2)))
 
 
+@pytest.mark.slow
 def test_compare_gives_what_unwrap_gives(small_video) -> None:
     phase = p4d.reconstruct(small_video, p4d.find_lobes(small_video, 2))["phase"]
     for method, result in p4d.compare(phase, boundary=(2, 1)).results.items():
@@ -124,6 +125,7 @@ def test_bad_recipe_gives_one_sentence(tmp_path: Path, case: str) -> None:
     assert "bad.json" in str(caught.value)
 
 
+@pytest.mark.slow
 def test_run_follows_the_recipe(small_video, tmp_path: Path) -> None:
     recipe = p4d.Recipe(methods=("spatial-2d", "temporal"), boundary=((1, 0),), mask=None)
     outcome = p4d.run(recipe, small_video)
@@ -211,6 +213,7 @@ def test_batch_gives_every_file_a_folder(video_file: Path) -> None:
     assert (folder / "batch" / "second" / "table.csv").exists()
 
 
+@pytest.mark.slow
 def test_one_view_of_several_is_pointed_out(video_file: Path) -> None:
     line = ("run", video_file, "--angle", "-7", "--method", "T/A", "--out", "one_view")
     done = command(*line, cwd=video_file.parent)

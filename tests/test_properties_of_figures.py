@@ -17,6 +17,7 @@ TURN = 2 * np.pi
 DIMS = ("time", "angle", "y", "x")
 
 
+@pytest.mark.slow
 @quick
 @given(case=gentle_cell())
 def test_frames_that_both_unwrappers_get_right_are_safe(case: Case) -> None:
@@ -29,6 +30,7 @@ def test_frames_that_both_unwrappers_get_right_are_safe(case: Case) -> None:
     assert (p4d.score_boundaries(wrap(case.phase), reference) > 0.998).all()
 
 
+@pytest.mark.slow
 @quick
 @given(case=noise())
 def test_scores_are_shares(case: Case) -> None:

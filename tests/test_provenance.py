@@ -58,6 +58,7 @@ def test_every_result_notes_what_made_it(
         assert len(again.lobes) == 2
 
 
+@pytest.mark.slow
 def test_the_same_run_elsewhere_gives_the_same_bytes(
     tmp_path: Path, outcome: Outcome, video_file: Path
 ) -> None:
@@ -79,6 +80,7 @@ def test_the_same_run_elsewhere_gives_the_same_bytes(
         assert not [name for name, data in found.items() if place in data]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["tiff", "zarr"])
 def test_results_are_inputs_again(tmp_path: Path, outcome: Outcome, form: str) -> None:
     (wrapped, *_) = write_outcome(outcome, tmp_path / "first", form=form)

@@ -239,6 +239,7 @@ def test_autofocus_says_when_the_focus_is_beyond_and_what_is_wrong() -> None:
             autofocus(field, **LIGHT, **change)
 
 
+@pytest.mark.slow
 def test_a_recording_that_is_in_focus_stays_there(reconstruction, sample, lobes) -> None:
     found = p4d.reconstruct(sample.recording, lobes, refocus_um="auto")
     pixel = [float(found[d][1]) for d in ("y", "x")]
@@ -268,6 +269,7 @@ def test_measured_paramecium_is_found_where_it_was_published(metric: str) -> Non
     assert abs(focus.distance_um + 1200) < depth_of_focus_um(**light)  # 296 um
 
 
+@pytest.mark.slow
 def test_a_run_notes_the_distance_that_it_found(small_video, tmp_path) -> None:
     """Done again with what was noted, on disk instead of in memory, it gives the same phase."""
     recipe = p4d.Recipe(refocus_um="auto", background="zernike", methods=("spatial-2d",))

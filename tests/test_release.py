@@ -109,6 +109,7 @@ def test_one_version_everywhere() -> None:
     assert "Unreleased" not in headings[1:]
 
 
+@pytest.mark.slow
 def test_wheel_is_the_package_and_nothing_else(dist: Path) -> None:
     (wheel,) = dist.glob("*.whl")
     with zipfile.ZipFile(wheel) as archive:

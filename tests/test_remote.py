@@ -177,6 +177,7 @@ def test_the_command_line_takes_addresses(lab: str) -> None:
     assert f"{N_FRAMES} frames of {SIDE} x {SIDE}" in printed
 
 
+@pytest.mark.slow
 def test_black_frames_that_zarr_leaves_out_are_black(lab: str, folder: Path) -> None:
     (folder / "lab" / "plain.zarr" / "c" / "2" / "0" / "0").unlink()
     found = p4d.open_recording(f"{lab}/plain.zarr")
@@ -184,6 +185,7 @@ def test_black_frames_that_zarr_leaves_out_are_black(lab: str, folder: Path) -> 
     assert found.raw_frame(3).any()
 
 
+@pytest.mark.slow
 def test_a_recording_that_ended_early_is_said(lab: str, folder: Path) -> None:
     for frame in (4, 5):
         (folder / "lab" / "plain.zarr" / "c" / str(frame) / "0" / "0").unlink()
@@ -193,6 +195,7 @@ def test_a_recording_that_ended_early_is_said(lab: str, folder: Path) -> None:
         found.raw_frame(4)
 
 
+@pytest.mark.slow
 def test_faults_are_said_in_one_sentence(lab: str, server: ThreadingHTTPServer) -> None:
     with pytest.raises(
         OSError, match=r"there is no Zarr store at .*none\.zarr, or none that may be read"
@@ -232,6 +235,7 @@ def test_frames_before_the_first_that_was_written_are_black(lab: str, folder: Pa
         found.raw_frame(5)
 
 
+@pytest.mark.slow
 def test_each_piece_is_asked_for_once(lab: str, server: ThreadingHTTPServer) -> None:
     found = p4d.open_recording(f"{lab}/plain.zarr")
     asked = server.kind.asked  # type: ignore[attr-defined]
@@ -240,6 +244,7 @@ def test_each_piece_is_asked_for_once(lab: str, server: ThreadingHTTPServer) -> 
     assert [name for name in asked if "/c/" in name] == ["lab/plain.zarr/c/1/0/0"]
 
 
+@pytest.mark.slow
 def test_who_may_not_list_may_still_read(
     lab: str, server: ThreadingHTTPServer, folder: Path, frames: np.ndarray
 ) -> None:

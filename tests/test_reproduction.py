@@ -39,6 +39,7 @@ def test_table_holds_the_errors_of_the_methods(found: Reproduction) -> None:
     assert found.table["phasetools_mse_rad2"].notna().sum() == 3
 
 
+@pytest.mark.slow
 def test_errors_come_in_the_papers_order(found: Reproduction) -> None:
     mse = found.table["mse_rad2"]
     assert 2.0 <= mse["spatial-2d"] <= 3.1
@@ -56,6 +57,7 @@ def test_boundary_frame_is_free_of_error(found: Reproduction) -> None:
         assert np.abs(found.yeast[title].values[0, 0] - exact).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_full_disk_leaves_the_older_figure(found: Reproduction, tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk") as disk:
         figure = disk / "figure_2.png"

@@ -87,6 +87,7 @@ def recipe_in(script: str) -> Recipe:
     return found
 
 
+@pytest.mark.slow
 def test_any_recipe_comes_back_equal() -> None:
     for seed in range(300):
         recipe = random_recipe(seed)
@@ -229,6 +230,7 @@ def test_script_of_a_video_with_its_microscope_and_a_reference(
     assert_the_same(outcome, saved_by_script(outcome.recipe, folder))
 
 
+@pytest.mark.slow
 def test_script_of_one_array_of_a_file(tmp_path: Path, small_video: Recording) -> None:
     frames = small_video.holograms.values
     path = tmp_path / "several.npz"
@@ -259,6 +261,7 @@ def test_script_of_phase_with_gaps(tmp_path: Path) -> None:
     assert_the_same(p4d.run(recipe), saved_by_script(recipe, tmp_path))
 
 
+@pytest.mark.slow
 def test_sample_runs_from_the_command_line(tmp_path: Path) -> None:
     recipe = Recipe(recording="sample:yeast", methods=("angular",))
     recipe.to_file(tmp_path / "yeast.json")

@@ -54,6 +54,7 @@ def test_the_default_takes_the_star(phase_file: Path) -> None:
         assert result.attrs["boundary_found_by"] == outcome.scores.attrs["basis"]
 
 
+@pytest.mark.slow
 def test_unwrapping_by_a_recipe_finds_the_start_too(phase_file: Path) -> None:
     recipe = p4d.Recipe(recording=str(phase_file), methods=METHODS[:1])
     outcome = p4d.run(recipe)
@@ -86,6 +87,7 @@ def test_what_is_written_names_the_frame_and_makes_the_same_arrays(
         np.testing.assert_array_equal(again.comparison.results[method].values, written.values)
 
 
+@pytest.mark.slow
 def test_a_run_on_disk_starts_where_one_in_memory_does(phase_file: Path, tmp_path: Path) -> None:
     recipe = p4d.Recipe(recording=str(phase_file), methods=METHODS)
     in_memory = p4d.run(recipe)

@@ -260,6 +260,7 @@ def test_the_default_place_goes_when_it_is_not_needed(
     assert found.comparison.results["spatial-2d"].shape[0] == 19
 
 
+@pytest.mark.slow
 def test_what_does_not_fit_is_said_before_it_begins(
     video: Recording, recipe: p4d.Recipe, whole: str, tmp_path: Path
 ) -> None:
@@ -488,6 +489,7 @@ def test_a_folder_can_be_used_again_for_another_recording(
         assert kept.shape[0] == n_frames
 
 
+@pytest.mark.slow
 def test_frames_without_light_are_written_too(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:

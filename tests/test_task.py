@@ -37,6 +37,7 @@ def test_what_was_done_before_an_error_is_not_lost() -> None:
     assert found == list(range(45))
 
 
+@pytest.mark.slow
 def test_threads_end_soon_after_quick_items_became_slow() -> None:
     asked = threading.Event()
     threading.Timer(0.5, asked.set).start()

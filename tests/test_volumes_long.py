@@ -74,6 +74,7 @@ def in_memory(
     return run_method(Problem(wrapped, boundary, chosen), method, UNWATCHED, options).values
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "frames", [3, *(pytest.param(n, marks=pytest.mark.thorough) for n in (1, 8))]
 )
@@ -99,6 +100,7 @@ def test_blocks_of_frames_give_the_same(
             np.testing.assert_array_equal(found, expected, f"{shape}, noise {noise}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [1, 3, 8])
 @pytest.mark.parametrize("mask", [None, "auto", "gaps"])
 @pytest.mark.parametrize("variant", ["textbook", "phasetools"])

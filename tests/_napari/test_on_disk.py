@@ -74,7 +74,7 @@ def test_results_are_those_in_memory(viewer, on_disk, click, qtbot, tmp_path: Pa
     assert {p.name for p in written} >= {"temporal-angular.ome.zarr", "table.csv"}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_window_says_where_errors_of_cells_leave_out_doubt(on_disk, click) -> None:
     on_disk.session.update(methods=("temporal-angular",))
     click("run")

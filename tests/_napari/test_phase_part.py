@@ -194,6 +194,7 @@ def test_views_of_a_few_pixels_are_said(ready, click) -> None:
     assert ready.sections[2].badge.text() == "⚠ look"
 
 
+@pytest.mark.thorough
 def test_a_refocus_that_the_field_cannot_hold_is_said(ready, click) -> None:
     click("reconstruct")
     badge = ready.sections[2].badge

@@ -177,6 +177,7 @@ def test_nothing_known_is_no_object() -> None:
     assert not object_in(np.full((12, 14), np.nan, np.float32)).any()
 
 
+@pytest.mark.thorough
 def test_every_method_in_one_plot(cell: Any, click: Any, tmp_path: Path) -> None:
     click("run")
     part = cell.compare.measuring

@@ -95,6 +95,7 @@ def test_what_is_pressed_while_a_job_runs_moves_no_words(ready: Any, qtbot: Any)
     assert 0 < gap_below(ready, "run") < 60
 
 
+@pytest.mark.thorough
 def test_much_that_object_only_leaves_out_is_said(
     dock: Any, click: Callable[[str], None], qtbot: Any
 ) -> None:
@@ -133,6 +134,7 @@ def numbered(dock: Any, click: Callable[[str], None], qtbot: Any) -> Any:
     return dock
 
 
+@pytest.mark.thorough
 def test_views_without_angles_are_numbered_everywhere(
     numbered: Any, viewer: Any, click: Callable[[str], None], qtbot: Any
 ) -> None:

@@ -97,6 +97,7 @@ def test_undo_goes_back_through_every_change(session: Session) -> None:
     assert session.lobes == []
 
 
+@pytest.mark.slow
 def test_a_script_through_the_session_gives_what_functions_give(session, small_video) -> None:
     session.find_lobes()
     session.reconstruct(drift=False)
@@ -160,6 +161,7 @@ def test_errors_against_a_chosen_truth() -> None:
     assert "mse_rad2" not in session.outcome.comparison.table
 
 
+@pytest.mark.slow
 def test_all_that_is_known_follows_the_microscope(session: Session) -> None:
     session.find_lobes()
     session.reconstruct()
@@ -230,6 +232,7 @@ def test_cancelled_unwrapping_returns_what_is_finished(session: Session) -> None
     assert said[0].startswith("2-D (1 of 3): ")
 
 
+@pytest.mark.slow
 def test_what_is_done_unasked_comes_in_order_and_is_not_tried_again(session: Session) -> None:
     titles = []
     while (plan := session.quiet_plan(titles[2:])) is not None and len(titles) < 5:

@@ -166,6 +166,7 @@ def test_followers_are_told_once_after_many_moves(qtbot: Any, qapp: Any) -> None
     assert told == [1]
 
 
+@pytest.mark.slow
 def test_it_is_waited_until_nobody_touches_the_window(
     qtbot: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -202,6 +203,7 @@ def test_garbage_is_looked_for_when_nobody_uses_the_window(
     assert looked == [False]
 
 
+@pytest.mark.slow
 def test_old_objects_are_looked_through_again_in_the_end() -> None:
     frozen = gc.get_freeze_count()
     gc.unfreeze()
@@ -223,6 +225,7 @@ def test_old_objects_are_looked_through_again_in_the_end() -> None:
             gc.freeze()
 
 
+@pytest.mark.slow
 def test_new_objects_are_looked_through_in_a_quiet_moment() -> None:
     looked: list[int] = []
 
@@ -335,6 +338,7 @@ def test_a_recording_comes_up_in_turns(
     assert viewer.dims.current_step[0] == 0
 
 
+@pytest.mark.slow
 def test_phase_is_opened_while_a_recording_comes_up(
     viewer: Any, dock: Any, qtbot: Any, small_video: Any
 ) -> None:
@@ -395,6 +399,7 @@ def test_a_step_may_stop_all_and_what_fails_in_a_turn_is_told(qtbot: Any) -> Non
     assert [str(error) for error in told] == ["the disk is gone"]
 
 
+@pytest.mark.slow
 def test_what_still_comes_up_ends_with_its_dock(viewer, dock, qtbot) -> None:
     """Also where Qt deletes the dock before anybody has told it that its window closes."""
     done: list[None] = []

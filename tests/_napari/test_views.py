@@ -82,6 +82,7 @@ def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
     assert down(differing) == []
 
 
+@pytest.mark.thorough
 def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, viewer: Any) -> None:
     click("leave_grid")
     text = viewer.canvas.overlays.text
@@ -100,6 +101,7 @@ def test_the_users_own_words_stay_on_the_canvas(differing: Any, click: Any, view
     assert viewer.canvas.overlays.current_slice.visible
 
 
+@pytest.mark.thorough
 def test_the_frame_stands_above_what_the_colours_mean(
     differing: Any, click: Any, viewer: Any
 ) -> None:
@@ -117,6 +119,7 @@ def test_the_frame_stands_above_what_the_colours_mean(
     assert above < label.geometry().bottom() < canvas.height()
 
 
+@pytest.mark.thorough
 def test_napari_says_the_frame_when_the_panel_has_closed(differing: Any, viewer: Any) -> None:
     assert not viewer.canvas.overlays.current_slice.visible
     differing.close_down()
@@ -125,6 +128,7 @@ def test_napari_says_the_frame_when_the_panel_has_closed(differing: Any, viewer:
     assert viewer.canvas.overlays.text.text == "colours: phase in rad"
 
 
+@pytest.mark.thorough
 def test_another_panel_says_it_again(differing: Any, viewer: Any, qtbot: Any) -> None:
     close(viewer, differing, qtbot)
     viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")
@@ -221,6 +225,7 @@ def test_the_picture_is_cropped_to_the_object(viewer: Any, dock: Any) -> None:
     assert cropped > 2 * viewer.scene.camera.zoom
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("methods", [PAPER_METHODS[:1], PAPER_METHODS[:2], PAPER_METHODS])
 def test_every_cell_of_the_grid_holds_the_whole_field(
     methods: tuple[str, ...], viewer: Any, dock: Any, qtbot: Any
@@ -237,6 +242,7 @@ def test_every_cell_of_the_grid_holds_the_whole_field(
     assert 0.85 < (field * camera.zoom / (np.array(canvas.size) / cells)).max() < 1
 
 
+@pytest.mark.thorough
 def test_results_appear_as_their_methods_end(dock: Any, qtbot: Any) -> None:
     exact = p4d.simulation.swimming_euglena((160, 200), 24, peak_rad=30)
     dock.session.set_phase(exact["wrapped"])

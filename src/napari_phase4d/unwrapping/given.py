@@ -433,7 +433,7 @@ def checked_boundaries(
     if pairs.size == 0 or pairs.ndim != 2 or pairs.shape[1] != 2 or pairs.dtype.kind not in "iu":
         msg = (
             "boundary must be (time, angle) frame numbers, one pair or several, not "
-            f"{shown(boundary)}"
+            f'{shown(boundary)}; score_boundaries(phase).attrs["best"] is the safest frame'
         )
         raise ValueError(msg)
     found: list[Boundary] = []
