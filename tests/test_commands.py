@@ -15,7 +15,7 @@ from typer.testing import CliRunner
 
 import napari_phase4d as p4d
 from napari_phase4d.cli import app, main
-from napari_phase4d.cli.options import raw_layout, recipe_and_files
+from napari_phase4d.cli.options import raw_layout, recipe_and_files, with_settings
 from napari_phase4d.io import write_phase
 
 RECIPE = p4d.Recipe(methods=("spatial-2d", "temporal-angular"), mask=None)
@@ -222,3 +222,21 @@ def test_doubts_are_said_in_words(tmp_path: Path) -> None:
     said = " ".join(done.stderr.split())
     assert said.count("as degrees do; give radians, with numpy.deg2rad(phase)") == 1
     assert "UserWarning" not in said
+
+
+def test_angles_and_wavelengths_that_are_typed_in_go_to_the_lobes_of_a_recipe() -> None:
+    lobes = (p4d.Lobe((0.2, 0.1), 0.08, 0), p4d.Lobe((0.1, 0.2), 0.08, 1))
+    recipe = p4d.Recipe(recording="sample:euglena", lobes=lobes, boundary=(0, 1))
+    named = with_settings(recipe, angle=[-7, 21], view_wavelength=[0.5, 0.6], views=2)
+    assert [(lobe.angle_deg, lobe.wavelength_um) for lobe in named.lobes] == [(-7, 0.5), (21, 0.6)]
+    assert [lobe.carrier for lobe in named.lobes] == [lobe.carrier for lobe in lobes]
+    assert with_settings(recipe, frame_rate=3.0).lobes == lobes
+    for typed in ({"views": 1}, {"angle": [1, 2, 3]}, {"view_wavelength": [0.5]}):
+        with pytest.raises(ValueError, match=r"asks for \d views?, but the recipe has 2 lobes"):
+            with_settings(recipe, **typed)
+    # The second view would become the first, in which the boundary frame lies.
+    with pytest.raises(ValueError, match="give --boundary too"):
+        with_settings(recipe, angle=[5, -5])
+    turned = with_settings(recipe, angle=[5, -5], boundary="0,0")
+    assert [lobe.angle_deg for lobe in turned.lobes] == [5, -5]
+    assert turned.boundary == ((0, 0),)

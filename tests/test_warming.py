@@ -4,13 +4,17 @@ from __future__ import annotations
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import napari_phase4d
+from napari_phase4d import compiling
+from napari_phase4d.cli.running import ToldToEndError
 from napari_phase4d.pipeline import running
 
 SCRIPT = """
@@ -77,3 +81,37 @@ def test_a_program_without_an_interpreter_goes_on(
     monkeypatch.setattr(sys, "executable", executable)
     # Past the cache, which may hold a process that a window has started.
     assert running.warm_up_elsewhere.__wrapped__() is None
+
+
+@pytest.mark.skipif(not hasattr(signal, "setitimer"), reason="Windows has no timers of this kind")
+@pytest.mark.parametrize("error", [KeyboardInterrupt, ToldToEndError])
+def test_what_a_signal_raises_is_no_fault_of_a_loop(
+    error: type[KeyboardInterrupt], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """numba hands over what a loop returns, and wraps what is raised meanwhile."""
+
+    def stop(*_: object) -> None:
+        raise error
+
+    frame = np.zeros((600, 600), np.float32)
+    loop = compiling.compiled(slow_loop)
+    loop(frame, 1)
+    before = signal.signal(signal.SIGALRM, stop)
+    try:
+        for _ in range(10):
+            with pytest.raises(error):
+                signal.setitimer(signal.ITIMER_REAL, 0.002)
+                while True:
+                    loop(frame, 20)
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+
+
+def slow_loop(frame: np.ndarray, times: int) -> tuple[np.ndarray, np.ndarray]:
+    out = frame.copy()
+    for k in range(times):
+        for y in range(frame.shape[0]):
+            for x in range(frame.shape[1]):
+                out[y, x] += np.sqrt(out[y, x] + np.float32(k))
+    return out, out[:3]

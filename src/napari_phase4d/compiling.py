@@ -76,7 +76,16 @@ class WhenCalled:
 
     def __call__(self, *arguments: Any) -> Any:
         """Call what it was compiled to; numbers and arrays go by their place, not by name."""
-        return (self._form or self.form())(*arguments)
+        try:
+            return (self._form or self.form())(*arguments)
+        except SystemError as error:
+            # What a signal raises while numba hands over comes wrapped, and looks like a fault.
+            cause: BaseException | None = error
+            while cause is not None and not isinstance(cause, KeyboardInterrupt):
+                cause = cause.__cause__
+            if cause is None:
+                raise
+            raise cause from None
 
     def __getattr__(self, name: str) -> Any:
         """Return what numba knows of it."""

@@ -11,8 +11,10 @@ from typing import Annotated, Any, TypedDict, TypeVar, Unpack, get_type_hints
 import typer
 
 from napari_phase4d.analysis import CellSettings
+from napari_phase4d.holography import Lobe
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
+from napari_phase4d.words import counted
 
 __all__ = [
     "Dataset",
@@ -173,6 +175,48 @@ def is_recipe(path: Path) -> bool:
     return path.suffix.lower() == ".json"
 
 
+def typed_lobes(recipe: Recipe, typed: Typed) -> dict[str, object]:
+    """Return the lobes of a recipe with the angles and wavelengths that were typed in.
+
+    Raises
+    ------
+    ValueError
+        If it has another number of lobes, or a boundary frame would lie in another view.
+    """
+    lobes = list(recipe.lobes)
+    angles, lights = typed.get("angle"), typed.get("view_wavelength")
+    given = {
+        "--views": typed.get("views"),
+        "--angle": len(angles) if angles else None,
+        "--view-wavelength": len(lights) if lights else None,
+    }
+    for option, count in given.items():
+        if lobes and count not in (None, len(lobes)):
+            msg = (
+                f"{option} asks for {counted(count, 'view')}, but the recipe has "
+                f"{counted(len(lobes), 'lobe')}; ask for as many, or take its lobes out of it"
+            )
+            raise ValueError(msg)
+    if angles and lobes:
+        named = [replace(b, angle_deg=a) for b, a in zip(lobes, angles, strict=True)]
+        moved = order_of(named) != order_of(lobes)
+        if moved and recipe.boundary != "auto" and typed.get("boundary") is None:
+            msg = (
+                "--angle puts the views into another order than that in which the recipe counts "
+                "its boundary frame; give --boundary too"
+            )
+            raise ValueError(msg)
+        lobes = named
+    if lights and lobes:
+        lobes = [replace(b, wavelength_um=w) for b, w in zip(lobes, lights, strict=True)]
+    return {"lobes": tuple(lobes)} if lobes else {}
+
+
+def order_of(lobes: Sequence[Lobe]) -> list[int]:
+    """Return the numbers of lobes by their angles, as views are put in order."""
+    return sorted(range(len(lobes)), key=lambda i: lobes[i].angle_deg)
+
+
 def with_settings(recipe: Recipe, *, turned: bool = False, **typed: Unpack[Typed]) -> Recipe:
     """Return a recipe with what was typed in but optics, each option under its own name.
 
@@ -201,7 +245,7 @@ def with_settings(recipe: Recipe, *, turned: bool = False, **typed: Unpack[Typed
         "tilt_per_frame": typed.get("tilt_per_frame") or None,
         "refocus_um": distance_of(typed.get("refocus")),
     }
-    chosen = {k: v for k, v in changes.items() if v is not None}
+    chosen = {k: v for k, v in changes.items() if v is not None} | typed_lobes(recipe, typed)
     if typed.get("whole_field"):
         chosen["mask"] = None
     numbers = {
