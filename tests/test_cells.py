@@ -197,6 +197,25 @@ def test_sizes_and_the_border_are_minded() -> None:
     assert not inside[..., -1, :].any()
 
 
+def test_a_cell_of_which_some_is_not_known_is_not_wholly_in_view() -> None:
+    data, _ = recording("few", 0.0)
+    phase, cells = data["phase"][:1, :1], data["cells"].values[:1, :1]
+    numbers = [n for n in np.unique(cells) if n]
+    where = np.argwhere(cells[0, 0] == numbers[0])
+    known = phase.copy(deep=True)
+    known.values[0, 0, *where[0]] = np.nan  # a dead pixel takes nothing away
+    half = known.copy(deep=True)
+    half.values[0, 0][:, : int(where[:, 1].mean())] = np.nan
+    table = {
+        name: p4d.measure(p, cells, p4d.Optics()).set_index("cell")
+        for name, p in (("all", phase), ("dead pixel", known), ("half", half))
+    }
+    whole = {name: bool(rows.loc[numbers[0], "wholly in view"]) for name, rows in table.items()}
+    assert whole == {"all": True, "dead pixel": True, "half": False}
+    mass = table["half"].loc[numbers[0], "dry mass (pg)"]
+    assert mass < 0.8 * table["all"].loc[numbers[0], "dry mass (pg)"]
+
+
 @pytest.mark.parametrize(
     ("call", "sentence"),
     [

@@ -151,7 +151,7 @@ def test_stacks_with_wavelengths_come_in_checked() -> None:
     xr.testing.assert_allclose(p4d.unwrap(nm, METHOD), p4d.unwrap(good, METHOD))
     with pytest.raises(ValueError, match="two views of phase have the same angle and wavelength"):
         p4d.unwrap(good.assign_coords(wavelength=("angle", [0.5, 0.5])))
-    with pytest.raises(ValueError, match="the angle coordinates of phase do not rise"):
+    with pytest.raises(ValueError, match="the wavelengths of phase do not rise at the angle"):
         p4d.unwrap(good.isel(angle=[1, 0]))
     with pytest.raises(ValueError, match="must be numbers above 0"):
         p4d.unwrap(good.assign_coords(wavelength=("angle", [0.5, -1])))
@@ -393,7 +393,7 @@ def test_lost_frames_and_pixels_stay_so() -> None:
     holes = data["wrapped"].copy(deep=True)
     holes[0, 1, 5:8, 5:8] = np.nan
     found = p4d.unwrap(holes, METHOD, mask=np.isfinite(holes.values)).values
-    assert (found[0, :, 5:8, 5:8] == 0).all()
+    assert np.isnan(found[0, :, 5:8, 5:8]).all()  # at the other wavelength too: it has no beat
     left = np.isfinite(holes.values).all(axis=1, keepdims=True)
     left = np.broadcast_to(left, holes.shape)
     assert np.abs(found - data["phase"].values)[left].max() < 1e-3

@@ -35,6 +35,8 @@ CONTACT, CONTACT_SHARE = 3, 0.08
 SURE = 0.68
 #: Pixels round a cell over which its mass is summed as well.
 BLURRED = 3
+#: A cell is not wholly in view where the phase of more than this share of it is not known.
+UNKNOWN_SHARE = 0.01
 #: No light of a view comes from further aside.
 STEEPEST_DEG = 85.0
 TURN = 2 * math.pi
@@ -218,7 +220,8 @@ def cells_of_frame(
     if not len(numbers):
         return {"cell": numbers}
     # The optics blur the end of a cell: what lies just outside of it is part of its mass.
-    summed = np.where(known, skimage.segmentation.expand_labels(labels, BLURRED), 0)
+    wider = skimage.segmentation.expand_labels(labels, BLURRED)
+    summed = np.where(known, wider, 0)
     n_summed = np.bincount(summed.ravel())[numbers]
     empty = known & (scipy.ndimage.maximum_filter(labels, 2 * AWAY + 1) == 0)
     level = float(np.median(phase[empty])) if empty.any() else 0.0
@@ -239,6 +242,7 @@ def cells_of_frame(
         squared += (TURN * doubt[numbers]) ** 2
     centres = np.array(scipy.ndimage.center_of_mass(np.ones(labels.shape), inside, numbers))
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    unknown = np.bincount(wider[~np.isfinite(phase)], minlength=counts.size)[numbers]
     props = skimage.measure.regionprops_table(inside, properties=("label", "perimeter_crofton"))
     return {
         "cell": numbers,
@@ -250,7 +254,7 @@ def cells_of_frame(
         "y": centres[:, 0],
         "x": centres[:, 1],
         "perimeter": props["perimeter_crofton"],
-        "whole": ~np.isin(numbers, edge),
+        "whole": ~np.isin(numbers, edge) & (unknown <= UNKNOWN_SHARE * (n_summed + unknown)),
     }
 
 

@@ -277,16 +277,39 @@ def check_rising(stack: xr.DataArray, name: str) -> None:
             continue
         places = np.asarray(stack.coords[axis].values, dtype=np.float64)
         steps = np.diff(places)
+        keys: str | list[str] = axis
         light = stack.coords.get(WAVELENGTH)
         if axis == "angle" and light is not None and light.ndim:
             # Views of one angle follow each other by their wavelengths.
-            steps = np.where(steps == 0, np.diff(light.values), steps)
+            check_light_rises(places, np.asarray(light.values, dtype=np.float64), name)
+            steps, keys = steps[steps != 0], [axis, WAVELENGTH]
         if (steps <= 0).any():
             msg = (
                 f"the {axis} coordinates of {name} do not rise ({some(places)}), so neighbours "
-                f"are none; sort it with its data, as with sortby({axis!r})"
+                f"are none; sort it with its data, as with sortby({keys!r})"
             )
             raise ValueError(msg)
+
+
+def check_light_rises(angles: NDArray[Any], light: NDArray[Any], name: str) -> None:
+    """Refuse views that follow a view of the same angle, but of a longer wavelength.
+
+    Parameters
+    ----------
+    angles, light : ndarray of shape (view,)
+        Angle in degrees and wavelength in micrometres.
+    name : str
+        What to call the stack.
+    """
+    falls = np.flatnonzero((np.diff(angles) == 0) & (np.diff(light) <= 0))
+    if len(falls):
+        first = falls[0]
+        msg = (
+            f"the wavelengths of {name} do not rise at the angle {angles[first]:g} "
+            f"({light[first]:g} um, then {light[first + 1]:g} um); sort its views by both, as "
+            "with sortby(['angle', 'wavelength'])"
+        )
+        raise ValueError(msg)
 
 
 def some(places: NDArray[Any]) -> str:

@@ -175,7 +175,7 @@ def write_block(
 ) -> Limits:
     """Write a block of a result, lost frames as NaN; return its limits without these."""
     if given.usable is None and not usable.all():
-        limits = limits_of(given.without_lost(unwrapped, usable))
+        limits = limits_of(given.without_unknown(unwrapped, usable))
     result.write(block, unwrapped)
     return limits
 

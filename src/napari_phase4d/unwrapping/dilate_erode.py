@@ -88,7 +88,7 @@ def dilate_erode(
     limits: dict[int, Limits] = {}
 
     def write(block: Block, wrapped: Phase, inside: Mask, usable: Mask, turns: Turns) -> None:
-        unwrapped = problem.given.without_lost(with_turns(wrapped, turns, inside), usable)
+        unwrapped = problem.given.without_unknown(with_turns(wrapped, turns, inside), usable)
         result.write(block, unwrapped)
         limits[block.start] = limits_of(unwrapped)
         watch.step()

@@ -114,17 +114,15 @@ class Given:
         usable = None if self.usable is None else ViewsOf(self.usable, views)
         return Given(ViewsOf(self.phase, views), usable)
 
-    def without_lost(
+    def without_unknown(
         self, unwrapped: NDArray[np.float32], usable: NDArray[np.bool_]
     ) -> NDArray[np.float32]:
-        """Make those frames of a result NaN, in place, of which no phase is known at all.
+        """Make those pixels of a result NaN, in place, whose phase is not known.
 
         Where it is said which pixels count, nobody knows here which phase was known.
         """
-        if self.usable is None:
-            lost = ~usable.any(axis=(2, 3))
-            if lost.any():
-                unwrapped[lost] = np.nan
+        if self.usable is None and not usable.all():
+            unwrapped[~usable] = np.nan
         return unwrapped
 
 

@@ -334,7 +334,7 @@ class EstimateBlock:
             turns = np.round((estimate - wrapped) / TURN).astype(np.float32)
             estimate = wrapped + np.float32(TURN) * turns
         estimate = np.where(self.mask.read(block), estimate, np.float32(0))
-        estimate = self.given.without_lost(estimate, usable)
+        estimate = self.given.without_unknown(estimate, usable)
         self.result.write(block, estimate)
         return limits_of(estimate)
 

@@ -216,8 +216,8 @@ class Problem(SharedSteps):
         # The caller's own array, where it fits: nobody writes into it.
         with np.errstate(over="ignore"):  # it is infinite then, and left out
             self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
-        #: Frames (time, angle) that are NaN everywhere, and so in every result.
-        self.unknown = np.zeros(values.shape[:2], dtype=bool)
+        #: Pixels of which no phase is known, and that are NaN in every result; None if all are.
+        self.unknown: NDArray[np.bool_] | None = None
         if not all_known(self.wrapped):
             self._leave_out(~is_known(self.wrapped))
         #: Amplitude as given; methods read it as a share of its view's median, by blocks.
@@ -225,9 +225,10 @@ class Problem(SharedSteps):
 
     def _leave_out(self, bad: NDArray[np.bool_]) -> None:
         """Leave bad pixels out if the object is to be found; else they must lie off the mask."""
-        self.unknown = np.asarray(bad.all(axis=(2, 3)))
-        refuse_unknown(known=not self.unknown.all())
-        count = int((bad & ~self.unknown[..., None, None] & self.usable).sum())
+        lost = bad.all(axis=(2, 3), keepdims=True)
+        refuse_unknown(known=not lost.all())
+        self.unknown = bad
+        count = int((bad & ~lost & self.usable).sum())
         if count and not self.finds_mask:
             msg = (
                 f"the phase holds {count} NaN or infinite pixels (or beyond {LARGEST:g} rad); "
@@ -329,8 +330,8 @@ class Problem(SharedSteps):
         """
         if not isinstance(values, np.ndarray):
             values = values.read(Block(0, values.shape[0]))
-        if self.unknown.any():
-            values = np.where(self.unknown[..., None, None], np.float32(np.nan), values)
+        if self.unknown is not None:
+            values = np.where(self.unknown, np.float32(np.nan), values)
         return self.result(values, method, attrs)
 
     def map_of(self, values: Stack, name: str, attrs: dict[str, Any]) -> xr.DataArray:

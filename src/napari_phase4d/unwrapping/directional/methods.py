@@ -414,7 +414,7 @@ class FinishBlock:
                 found[frame] = object_mask(about_zero[frame])
             wanted = usable & found
         unwrapped = np.where(wanted, unwrapped, np.float32(0))
-        unwrapped = self.problem.given.without_lost(unwrapped, usable)
+        unwrapped = self.problem.given.without_unknown(unwrapped, usable)
         self.result.write(block, unwrapped)
         return limits_of(unwrapped)
 

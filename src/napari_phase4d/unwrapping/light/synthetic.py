@@ -73,6 +73,11 @@ def synthetic_wavelength(
     Dakoff & Kim 2003; Mirsky & Shaked 2023). Steps of any height are told, as long as the path
     differs by less than half the longest synthetic wavelength from pixel to pixel.
 
+    A view that says nothing in a frame, see `lost_frames`, takes no part in it: the other
+    wavelengths of its angle are then unwrapped without it. Where only one is left, there is no
+    synthetic wavelength, and the frame is unwrapped by itself: its steps must be less than half
+    the wavelength then, and nothing tells whether they are.
+
     Parameters
     ----------
     problem : Problem
@@ -175,14 +180,38 @@ class Group:
         Their wavelengths in micrometres, longer by as much as dispersion makes the path shorter.
     ladder : tuple of Rung
         The wavelengths to go down by.
-    noise : float
-        Standard deviation of a view's noise in radians.
+    noises : tuple of float
+        Standard deviation of each view's noise in radians.
     """
 
     views: tuple[int, ...]
     light: tuple[float, ...]
     ladder: tuple[Rung, ...]
-    noise: float
+    noises: tuple[float, ...]
+
+    @property
+    def noise(self) -> float:
+        """Standard deviation of a view's noise in radians."""
+        return max(LEAST_NOISE, float(np.sqrt(np.mean(np.square(self.noises)))))
+
+    def without(self, lost: Mask) -> Group:
+        """Return those views that say something in a frame; all of them if none does.
+
+        Parameters
+        ----------
+        lost : ndarray of bool, shape (view,)
+            Which of all views say nothing.
+        """
+        left = [i for i, view in enumerate(self.views) if not lost[view]]
+        if not left or len(left) == len(self.views):
+            return self
+        light = tuple(self.light[i] for i in left)
+        return Group(
+            tuple(self.views[i] for i in left),
+            light,
+            tuple(ladder_of(light)),
+            tuple(self.noises[i] for i in left),
+        )
 
 
 def groups_of(problem: Problem, cauchy_um2: float) -> list[Group]:
@@ -195,8 +224,8 @@ def groups_of(problem: Problem, cauchy_um2: float) -> list[Group]:
         views = tuple(np.flatnonzero(angles == angle).tolist())
         light = wavelengths[list(views)]
         light = light / (1 + cauchy_um2 / light**2)
-        noise = max(LEAST_NOISE, float(np.sqrt(np.mean([seen[v] ** 2 for v in views]))))
-        found.append(Group(views, tuple(light), tuple(ladder_of(tuple(light))), noise))
+        noises = tuple(seen[view] for view in views)
+        found.append(Group(views, tuple(light), tuple(ladder_of(tuple(light))), noises))
     return found
 
 
@@ -212,15 +241,22 @@ class Scene:
         The empty field of all views.
     level : ndarray of float, shape (time, view)
         Its phase in radians, unwrapped over time.
+    lost : ndarray of bool, shape (time, view)
+        Frames that say nothing.
     """
 
     groups: tuple[Group, ...]
     background: Background
     level: NDArray[np.float64]
+    lost: Mask
 
     def ground(self, block: Block) -> Image:
         """Return the phase of the empty field in a block, in radians."""
         return self.background.ground(self.level, block)
+
+    def whole(self) -> Mask:
+        """Mark the frames (time, group) in which every view of an angle says something."""
+        return np.stack([~self.lost[:, list(g.views)].any(axis=1) for g in self.groups], axis=1)
 
 
 def scene_of(problem: Problem, groups: list[Group]) -> Scene:
@@ -229,7 +265,7 @@ def scene_of(problem: Problem, groups: list[Group]) -> Scene:
     level = np.zeros_like(background.level)
     for views, part in problem.parts():
         level[:, list(views)] = border_medians(part.background().level, part.first)
-    return Scene(tuple(groups), background, level)
+    return Scene(tuple(groups), background, level, problem.lost())
 
 
 # ---- the longest synthetic wavelength --------------------------------------------------------
@@ -260,11 +296,13 @@ class Beats(ReadOnly):
         """Return the frames of a block, or some of its angles."""
         wrapped, usable = self.given.read(block)
         phase = wrapped - self.scene.ground(block)
+        # What is left where a view is lost has another synthetic wavelength, or none.
+        whole = self.scene.whole()[block.start : block.stop, angles]
         found = []
-        for group in self.scene.groups[angles]:
+        for number, group in enumerate(self.scene.groups[angles]):
             views = list(group.views)
             own = wrapped_to_turn(group.ladder[0].phase(np.moveaxis(phase[:, views], 1, 0)))
-            known = usable[:, views].all(axis=1)
+            known = usable[:, views].all(axis=1) & whole[:, number, None, None]
             found.append(np.where(known, own, np.float32(np.nan)))
         return np.stack(found, axis=1)
 
@@ -274,8 +312,13 @@ def unwrapped_beats(
     scene: Scene,
     beat: str,
     task: Task,
-) -> Stack:
-    """Return the unwrapped phase of the longest synthetic wavelength, (time, angle, y, x)."""
+) -> Stack | None:
+    """Return the unwrapped phase of the longest synthetic wavelength, (time, angle, y, x).
+
+    None if there is no frame in which all views of its angle say something.
+    """
+    if not scene.whole().any():
+        return None
     stack = Beats(problem.given, scene)
     angles = np.array([problem.angles_deg[group.views[0]] for group in scene.groups])
     times = problem.template.coords.get("time")
@@ -342,29 +385,37 @@ class FinishBlock:
         ground = self.scene.ground(block)
         phase = wrapped - ground
         beats = None if self.beats is None else self.beats.read(block)
+        whole = self.scene.whole()[block.start : block.stop]
         unwrapped = np.zeros_like(wrapped)
         for time in range(len(block)):
             for number, group in enumerate(self.scene.groups):
-                views = list(group.views)
-                known = np.asarray(usable[time, views].all(axis=0))
-                start = None if beats is None else beats[time, number]
-                path = self.path_of(group, phase[time, views], known, start)
-                for view, light in zip(views, group.light, strict=True):
+                seen = group.without(self.scene.lost[block.start + time])
+                views = list(seen.views)
+                common = np.asarray(usable[time, views].all(axis=0))
+                start = beats[time, number] if beats is not None and whole[time, number] else None
+                path = self.path_of(seen, phase[time, views], common, start)
+                for view, light in zip(group.views, group.light, strict=True):
                     turns = np.rint((path / np.float32(light) - phase[time, view]) / TURN)
                     own = wrapped[time, view] + TURN * turns
+                    known = common & usable[time, view]
                     inside = known & self.wanted(own - ground[time, view], known)
                     unwrapped[time, view] = np.where(inside, own, np.float32(0))
-        unwrapped = self.given.without_lost(unwrapped, usable)
+                    # What is seen at one wavelength only has no path that is known.
+                    unwrapped[time, view][usable[time, view] & ~common] = np.nan
+        unwrapped = self.given.without_unknown(unwrapped, usable)
         self.result.write(block, unwrapped)
         return limits_of(unwrapped)
 
     def path_of(self, group: Group, phases: Image, known: Mask, start: Image | None) -> Image:
-        """Return 2 pi times the optical path of a frame in micrometres, from one angle's views."""
+        """Return 2 pi times the optical path of a frame in micrometres, from one angle's views.
+
+        A view that is left alone is unwrapped in place of the beat that it has not.
+        """
         ladder, settings = group.ladder, self.settings
         steps = steps_between(phases, group.light, group.noise)
         coarse = wrapped_to_turn(ladder[0].phase(phases)) if start is None else start
         coarse = np.where(known, coarse, np.float32(0))
-        if settings.beat == "spatial":
+        if start is None and settings.beat != "wrapped":
             coarse = unwrapped_where_smooth(coarse, steps, known)
         for before, rung in pairwise(ladder):
             fine = wrapped_to_turn(rung.phase(phases))
@@ -411,7 +462,8 @@ def chance_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> I
     The difference of the unwrapped phases at two wavelengths is that of their synthetic one. It
     predicts each of them, and is off by a turn where a count is wrong, so that noise tells the
     chance, of the pixel and of the box of 5 x 5 round it. What is wrong by one and the same path
-    at all wavelengths, a whole synthetic wavelength, they can't tell.
+    at all wavelengths, a whole synthetic wavelength, they can't tell. Views that say nothing in a
+    frame are not asked; where fewer than two are left, nothing tells, and the chance is 0.
 
     Parameters
     ----------
@@ -428,14 +480,17 @@ def chance_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> I
         From 0 to 1.
     """
     groups = groups_of(problem, 0.0)
-    ground = scene_of(problem, groups).ground(block)
-    about_zero = unwrapped - ground
-    chance = np.ones_like(unwrapped)
+    scene = scene_of(problem, groups)
+    about_zero = unwrapped - scene.ground(block)
+    chance = np.zeros_like(unwrapped)
     for group in groups:
-        views = list(group.views)
         for time in range(len(unwrapped)):
+            seen = group.without(scene.lost[block.start + time])
+            views = list(seen.views)
+            if len(views) < 2:
+                continue
             known = np.isfinite(about_zero[time, views]).all(axis=0)
-            found = chance_of_frame(group, np.nan_to_num(about_zero[time, views]), known)
+            found = chance_of_frame(seen, np.nan_to_num(about_zero[time, views]), known)
             chance[time, views] = found
     return chance
 

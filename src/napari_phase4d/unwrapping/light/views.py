@@ -226,7 +226,7 @@ def ladder_of(wavelengths_um: Sequence[float]) -> list[Rung]:
     Parameters
     ----------
     wavelengths_um : sequence of float
-        Of the views of one angle, in micrometres; two or more, all different.
+        Of the views of one angle, in micrometres, all different; of one alone it is the ladder.
 
     Examples
     --------
@@ -236,6 +236,8 @@ def ladder_of(wavelengths_um: Sequence[float]) -> list[Rung]:
     [10.291, 3.34, 0.532]
     """
     beats, plain = rungs_of(wavelengths_um)
+    if not beats:
+        return plain
     best: tuple[float, int, list[Rung]] | None = None
     for count in range(len(beats)):
         for between in combinations(beats[1:], count):
