@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -21,7 +23,7 @@ from napari_phase4d.analysis.slips import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import Measured, measured
-from napari_phase4d.stack import stack_of
+from napari_phase4d.stack import Block, ReadOnly, Stack, stack_of
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import (
@@ -80,7 +82,7 @@ class Comparison:
         if REFERENCE in self.results:
             return self.results[REFERENCE]
         try:
-            return reference_of(self.problem, task)
+            return on_grid(reference_of(self.problem, task), self.phase)
         finally:
             self.problem.forget_field()
 
@@ -142,7 +144,19 @@ class Comparison:
         wanted = list(self.results) if methods is None else [self._run(m) for m in methods]
         if not all(self.problem.knows(map_name(m)) for m in wanted):
             self._judge(wanted, task)
-        return {m: self.problem.once(map_name(m), nothing) for m in wanted}
+        return {m: self._known_map(m) for m in wanted}
+
+    def _known_map(self, method: str) -> xr.DataArray:
+        """Return the map of confidence of a method, with the times and places of the phase.
+
+        It may have been made before these became others, see `on_grid_of`. Then it is kept as it
+        is now: the same map is known by being the same object.
+        """
+        known: xr.DataArray = self.problem.once(map_name(method), nothing)
+        placed = on_grid(known, self.phase)
+        if placed is not known:
+            self.problem.note(map_name(method), placed)
+        return placed
 
     def _judge(
         self,
@@ -251,7 +265,9 @@ class Comparison:
             if not self.problem.knows(OF_REFERENCE):
                 self._judge([])
             own = self.problem.once(OF_REFERENCE, nothing)
-        return verdict_on(self.problem, self.results, tally, labels, own)
+        in_words = copy(self.problem)  # only read there: it says when and where frames are
+        in_words.template = self.phase
+        return verdict_on(in_words, self.results, tally, labels, own)
 
     def against(self, truth: xr.DataArray | Any) -> Comparison:
         """Return the same results, with the columns of the table that need truth for this one.
@@ -332,25 +348,107 @@ class Comparison:
         table = table_of({m: rows[m] for m in order})
         return replace(self, results={m: both[m] for m in order}, table=table)
 
+    def on_grid_of(self, phase: xr.DataArray, results: Mapping[str, xr.DataArray]) -> Comparison:
+        """Return the comparison with other times and places of the same pixels.
+
+        Nothing is computed again: what is known of the phase is shared with this one.
+
+        Parameters
+        ----------
+        phase : DataArray
+            The wrapped phase, with its new coordinates and notes.
+        results : mapping of str to DataArray
+            The results, with theirs.
+        """
+        # The problem stays the same one: of two that share a place on disk, each would write its
+        # own maps over those of the other.
+        return replace(self, results=results, phase=phase)
+
     def object_mask(self) -> xr.DataArray:
         """Return what of the usable field is not empty, in the form of the phase.
 
         Frames that say nothing hold no object. Of results on disk it is held in memory as well,
         in a byte a pixel.
         """
+        with self.object_by_blocks() as mask:
+            return mask.load()
+
+    @contextmanager
+    def object_by_blocks(self) -> Iterator[xr.DataArray]:
+        """Give what `object_mask` returns; of results on disk, to be read a block at a time.
+
+        It can be read until the block of code ends: what it follows from is removed then.
+        """
         problem = self.problem
-        with problem.locks.together:
-            usable = known_pixels(problem) & ~problem.lost()[..., None, None]
-            inside = usable & ~problem.background().mask
-            problem.tidy()
-        return problem.result(inside if inside.any() else usable, "object", {"units": "1"})
+        with problem.locks.together:  # or another thread could remove what is still to be read
+            try:
+                mask = problem.result(self._object_values(), "object", {"units": "1"})
+                yield on_grid(mask, self.phase)
+            finally:
+                problem.tidy()
+
+    def _object_values(self) -> Any:
+        """Return the mask of the object (time, angle, y, x), lazy where the phase lies on disk."""
+        problem = self.problem
+        marks = ObjectMarks(problem, problem.background().empty)
+        if not any(marks.read(block).any() for block in problem.blocks()):
+            marks = replace(marks, empty=None)
+        if problem.held:
+            return marks.read(Block(0, marks.shape[0]))
+        return read_when_needed(marks, problem.blocks())
 
 
-def known_pixels(problem: Problem) -> NDArray[np.bool_]:
-    """Return the pixels (time, angle, y, x) that may be looked at, wherever the phase lies."""
-    if problem.held:
-        return problem.usable
-    return np.concatenate([problem.given.read(block)[1] for block in problem.blocks()])
+@dataclass(frozen=True)
+class ObjectMarks(ReadOnly):
+    """Marks what of the usable field is not empty, a block of frames at a time.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped.
+    empty : Stack or None
+        Its empty field; None if all of the usable field is wanted.
+    """
+
+    problem: Problem
+    empty: Stack | None
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the stack (time, angle, y, x)."""
+        return self.problem.given.shape
+
+    def read(self, block: Block, angles: slice = slice(None)) -> NDArray[np.bool_]:
+        """Return the frames of a block, or some of its views."""
+        lost = self.problem.lost()[block.start : block.stop, angles]
+        usable = self.problem.given.read(block, angles)[1] & ~lost[..., None, None]
+        return usable if self.empty is None else usable & ~self.empty.read(block, angles)
+
+
+def read_when_needed(marks: Stack, blocks: Iterable[Block]) -> Any:
+    """Return a lazy array of marks, which are read a block at a time."""
+    import dask.array as da  # which takes a tenth of a second
+    from dask import delayed
+
+    parts = [
+        da.from_delayed(
+            delayed(partial(marks.read, block), pure=False)(),
+            (len(block), *marks.shape[1:]),
+            np.bool_,
+        )
+        for block in blocks
+    ]
+    return da.concatenate(parts)
+
+
+def on_grid(stack: xr.DataArray, phase: xr.DataArray) -> xr.DataArray:
+    """Return a stack with the times and places of the phase; itself, if it has them."""
+    others = {
+        name: place
+        for name, place in phase.coords.items()
+        if name in stack.coords and not place.equals(stack[name])
+    }
+    return stack.assign_coords(others) if others else stack
 
 
 def map_name(method: str) -> str:

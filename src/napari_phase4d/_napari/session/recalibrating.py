@@ -65,13 +65,14 @@ def rescaled(
     def scaled(stack: Stack) -> Stack:
         return recalibrated(stack, recording)
 
-    results = {m: scaled(r) for m, r in outcome.comparison.results.items()}
+    before = outcome.comparison
+    results = {m: scaled(r) for m, r in before.results.items()}
     return replace(
         outcome,
         recording=recording,
         recipe=recalibrated_recipe(outcome.recipe, changes),
         reconstruction=scaled(outcome.reconstruction),
-        comparison=replace(outcome.comparison, results=results),
+        comparison=before.on_grid_of(scaled(before.phase), results),
         truth=truth,
         cells=None,
     )

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import itertools
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from queue import SimpleQueue
-from typing import Any, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -362,15 +362,14 @@ def plan_measuring(
     if object_index is not None:
         noted["object index"] = object_index
 
-    def work(task: Task) -> pd.DataFrame:
-        masks = regions(task) if callable(regions) else regions
+    def measured_in(masks: Masks, task: Task) -> pd.DataFrame:
         found = []
         for place, method in enumerate(methods, 1):
             result, label = comparison.results[method], str(comparison.table["method"][method])
             head = f"{label} ({place} of {len(methods)})"
             table = measure(
                 result,
-                {"object": object_in(comparison, result)} if masks is None else masks,
+                masks,
                 used,
                 object_index=object_index,
                 refraction_increment_ml_per_g=refraction_increment_ml_per_g,
@@ -380,6 +379,14 @@ def plan_measuring(
                 table.insert(0, "method", label)
             found.append(table)
         return pd.concat(found, ignore_index=True)
+
+    def work(task: Task) -> pd.DataFrame:
+        if callable(regions):
+            return measured_in(regions(task), task)
+        if regions is not None:
+            return measured_in(regions, task)
+        with object_in(comparison) as masks:
+            return measured_in(masks, task)
 
     def receive(measured: pd.DataFrame) -> None:
         now = state.outcome
@@ -399,20 +406,15 @@ def optics_of(state: State, result: xr.DataArray, own: Optics) -> Optics:
     return replace(own, wavelength_um=float(noted))
 
 
-def object_in(comparison: Comparison, result: xr.DataArray) -> Any:
-    """Return the mask of the object: of results on disk, what they were unwrapped in.
+@contextmanager
+def object_in(comparison: Comparison) -> Iterator[Masks]:
+    """Give the mask of the whole object, the same of results in memory and on disk.
 
-    Raises
-    ------
-    ValueError
-        If results on disk were unwrapped in the whole field.
+    A recording on disk may be larger than memory, so that it is read a block at a time there.
     """
-    if comparison.held:
-        return comparison.object_mask().values.astype(bool)
-    if result.attrs.get("mask") == "auto":
-        return result.data != 0
-    msg = "the object was not looked for in this recording; draw a region to measure"
-    raise ValueError(msg)
+    with comparison.object_by_blocks() as inside:
+        # All results have its frames and pixels, though some may note their grid in other digits.
+        yield {"object": inside.data}
 
 
 def plan_saving(state: State, folder: str | Path, regions: pd.DataFrame | None = None) -> Plan:
