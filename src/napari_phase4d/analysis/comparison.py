@@ -23,7 +23,7 @@ from napari_phase4d.analysis.slips import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import Measured, measured
-from napari_phase4d.stack import Block, ReadOnly, Stack, stack_of
+from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import (
@@ -147,14 +147,10 @@ class Comparison:
         return {m: self._known_map(m) for m in wanted}
 
     def _known_map(self, method: str) -> xr.DataArray:
-        """Return the map of confidence of a method, with the times and places of the phase.
-
-        It may have been made before these became others, see `on_grid_of`. Then it is kept as it
-        is now: the same map is known by being the same object.
-        """
+        """Return the map of confidence of a method, with the times and places of the phase."""
         known: xr.DataArray = self.problem.once(map_name(method), nothing)
         placed = on_grid(known, self.phase)
-        if placed is not known:
+        if placed is not known:  # made before `on_grid_of`; kept, to be the same when asked again
             self.problem.note(map_name(method), placed)
         return placed
 
@@ -389,56 +385,30 @@ class Comparison:
 
     def _object_values(self) -> Any:
         """Return the mask of the object (time, angle, y, x), lazy where the phase lies on disk."""
-        problem = self.problem
-        marks = ObjectMarks(problem, problem.background().empty)
-        if not any(marks.read(block).any() for block in problem.blocks()):
-            marks = replace(marks, empty=None)
-        if problem.held:
-            return marks.read(Block(0, marks.shape[0]))
-        return read_when_needed(marks, problem.blocks())
+        problem, blocks = self.problem, self.problem.blocks()
+        read = partial(object_of, problem, problem.background().empty)
+        if not any(read(block).any() for block in blocks):
+            read = partial(object_of, problem, None)
+        shape = problem.given.shape
+        return read(Block(0, shape[0])) if problem.held else read_when_needed(read, blocks, shape)
 
 
-@dataclass(frozen=True)
-class ObjectMarks(ReadOnly):
-    """Marks what of the usable field is not empty, a block of frames at a time.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was unwrapped.
-    empty : Stack or None
-        Its empty field; None if all of the usable field is wanted.
-    """
-
-    problem: Problem
-    empty: Stack | None
-
-    @property
-    def shape(self) -> tuple[int, ...]:
-        """Shape of the stack (time, angle, y, x)."""
-        return self.problem.given.shape
-
-    def read(self, block: Block, angles: slice = slice(None)) -> NDArray[np.bool_]:
-        """Return the frames of a block, or some of its views."""
-        lost = self.problem.lost()[block.start : block.stop, angles]
-        usable = self.problem.given.read(block, angles)[1] & ~lost[..., None, None]
-        return usable if self.empty is None else usable & ~self.empty.read(block, angles)
+def object_of(problem: Problem, empty: Stack | None, block: Block) -> NDArray[np.bool_]:
+    """Mark what of the usable field of a block is not empty; all of it if nothing is given."""
+    lost = problem.lost()[block.start : block.stop]
+    usable = problem.given.read(block)[1] & ~lost[..., None, None]
+    return usable if empty is None else usable & ~empty.read(block)
 
 
-def read_when_needed(marks: Stack, blocks: Iterable[Block]) -> Any:
+def read_when_needed(
+    read: Callable[[Block], NDArray[np.bool_]], blocks: Iterable[Block], shape: tuple[int, ...]
+) -> Any:
     """Return a lazy array of marks, which are read a block at a time."""
-    import dask.array as da  # which takes a tenth of a second
-    from dask import delayed
+    import dask  # which takes a tenth of a second
+    import dask.array as da
 
-    parts = [
-        da.from_delayed(
-            delayed(partial(marks.read, block), pure=False)(),
-            (len(block), *marks.shape[1:]),
-            np.bool_,
-        )
-        for block in blocks
-    ]
-    return da.concatenate(parts)
+    parts = [(dask.delayed(partial(read, block), pure=False)(), len(block)) for block in blocks]
+    return da.concatenate([da.from_delayed(p, (n, *shape[1:]), np.bool_) for p, n in parts])
 
 
 def on_grid(stack: xr.DataArray, phase: xr.DataArray) -> xr.DataArray:
