@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -237,6 +238,9 @@ def test_angles_and_wavelengths_that_are_typed_in_go_to_the_lobes_of_a_recipe() 
     # The second view would become the first, in which the boundary frame lies.
     with pytest.raises(ValueError, match="give --boundary too"):
         with_settings(recipe, angle=[5, -5])
+    alike = recipe.changed(lobes=tuple(replace(b, angle_deg=3) for b in named.lobes))
+    with pytest.raises(ValueError, match="give --boundary too"):
+        with_settings(alike, view_wavelength=[0.6, 0.5])
     turned = with_settings(recipe, angle=[5, -5], boundary="0,0")
     assert [lobe.angle_deg for lobe in turned.lobes] == [5, -5]
     assert turned.boundary == ((0, 0),)

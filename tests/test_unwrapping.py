@@ -377,11 +377,11 @@ def test_level_is_that_of_the_field_where_a_slope_covers_half_of_the_border(
     """The border's median is 4 rad here, and half of the border's pixels lie further up."""
     x = np.broadcast_to(np.arange(48), (48, 48))
     wall = 16 / (1 + np.exp(-(x - 27 - 0.5 * np.arange(3)[:, None, None]) / 4))
-    truth = wall[:, None] + np.random.default_rng(2).normal(0, noise, (3, 1, 48, 48))
+    truth = wall[:, None] + np.random.default_rng(2).normal(0, noise, (3, 2, 48, 48))
     medians = [np.median(border_values(frame)) for frame in truth[:, 0]]
     assert max(medians) > np.pi
     wrapped = np.angle(np.exp(1j * truth)).astype(np.float32)
-    unwrapped = p4d.unwrap(wrapped, method, boundary=(2, 0))
+    unwrapped = p4d.unwrap(wrapped, method, boundary=(2, 1))
     assert np.mean(np.abs(unwrapped.values - truth) > 1) < (0.01 if noise else 1e-9)
 
 
@@ -408,6 +408,14 @@ def test_the_field_is_followed_through_frames_that_do_not_show_it() -> None:
         seen = levels.copy()
         seen[hidden, :, 1] = np.nan
         np.testing.assert_array_equal(lift_of(seen, (start, 0))[:, 0], -own / (2 * np.pi))
+    # Neither what comes later nor another view changes what was, since frames may come one by
+    # one; and a frame without a pixel, the fourth, changes nothing of what follows.
+    medians, shown = [0, 2.5, 5, 0, 5, 0, 3], [0, np.nan, np.nan, np.nan, np.nan, 0, 0]
+    hidden = np.stack([medians, shown], axis=1)
+    whole = lift_of(np.stack([hidden, levels[:7, 0]], axis=1), (0, 0))[:, 0]
+    assert not np.delete(whole, 3).any()
+    for frames in range(1, 8):
+        np.testing.assert_array_equal(lift_of(hidden[:frames, None], (0, 0))[:, 0], whole[:frames])
     # Where it is not seen at the boundary time, no later frame says how high the medians lie.
     seen = levels.copy()
     seen[0, :, 1] = np.nan

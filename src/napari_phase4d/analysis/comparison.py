@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from copy import copy
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -261,9 +260,7 @@ class Comparison:
             if not self.problem.knows(OF_REFERENCE):
                 self._judge([])
             own = self.problem.once(OF_REFERENCE, nothing)
-        in_words = copy(self.problem)  # only read there: it says when and where frames are
-        in_words.template = self.phase
-        return verdict_on(in_words, self.results, tally, labels, own)
+        return verdict_on(self.problem, self.results, tally, labels, self.phase, own)
 
     def against(self, truth: xr.DataArray | Any) -> Comparison:
         """Return the same results, with the columns of the table that need truth for this one.

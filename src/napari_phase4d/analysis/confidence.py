@@ -350,6 +350,8 @@ def by_colour(
             values = result.read(block)
             chance = chance_by_wavelengths(problem, values, block)
             chance[np.isnan(values)] = 1  # masked: taken for empty field
+            # What has no partner at another wavelength is not known, and not to be trusted.
+            chance[np.isnan(result.values.read(block))] = 0
             chance[problem.lost()[block.start : block.stop]] = 0
             maps[name].write(block, chance)
             watch.step()

@@ -88,7 +88,7 @@ def off_by_turns(unwrapped: NDArray[Any], truth: NDArray[Any]) -> NDArray[np.boo
 def wrong_cycle_share(
     unwrapped: xr.DataArray, truth: xr.DataArray, where: xr.DataArray | None = None
 ) -> float:
-    """Return the share of pixels, of those whose truth is known, off by at least one turn.
+    """Return the share of pixels, of those that are known in both, off by at least one turn.
 
     Parameters
     ----------
@@ -110,7 +110,7 @@ def wrong_cycle_share(
     wrong = count = 0
     for part, values in parts_over_time(unwrapped):
         exact = truth.values[part]
-        counted = np.isfinite(exact)
+        counted = np.isfinite(exact) & np.isfinite(values)
         if inside is not None:
             counted &= inside[part]
         wrong += int(np.count_nonzero(off_by_turns(values, exact)[counted]))

@@ -189,8 +189,8 @@ def measure(
         "speed (um/s)", "area (um^2)", "mean phase (rad)", "largest phase (rad)",
         "mean optical path difference (nm)", "largest optical path difference (nm)",
         "dry mass (pg)", "mass density (pg/um^2)", "circularity" (1 is a disc), "wholly in view"
-        (whether it touches neither the border of the frame nor phase that is not known, NaN); with
-        ``object_index``
+        (whether it does not touch the border of the frame, and the phase of 99 % of it is known);
+        with ``object_index``
         "mean height (um)", "volume (um^3)". What is summed or averaged has its error in the
         column after it, "dry mass error (pg)" and so on. An error is one standard deviation: of
         means over as much empty field, of where the cell ends, of pixels in doubt, and of how

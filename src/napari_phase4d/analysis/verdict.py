@@ -91,6 +91,7 @@ def verdict_on(
     results: Mapping[str, xr.DataArray],
     tally: Tally,
     labels: Mapping[str, str],
+    phase: xr.DataArray,
     own: float | None = None,
 ) -> Verdict:
     """Say which result to use, how much of it is in doubt, and where methods disagree most.
@@ -105,6 +106,8 @@ def verdict_on(
         What their maps of confidence come to.
     labels : mapping of str to str
         What each method is called.
+    phase : DataArray
+        The wrapped phase, which says when and where frames are.
     own : float, optional
         The share of the object that is in doubt in directional L1, if that is not among them.
     """
@@ -113,23 +116,23 @@ def verdict_on(
     values = tally.disagreement
     lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
     time, angle = np.unravel_index(int(np.argmax(values)), values.shape)
-    where = frame_in_words(problem.template, int(time), int(angle))
+    where = frame_in_words(phase, int(time), int(angle))
     most = float(values.max(initial=0.0))
     found = Verdict(
         spoken(
             [
                 first_words(labels[best], doubt[best], len(results)),
                 where_words(where, most, len(results)),
-                view_words(tally.doubtful[best], tally.inside, problem.template),
+                view_words(tally.doubtful[best], tally.inside, phase),
                 better_words(None if own is None else np.nan_to_num(own), doubt[best]),
-                lost_words(lost, problem.template, problem.lost().size),
+                lost_words(lost, phase, problem.lost().size),
             ]
         )
     )
     found.method, found.doubtful_percent = best, 100 * doubt[best]
     found.frame = (int(time), int(angle)) if most > 0 else None
     found.disagreement_percent, found.lost_frames = 100 * most, lost
-    found.disagreement = of_frames(values, problem.template)
+    found.disagreement = of_frames(values, phase)
     return found
 
 

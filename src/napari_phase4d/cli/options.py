@@ -12,6 +12,7 @@ import typer
 
 from napari_phase4d.analysis import CellSettings
 from napari_phase4d.holography import Lobe
+from napari_phase4d.holography.lobes import in_order_of_angle
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
 from napari_phase4d.words import counted
@@ -197,24 +198,24 @@ def typed_lobes(recipe: Recipe, typed: Typed) -> dict[str, object]:
                 f"{counted(len(lobes), 'lobe')}; ask for as many, or take its lobes out of it"
             )
             raise ValueError(msg)
+    named = lobes
     if angles and lobes:
-        named = [replace(b, angle_deg=a) for b, a in zip(lobes, angles, strict=True)]
-        moved = order_of(named) != order_of(lobes)
-        if moved and recipe.boundary != "auto" and typed.get("boundary") is None:
-            msg = (
-                "--angle puts the views into another order than that in which the recipe counts "
-                "its boundary frame; give --boundary too"
-            )
-            raise ValueError(msg)
-        lobes = named
+        named = [replace(b, angle_deg=a) for b, a in zip(named, angles, strict=True)]
     if lights and lobes:
-        lobes = [replace(b, wavelength_um=w) for b, w in zip(lobes, lights, strict=True)]
-    return {"lobes": tuple(lobes)} if lobes else {}
+        named = [replace(b, wavelength_um=w) for b, w in zip(named, lights, strict=True)]
+    moved = carriers_in_order(named) != carriers_in_order(lobes)
+    if moved and recipe.boundary != "auto" and typed.get("boundary") is None:
+        msg = (
+            "what was typed in puts the views into another order than that in which the recipe "
+            "counts its boundary frame; give --boundary too"
+        )
+        raise ValueError(msg)
+    return {"lobes": tuple(named)} if lobes else {}
 
 
-def order_of(lobes: Sequence[Lobe]) -> list[int]:
-    """Return the numbers of lobes by their angles, as views are put in order."""
-    return sorted(range(len(lobes)), key=lambda i: lobes[i].angle_deg)
+def carriers_in_order(lobes: Sequence[Lobe]) -> list[tuple[float, float]]:
+    """Return the carriers of lobes as their views are put in order."""
+    return [lobe.carrier for lobe in in_order_of_angle(lobes)[0]]
 
 
 def with_settings(recipe: Recipe, *, turned: bool = False, **typed: Unpack[Typed]) -> Recipe:

@@ -173,7 +173,7 @@ class FinishBlock:
 def write_block(
     given: Given, result: Stack, block: Block, unwrapped: Phase, usable: Mask, limits: Limits
 ) -> Limits:
-    """Write a block of a result, lost frames as NaN; return its limits without these."""
+    """Write a block of a result, NaN where nothing is known; return its limits without that."""
     if given.usable is None and not usable.all():
         limits = limits_of(given.without_unknown(unwrapped, usable))
     result.write(block, unwrapped)

@@ -130,11 +130,11 @@ def smooth_turns_and_levels(
     -------
     bool, tuple of float
         Whether it has none, and the levels of its border. Where nothing is in the mask, all turns
-        are 0, and so are the levels.
+        are 0, and so is the median.
     """
     if not mask.any():
         turns[:] = 0
-        return True, (0.0, 0.0)
+        return True, (0.0, np.nan)
     height, width = wrapped.shape
     if not integrated(wrapped, (1, 1, height, width), np.pi, turns):
         return False, (0.0, 0.0)
@@ -286,8 +286,6 @@ def field_levels(levels: NDArray[np.float64], start: int) -> NDArray[np.float64]
     """
     median, field = levels[..., 0], levels[..., 1]
     above = np.where(np.isnan(field[start]), 0.0, median - field)
-    if not np.nan_to_num(above).any():
-        return median.copy()
     for line, way in zip(above.T, median.T.copy(), strict=True):
         unwrap_outwards(way, start)
         for t in (*range(start + 1, len(line)), *range(start - 1, -1, -1)):

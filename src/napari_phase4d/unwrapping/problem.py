@@ -315,7 +315,7 @@ class Problem(SharedSteps):
         attrs: dict[str, Any],
         limits: Sequence[Limits] = (),
     ) -> xr.DataArray:
-        """Return a result in the form of the phase; frames of which nothing is known are NaN.
+        """Return a result in the form of the phase; what is not known there is NaN.
 
         Parameters
         ----------

@@ -73,8 +73,9 @@ def unwrap(
     boundary : tuple of int or sequence of such, optional
         (time, angle) frame numbers of the optically thin frame, or several. Default (0, 0).
     mask : array_like of bool, "auto" or None, optional
-        Pixels to unwrap; the others are 0 in the result. "auto" finds the object. Plain masks
-        are (y, x), (time, y, x) or (time, angle, y, x) too, whatever the dims of the phase.
+        Pixels to unwrap; the others are 0 in the result, or NaN as in the phase. "auto" finds the
+        object. Plain masks are (y, x), (time, y, x) or (time, angle, y, x) too, whatever the dims
+        of the phase.
     progress, cancelled : callable, optional
         ``progress(done, total, message)`` after each step; ``cancelled()`` stops the work.
     amplitude : DataArray or array_like, optional
@@ -87,7 +88,7 @@ def unwrap(
     -------
     xarray.DataArray
         Unwrapped phase in radians, float32, with the dims, coordinates and attributes of
-        ``phase``; inside the mask it differs from it by whole turns.
+        ``phase``; inside the mask it differs from it by whole turns, or is not known, NaN.
 
     Raises
     ------

@@ -462,7 +462,9 @@ class VoteBlock:
             both = (before[:, of.angles] & asked, after[:, of.angles] & asked)
             off_here = off[:, of.angles] - turns
             if self.flat is None:
-                keep_at_field(both[0], wrapped[:, of.angles], turns, part)
+                # At the boundary time both are borders, of its view and of those that lack it.
+                for border in both if self.angle is not None else both[:1]:
+                    keep_at_field(border, wrapped[:, of.angles], turns, part)
             first, then = (votes(part[some], off_here[some]) for some in both)
             found.append((first, then))
         return found
