@@ -35,6 +35,19 @@ def test_margin_takes_the_larger_neighbour_and_skips_single_frames() -> None:
     assert margin["along_x"].attrs["share_beyond"] == pytest.approx(1 / 3)
 
 
+def test_steps_to_what_is_not_known_do_not_count() -> None:
+    phase = xr.DataArray(np.array([[0.0, 0.0, 4.0, np.nan, 0.0, 0.0]]), dims=("y", "x"))
+    assert itoh_margin(phase)["along_x"].attrs["share_beyond"] == pytest.approx(1 / 3)
+    inside = phase.copy(data=np.array([[False, True, True, True, True, False]]))
+    assert itoh_margin(phase, inside)["along_x"].attrs["share_beyond"] == 1
+
+
+def test_wrong_cycles_are_counted_where_both_are_known() -> None:
+    truth = xr.DataArray(np.zeros((1, 1, 1, 4)), dims=("time", "angle", "y", "x"))
+    found = truth.copy(data=np.array([0, 2 * np.pi, np.nan, np.nan]).reshape(truth.shape))
+    assert wrong_cycle_share(found, truth) == 0.5
+
+
 def test_residues_of_a_vortex() -> None:
     y, x = np.indices((11, 12))
     vortex = np.arctan2(y - 4.5, x - 6.5)

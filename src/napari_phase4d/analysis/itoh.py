@@ -131,14 +131,15 @@ def larger_step(values: NDArray[np.floating], axis: int) -> NDArray[np.floating]
 
 
 def share_beyond(phase: xr.DataArray, inside: xr.DataArray | None, axis: int) -> float:
-    """Return the share of the steps along an axis that are beyond pi, of those inside."""
+    """Return the share of the steps along an axis that are beyond pi, of those known inside."""
     beyond, count = 0, 0
     for part, values in parts_over_time(phase, more=int(axis == 0)):
-        steps = steps_along(values, axis) > 1
+        steps = steps_along(values, axis)
+        counted = np.isfinite(steps)
         if inside is not None:
-            steps = steps[both_ends(np.asarray(inside.data[part]), axis)]
-        beyond += int(np.count_nonzero(steps))
-        count += steps.size
+            counted &= both_ends(np.asarray(inside.data[part]), axis)
+        beyond += int(np.count_nonzero(steps[counted] > 1))
+        count += int(np.count_nonzero(counted))
     return beyond / count if count else 0.0
 
 
