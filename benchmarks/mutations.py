@@ -191,7 +191,7 @@ MUTATIONS = (
              '("nm", "nanometer", "nanometre"), 1e-3', '("nm", "nanometer", "nanometre"), 1e3',
              ("test_io",)),
     Mutation("Itoh's limit of half a turn", "analysis/itoh.py",
-             "steps = steps_along(values, axis) > 1", "steps = steps_along(values, axis) > 2",
+             "steps[counted] > 1", "steps[counted] > 2",
              ("test_itoh",)),
     Mutation("last frame of a streamed block", "stack.py",
              "Block(t, min(t + each, shape[0])) for",

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 import napari_phase4d as p4d
 from napari_phase4d.unwrapping import CAUSAL, Causal, causal_methods, for_what_comes
+from napari_phase4d.unwrapping.frames import border_values, median_and_field
 
 OPTIONS = [
     {},
@@ -56,6 +57,26 @@ def test_all_at_once_gives_the_same(
     for method, result in at_once.results.items():
         np.testing.assert_array_equal(found[method], result.values)
         assert np.ptp(result.values[0]) > 1
+
+
+@pytest.mark.parametrize("cuts", [[1, 1, 3, 2, 5], [7], list(np.ones(13, int))])
+def test_a_slope_that_comes_and_goes_over_the_border_gives_the_same(cuts: list[int]) -> None:
+    """Some frames show no empty field at their border; what comes later must not count there."""
+    where = np.array([60, 50, 40, 30, 20, 10, 4, 1, 2, 12, 24, 36, 48, 60])
+    slope = 0.8 * np.maximum(np.arange(56) - where[:, None], 0)
+    exact = np.broadcast_to(slope[:, None, None], (14, 2, 48, 56))
+    noise = np.random.default_rng(1).normal(0, 0.2, exact.shape)
+    wrapped = np.angle(np.exp(1j * (exact + noise))).astype(np.float32)
+    wrapped[6, 0] = np.nan
+    levels = [median_and_field(border_values(f)) for f in (exact + noise)[:, 1].astype(np.float32)]
+    shown = np.isfinite([field for _, field in levels])
+    assert shown[0]
+    assert shown.any()
+    assert not shown.all()
+    found = as_they_come(wrapped, for_what_comes({}), cuts, mask=True)
+    at_once = p4d.compare(wrapped, list(CAUSAL), (0, 1), mask="auto", options=for_what_comes({}))
+    for method, result in at_once.results.items():
+        np.testing.assert_array_equal(found[method], result.values)
 
 
 def test_the_future_does_not_count(wrapped: NDArray[np.float32]) -> None:
