@@ -218,7 +218,7 @@ MUTATIONS = (
     Mutation("level where a slope covers half of the border", "unwrapping/frames.py",
              "if 2 * near >= len(phase):", "if True:", ("test_unwrapping",)),
     Mutation("tilts have no fullest place", "unwrapping/frames.py",
-             "max(FIELD_SHARE * len(phase), FULLER * near)", "0", ("test_unwrapping",)),
+             "if last - first > enough:", "if True:", ("test_unwrapping",)),
     Mutation("field followed through frames that hide it", "unwrapping/frames.py",
              "line[before] + way[t] - way[before]", "0", ("test_unwrapping",)),
     Mutation("field not shown at the boundary time", "unwrapping/frames.py",

@@ -54,8 +54,10 @@ BorderLevels = tuple[float, float]
 NEAR_LEVEL = 1.0
 #: ... or more than this share of it within as many of another level, ...
 FIELD_SHARE = 0.3
-#: ... and so many times more than near the median.
+#: ... so many times more than near the median, ...
 FULLER = 1.5
+#: ... than at any third level, as crests and troughs of waves are, and than so many pixels.
+CLEARER, LEAST_FIELD = 1.25, 64
 TURN = 2 * np.pi
 Number = TypeVar("Number", bound=np.generic)
 
@@ -236,8 +238,12 @@ def median_and_field(phase: NDArray[np.float32]) -> tuple[np.float32, np.float32
     if 2 * near >= len(phase):
         return median, median
     ordered = np.sort(phase)
-    first, last = fullest(ordered, np.float32(2 * NEAR_LEVEL))
-    if last - first > max(FIELD_SHARE * len(phase), FULLER * near):
+    wide = np.float32(2 * NEAR_LEVEL)
+    first, last = fullest(ordered, wide)
+    below, above = fullest(ordered[:first], wide), fullest(ordered[last:], wide)
+    other = max(below[1] - below[0], above[1] - above[0])
+    enough = max(FIELD_SHARE * len(phase), LEAST_FIELD, FULLER * near, CLEARER * other)
+    if last - first > enough:
         return median, middle_of(ordered[first:last])
     return median, np.float32(np.nan)
 
