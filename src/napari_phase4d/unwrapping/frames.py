@@ -57,7 +57,7 @@ FIELD_SHARE = 0.3
 #: ... so many times more than near the median, ...
 FULLER = 1.5
 #: ... than at any third level, as crests and troughs of waves are, and than so many pixels.
-CLEARER, LEAST_FIELD = 1.25, 64
+CLEARER, LEAST_FIELD = 1.1, 64
 TURN = 2 * np.pi
 Number = TypeVar("Number", bound=np.generic)
 
