@@ -305,9 +305,7 @@ class ProblemOnDisk(Problem):
         with self.locks.changing:  # or what another thread has found since would go as well
             if self._shelf.clearings != self._clearings:
                 self._clearings = self._shelf.clearings
-                # In place: comparisons on another grid share what is known.
-                for gone in [name for name in self._known if not name.startswith(LASTING)]:
-                    del self._known[gone]
+                self._known = {k: v for k, v in self._known.items() if k.startswith(LASTING)}
         return super().once(name, work)
 
     def knows(self, name: str) -> bool:

@@ -397,10 +397,8 @@ class PhaseBlock:
         """Do a block; return the levels of each frame's border, shape (time, angle, 2)."""
         wrapped, usable = self.given.read(block)
         wrapped, usable = as_loops_take(wrapped, np.float32), as_loops_take(usable, np.bool_)
-        unwrapped, border = (
-            room_in(self.result, block, np.float32),
-            np.empty((*wrapped.shape[:2], 2)),
-        )
+        unwrapped = room_in(self.result, block, np.float32)
+        border = np.empty((*wrapped.shape[:2], 2))
         smooth = np.empty(wrapped.shape[:2], np.bool_)
         phase_where_smooth(wrapped, usable, unwrapped, border, smooth)
         work = Workspace()

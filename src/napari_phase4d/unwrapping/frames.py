@@ -230,7 +230,7 @@ def median_and_field(phase: NDArray[np.float32]) -> tuple[np.float32, np.float32
     Returns
     -------
     float32, float32
-        In radians; the second is NaN where the border does not show.
+        In radians; the second is NaN where the border shows no empty field.
     """
     median, near = middle_of(phase), 0
     for k in range(len(phase)):

@@ -216,7 +216,7 @@ class Problem(SharedSteps):
         # The caller's own array, where it fits: nobody writes into it.
         with np.errstate(over="ignore"):  # it is infinite then, and left out
             self.wrapped: NDArray[np.float32] = np.require(values, np.float32, ["C", "W"])
-        #: Pixels of which no phase is known, and that are NaN in every result; None if all are.
+        #: Pixels of which no phase is known, NaN in every result; None if all is known.
         self.unknown: NDArray[np.bool_] | None = None
         if not all_known(self.wrapped):
             self._leave_out(~is_known(self.wrapped))

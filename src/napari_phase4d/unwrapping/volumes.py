@@ -446,8 +446,9 @@ class VoteBlock:
     def __call__(self, block: Block) -> list[tuple[Votes, Votes]]:
         """Do a block; return for each angle or all what is asked first, and then."""
         mask = self.mask.read(block)
-        wrapped, _ = self.given.read(block)
+        wrapped = None
         if self.flat is None:
+            wrapped, _ = self.given.read(block)
             off, rim = -np.round(wrapped / np.float32(TURN)).astype(np.int32), rim_of(mask)
         else:
             off, rim = self.flat.read(block).astype(np.int32), mask
@@ -461,7 +462,7 @@ class VoteBlock:
             asked = (part >= 0) & ~np.append(known, True)[part]
             both = (before[:, of.angles] & asked, after[:, of.angles] & asked)
             off_here = off[:, of.angles] - turns
-            if self.flat is None:
+            if wrapped is not None:
                 # At the boundary time both are borders, of its view and of those that lack it.
                 for border in both if self.angle is not None else both[:1]:
                     keep_at_field(border, wrapped[:, of.angles], turns, part)
