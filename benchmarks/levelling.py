@@ -62,7 +62,7 @@ def truth(shape: tuple[int, ...], rad: float) -> np.ndarray:
 
 def places(shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return y and x of the pixels of a field, from -1 to 1, as a column and a row."""
-    y, x = (-1 + 2 * np.arange(n) * (SIDE / n) / (SIDE - 1) for n in shape)
+    y, x = (-1 + 2 * ((np.arange(n) + 0.5) * SIDE / n - 0.5) / (SIDE - 1) for n in shape)
     return y[:, None], x[None, :]
 
 

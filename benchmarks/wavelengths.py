@@ -133,7 +133,7 @@ def through_the_optics() -> None:
 
 def seen(exact: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray]:
     """Return the exact phase on another grid, and which pixels are far from walls and edges."""
-    rows, columns = ((np.arange(n) * SIDE / n).astype(int) for n in shape)
+    rows, columns = (np.round((np.arange(n) + 0.5) * SIDE / n - 0.5).astype(int) for n in shape)
     truth = exact[:, :, rows][..., columns]
     near = (1, 1, 7, 7)
     flat = ndimage.maximum_filter(truth, near) - ndimage.minimum_filter(truth, near) < 1

@@ -65,9 +65,8 @@ def test_plane_wave_comes_back_with_its_phase(
     lobe = Lobe((periodic[0] + off[0], periodic[1] + off[1]), 0.09)
     demodulate = Demodulator(shape, [lobe], window)
     (field,) = demodulate(fringes(shape, periodic, phase=0.7))
-    y, x = np.indices(field.shape)
-    ratio = demodulate.pixel_ratio
-    expected = 0.7 - 2 * np.pi * (off[0] * y * ratio[0] + off[1] * x * ratio[1])
+    y, x = middles(shape, field.shape)
+    expected = 0.7 - 2 * np.pi * (off[0] * y[:, None] + off[1] * x[None, :])
     assert np.abs(wrap(np.angle(field) - expected)).max() < 1e-4
     gain = WINDOWS[window](np.hypot(*off) / np.array(0.09))
     np.testing.assert_allclose(np.abs(field), 20 * gain, rtol=1e-4)
@@ -81,12 +80,37 @@ def test_field_equals_a_full_size_demodulation() -> None:
     (small,) = Demodulator(frame.shape, [lobe], "disk")(frame)
     ky, kx = np.fft.fftfreq(128)[:, None], np.fft.fftfreq(128)[None, :]
     inside = np.hypot(ky - lobe.carrier[0], kx - lobe.carrier[1]) <= lobe.radius
-    full = np.fft.ifft2(np.fft.fft2(frame - frame.mean()) * inside)
-    y, x = np.indices((128, 128))
+    band = np.fft.fftshift(np.fft.fft2(frame - frame.mean()) * inside)
+    full = 4 * np.fft.ifft2(np.fft.ifftshift(np.pad(band, 64)))  # two samples a camera pixel
+    y, x = np.indices((256, 256)) / 2
     full = full * np.exp(-2j * np.pi * (lobe.carrier[0] * y + lobe.carrier[1] * x))
     ratio = 128 / small.shape[0]
     assert ratio == 4  # 2 * 0.11 * 128 = 28.2 fits into 32
-    np.testing.assert_allclose(small, full[::4, ::4], atol=2e-5 * np.abs(full).max())
+    # Four camera pixels, 0 to 3, have their middle at 1.5.
+    np.testing.assert_allclose(small, full[3::8, 3::8], atol=2e-5 * np.abs(full).max())
+
+
+@pytest.mark.parametrize("shape", [(160, 160), (158, 171)])
+def test_edges_are_as_good_as_the_rest(shape: tuple[int, int]) -> None:
+    """Fringes that don't fit into the frame: the first row and column were 0.8 rad off once."""
+    true = (0.19, 0.2098)
+    frame = fringes(shape, true, phase=0.7)
+    (field,) = Demodulator(shape, [Lobe(true, 0.1)])(frame)
+    error = np.abs(wrap(np.angle(field) - 0.7))
+    sides = [error[0], error[-1], error[:, 0], error[:, -1]]
+    assert max(np.sqrt(np.mean(side**2)) for side in sides) < 0.25
+    assert error[2:-2, 2:-2].max() < 0.1
+
+
+def test_mirrored_frame_gives_the_mirrored_field() -> None:
+    """Neither side of a frame is treated better than the other one."""
+    frame = np.random.default_rng(3).normal(100, 20, (96, 110)).astype(np.float32)
+    (field,) = Demodulator(frame.shape, [Lobe((0.2, 0.21), 0.09)])(frame)
+    (back,) = Demodulator(frame.shape, [Lobe((-0.2, 0.21), 0.09)])(frame[::-1].copy())
+    turn = field * back[::-1].conj()
+    turn = turn / np.abs(turn)
+    assert np.abs(np.angle(turn / turn[0, 0])).max() < 1e-3
+    np.testing.assert_allclose(np.abs(back[::-1]), np.abs(field), rtol=1e-3)
 
 
 def test_flip_gives_the_conjugate() -> None:
@@ -128,7 +152,11 @@ def test_pixel_of_the_reconstruction_is_recorded(reconstruction, sample) -> None
     ratio = reconstruction.attrs["pixel_ratio"]
     pixel = sample.recording.optics.pixel_um
     assert ratio[0] == pytest.approx(512 / reconstruction.sizes["y"])
-    assert float(reconstruction["y"][1]) == pytest.approx(ratio[0] * pixel)
+    assert np.diff(reconstruction["y"]) == pytest.approx(ratio[0] * pixel)
+    first, last = float(reconstruction["y"][0]), float(reconstruction["y"][-1])
+    # Both grids cover the same area, from half a camera pixel before the first one's middle on.
+    assert first - ratio[0] * pixel / 2 == pytest.approx(-pixel / 2)
+    assert last + ratio[0] * pixel / 2 == pytest.approx(511.5 * pixel)
     assert reconstruction["phase"].dtype == np.float32
     assert reconstruction["phase"].dims == ("time", "angle", "y", "x")
     np.testing.assert_allclose(reconstruction["angle"], [-7, 21])
@@ -318,20 +346,27 @@ def test_a_single_frame_is_no_trouble(small_video) -> None:
     assert np.isfinite(p4d.power_spectrum(one).values).all()
 
 
+def middles(shape: tuple[int, ...], size: tuple[int, ...]) -> list[np.ndarray]:
+    """Where the pixels of a field have their middles, along y and x in camera pixels."""
+    return [(np.arange(m) + 0.5) * n / m - 0.5 for n, m in zip(shape, size, strict=True)]
+
+
 def plainly_demodulated(frame: np.ndarray, lobe: Lobe, window: str) -> np.ndarray:
     """One lobe by a full transform in float64, cut out and moved pixel by pixel."""
     spectrum = np.fft.fft2(frame.astype(np.float64) - frame.mean(dtype=np.float64))
     demodulate = Demodulator(frame.shape, [lobe], window)
-    steps = [np.round(np.fft.fftfreq(m, 1 / m)).astype(int) for m in demodulate.output_shape]
-    centre = [round(k * n) for k, n in zip(lobe.carrier, frame.shape, strict=True)]
-    rows, columns = (c + s for c, s in zip(centre, steps, strict=True))
-    ky, kx = rows[:, None] / frame.shape[0], columns[None, :] / frame.shape[1]
-    rho = np.hypot(ky - lobe.carrier[0], kx - lobe.carrier[1]) / lobe.radius
+    size = demodulate.output_shape
+    rows, columns = (
+        round(k * n) + np.round(np.fft.fftfreq(m, 1 / m)).astype(int)
+        for k, n, m in zip(lobe.carrier, frame.shape, size, strict=True)
+    )
+    off_y = rows / frame.shape[0] - lobe.carrier[0]
+    off_x = columns / frame.shape[1] - lobe.carrier[1]
+    rho = np.hypot(off_y[:, None], off_x[None, :]) / lobe.radius
     block = spectrum[np.ix_(rows % frame.shape[0], columns % frame.shape[1])]
-    field = np.fft.ifft2(block * WINDOWS[window](rho)) * block.size / frame.size
-    y, x = (np.arange(m) * n / m for m, n in zip(block.shape, frame.shape, strict=True))
-    rest = [k - c / n for k, c, n in zip(lobe.carrier, centre, frame.shape, strict=True)]
-    field *= np.exp(-2j * np.pi * (rest[0] * y[:, None] + rest[1] * x[None, :]))
+    y, x = middles(frame.shape, size)
+    waves_y, waves_x = (np.exp(2j * np.pi * np.outer(p, k)) for p, k in ((y, off_y), (x, off_x)))
+    field = waves_y @ (block * WINDOWS[window](rho)) @ waves_x.T / frame.size
     return field.conj() if lobe.flip else field
 
 

@@ -49,7 +49,8 @@ def recorded(maps: list[np.ndarray], **camera: float) -> p4d.Recording:
 
 def curvature_on(shape: tuple[int, ...], rad: float) -> np.ndarray:
     """The exact curvature on the coarser grid of the fields."""
-    y, x = (-1 + 2 * np.arange(n) * (SIDE / n) / (SIDE - 1) for n in shape)
+    # Each pixel of a field stands in the middle of those of the camera that it covers.
+    y, x = (-1 + 2 * ((np.arange(n) + 0.5) * SIDE / n - 0.5) / (SIDE - 1) for n in shape)
     return rad * (y[:, None] ** 2 + x[None, :] ** 2) / 2
 
 

@@ -150,7 +150,7 @@ def test_reconstruction_is_refocused_after_its_corrections(small_video) -> None:
     settings = {"reference": 0, "background": "tilt", "drift": False}
     plain = p4d.reconstruct(small_video, lobes, **settings)
     found = p4d.reconstruct(small_video, lobes, **settings, refocus_um=7.5)
-    pixel = [float(plain[d][1]) for d in ("y", "x")]
+    pixel = [float(plain[d][1] - plain[d][0]) for d in ("y", "x")]
     expected = propagate(field_of(plain), 7.5, 0.6328, pixel, 1.333)
     assert relative(field_of(found), expected) < 1e-5
     assert found.attrs["refocus_um"] == 7.5
@@ -242,7 +242,7 @@ def test_autofocus_says_when_the_focus_is_beyond_and_what_is_wrong() -> None:
 @pytest.mark.slow
 def test_a_recording_that_is_in_focus_stays_there(reconstruction, sample, lobes) -> None:
     found = p4d.reconstruct(sample.recording, lobes, refocus_um="auto")
-    pixel = [float(found[d][1]) for d in ("y", "x")]
+    pixel = [float(found[d][1] - found[d][0]) for d in ("y", "x")]
     assert found.attrs["focus_objects"] == "phase"
     assert abs(found.attrs["refocus_um"]) < depth_of_focus_um(0.6328, pixel, 1.333)
     with pytest.raises(ValueError, match="refocus_um must be a number of micrometres or"):

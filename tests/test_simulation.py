@@ -15,6 +15,7 @@ from napari_phase4d.simulation import (
     multiplexed_video,
     projected_phase,
     step_phantom,
+    swimming_cells,
     swimming_euglena,
 )
 from napari_phase4d.simulation.ellipsoids import path_length_um, rotation
@@ -50,6 +51,27 @@ def test_euglena_is_the_same_object_on_every_grid() -> None:
     fine = swimming_euglena((128, 128), 3, pixel_um=0.4)["phase"]
     coarse = swimming_euglena((64, 32), 3, pixel_um=(0.8, 1.6))["phase"]
     np.testing.assert_allclose(fine.values[:, :, ::2, ::4], coarse.values, atol=1e-5)
+
+
+def test_places_of_a_stack_may_begin_elsewhere() -> None:
+    """As those of a reconstruction, whose first pixel stands for the middle of several."""
+    fine = swimming_euglena((128, 128), 2, pixel_um=0.4)["phase"]
+    lies = {"pixel_um": (0.8, 1.6), "first_um": (0.4, 0.8)}
+    coarse = swimming_euglena((64, 32), 2, **lies)["phase"]
+    np.testing.assert_allclose(fine.values[:, :, 1::2, 2::4], coarse.values, atol=1e-5)
+    for axis, places in (("y", fine["y"][1::2]), ("x", fine["x"][2::4])):
+        np.testing.assert_allclose(coarse[axis], places)
+    with pytest.raises(ValueError, match="first_um must be a finite number, but is nan"):
+        swimming_euglena((8, 8), 1, first_um=float("nan"))
+
+
+def test_cells_lie_where_their_pixels_do() -> None:
+    fine = swimming_cells((128, 192), 3, 2, pixel_um=0.5, divisions=0, leaving=0)
+    coarse = swimming_cells((64, 96), 3, 2, pixel_um=1.0, first_um=0.5, divisions=0, leaving=0)
+    for name in ("phase", "cells"):
+        np.testing.assert_allclose(
+            fine[name].values[:, :, 1::2, 1::2], coarse[name].values, atol=1e-5
+        )
 
 
 def test_euglena_is_thin_at_its_boundary_frame_and_wraps_exactly() -> None:

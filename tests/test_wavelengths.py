@@ -314,7 +314,9 @@ def test_a_moving_cell_thicker_than_half_the_synthetic_wavelength(beat: str) -> 
 def test_through_the_optics(plates: xr.Dataset, reconstruction: xr.Dataset) -> None:
     """From the hologram to the path of plates that every other method gets wrong."""
     _, _, height, width = reconstruction["phase"].shape
-    rows, columns = ((np.arange(n) * 512 / n).astype(int) for n in (height, width))
+    rows, columns = (
+        np.round((np.arange(n) + 0.5) * 512 / n - 0.5).astype(int) for n in (height, width)
+    )
     exact = plates["phase"].values[:, :, rows][..., columns]
     flat = np.ones(exact.shape, dtype=bool)  # no wall within three pixels, nor the frame's edge
     for axis in (2, 3):

@@ -6,8 +6,8 @@ the name of a file would. It is simulated anew from fixed seeds, with the same n
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
@@ -54,6 +54,19 @@ DRIFT_RAD = 0.2
 EUGLENA_ANGLES_DEG = (-7.0, 21.0)
 
 
+#: Two lengths in micrometres, along y and x.
+Lengths = tuple[float, float]
+
+
+class Exact(Protocol):
+    """Returns exact phase (time, angle, y, x) of frames of a height and width in pixels."""
+
+    def __call__(
+        self, shape: tuple[int, int], n_times: int, pixel_um: Lengths, first_um: Lengths
+    ) -> xr.DataArray:
+        """Pixels are so high and wide in micrometres, and the first one lies there."""
+
+
 @dataclass(frozen=True)
 class Sample:
     """A recording with what is known about it.
@@ -63,8 +76,7 @@ class Sample:
     recording : Recording
         Hologram video of two multiplexed views.
     exact : callable
-        ``exact(shape, n_times, pixel_um)`` returns the exact phase (time, angle, y, x) on frames
-        of that height and width, with pixels of that height and width in micrometres.
+        ``exact(shape, n_times, pixel_um, first_um)``, see `Exact`.
     angles_deg : tuple of float
         Viewing angles, in the order in which `find_lobes` finds the views.
     boundary : tuple of int
@@ -72,7 +84,7 @@ class Sample:
     """
 
     recording: Recording
-    exact: Callable[[tuple[int, int], int, tuple[float, float]], xr.DataArray]
+    exact: Exact
     angles_deg: tuple[float, ...] = EUGLENA_ANGLES_DEG
     boundary: tuple[int, int] = (0, 0)
 
@@ -91,7 +103,9 @@ class Sample:
         height, width = like.sizes["y"], like.sizes["x"]
         rows, columns = self.recording.frame_shape
         sides = (rows * pixel / height, columns * pixel / width)
-        return self.exact((height, width), like.sizes["time"], sides).assign_coords(like.coords)
+        first = ((sides[0] - pixel) / 2, (sides[1] - pixel) / 2)  # each stands for its middle
+        exact = self.exact((height, width), like.sizes["time"], sides, first)
+        return exact.assign_coords(like.coords)
 
 
 def euglena_sample() -> Sample:
@@ -105,32 +119,34 @@ def cells_sample() -> Sample:
 
 
 def sample_of(
-    exact: Callable[[tuple[int, int], int, tuple[float, float]], xr.DataArray],
+    exact: Exact,
     shape: tuple[int, int],
     source: str,
     name: str,
 ) -> Sample:
     """Return a sample whose arms drift, as those of real interferometers do."""
     optics = Optics()
-    phase = exact(shape, N_TIMES, (optics.pixel_um, optics.pixel_um))
+    phase = exact(shape, N_TIMES, (optics.pixel_um, optics.pixel_um), (0.0, 0.0))
     recording = multiplexed_video(phase, optics, drift_rad=DRIFT_RAD, name=name)
     return Sample(replace(recording, source=source), exact)
 
 
 def exact_euglena(
-    shape: tuple[int, int], n_times: int, pixel_um: tuple[float, float]
+    shape: tuple[int, int], n_times: int, pixel_um: Lengths, first_um: Lengths
 ) -> xr.DataArray:
     """Return the exact phase of the euglena."""
-    data = swimming_euglena(shape, n_times, optics=Optics(), pixel_um=pixel_um)
+    data = swimming_euglena(shape, n_times, optics=Optics(), pixel_um=pixel_um, first_um=first_um)
     return data["phase"]
 
 
 def exact_cells(
-    shape: tuple[int, int], n_times: int, pixel_um: tuple[float, float]
+    shape: tuple[int, int], n_times: int, pixel_um: Lengths, first_um: Lengths
 ) -> xr.DataArray:
     """Return the exact phase of the cells, whose pixels must be squares."""
-    optics = Optics()
-    return swimming_cells(shape, n_times, N_CELLS, optics=optics, pixel_um=pixel_um[0])["phase"]
+    data = swimming_cells(
+        shape, n_times, N_CELLS, optics=Optics(), pixel_um=pixel_um[0], first_um=first_um
+    )
+    return data["phase"]
 
 
 #: How the exact phase of each recording is simulated, by what its layer notes.

@@ -59,7 +59,8 @@ def test_one_shot_from_holograms_to_dry_mass(viewer, qtbot, small_video, tmp_pat
     rec = p4d.open_recording(path)
     phase = p4d.reconstruct(rec, p4d.find_lobes(rec, 2))["phase"]
     np.testing.assert_array_equal(wrapped.data, phase.values)
-    np.testing.assert_allclose(wrapped.scale[2:], float(phase["y"][1]))
+    np.testing.assert_allclose(wrapped.scale[2:], np.diff(phase["y"])[0])
+    np.testing.assert_allclose(wrapped.translate[2:], float(phase["y"][0]))
     viewer.layers.selection.active = wrapped
     result = run_entry(viewer, qtbot, "Transform", "Unwrap phase, T/A")
     expected = p4d.unwrap(phase, "temporal-angular").values

@@ -161,7 +161,7 @@ def measure_a_drawn_region(viewer: Any, dock: Any, click: Any, qtbot: Any) -> No
     table = dock.compare.measuring.measured
     assert set(table["region"]) == {"region 1"}
     corners = np.array([layer.data_to_world(corner) for corner in layer.data[0]])
-    pixel = float(phase["y"][1])
+    pixel = float(phase["y"][1] - phase["y"][0])
     np.testing.assert_allclose(corners.min(0), low, atol=1.5 * pixel)
     np.testing.assert_allclose(corners.max(0), high, atol=1.5 * pixel)
     inside = [

@@ -13,7 +13,14 @@ from numpy.typing import NDArray
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.words import shown
 
-__all__ = ["WINDOWS", "Demodulator", "cut_of", "field_shape", "half_spectrum"]
+__all__ = [
+    "WINDOWS",
+    "Demodulator",
+    "cut_of",
+    "field_shape",
+    "half_spectrum",
+    "middle_of_first",
+]
 
 Window = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 
@@ -73,23 +80,25 @@ Area = tuple[slice, slice]
 class Cut:
     """Where one lobe lies in the transformed columns, and what to do with it.
 
-    ``pieces`` pair places in the lobe's block with places in the columns. The block runs from
-    the lowest frequency to the highest, and ``ramp`` makes up for its zero being in the middle.
-    ``window`` holds one factor for each real and one for each imaginary part.
+    ``pieces`` pair places in the lobe's block with places in the columns, and say whether these
+    hold the conjugate. The block runs from the lowest frequency to the highest, and ``ramp`` makes
+    up for its zero being in the middle. ``window`` also moves the grid to the pixels' middles.
     """
 
-    pieces: list[tuple[Area, Area]]
-    window: NDArray[np.float32]
+    pieces: list[tuple[Area, Area, bool]]
+    window: NDArray[np.complex64]
     ramp: NDArray[np.complex64]
     flip: bool
 
     def field(self, spectrum: NDArray[np.complex64], out: NDArray[np.complex64]) -> None:
         """Write the lobe's field, of the block's shape, from the columns that were transformed."""
         block = np.empty_like(out)
-        for place, source in self.pieces:
-            block[place] = spectrum[source]
-        parts = block.view(np.float32)
-        parts *= self.window
+        for place, source, mirrored in self.pieces:
+            if mirrored:  # F(-k) = F(k)*
+                np.conjugate(spectrum[source], out=block[place])
+            else:
+                block[place] = spectrum[source]
+        block *= self.window
         back = scipy.fft.ifft2(block, overwrite_x=True, norm="forward")
         np.multiply(back, self.ramp, out=out)
         if self.flip:
@@ -102,7 +111,8 @@ class Demodulator:
     One transform in float32 serves all views, and along y only the columns that hold lobes are
     computed. Each lobe is cut out with its window, moved to zero frequency, and transformed back
     on a grid just large enough for it; the part of the carrier below one spectral pixel is taken
-    off by a phase ramp. All views share one output grid. Several threads may use one demodulator.
+    off by a phase ramp. All views share one output grid, whose pixels cover the frame: each stands
+    for its middle. Several threads may use one demodulator.
 
     Parameters
     ----------
@@ -174,6 +184,20 @@ class Demodulator:
         return fields
 
 
+def middle_of_first(ratio: float) -> float:
+    """Return where the first pixel that is so many camera pixels wide has its middle.
+
+    The transform takes a frame as going on round its edges, where fringes don't fit together. A
+    grid that began at the first camera pixel would have all of its first row and column there.
+
+    Examples
+    --------
+    >>> middle_of_first(1.0), middle_of_first(4.0)  # half a camera pixel is outside
+    (0.0, 1.5)
+    """
+    return (ratio - 1) / 2
+
+
 def field_shape(
     shape: tuple[int, int], lobes: Sequence[Lobe], window: str = "smooth-disk"
 ) -> tuple[int, int]:
@@ -219,24 +243,24 @@ def cut_of(
     held : ndarray of shape (column,)
         Which columns there are, ascending.
     """
-    offsets, ramps = [], []
+    offsets, ramps, moves = [], [], []
     for k, n, m in zip(lobe.carrier, shape, field, strict=True):
         centre = round(k * n)
         offsets.append((centre + np.arange(m) - m // 2) / n - k)
+        moves.append(np.exp(2j * np.pi * offsets[-1] * middle_of_first(n / m)))
         turns = (k - centre / n) * (n / m) + (m // 2) / m
         ramps.append(np.exp(-2j * np.pi * turns * np.arange(m)) / n)
     rows, columns = frequencies(lobe, shape, field)
     sources, mirrored = half_columns(columns, shape[1])
     rho = np.hypot(offsets[0][:, None], offsets[1][None, :]) / lobe.radius
-    factors = np.repeat(WINDOWS[window](rho).astype(np.float32), 2, axis=1)
-    factors[:, 1::2][:, mirrored] *= -1  # F(-k) = F(k)*
+    factors = (WINDOWS[window](rho) * np.outer(*moves)).astype(np.complex64)
     pieces = []
     for side in (False, True):
         across = np.flatnonzero(mirrored == side)
         for x, from_x in runs(across, np.searchsorted(held, sources[across])):
             opposite = -rows % shape[0] if side else rows
             for y, from_y in runs(np.arange(len(rows)), opposite):
-                pieces.append(((y, x), (from_y, from_x)))
+                pieces.append(((y, x), (from_y, from_x), side))
     ramp = np.outer(*(each.astype(np.complex64) for each in ramps))
     return Cut(pieces, factors, ramp, lobe.flip)
 

@@ -20,6 +20,7 @@ from napari_phase4d.holography.demodulation import (
     cut_of,
     field_shape,
     half_spectrum,
+    middle_of_first,
 )
 from napari_phase4d.holography.emptyfield import FrameTilt, write_levelled
 from napari_phase4d.holography.focusing import Focus
@@ -382,12 +383,19 @@ def aberration_note(coefficients: NDArray[np.float64]) -> dict[str, float]:
 def times_and_places(
     rec: Recording, pixel_ratio: Sequence[float], shape: Sequence[int]
 ) -> dict[str, tuple[str, NDArray[np.floating], dict[str, str]]]:
-    """Return the coordinates of time, y and x of a reconstruction."""
-    step_y, step_x = (rec.optics.pixel_um * ratio for ratio in pixel_ratio)
+    """Return the coordinates of time, y and x of a reconstruction.
+
+    A place is that of a pixel's middle, counted from the middle of the first camera pixel, as in
+    the recording: frames of both cover the same area.
+    """
+    rows, columns = (
+        rec.optics.pixel_um * (middle_of_first(ratio) + ratio * np.arange(n))
+        for n, ratio in zip(shape, pixel_ratio, strict=True)
+    )
     return {
         "time": coordinate("time", rec.times_s),
-        "y": coordinate("y", np.arange(shape[0]) * step_y),
-        "x": coordinate("x", np.arange(shape[1]) * step_x),
+        "y": coordinate("y", rows),
+        "x": coordinate("x", columns),
     }
 
 

@@ -180,6 +180,7 @@ def swimming_euglena(
     frame_rate_hz: float = FRAME_RATE_HZ,
     optics: Optics | None = None,
     pixel_um: float | tuple[float, float] | None = None,
+    first_um: float | tuple[float, float] = 0.0,
 ) -> xr.Dataset:
     """Simulate the phase of a swimming euglena gracilis at exact truth.
 
@@ -204,6 +205,9 @@ def swimming_euglena(
         The microscope, by default that of the paper.
     pixel_um : float or tuple of float, optional
         Width of a pixel in micrometres. Default: the camera pixel in the sample.
+    first_um : float or tuple of float, optional
+        Where the first pixel lies in micrometres, or its (y, x). Default 0; for the pixels of a
+        reconstruction its ``(y[0], x[0])``.
 
     Returns
     -------
@@ -233,6 +237,7 @@ def swimming_euglena(
         pixel_um=optics.pixel_um if pixel_um is None else pixel_um,
         optics=optics,
         attrs={"object": "swimming euglena", "boundary": (0, 0), "peak_rad": peak_rad},
+        first_um=first_um,
     )
 
 

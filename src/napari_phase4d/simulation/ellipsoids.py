@@ -15,7 +15,14 @@ from numpy.typing import ArrayLike, NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import AXES, KIND, UNWRAPPED, WRAPPED, coordinate
-from napari_phase4d.words import as_numbers, check_positive, check_type, checked_call, shown
+from napari_phase4d.words import (
+    as_numbers,
+    check_finite,
+    check_positive,
+    check_type,
+    checked_call,
+    shown,
+)
 
 __all__ = [
     "Ellipsoid",
@@ -205,11 +212,12 @@ def phase_stack(
     pixel_um: float | tuple[float, float],
     optics: Optics,
     attrs: dict[str, object],
+    first_um: float | tuple[float, float] = 0.0,
 ) -> xr.Dataset:
     """Project moving bodies at every time and angle.
 
-    The middle of the field, pixel ``shape / 2``, is the origin of the bodies' coordinates, so
-    that stacks of one field with other pixel sizes show the same object at the same place.
+    Half the field, ``shape * pixel_um / 2``, is the origin of the bodies' coordinates, so that
+    stacks of one field with other pixel sizes show the same object at the same place.
 
     Parameters
     ----------
@@ -225,6 +233,9 @@ def phase_stack(
         Gives the wavelength.
     attrs : dict
         Noted in the result.
+    first_um : float or tuple of float, optional
+        Where the first pixel lies in micrometres, or its (y, x). Default 0; for the pixels of a
+        reconstruction its ``(y[0], x[0])``.
 
     Returns
     -------
@@ -232,7 +243,9 @@ def phase_stack(
         ``phase`` exact and ``wrapped``, float32, dims (time, angle, y, x), radians.
     """
     step_y, step_x = np.broadcast_to(np.asarray(pixel_um, dtype=np.float64), 2)
-    y, x = np.arange(shape[0]) * step_y, np.arange(shape[1]) * step_x
+    first = np.broadcast_to(as_numbers("first_um", first_um), 2).tolist()
+    first_y, first_x = (check_finite("first_um", place) for place in first)
+    y, x = first_y + np.arange(shape[0]) * step_y, first_x + np.arange(shape[1]) * step_x
     phase = np.empty((len(times_s), len(angles_deg), *shape), dtype=np.float32)
     for t, time in enumerate(times_s):
         bodies = bodies_at(time)

@@ -85,6 +85,7 @@ def swimming_cells(
     frame_rate_hz: float = FRAME_RATE_HZ,
     optics: Optics | None = None,
     pixel_um: float | None = None,
+    first_um: float | tuple[float, float] = 0.0,
     seed: int = 0,
 ) -> xr.Dataset:
     """Simulate several cells with exact phase, labels and masses.
@@ -110,6 +111,9 @@ def swimming_cells(
         The microscope; default that of the paper.
     pixel_um : float, optional
         Width of a pixel in micrometres. Default: four camera pixels in the sample.
+    first_um : float or tuple of float, optional
+        Where the first pixel lies in micrometres, or its (y, x). Default 0; for the pixels of a
+        reconstruction its ``(y[0], x[0])``.
     seed : int, optional
         Of the random numbers; the same gives the same cells.
 
@@ -173,6 +177,7 @@ def swimming_cells(
         pixel_um=pixel,
         optics=optics,
         attrs={"object": "swimming cells", "boundary": (0, 0), "peak_rad": peak_rad},
+        first_um=first_um,
     )
     data["cells"] = xr.DataArray(labels_of(cells, data, delta_n), dims=AXES)
     numbers = [cell.number for cell in cells]
