@@ -112,6 +112,7 @@ def test_runs_larger_than_memory_are_batched_too(tmp_path: Path, small_video: An
 # Going on
 
 
+@pytest.mark.slow
 def test_resume_leaves_what_is_complete(phases: Path, tmp_path: Path) -> None:
     files = [phases / f"{name}.npy" for name in "abc"]
     batch(tmp_path, *files[:2])
@@ -174,6 +175,7 @@ def contents_of(found: dict[str, bytes], folder: str) -> dict[str, bytes]:
     }
 
 
+@pytest.mark.slow
 def test_damaged_frame_of_a_zarr_is_done_again(phases: Path, tmp_path: Path) -> None:
     batch(tmp_path, phases / "a.npy", form="zarr")
     chunk = tmp_path / "a" / "wrapped.ome.zarr" / "0" / "c.1.0.0.0"
@@ -267,6 +269,7 @@ def disk(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Non
         monkeypatch.setattr(os, "link", refuse)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("disk")
 def test_two_batches_do_not_share_a_folder(phases: Path, tmp_path: Path) -> None:
     def begin_another(outcome: Outcome, folder: Path) -> None:

@@ -116,6 +116,7 @@ def test_input_that_vanishes_half_way_does_not_stop_the_others(
     assert "gone.npy: failed: there is no file or folder" in said[1]
 
 
+@pytest.mark.slow
 def test_what_no_reader_expects_is_one_line_and_a_traceback_in_the_log(
     phases: Path, tmp_path: Path
 ) -> None:
@@ -206,6 +207,7 @@ def test_folder_that_can_not_be_made_is_one_sentence(phases: Path, tmp_path: Pat
         run_batch(RECIPE, [phases / "a.npy"], tmp_path / "out", form="png")
 
 
+@pytest.mark.slow
 def test_cancelled_batch_leaves_nothing_half_written(phases: Path, tmp_path: Path) -> None:
     files = [phases / "a.npy", phases / "b.npy"]
     messages: list[str] = []

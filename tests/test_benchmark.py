@@ -82,6 +82,7 @@ def test_scores_by_hand() -> None:
     assert scores["wrong_cycles_percent"] == pytest.approx(100 * share)
 
 
+@pytest.mark.slow
 def test_what_has_no_truth_does_not_count() -> None:
     case = next(cases(["one view"]))
     unknown = replace(case, truth=case.truth.where(case.truth["time"] > case.truth["time"][0]))

@@ -81,6 +81,7 @@ def test_frames_that_a_mask_leaves_nothing_of_are_lost() -> None:
     assert scores.attrs["lost"] == 1
 
 
+@pytest.mark.slow
 def test_an_honest_frame_without_an_object_is_safe() -> None:
     exact = moving_shape("swelling").copy(deep=True)
     exact["phase"].values[0, 1] = 0
@@ -102,6 +103,7 @@ def test_a_small_piece_that_is_mostly_wrong_is_not_safe() -> None:
     assert score_of(Look(), 500.0) == 1
 
 
+@pytest.mark.slow
 def test_scores_say_what_they_rest_on() -> None:
     wrapped = with_noise(moving_shape("swelling", (32, 32), 6), 0.2, seed=3)["wrapped"]
     together = p4d.score_boundaries(wrapped)
@@ -160,6 +162,7 @@ def test_too_little_memory_for_finding_the_start_is_said(
         needs.check(tmp_path, on_disk=True)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.5])
 def test_frames_without_residues_score_as_growing_them_says(
     noise: float, monkeypatch: pytest.MonkeyPatch

@@ -44,6 +44,7 @@ def as_they_come(
     return {m: np.concatenate([part[m] for part in parts]) for m in causal.methods}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", OPTIONS)
 @pytest.mark.parametrize("mask", [True, False])
 def test_all_at_once_gives_the_same(
@@ -59,6 +60,7 @@ def test_all_at_once_gives_the_same(
         assert np.ptp(result.values[0]) > 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cuts", [[1, 1, 3, 2, 5], [7], list(np.ones(13, int))])
 def test_a_slope_that_comes_and_goes_over_the_border_gives_the_same(cuts: list[int]) -> None:
     """Some frames show no empty field at their border; what comes later must not count there."""

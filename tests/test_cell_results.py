@@ -82,7 +82,7 @@ def test_a_run_counts_pixels_in_doubt() -> None:
     pd.testing.assert_frame_equal(cells.table, wanted)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_run_on_disk_finds_the_same_cells(file: Path, tmp_path: Path) -> None:
     """Confidence is counted in errors on disk only where a recipe asks for it."""
     recipe = recipe_for(file)
@@ -249,6 +249,7 @@ def test_the_script_gives_the_same_cells(file: Path, tmp_path: Path) -> None:
     np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 def test_lazy_phase_gives_the_same_cells_in_a_file(sample: xr.Dataset) -> None:
     lazy = sample["phase"].chunk({"time": 3})
     found, wanted = p4d.find_cells(lazy), p4d.find_cells(sample["phase"])
@@ -273,6 +274,7 @@ def test_outlines_are_where_cells_end(blur: float, noise: float) -> None:
     assert (found & true).sum() > 0.85 * (found | true).sum()
 
 
+@pytest.mark.slow
 def test_a_region_goes_along_with_its_cell(sample: xr.Dataset) -> None:
     cells = p4d.find_cells(sample["phase"])
     labels = cells.values

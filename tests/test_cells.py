@@ -87,6 +87,7 @@ def test_divisions_are_found(name: str, noise: float) -> None:
         assert parent[number[int(daughter)]] == number[mother]
 
 
+@pytest.mark.slow
 def test_both_views_have_the_same_numbers() -> None:
     data, _ = recording("some", 0.3)
     found = found_in("some", 0.3).values
@@ -156,7 +157,7 @@ def test_a_disc_has_its_area_and_form() -> None:
     assert half == pytest.approx(0.5 * table["dry mass (pg)"][0])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_pixels_in_doubt_make_the_error_larger() -> None:
     _, noisy = recording("few", 0.3)
     cells = found_in("few", 0.3)
@@ -172,6 +173,7 @@ def test_pixels_in_doubt_make_the_error_larger() -> None:
     np.testing.assert_allclose(extra, 0.4 * area * pixel, rtol=1e-3)
 
 
+@pytest.mark.slow
 def test_labels_of_another_program_are_followed() -> None:
     data, _ = recording("some", 0.0)
     labels = data["cells"].values.copy()

@@ -60,6 +60,7 @@ def numbers_on(cells: xr.DataArray, way: np.ndarray, frame: int) -> int:
     return int(cells.values[frame, 0, y, x])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.4])
 @pytest.mark.parametrize("turned", [60, 100, 150, 180])
 @pytest.mark.parametrize(("aside", "radii"), [(0, (9.0, 9.0)), (4, (9.0, 8.0)), (2, (10.0, 7.0))])
@@ -74,7 +75,7 @@ def test_cells_that_cross_keep_their_numbers(
     assert cells.attrs["parents"] == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("aside", [0, 3])
 @pytest.mark.parametrize("turned", [180, 120, 90])
 def test_a_cell_that_crosses_two_others_keeps_its_number(turned: float, aside: float) -> None:
@@ -217,6 +218,7 @@ def test_a_cell_that_is_cut_for_a_moment_may_divide_soon_after() -> None:
     assert cells.attrs["parents"] == [[3, 1], [4, 1]]
 
 
+@pytest.mark.slow
 def test_errors_grow_while_cells_lie_over_one_another() -> None:
     ways, optics = [straight(20), straight(150, 3)], p4d.Optics()
     phase = recording(ways, (RADIUS, RADIUS), 0.1)

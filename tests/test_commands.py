@@ -62,6 +62,7 @@ def test_compare_of_stacks_on_disk_writes_everything(phase_file: Path, tmp_path:
     assert "Steps beyond half a cycle" in words
 
 
+@pytest.mark.slow
 def test_compare_writes_results_before_it_looks_at_all_frames(
     phase_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -217,6 +217,7 @@ def test_memory_is_measured_without_tracing() -> None:
     assert not any(tracing)
 
 
+@pytest.mark.slow
 def test_peak_memory_is_that_of_the_process() -> None:
     size = 300 * 2**20
 

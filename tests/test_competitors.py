@@ -239,6 +239,7 @@ def test_work_looks_up_within_a_second_whether_to_stop(method: str) -> None:
     assert max(gaps) < 1
 
 
+@pytest.mark.slow
 def test_work_that_is_stopped_half_way_ends_at_once() -> None:
     w = wrapped(noisy_bump((40, 4, 150, 150), 0.8))
     p4d.unwrap(w[:2, :, :20, :20], "region-growing")  # so that nothing is compiled meanwhile
@@ -270,6 +271,7 @@ def test_methods_stay_within_the_memory_they_name(shape: tuple[int, ...], noise:
             assert row["peak_mb"] * 2**20 / w.nbytes <= stacks + frames, method
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("traced_memory")
 def test_growing_needs_little_memory_as_volumes_grow() -> None:
     """Unwrapping takes at most 12 sizes of its input; so does an input twice as large."""

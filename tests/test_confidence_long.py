@@ -69,6 +69,7 @@ def test_ways_are_the_same_wherever_a_recording_is_cut(
     np.testing.assert_array_equal(found[2], found[0])
 
 
+@pytest.mark.slow
 def test_a_thin_frame_far_away_vouches_for_a_thick_cell(short_spans: None) -> None:
     """No frame of the last spans is thin, so that each by itself could vouch for nothing."""
     y, x = np.mgrid[-24:24, -24:24]
@@ -83,7 +84,7 @@ def test_a_thin_frame_far_away_vouches_for_a_thick_cell(short_spans: None) -> No
     assert alone.max() < 0.5
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", METHODS)
 def test_doubt_is_where_it_belongs_in_short_spans_too(short_spans: None, method: str) -> None:
     data = thick_and_noisy()
@@ -114,7 +115,7 @@ def outcomes(
     return found[0], found[1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("mask", [None, "auto"])
 def test_on_disk_it_is_the_same(tmp_path: Path, short_spans: None, mask: str | None) -> None:
     held, lying = outcomes(
@@ -136,7 +137,7 @@ def test_on_disk_it_is_the_same(tmp_path: Path, short_spans: None, mask: str | N
     assert not (tmp_path / "disk" / "directional-l1.ome.zarr").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
     held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=("spatial-2d",))
     assert lying.known_confidence("spatial-2d") is None
@@ -150,7 +151,7 @@ def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
     assert not list((tmp_path / "disk").glob(".phase4d*"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -173,7 +174,7 @@ def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
     assert [id(problem) for problem in looks] == [id(lying.problem)]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_several_threads_may_ask_for_confidence_on_disk(tmp_path: Path) -> None:
     """Each ends with tidying up, which must not take away what another one reads."""
     held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=METHODS)
@@ -185,6 +186,7 @@ def test_several_threads_may_ask_for_confidence_on_disk(tmp_path: Path) -> None:
     assert verdicts == {held.verdict}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda it: pickle.loads(pickle.dumps(it))])
 def test_a_comparison_can_be_copied_and_sent_to_another_process(
     copied: Callable[[p4d.Comparison], p4d.Comparison],
@@ -211,7 +213,7 @@ def test_phase_of_which_nothing_is_known_is_refused_wherever_it_lies(
         p4d.run(recipe, folder=tmp_path / "out")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_on_disk_it_is_the_same_for_several_wavelengths(tmp_path: Path) -> None:
     data = at_wavelengths(moving_shape("swelling"), (0.532, 0.6328))
     held, lying = outcomes(tmp_path, data["wrapped"], methods=("temporal-angular",))

@@ -420,6 +420,7 @@ def test_steps_join_neighbours_only(frames: int, monkeypatch: pytest.MonkeyPatch
     np.testing.assert_allclose(rough[1], rough[0] + 2, rtol=1e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("method", ["directional-l1", "directional-growing"])
 def test_regions_may_be_solved_in_bunches(method: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """What hangs together only through the empty field is solved apart, to the same turns."""

@@ -40,6 +40,7 @@ def scene_of(data: xr.Dataset, boundary: tuple[int, int] = (0, 0)) -> Scene:
     return prepared(problem, UNWATCHED).scene
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("make", "name", "step", "noise"),
     [
@@ -64,6 +65,7 @@ def test_the_boundary_frame_outvotes_thicker_ones(
     assert error_of(data, empty_of(exact)) >= 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.15])
 def test_a_thick_boundary_frame_decides_nothing(
     noise: float, monkeypatch: pytest.MonkeyPatch
@@ -252,6 +254,7 @@ def test_a_cell_that_leaps_is_lifted() -> None:
     np.testing.assert_array_equal(going_on(turned(change), known, lifts, change / 20), lifts)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.4])
 def test_a_thick_cell_that_grows_steadily_keeps_its_level(
     noise: float, monkeypatch: pytest.MonkeyPatch

@@ -83,6 +83,7 @@ def stack_of(phase: np.ndarray, noise: float = 0.0, seed: int = RNG_SEED) -> xr.
 # ---- recordings -----------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.3, 0.5])
 @pytest.mark.parametrize("name", ["vacuole", "touching", "dividing"])
 def test_a_pause(name: str, noise: float) -> None:
@@ -92,6 +93,7 @@ def test_a_pause(name: str, noise: float) -> None:
     assert error_of(data, empty) <= 0.06
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.5])
 def test_two_views_that_differ_much(noise: float) -> None:
     """From 28 degrees off the change of view is torn by a wall, while each view changes little."""
@@ -134,6 +136,7 @@ def test_views_are_torn_where_time_tells_more() -> None:
     assert found.tolist() == [[True, False], [False, True], [True, True], [True, True]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "noise"), [("daughters", 0), ("daughters", 0.4), ("returning", 0.2), ("dividing", 0)]
 )
@@ -262,6 +265,7 @@ def test_a_frame_without_numbers_stays_without() -> None:
     assert error(found.isel(time=others), kept, empty_of(exact)[others]) <= 0.001
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_a_wall_that_grows_through_a_turn(noise: float) -> None:
     """A disc rises to 8 rad inside a cell, within one pixel."""
@@ -313,6 +317,7 @@ def test_a_sparse_time_lapse(noise: float) -> None:
     assert error_of(data, empty, "temporal") > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fault", ["dead pixels", "hot pixels"])
 def test_dead_pixels(fault: str) -> None:
     exact = object_("ring")
@@ -501,7 +506,7 @@ def test_changes_beyond_half_a_turn_are_found_as_a_map() -> None:
     np.testing.assert_allclose(part[..., :25], change[..., :25], atol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.0, 0.2])
 def test_what_a_growing_rim_encloses_does_not_sink(noise: float) -> None:
     """A bud's rim grows by more than half a turn; all that is inside sank by a turn each time."""

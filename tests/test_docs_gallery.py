@@ -161,6 +161,7 @@ def test_each_cell_keeps_its_mass_until_it_divides_or_leaves(
         assert abs(rows["dry mass (pg)"].iloc[3] - first) < 6 * error
 
 
+@pytest.mark.thorough
 def test_phase_while_one_records(script: Callable[[str], Names]) -> None:
     names = script("11_live.py")
     assert sorted(names["late"]) == list(range(names["N"]))

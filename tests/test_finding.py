@@ -42,6 +42,7 @@ def test_one_frame_is_enough_to_tell_the_beat() -> None:
     assert_found(video(TWO, n_times=1, reference_amplitude=0.7), TWO)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carriers", [((0.25, 0.0),), ((0.0, 0.25),), ((0.25, 0), (0, 0.3))])
 def test_carriers_may_lie_on_an_axis(carriers: tuple) -> None:
     assert_found(video(carriers), carriers)

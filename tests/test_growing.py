@@ -69,6 +69,7 @@ def differing(turns: np.ndarray, wrapped: np.ndarray, peer: np.ndarray) -> np.nd
 # ---- against an independent program ----------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_frame_is_scikit_images(kind: str, seed: int) -> None:

@@ -132,6 +132,7 @@ OURS = b'{"program": "napari-phase4d"'
 DAMAGES = [b"", b'{"program": "napari-ph', b"\x00" * 300, b"null", OURS + b', "files": 3}']
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_results_whose_note_is_damaged_are_replaced(
     phase: Path, tmp_path: Path, damage: bytes
@@ -144,6 +145,7 @@ def test_results_whose_note_is_damaged_are_replaced(
     assert names(out) == MADE - {"spatial-2d.ome.tif"} | {"temporal.ome.tif"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damage", DAMAGES)
 def test_a_damaged_note_of_a_batch_counts_as_incomplete(
     phase: Path, tmp_path: Path, damage: bytes
@@ -215,6 +217,7 @@ def test_names_of_files_write_no_lines_of_their_own(phase: Path, tmp_path: Path)
     assert told[0].startswith("[1 of 1] one\\n[2 of 2] two.npy: ")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(sys.platform != "linux", reason="other disks refuse such names")
 def test_names_of_files_never_stop_a_batch(phase: Path, tmp_path: Path) -> None:
     deep = tmp_path / ("d" * 100) / ("e" * 100)
@@ -256,6 +259,7 @@ def test_an_input_that_lies_among_the_results_stays_the_users(
     assert given.read_bytes() == before
 
 
+@pytest.mark.slow
 def test_what_a_run_made_may_be_its_next_input_and_be_made_again(
     phase: Path, tmp_path: Path
 ) -> None:
@@ -278,6 +282,7 @@ def test_results_without_a_note_are_known_by_themselves(phase: Path, tmp_path: P
     assert (out / "spatial-2d.ome.tif").read_bytes() == b"mine"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["spatial-2d.ome.tif", "table.csv", "recipe.json"])
 def test_what_was_changed_since_a_run_is_not_written_over(
     name: str, phase: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

@@ -175,6 +175,7 @@ def test_drift_is_removed_or_kept() -> None:
     np.testing.assert_allclose(wrap(track - track[0]), wrap(drift - drift[0]), atol=0.05)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["recording", "array", "frame", "median"])
 def test_reference_takes_off_static_errors(how: str) -> None:
     exact = swimming_euglena((128, 128), 9, pixel_um=0.35, peak_rad=4)
@@ -198,6 +199,7 @@ def test_reference_takes_off_static_errors(how: str) -> None:
     assert np.sqrt(np.mean(wrap(plain[8] - expected[8]) ** 2)) > 0.5
 
 
+@pytest.mark.slow
 def test_views_come_in_the_order_of_their_angles(small_video) -> None:
     first, second = p4d.find_lobes(small_video, 2, angles_deg=(21, -7))
     data = p4d.reconstruct(small_video, [first, second])

@@ -163,6 +163,7 @@ def test_napari_layer_gives_its_scale() -> None:
     assert rec.optics.pixel_um == pytest.approx(0.1)
 
 
+@pytest.mark.slow
 def test_dask_recording_is_not_computed_on_opening() -> None:
     def explode(block: np.ndarray) -> np.ndarray:
         raise AssertionError(block.shape)

@@ -85,7 +85,7 @@ def test_the_brightest_place_near_a_carrier(place: tuple[float, float]) -> None:
         assert p4d.holography.pair_distance(found, there) < 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_doubt_comes_with_another_choice_of_as_many_views(found) -> None:
     for _, lobes in found:
         assert 0 < lobes.chance <= 1
@@ -164,6 +164,7 @@ def test_a_view_near_a_harmonic_is_doubted() -> None:
     assert any("saturated" in doubt for doubt in lobes.doubts)
 
 
+@pytest.mark.slow
 def test_another_number_of_views_than_asked_for_is_said() -> None:
     exact = swimming_euglena((256, 256), 4, pixel_um=5.2 / 30, peak_rad=6)
     rec = multiplexed_video(exact["phase"])
@@ -174,6 +175,7 @@ def test_another_number_of_views_than_asked_for_is_said() -> None:
     assert "the spectrum looks like 2 views" in found.doubts[0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cover", [0.1, 0.5, 0.75, 0.85])
 @pytest.mark.parametrize("side", [-1, 1])
 def test_the_sign_of_a_large_cell_is_right(cover: float, side: int) -> None:
@@ -189,6 +191,7 @@ def test_the_sign_of_a_large_cell_is_right(cover: float, side: int) -> None:
     assert lobe.flip == (side < 0)
 
 
+@pytest.mark.slow
 def test_signs_of_all_views_go_together() -> None:
     """One view shows little of the object; the beat tells that it lies on the other one's side."""
     exact = swimming_euglena((256, 256), 3, pixel_um=5.2 / 30, peak_rad=6)["phase"].copy()
@@ -247,6 +250,7 @@ def test_a_cell_that_is_away_half_way_tells_the_sign_as_well() -> None:
     assert not lobe.doubt
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kx", "radius", "peak", "at"),
     [

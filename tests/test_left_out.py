@@ -56,7 +56,7 @@ def test_cells_in_an_empty_field_give_no_warning(shape: str, noise: float) -> No
         p4d.unwrap(wrap(phase).astype(np.float32), "spatial-2d", mask="auto")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0.1, 0.5, 0.9])
 def test_the_share_left_out_is_its_formula_in_scipys_words(noise: float) -> None:
     frame = plume(12, noise)
@@ -117,6 +117,7 @@ def among_cells(plumes: list[tuple[int, int]], n_times: int, n_angles: int) -> n
     return wrap(stack).astype(np.float32)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("plumes", "words"),
     [

@@ -61,7 +61,7 @@ def off_by(video: p4d.Recording, rad: float) -> tuple[float, str]:
     return float(np.std(fit.surface - curvature_on(field.shape, rad))), fit.doubt
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("rad", [4.0, 12.0])
 @pytest.mark.parametrize("peak", [3.0, 6.0, 12.0])
 @pytest.mark.parametrize("place", [(0.0, 0.0), (0.3, 0.4)])
@@ -96,6 +96,7 @@ def test_doubtful_curvature_is_refused_in_words_but_tilt_is_not() -> None:
         p4d.reconstruct(video, [LOBE])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", [0.5, 1.0])
 def test_what_may_be_the_object_is_never_taken_off_in_silence(kind: float) -> None:
     """An ellipsoid or a bowl in a corner that covers 85 % of the view bends like a field."""
@@ -138,6 +139,7 @@ def test_curvature_of_random_objects_is_right_or_told(shapes: dict[str, Shape]) 
     assert needless <= 0.25 * small
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rad", [0.0, 6.0])
 def test_empty_field_and_small_objects_are_no_cause_for_words(rad: float) -> None:
     for cover, place in ((0.1, (0.0, 0.0)), (0.25, (0.0, 0.0)), (0.1, (0.3, 0.4))):
@@ -266,6 +268,7 @@ def tilted(n_times: int) -> tuple[list[np.ndarray], list[np.ndarray]]:
     ]
 
 
+@pytest.mark.slow
 def test_tilt_of_single_frames_is_taken_off_on_request() -> None:
     """About 0.8 rad rms are left without, below 0.05 with."""
     cells, moved = tilted(8)
@@ -291,6 +294,7 @@ def tilting(phase: np.ndarray, n_times: int, sd: float, seed: int) -> list[np.nd
     return [phase + a * y + b * x for a, b in tilts]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", [0, 1, 2])
 @pytest.mark.parametrize("background", ["curvature", "polynomial"])
 def test_surfaces_are_fitted_to_frames_that_are_levelled(background: str, seed: int) -> None:
@@ -304,6 +308,7 @@ def test_surfaces_are_fitted_to_frames_that_are_levelled(background: str, seed: 
     assert np.sqrt(np.mean(error**2, axis=(1, 2, 3))).max() < 0.15
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("sd", "seed"), [(1.0, 3), (3.0, 3), (3.0, 4)])
 def test_tilt_that_differs_from_frame_to_frame_is_told(sd: float, seed: int) -> None:
     frames = tilting(ellipsoid(0.17, (0.1, 0.0), 5.0), 12, sd, seed)
@@ -318,6 +323,7 @@ def test_tilt_that_differs_from_frame_to_frame_is_told(sd: float, seed: int) -> 
     assert "frame_tilt_left_rad" not in data.attrs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("peak", [3.0, 8.0])
 @pytest.mark.parametrize("cover", [0.1, 0.3, 0.5])
 def test_objects_that_move_are_no_tilts(cover: float, peak: float) -> None:
@@ -345,6 +351,7 @@ def test_tilt_of_a_frame_is_exact_round_an_object() -> None:
         assert FrameTilt(shape).of(field) == pytest.approx((1.3, -0.8), abs=0.05)
 
 
+@pytest.mark.slow
 def test_median_reference_takes_off_a_static_texture() -> None:
     """1 rad rms of it, where the cell is away in most frames; the surface is fitted after it."""
     rng = np.random.default_rng(1)

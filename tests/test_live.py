@@ -362,6 +362,7 @@ def test_a_slow_program_loses_nothing(video: Video, tmp_path: Path) -> None:
     assert max(status.behind for status in heard.status) > 3
 
 
+@pytest.mark.slow
 def test_what_is_no_frame_is_left_out_and_said(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
     for number in range(3, 9):

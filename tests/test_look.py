@@ -141,6 +141,7 @@ def test_measured_multi_carrier_hologram_has_two_views() -> None:
     assert len(carriers) == 2
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("n_views", [1, 2, 3])
 def test_simulated_views_are_counted(n_views: int) -> None:
     """Each pair of views leaves a beat as strong as they are, which is no view."""

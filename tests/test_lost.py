@@ -115,6 +115,7 @@ SEEN_AS = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0, 10])
 @pytest.mark.parametrize("loss", LOSSES)
 def test_it_is_listed_before_the_lobes_are_known(
@@ -137,7 +138,7 @@ def noisy(frames: NDArray[np.floating] | Frame, sigma: float) -> Frame:
     return np.clip(np.round(frames + noise), 0, 255).astype("u1")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("noise", [0, 1])
 @pytest.mark.parametrize("times", [0.1, 0.2, 0.5, 1, 5])
 def test_moving_cells_and_other_light_are_not_lost(
@@ -175,6 +176,7 @@ def both_looks(frames: NDArray[np.floating], carrier: tuple[float, float]) -> li
     return [list(lost_frames(rec)), data.attrs["lost_times"]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "carrier", [(0.25, 0.0), (0.125, 0.0), (0.0, 0.25), (1 / 3, 1 / 3), (0.3, 0.35), (0.45, 0.0)]
 )
@@ -222,6 +224,7 @@ def test_a_border_that_is_always_dark_loses_no_frame() -> None:
     assert both_looks(frames, (0.19, 0.21)) == [[2], [2]]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("carrier", [(0.0, 0.25), (0.2, 0.0), (0.19, 0.21)])
 def test_frames_without_an_object_are_not_lost(carrier: tuple[float, float]) -> None:
     exact = swimming_euglena((256, 256), 9, pixel_um=5.2 / 30, angles_deg=(0,))["phase"]
@@ -230,6 +233,7 @@ def test_frames_without_an_object_are_not_lost(carrier: tuple[float, float]) -> 
     assert both_looks(frames, carrier) == [[], []]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("lost", "warns"), [([3], False), ([3, 4], True), ([*range(1, 9)], True)])
 def test_scripts_are_warned_of_many_lost_frames(
     video: Recording, lost: list[int], warns: bool

@@ -65,6 +65,7 @@ def test_it_is_what_trying_every_part_gives(seed: int) -> None:
     assert (worst[0], held[0]) == (0, 1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(5))
 def test_the_order_of_steps_does_not_matter(seed: int) -> None:
     steps = random_steps(seed)

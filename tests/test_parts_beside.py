@@ -117,6 +117,7 @@ def test_all_that_is_read_counts(kind: str, tmp_path: Path) -> None:
     assert after.bytes == before.bytes
 
 
+@pytest.mark.slow
 def test_a_batch_runs_again_what_has_changed_beside(tmp_path: Path) -> None:
     """Wrapped phase whose numbers lie in another file, which a virtual dataset shows."""
     phase = np.load(write_phases(tmp_path) / "a.npy")[:, 0]

@@ -52,6 +52,7 @@ def test_own_results_keep_their_coordinates(tmp_path: Path) -> None:
     xr.testing.assert_equal(open_phase(path), YEAST["wrapped"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["stack.ome.tif", "stack.ome.zarr"])
 def test_own_results_without_a_unit_are_known_by_their_numbers(tmp_path: Path, name: str) -> None:
     plain = YEAST["wrapped"].drop_attrs()
@@ -127,6 +128,7 @@ def test_phase_larger_than_memory_is_refused_before_it_is_read(
         open_phase(path)
 
 
+@pytest.mark.slow
 def test_a_run_may_begin_with_wrapped_phase(tmp_path: Path) -> None:
     path = write_phase(tmp_path / "wrapped.ome.tif", YEAST["wrapped"])
     outcome = p4d.run(p4d.Recipe(recording=str(path)), truth=YEAST["phase"])
@@ -233,6 +235,7 @@ def test_unwrapped_phase_is_not_unwrapped_again(tmp_path: Path) -> None:
         p4d.run(p4d.Recipe(recording=str(path)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mask", ["auto", None])
 def test_missing_pixels_are_left_out(tmp_path: Path, mask: str | None) -> None:
     holes, truth = YEAST["wrapped"].copy(deep=True), YEAST["phase"].copy(deep=True)

@@ -50,6 +50,7 @@ def test_table_of_methods_against_truth(reconstruction, truth) -> None:
     assert mse["temporal"] < mse["angular"] < mse["spatial-2d"]
 
 
+@pytest.mark.slow
 def test_methods_may_be_called_by_the_names_on_screen(reconstruction) -> None:
     phase = reconstruction["phase"]
     by_id = p4d.unwrap(phase, "spatial-2d")

@@ -33,6 +33,7 @@ def outcome(video_file: Path) -> Outcome:
     return p4d.run(RECIPE.changed(recording=str(video_file)))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["tiff", "zarr"])
 def test_every_result_notes_what_made_it(
     tmp_path: Path, outcome: Outcome, video_file: Path, form: str

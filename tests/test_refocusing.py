@@ -144,6 +144,7 @@ def field_of(ds: xr.Dataset) -> np.ndarray:
     return (ds["amplitude"] * np.exp(1j * ds["phase"])).values
 
 
+@pytest.mark.slow
 def test_reconstruction_is_refocused_after_its_corrections(small_video) -> None:
     """Reference and tilt are taken off in the camera's plane, the offset in the new one."""
     lobes = p4d.find_lobes(small_video, 2)

@@ -28,6 +28,7 @@ def test_other_variables_stay(data: xr.Dataset) -> None:
     assert "refocus_um" not in data["phase"].attrs
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["wavelength_um", "medium_index", "y"])
 def test_what_is_not_known_is_named(data: xr.Dataset, name: str) -> None:
     less = data.drop_vars("y") if name == "y" else data.copy()

@@ -170,7 +170,7 @@ def test_a_run_gives_what_the_file_gives(lab: str, folder: Path, tmp_path: Path)
     assert list(again["status"]) == ["done"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_command_line_takes_addresses(lab: str) -> None:
     printed = told("info", f"{lab}/ome.zarr")
     assert printed.startswith("ome.zarr")
@@ -220,6 +220,7 @@ def test_a_server_that_is_not_there_is_no_endless_wait(address: str) -> None:
     assert time.monotonic() - began < 30
 
 
+@pytest.mark.slow
 def test_fingerprints_do_not_pretend_to_know_pixels(lab: str) -> None:
     assert fingerprint(f"{lab}/plain.zarr").as_dict() == {"name": "plain.zarr"}
 
@@ -261,6 +262,7 @@ def test_who_may_not_list_may_still_read(
     np.testing.assert_array_equal(found.raw_frame(2), frames[2])
 
 
+@pytest.mark.slow
 def test_results_are_not_written_to_a_server(
     lab: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -24,6 +24,7 @@ def outcome(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
     return p4d.run(recipe, truth=sample["phase"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("form", ["tiff", "zarr"])
 def test_all_is_as_it_was(outcome: Outcome, tmp_path: Path, form: str) -> None:
     write_outcome(outcome, tmp_path, form=form)
@@ -41,6 +42,7 @@ def test_all_is_as_it_was(outcome: Outcome, tmp_path: Path, form: str) -> None:
     assert again.recipe.mask == outcome.recipe.mask
 
 
+@pytest.mark.slow
 def test_what_is_computed_of_it_is_the_same(outcome: Outcome, tmp_path: Path) -> None:
     write_outcome(outcome, tmp_path)
     again = read_outcome(tmp_path)

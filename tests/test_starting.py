@@ -38,6 +38,7 @@ def phase_file(tmp_path: Path) -> Path:
     return write_phase(tmp_path / "phase.ome.tif", backwards("swelling"))
 
 
+@pytest.mark.slow
 def test_the_default_takes_the_star(phase_file: Path) -> None:
     recipe = p4d.Recipe(recording=str(phase_file), methods=METHODS)
     assert recipe.boundary == "auto"
@@ -70,6 +71,7 @@ def test_a_named_frame_is_kept(phase_file: Path) -> None:
     assert "boundary_found_by" not in outcome.comparison.results["temporal-angular"].attrs
 
 
+@pytest.mark.slow
 def test_what_is_written_names_the_frame_and_makes_the_same_arrays(
     phase_file: Path, tmp_path: Path
 ) -> None:

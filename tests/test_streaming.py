@@ -275,6 +275,7 @@ def test_what_does_not_fit_is_said_before_it_begins(
     assert not reader.once.is_set()
 
 
+@pytest.mark.slow
 def test_what_is_needed_is_what_is_used(
     video: Recording, recipe: p4d.Recipe, whole: str, tmp_path: Path
 ) -> None:
@@ -504,6 +505,7 @@ def test_frames_without_light_are_written_too(
     assert_same(found, p4d.run(chosen, dark))
 
 
+@pytest.mark.slow
 def test_a_part_of_a_stack_on_disk_is_that_part(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:

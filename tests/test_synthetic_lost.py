@@ -48,6 +48,7 @@ def wrong(found: xr.DataArray, exact: xr.DataArray) -> np.ndarray:
     return np.asarray(np.abs(found.values - exact.values) > np.pi)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("beat", BEATS)
 def test_what_has_lost_its_partner_is_not_trusted(kind: str, beat: str) -> None:
@@ -79,7 +80,7 @@ def test_what_has_lost_its_partner_is_unwrapped_by_itself(kind: str) -> None:
     assert np.isnan(smooth.values[1, 1]).all() == (kind == "nan")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("beat", BEATS[:3])
 def test_of_three_wavelengths_two_are_enough(kind: str, beat: str) -> None:
@@ -99,7 +100,7 @@ def test_of_three_wavelengths_two_are_enough(kind: str, beat: str) -> None:
             assert off[1, lost].mean() < 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("beat", BEATS)
 def test_a_wavelength_that_is_lost_everywhere_leaves_the_other(beat: str) -> None:
     """There is no beat in any frame; each is unwrapped by itself, and nothing is trusted."""
@@ -122,7 +123,7 @@ def test_other_methods_are_not_judged_by_a_partner_that_says_nothing() -> None:
         assert found.confidence(method).values[1, 2:].mean() > 0.5, method
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("beat", BEATS[:3])
 @pytest.mark.parametrize("lights", [TWO, THREE])

@@ -100,7 +100,7 @@ def test_blocks_of_frames_give_the_same(
             np.testing.assert_array_equal(found, expected, f"{shape}, noise {noise}")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("frames", [1, 3, 8])
 @pytest.mark.parametrize("mask", [None, "auto", "gaps"])
 @pytest.mark.parametrize("variant", ["textbook", "phasetools"])
@@ -125,6 +125,7 @@ def test_laplacian_of_blocks_is_the_same(
         np.testing.assert_array_equal(found, expected, f"{shape}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("frames", [1, 3, 8])
 @pytest.mark.parametrize("mask", [None, "auto", "gaps"])
 def test_flow_of_blocks_is_the_same(

@@ -52,7 +52,7 @@ print(round(float(out[0].sum()), 3))
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_loop_is_compiled_anew_where_one_that_it_calls_has_changed(tmp_path: Path) -> None:
     shutil.copytree(
         Path(napari_phase4d.__file__).parent,

@@ -70,6 +70,7 @@ def reconstruction(hologram: p4d.Recording) -> xr.Dataset:
 # ---- where the wavelength of a view lives ----------------------------------------------------
 
 
+@pytest.mark.slow
 def test_views_are_grouped_by_angle_and_wavelength(
     hologram: p4d.Recording, reconstruction: xr.Dataset
 ) -> None:
@@ -429,6 +430,7 @@ def test_a_wall_is_kept_and_a_pixel_that_is_off_is_not() -> None:
 # ---- beside the others, in memory and on disk ------------------------------------------------
 
 
+@pytest.mark.slow
 def test_methods_never_hold_wavelengths_against_each_other() -> None:
     """Each wavelength comes out as if it had been unwrapped alone."""
     exact = swimming_euglena((64, 80), 4, peak_rad=12, pixel_um=0.45)
@@ -550,6 +552,7 @@ def test_itoh_margins_know_no_step_from_wavelength_to_wavelength() -> None:
     assert order_shares(exact)["temporal-angular"] == pytest.approx(np.mean(ways))
 
 
+@pytest.mark.slow
 def test_from_the_command_line(tmp_path: Path, hologram: p4d.Recording) -> None:
     import tifffile
 

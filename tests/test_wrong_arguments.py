@@ -215,6 +215,7 @@ def test_what_is_right_in_other_words_is_right() -> None:
     assert list(p4d.compare(W, "temporal").results) == ["temporal"]
 
 
+@pytest.mark.slow
 def test_cells_of_three_axes_are_measured() -> None:
     for stack in (P.isel(angle=0), P.isel(time=0), P.isel(time=1, angle=1)):
         cells = p4d.find_cells(stack)

@@ -308,6 +308,7 @@ def zipped(path: Path, method: int = zipfile.ZIP_STORED) -> Path:
     return target
 
 
+@pytest.mark.slow
 def test_a_zipped_store_is_closed_with_its_recording(tmp_path: Path) -> None:
     """On Windows an open file can be neither moved nor removed."""
     path = zipped(store_of(tmp_path, compressors=GzipCodec()))

@@ -105,6 +105,7 @@ def letters_in(plot: CurvePlot, spectrum: SpectrumCanvas, strip: ViewStrip) -> d
     }
 
 
+@pytest.mark.thorough
 def test_pictures_and_plots_grow_with_the_font(dock, qtbot) -> None:
     plot, spectrum, strip = made = CurvePlot(dock), SpectrumCanvas(dock), ViewStrip(dock)
     for picture, side in zip(made, (300, 230, 160), strict=True):

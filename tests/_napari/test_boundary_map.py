@@ -396,6 +396,7 @@ def test_what_does_not_fit_is_refused(shown: Any) -> None:
         widget.set_frames([0, 1, 2], [])
 
 
+@pytest.mark.thorough
 @pytest.mark.gui
 def test_the_legend_keeps_its_last_word_beside_a_scroll_bar(
     ready: Any, click: Any, qtbot: Any

@@ -73,6 +73,7 @@ def test_start_is_the_star_until_the_user_clicks_and_again_by_a_button(
     assert "agree on" in ready.status.text()
 
 
+@pytest.mark.thorough
 def test_an_unsafe_start_of_ones_own_is_said_above_run(viewer, ready, qtbot) -> None:
     session, part = ready.session, ready.unwrap.boundary
     exact = p4d.simulation.moving_shape("dividing", (48, 48), 8, angles_deg=(0.0, 6.0))
@@ -96,6 +97,7 @@ def run_of(dock) -> int:
     return run.mapToGlobal(run.rect().topLeft()).y()
 
 
+@pytest.mark.thorough
 def test_shift_click_adds_to_the_star(viewer, ready, qtbot) -> None:
     qtbot.waitUntil(lambda: ready.session.scores is not None, timeout=60_000)
     (best,) = ready.session.start_frames
@@ -133,6 +135,7 @@ def test_a_run_says_its_start_and_renews_the_star(viewer, ready, click, qtbot, t
     assert session.scores is before
 
 
+@pytest.mark.thorough
 def test_a_chosen_start_is_kept_and_noted_as_chosen(viewer, ready, click, tick_only) -> None:
     tick_only("directional-l1")
     click_cell(ready.unwrap.boundary.map, 4, 1)
@@ -149,6 +152,7 @@ def test_use_current_view(viewer, ready, click) -> None:
     assert ready.session.recipe.boundary == ((4, 1),)
 
 
+@pytest.mark.thorough
 def test_frames_are_chosen_by_key(viewer, ready) -> None:
     part = ready.unwrap.boundary
     part.map.setFocus()

@@ -331,6 +331,7 @@ def test_a_measured_multiplex_from_file_to_a_table_of_cells(
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "cells.csv"), cells.table)
 
 
+@pytest.mark.thorough
 def test_views_are_taken_to_be_oblique_where_their_angles_were_typed_in(dock) -> None:
     exact = p4d.simulation.swimming_cells(
         (128, 128), 4, 2, divisions=0, leaving=0, entering=0, pixel_um=0.35, peak_rad=3

@@ -20,6 +20,7 @@ from napari_phase4d.task import UNWATCHED, Task
 pytestmark = pytest.mark.gui
 
 
+@pytest.mark.thorough
 def test_a_refused_close_leaves_the_dock_working(viewer, ready, click, qtbot, tick_only) -> None:
     """napari asks before it closes; who answers Cancel goes on."""
     tick_only("spatial-2d")
@@ -51,6 +52,7 @@ def test_corrected_wavelength_reaches_phase_results_and_measure(viewer, ready, c
     assert ready.compare.measuring.measured.empty  # its areas would be of the old scale
 
 
+@pytest.mark.thorough
 def test_one_number_of_the_microscope_leaves_the_others(ready) -> None:
     odd = p4d.Optics(wavelength_um=0.51234567, magnification=12.3456789)
     ready.session.recalibrate(ready.session.recording.calibrated(odd))
@@ -60,6 +62,7 @@ def test_one_number_of_the_microscope_leaves_the_others(ready) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_regions_and_frame_stay_in_place_when_the_scale_changes(viewer, ready) -> None:
     ready.session.unwrap(["spatial-2d"])
     regions = ready.presenter.add_regions()
@@ -115,6 +118,7 @@ def test_weighing_is_cancelled_between_results(ready) -> None:
     assert not ready.session.confidence
 
 
+@pytest.mark.thorough
 def test_thin_frames_go_with_their_view_or_not_at_all(ready) -> None:
     session: Session = ready.session
     session.update(boundary=((2, 1), (-1, 0)))
@@ -176,6 +180,7 @@ def test_measure_plot_follows_the_angle(viewer, ready, click, qtbot) -> None:
         np.testing.assert_array_equal(shown, rows["dry mass (pg)"])
 
 
+@pytest.mark.thorough
 def test_results_of_another_run_are_not_replaced(ready, tmp_path) -> None:
     from napari_phase4d._napari.session import folder_without_results
 

@@ -103,6 +103,7 @@ def test_a_variant_is_named_wherever_its_result_is(viewer, dock, click, tick_onl
     assert dock.session.outcome.recipe.options == {"region-growing": {"variant": "phasetools"}}
 
 
+@pytest.mark.thorough
 def test_sample_layers_are_taken_with_their_truth(viewer, dock, click, tick_only) -> None:
     tick_only("spatial-2d")
     viewer.open_sample("napari-phase4d", "yeast")

@@ -132,7 +132,7 @@ print(type(dock).__name__)
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_script_that_ends_while_the_dock_is_open_ends_well() -> None:
     command = [sys.executable, "-W", "ignore", "-c", SCRIPT]
     done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120)
@@ -181,7 +181,7 @@ print(*{niceness(thread) - niceness(threading.main_thread()) for thread in loops
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_dock_opens_before_what_it_does_not_show_is_loaded() -> None:
     command = [sys.executable, "-W", "ignore", "-c", STARTING]
     done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)

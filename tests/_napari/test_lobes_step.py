@@ -163,6 +163,7 @@ def test_views_in_doubt_are_looked_at_first(dock, click, small_video) -> None:
     assert dock.sections[1].is_open
 
 
+@pytest.mark.thorough
 def test_a_circle_on_the_zero_order_is_doubted_folded_or_not(ready, click, qtbot) -> None:
     section = ready.sections[1]
     if not section.is_open:

@@ -165,6 +165,7 @@ def test_settings_read_no_frame_again(dock: Any, small_video: Recording) -> None
     assert calls == []
 
 
+@pytest.mark.thorough
 def test_results_of_a_run_that_failed_go(ready: Any, viewer: Any, qtbot: Any) -> None:
     ready.session.update(methods=("spatial-2d", "temporal-angular"))
     names = [layer.name for layer in viewer.layers]

@@ -88,7 +88,7 @@ def test_the_window_says_where_errors_of_cells_leave_out_doubt(on_disk, click) -
     assert "Click one" in said[-1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_curves_follow_the_mouse(on_disk, click, qtbot) -> None:
     on_disk.session.update(methods=("spatial-2d", "temporal-angular"))
     click("run")
@@ -168,6 +168,7 @@ def test_an_earlier_run_stays_as_it_was(viewer, on_disk) -> None:
     np.testing.assert_array_equal(layer.data[7, 1], before[7, 1])
 
 
+@pytest.mark.thorough
 def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("napari_phase4d.unwrapping.boundaries.SCORED_TIMES", 10)
     pixels = on_disk.session.reconstruction["phase"].size - 1

@@ -139,6 +139,7 @@ def test_refocused_phase_is_stale_with_another_microscope(dock, defocused) -> No
     assert step_states(session)[2] is StepState.STALE
 
 
+@pytest.mark.thorough
 def test_noise_is_shown_after_reconstruct(ready) -> None:
     ready.show_step(2)
     wait_until(lambda: ready.session.noise is not None)
@@ -154,6 +155,7 @@ def test_noise_is_shown_after_reconstruct(ready) -> None:
     assert ready.session.noise is None or "Noise" in ready.phase.facts.text()
 
 
+@pytest.mark.thorough
 def test_step_fits_a_small_screen_without_scrolling(viewer, ready) -> None:
     ready.show_step(2)
     ready.session.update(background="zernike", refocus_um=-12.34)

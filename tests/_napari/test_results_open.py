@@ -49,6 +49,7 @@ def test_naparis_own_reader_opens_results(
         assert layer.data.chunksize == (1, 1, 24, 30)  # lazily, a frame at a time
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_our_reader_opens_results_in_place(
     viewer: Any, tmp_path: Path, stack: xr.DataArray, ending: str
@@ -72,6 +73,7 @@ def test_our_reader_opens_results_in_place(
     assert value == stack.values[-1, 1, 5, 7]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_layers_of_results_are_saved_again_as_they_were(
     viewer: Any,

@@ -57,6 +57,7 @@ def test_the_spectrum_turns_where_there_is_room(qtbot: Any) -> None:
     qtbot.waitUntil(lambda: not both.is_upright and narrow.width() == 120)
 
 
+@pytest.mark.thorough
 def test_pictures_and_tables_take_the_height_there_is(
     viewer: Any, dock: Any, ready: Any, qtbot: Any
 ) -> None:
@@ -105,6 +106,7 @@ def test_the_object_is_seen_before_a_run(cell: Any, click: Any, viewer: Any) -> 
     assert [la.data.shape for la in newest] == [(3, 2, 80, 100)]
 
 
+@pytest.mark.thorough
 def test_the_outline_comes_up_in_turns(cell: Any, viewer: Any, qtbot: Any) -> None:
     shown: list[list[str]] = []
     beat = QTimer()
@@ -129,6 +131,7 @@ def test_the_outline_comes_up_in_turns(cell: Any, viewer: Any, qtbot: Any) -> No
     assert not cell.unwrap.outline.isChecked()
 
 
+@pytest.mark.thorough
 def test_the_button_says_what_is_shown_however_fast_it_is_pressed(
     cell: Any, qtbot: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -160,6 +163,7 @@ def test_the_button_says_what_is_shown_however_fast_it_is_pressed(
     assert not button.isChecked()
 
 
+@pytest.mark.thorough
 def test_the_thumbnail_has_the_outline_where_only_the_object_counts(cell: Any, click: Any) -> None:
     def greens() -> int:
         image = cell.unwrap.boundary.thumbnail.picture.pixmap().toImage()

@@ -32,6 +32,7 @@ def gap_below(dock: Any, name: str) -> int:
     return int(dock.beside.mapTo(dock, dock.beside.rect().topLeft()).y() - bottom)
 
 
+@pytest.mark.thorough
 def test_an_error_stands_below_what_was_pressed(dock: Any, click: Callable[[str], None]) -> None:
     for name in ("find_lobes", "reconstruct", "run", "side_by_side"):
         click(name)
@@ -46,6 +47,7 @@ def test_an_error_stands_below_what_was_pressed(dock: Any, click: Callable[[str]
     assert not dock.status.property("wrong")
 
 
+@pytest.mark.thorough
 def test_the_error_of_a_job_stands_there_too(
     dock: Any, click: Callable[[str], None], small_video: Any, tmp_path: Path
 ) -> None:

@@ -181,6 +181,7 @@ def test_all_that_is_known_follows_the_microscope(session: Session) -> None:
     assert session.outcome.recipe.optics.magnification == 30
 
 
+@pytest.mark.slow
 def test_measuring_through_the_session(session: Session) -> None:
     with pytest.raises(ValueError, match="no results yet"):
         session.measure()

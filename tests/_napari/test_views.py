@@ -38,6 +38,7 @@ def down(dock: Any) -> list[str]:
     return [name for name, button in dock.compare.views.items() if button.isChecked()]
 
 
+@pytest.mark.thorough
 def test_one_view_at_a_time(differing: Any, click: Any, viewer: Any) -> None:
     assert down(differing) == ["results"]
     layer = viewer.layers["WL1"]
@@ -137,6 +138,7 @@ def test_another_panel_says_it_again(differing: Any, viewer: Any, qtbot: Any) ->
     assert not viewer.canvas.overlays.current_slice.visible
 
 
+@pytest.mark.thorough
 def test_the_difference_is_to_what_is_chosen(
     differing: Any, click: Any, viewer: Any, qtbot: Any
 ) -> None:
@@ -151,6 +153,7 @@ def test_the_difference_is_to_what_is_chosen(
     assert viewer.layers["WL1 − 2-D"].visible
 
 
+@pytest.mark.thorough
 def test_the_sliders_go_to_where_methods_disagree(differing: Any, viewer: Any, qtbot: Any) -> None:
     worst = differing.session.verdict.frame
     assert worst not in (None, (0, 0))
@@ -184,6 +187,7 @@ def test_the_sliders_go_to_where_methods_disagree(differing: Any, viewer: Any, q
     assert not heard
 
 
+@pytest.mark.thorough
 def test_they_move_there_in_a_turn_of_their_own(viewer: Any, dock: Any, qtbot: Any) -> None:
     dock.session.set_phase(p4d.simulation.swimming_euglena(SHAPE, 12, peak_rad=30)["wrapped"])
     dock.session.unwrap(METHODS)
@@ -197,6 +201,7 @@ def test_they_move_there_in_a_turn_of_their_own(viewer: Any, dock: Any, qtbot: A
     assert all(moved)
 
 
+@pytest.mark.thorough
 def test_but_not_if_somebody_has_moved_them(dock: Any, qtbot: Any) -> None:
     dock.session.set_phase(p4d.simulation.swimming_euglena(SHAPE, 12, peak_rad=30)["wrapped"])
     dock.session.update(methods=METHODS)
@@ -207,6 +212,7 @@ def test_but_not_if_somebody_has_moved_them(dock: Any, qtbot: Any) -> None:
     assert dock.presenter.current_frame() == (3, 1)
 
 
+@pytest.mark.thorough
 def test_the_picture_is_cropped_to_the_object(viewer: Any, dock: Any) -> None:
     cell = p4d.simulation.swimming_euglena((60, 60), 2, peak_rad=9)["wrapped"].values
     wide = np.zeros((2, 2, 240, 240), np.float32)
