@@ -86,6 +86,25 @@ def test_confidence_gives_the_doubtful_share(phases: Path, tmp_path: Path) -> No
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*little empty field is in view")
+def test_what_is_to_be_looked_after_in_a_phase_is_noted_and_told(
+    tmp_path: Path, small_video: Any
+) -> None:
+    """At night nobody sees a warning; the same recording alone is warned of."""
+    np.save(tmp_path / "video.npy", small_video.holograms.values)
+    lobe = p4d.Lobe((0.1, 0.1), 0.2)
+    recipe = p4d.Recipe(lobes=(lobe,), methods=("spatial-2d",), background="none")
+    said: list[str] = []
+    table = run_batch(recipe, [tmp_path / "video.npy"], tmp_path / "out", told=said.append)
+    sentence = "Lobe 1 reaches over the zero order; make its radius smaller."
+    assert sentence in table["notes"][1]
+    assert f"[1 of 1] video.npy: {sentence}" in said
+    assert sentence in (tmp_path / "out" / "batch.log").read_text()
+    with pytest.warns(UserWarning, match="lobe 1 reaches over the zero order"):
+        p4d.run(recipe, small_video)
+
+
+@pytest.mark.slow
 def test_runs_larger_than_memory_are_batched_too(tmp_path: Path, small_video: Any) -> None:
     np.save(tmp_path / "video.npy", small_video.holograms.values)
     on_disk = RECIPE.changed(storage="disk")

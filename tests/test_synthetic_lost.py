@@ -114,6 +114,17 @@ def test_a_wavelength_that_is_lost_everywhere_leaves_the_other(beat: str) -> Non
         np.testing.assert_allclose(found.results[METHOD].values[:, ::2], alone, atol=1e-4)
 
 
+@pytest.mark.parametrize("mask", [None, "auto"])
+@pytest.mark.parametrize("method", [METHOD, "spatial-2d"])
+def test_a_wavelength_that_is_known_nowhere_is_named(method: str, mask: str | None) -> None:
+    data = plates(TWO)
+    wrapped = without(data["wrapped"], np.s_[:, 1::2], "nan")
+    with pytest.raises(
+        ValueError, match=r"of the phase at 0\.6328 um is known and in the mask; leave"
+    ):
+        p4d.unwrap(wrapped, method, mask=mask)
+
+
 def test_other_methods_are_not_judged_by_a_partner_that_says_nothing() -> None:
     data = plates(TWO)
     wrapped = without(data["wrapped"], (1, 1), "noise")

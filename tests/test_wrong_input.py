@@ -375,6 +375,22 @@ DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
         lambda: p4d.reconstruct(RECORDING, [p4d.Lobe((0.1, 0.1), 0.2)], background="none"),
         "lobe 1 reaches over the zero order",
     ),
+    "lobe over the zero order in a run": (
+        lambda: p4d.run(
+            p4d.Recipe(
+                lobes=(p4d.Lobe((0.1, 0.1), 0.2),), methods=("spatial-2d",), background="none"
+            ),
+            RECORDING,
+        ),
+        "lobe 1 reaches over the zero order",
+    ),
+    "lobe on the beat of two others": (
+        lambda: p4d.reconstruct(
+            TWO_VIEWS,
+            [p4d.Lobe((ky, kx), 0.09) for ky, kx in ((0.19, 0.21), (-0.21, 0.19), (0.4, 0.02))],
+        ),
+        "lobe 3 lies where lobes 1 and 2 interfere with each other",
+    ),
     "lobe over the edge": (
         lambda: p4d.reconstruct(RECORDING, [p4d.Lobe((0.2, 0.45), 0.1)], background="none"),
         "lobe 1 reaches beyond the edge",

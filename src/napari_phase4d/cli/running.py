@@ -56,8 +56,8 @@ from napari_phase4d.pipeline import (
     fingerprinting,
     found_anywhere,
     open_by,
+    outcome_of,
     result_folder,
-    run,
     run_batch,
     sentence_of,
     stacks_beside,
@@ -122,14 +122,14 @@ def with_optics(recipe: Recipe, numbers: Mapping[str, float]) -> Recipe:
 def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | None) -> None:
     """Run one recording and write what comes out."""
     if not recipe.recording:
-        run(recipe)  # which says what is missing
+        outcome_of(recipe)  # which says what is missing
     with (
         result_folder(folder, recipe) as kept,
         fingerprinting(recipe.recording) as hashing,
         stacks_beside(folder, form) as place,
     ):
         with bar() as progress:
-            outcome: Outcome = run(recipe, progress=progress, folder=place, scheduler=scheduler)
+            outcome = outcome_of(recipe, task=Task(progress), folder=place, scheduler=scheduler)
         print_notes(outcome)
         print_lobes(outcome.recipe.lobes)
         print_missed_views(outcome, recipe)
@@ -216,7 +216,7 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
         stacks_beside(out, None) as place,
         bar() as progress,
     ):
-        outcome = run(recipe, truth=exact, progress=progress, folder=place)
+        outcome = outcome_of(recipe, truth=exact, task=Task(progress), folder=place)
         written = write_files(outcome, out, Task(progress), source=hashing.result())
         kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)

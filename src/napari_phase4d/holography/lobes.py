@@ -276,14 +276,30 @@ def check_lobes(lobes: Sequence[Lobe]) -> None:
 
 
 def lobe_doubts(lobes: Sequence[Lobe]) -> list[str]:
-    """Say which lobes reach beyond the spectrum or over the zero order; "lobe 1" is the first."""
+    """Say which lobes hold much that is no view of theirs; "lobe 1" is the first.
+
+    They reach beyond the spectrum or over the zero order, or have a beat of two others inside.
+    """
+    beats = stray_terms(lobes)[1:]
     found = []
     for index, lobe in enumerate(lobes):
+        name, smaller = f"lobe {index + 1}", "make its radius smaller"
         if max(abs(k) for k in lobe.carrier) + lobe.radius > 0.5 + TINY:
-            found.append(f"lobe {index + 1} reaches beyond the edge of the spectrum")
+            found.append(f"{name} reaches beyond the edge of the spectrum; {smaller}")
         elif math.hypot(*lobe.carrier) < lobe.radius:
-            found.append(f"lobe {index + 1} reaches over the zero order")
-    return [f"{words}; make its radius smaller" for words in found]
+            found.append(f"{name} reaches over the zero order; {smaller}")
+        found += [
+            f"{name} lies where lobes {i + 1} and {j + 1} interfere with each other, so that its "
+            "phase is a mixture or that of no view; move it or leave it out"
+            for i, j in pairs_within(index, lobe, beats)
+        ]
+    return found
+
+
+def pairs_within(index: int, lobe: Lobe, beats: Sequence[StrayTerm]) -> list[tuple[int, int]]:
+    """Return which two other views have the middle of their beat, or its conjugate, in a lobe."""
+    pairs = [beat.pair for beat in beats if beat.pair and beat.hides_under(lobe)]
+    return [pair for pair in pairs if index not in pair]
 
 
 def place_warnings(index: int, lobe: Lobe, zero_order: StrayTerm) -> list[str]:
@@ -328,13 +344,10 @@ def neighbour_warnings(index: int, lobes: Sequence[Lobe]) -> list[str]:
 
 def beat_warnings(index: int, lobe: Lobe, beats: Sequence[StrayTerm]) -> list[str]:
     """Say where two views interfere with each other at the place of a circle."""
-    within, beside = [], []
-    for beat in beats:
-        i, j = beat.pair or (0, 0)
-        if index not in (i, j) and beat.hides_under(lobe):
-            within.append(f"{i + 1} and {j + 1}")
-        elif beat.disturbs(lobe):
-            beside.append(f"{i + 1} and {j + 1}")
+    inside = pairs_within(index, lobe, beats)
+    near = [beat.pair for beat in beats if beat.pair and beat.disturbs(lobe)]
+    within = [f"{i + 1} and {j + 1}" for i, j in inside]
+    beside = [f"{i + 1} and {j + 1}" for i, j in near if (i, j) not in inside]
     found = []
     if within:
         found.append(

@@ -174,7 +174,8 @@ def reconstruct(
     Warns
     -----
     UserWarning
-        If a lobe reaches beyond the spectrum or over the zero order.
+        If a lobe reaches beyond the spectrum or over the zero order, or two other views interfere
+        with each other in it.
     UserWarning
         If more than 0.3 rad rms of the background are left in a view where a surface of a higher
         degree would take them off. ``attrs["background_left_rad"]`` says what is left.
@@ -230,7 +231,9 @@ def reconstruct(
     return data
 
 
-def reconstruction_advice(attrs: Mapping[str, Any], n_frames: int = 0) -> list[str]:
+def reconstruction_advice(
+    attrs: Mapping[str, Any], n_frames: int = 0, few_lost: float = 0.0
+) -> list[str]:
     """Return what is to be looked after in a reconstruction, by its notes; each part a sentence.
 
     Parameters
@@ -239,6 +242,8 @@ def reconstruction_advice(attrs: Mapping[str, Any], n_frames: int = 0) -> list[s
         The notes of a reconstruction.
     n_frames : int, optional
         How many frames there are; default: what is to be said of single frames is not known yet.
+    few_lost : float, optional
+        Up to which share of all frames lost ones are not worth a word.
     """
     every = (
         background_advice(attrs),
@@ -247,7 +252,7 @@ def reconstruction_advice(attrs: Mapping[str, Any], n_frames: int = 0) -> list[s
         fringe_advice(attrs),
         refocus_advice(attrs),
     )
-    of_frames = frames_advice(attrs, n_frames) if n_frames else []
+    of_frames = frames_advice(attrs, n_frames, few_lost) if n_frames else []
     return [advice for advice in every if advice] + of_frames
 
 

@@ -30,7 +30,7 @@ from napari_phase4d.pipeline.folder import checked_form, write_files
 from napari_phase4d.pipeline.places import make_folder, stacks_beside
 from napari_phase4d.pipeline.provenance import Fingerprint, Hashing, Remembered, fingerprinting
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.pipeline.running import Outcome, run
+from napari_phase4d.pipeline.running import Outcome, advice_on, outcome_of
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import (
@@ -186,13 +186,15 @@ def facts_of(outcome: Outcome, folder: Path) -> dict[str, Any]:
     phase = outcome.reconstruction["phase"]
     results = outcome.comparison.results
     best = most_trusted(results)
+    doubts = [f"{each[0].upper()}{each[1:]}." for each in advice_on(outcome)]
     facts = {
         "frames": int(phase.sizes["time"]),
         "views": int(phase.sizes["angle"]),
         "boundary": " ".join(f"{t},{a}" for t, a in outcome.recipe.start_frames),
         "results": len(results),
         "best_method": best,
-        "notes": " ".join(notes_of(outcome, phase)),
+        "notes": " ".join([*notes_of(outcome, phase), *doubts]),
+        "doubts": doubts,
     }
     if outcome.cells is not None:
         facts["cells"] = len(outcome.cells.summary)
@@ -283,8 +285,9 @@ def run_batch(
         ``results``, ``best_method`` (the one most to be trusted), ``doubtful_percent`` (of the
         object's pixels in its result, where the recipe asks for confidence), ``cells`` (how many
         were found, where it asks for them; ``out/cells.csv`` has a row for each), ``input_bytes``,
-        ``input_sha256``, ``notes`` (what had to be assumed of the file), ``error``. Where only
-        cells could not be found, the results are there all the same, and the file has failed.
+        ``input_sha256``, ``notes`` (what had to be assumed of the file, and
+        what is to be looked after in its phase), ``error``. Where only cells could not be found,
+        the results are there all the same, and the file has failed.
 
     Raises
     ------
@@ -381,6 +384,9 @@ def one_file(
     if status == FAILED:
         words = f"failed: {facts['error']}; {words}"
     summary.tell(words, number)
+    if status != COMPLETE:
+        for doubt in facts["doubts"]:
+            summary.tell(doubt, number)
     summary.note(number, status, facts)
 
 
@@ -420,11 +426,10 @@ def written(
 ) -> Outcome:
     """Run a recipe and write what comes out into a folder."""
     with stacks_beside(folder, wish.form) as place:
-        outcome = run(
+        outcome = outcome_of(
             recipe,
             truth=wish.truth,
-            progress=progress,
-            cancelled=wish.cancelled,
+            task=Task(progress, wish.cancelled),
             folder=place,
             scheduler=wish.scheduler,
         )

@@ -34,8 +34,11 @@ from napari_phase4d.holography import (
     power_spectrum,
     reconstruct,
     reconstruct_frames,
+    reconstruction_advice,
 )
 from napari_phase4d.holography.emptyfield import count_near
+from napari_phase4d.holography.lobes import lobe_doubts
+from napari_phase4d.holography.reconstruction import FEW_LOST
 from napari_phase4d.io import open_recording
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
@@ -62,12 +65,14 @@ from napari_phase4d.words import advised_call, sentence_of, warn
 
 __all__ = [
     "Outcome",
+    "advice_on",
     "cells_by",
     "estimated_seconds",
     "focus_by",
     "load_object_finder",
     "mask_of",
     "opened_reference",
+    "outcome_of",
     "phase_settings",
     "reconstruct_by",
     "run",
@@ -164,6 +169,11 @@ def run(
     Cancelled
         If ``cancelled()`` returned True.
 
+    Warns
+    -----
+    UserWarning
+        Of what is probably wrong with the phase of holograms, as `reconstruct` does.
+
     See Also
     --------
     Recipe : All settings.
@@ -178,6 +188,35 @@ def run(
     19
     """
     task = Task(progress, cancelled)
+    outcome = outcome_of(recipe, recording, truth, task, folder=folder, scheduler=scheduler)
+    for advice in advice_on(outcome, FEW_LOST):
+        warn(f"{outcome.reconstruction.attrs['recording']}: {advice}")
+    return outcome
+
+
+def advice_on(outcome: Outcome, few_lost: float = 0.0) -> list[str]:
+    """Return what is to be looked after in the phase of holograms; each part a sentence.
+
+    Lost frames are not worth a word up to a share ``few_lost`` of all.
+    """
+    if outcome.recording is None:
+        return []
+    attrs, n_frames = outcome.reconstruction.attrs, outcome.recording.n_frames
+    advice = reconstruction_advice(attrs, n_frames, few_lost)
+    return lobe_doubts(outcome.recipe.lobes) + advice
+
+
+def outcome_of(
+    recipe: Recipe,
+    recording: Recording | None = None,
+    truth: xr.DataArray | None = None,
+    task: Task = UNWATCHED,
+    *,
+    folder: str | Path | None = None,
+    scheduler: str | None = None,
+) -> Outcome:
+    """Do what `run` does, but leave it to the caller to say what is to be looked after."""
+    progress, cancelled = task.progress, task.cancelled
     if recording is None and not recipe.recording:
         msg = "the recipe names no recording; give run() one, or a recipe with a file"
         raise ValueError(msg)

@@ -381,6 +381,12 @@ class Problem(SharedSteps):
     def _part(self, number: int, views: tuple[int, ...]) -> Problem:
         """Return the problem of some views."""
         chosen = list(views)
+        unknown = np.False_ if self.unknown is None else self.unknown[:, chosen]
+        if not (self.usable[:, chosen] & ~unknown).any():
+            lights = self.wavelengths_um
+            which = "" if lights is None else f" at {lights[chosen[0]]:g} um"
+            msg = f"nothing of the phase{which} is known and in the mask; leave these views out"
+            raise ValueError(msg)
         return Problem(
             self.template.isel(angle=chosen),
             frames_among(self.boundaries, views, self.angles_deg),
