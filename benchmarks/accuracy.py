@@ -26,6 +26,7 @@ from napari_phase4d.simulation import (
     budding_yeast,
     moving_shape,
     multiplexed_video,
+    pixels_of,
     swimming_euglena,
     with_noise,
 )
@@ -96,9 +97,8 @@ def through_optics(
         for k, angle in zip(video.holograms.attrs["carriers"], angles, strict=True)
     ]
     data = p4d.reconstruct(video, lobes)
-    height, width = data.sizes["y"], data.sizes["x"]
-    pixel = (512 * optics.pixel_um / height, 512 * optics.pixel_um / width)
-    truth = exact((height, width), n_times, angles_deg=angles, pixel_um=pixel)["phase"]
+    shape = data.sizes["y"], data.sizes["x"]
+    truth = exact(shape, n_times, angles_deg=angles, **pixels_of(data["phase"]))["phase"]
     return data, truth.values
 
 
@@ -119,10 +119,12 @@ def yeast_in_field(
     *,
     angles_deg: tuple[float, ...],
     pixel_um: float | tuple[float, float],
+    first_um: float | tuple[float, float] = 0.0,
 ) -> xr.Dataset:
     """Return the budding yeast in the field of a camera."""
+    field_um = float(np.max(pixel_um)) * shape[0]
     return budding_yeast(
-        shape, n_times, angles_deg=angles_deg, field_um=float(np.max(pixel_um)) * shape[0]
+        shape, n_times, angles_deg=angles_deg, field_um=field_um, first_um=first_um
     )
 
 

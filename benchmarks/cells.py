@@ -16,7 +16,7 @@ from scipy.optimize import linear_sum_assignment
 from tables import heading, line
 
 import napari_phase4d as p4d
-from napari_phase4d.simulation import multiplexed_video, swimming_cells, with_noise
+from napari_phase4d.simulation import multiplexed_video, pixels_of, swimming_cells, with_noise
 
 #: Cells at first, field in pixels, and how many divide, leave and come in.
 RECORDINGS = (
@@ -204,8 +204,9 @@ def recordings() -> Iterator[tuple[str, str, xr.Dataset, xr.DataArray, xr.DataAr
         wrapped = p4d.reconstruct(video, lobes)
         phase = p4d.unwrap(wrapped["phase"], METHOD, amplitude=wrapped["amplitude"])
         small = tuple(phase.shape[2:])
-        pixel = shape[0] * optics.pixel_um / small[0]
-        exact = swimming_cells(small, FRAMES, count, pixel_um=pixel, **happens)
+        pixels = pixels_of(phase)
+        pixel, first = pixels["pixel_um"][0], pixels["first_um"]
+        exact = swimming_cells(small, FRAMES, count, pixel_um=pixel, first_um=first, **happens)
         trust = p4d.confidence(phase, wrapped["phase"], wrapped["amplitude"])
         yield f"{count} cells, holograms", f"{electrons} electrons", exact, phase, trust
 

@@ -63,10 +63,8 @@ def test_every_script_is_tested() -> None:
 def test_video_to_phase(script: Callable[[str], Names]) -> None:
     names = script("01_video_to_phase.py")
     phase: xr.DataArray = names["phase"]
-    field_um = 300 * names["optics"].pixel_um
-    exact = p4d.simulation.swimming_euglena(
-        phase.shape[2:], 24, peak_rad=9, pixel_um=field_um / phase.sizes["y"]
-    )["phase"]
+    pixels = p4d.simulation.pixels_of(phase)
+    exact = p4d.simulation.swimming_euglena(phase.shape[2:], 24, peak_rad=9, **pixels)["phase"]
     assert wrong_cycle_share(phase, exact.assign_coords(phase.coords)) < 0.001
 
 
@@ -124,10 +122,12 @@ def test_larger_than_memory(script: Callable[[str], Names]) -> None:
     names = script("07_larger_than_memory.py")
     assert names["same"]
     assert not isinstance(names["stack"].data, np.ndarray)
-    exact = p4d.simulation.swimming_euglena(
-        names["stack"].shape[2:], 32, peak_rad=7, pixel_um=200 * 0.24 / names["stack"].sizes["y"]
-    )["phase"]
     # The object is drawn in other pixels than those of the microscope.
+    ratio = 200 / names["stack"].sizes["y"]
+    pixels = {"pixel_um": 0.24 * ratio, "first_um": 0.24 * (ratio - 1) / 2}
+    exact = p4d.simulation.swimming_euglena(names["stack"].shape[2:], 32, peak_rad=7, **pixels)[
+        "phase"
+    ]
     assert wrong_cycle_share(names["stack"], exact.values) < 0.001
 
 

@@ -190,9 +190,11 @@ def test_reference_takes_off_static_errors(how: str) -> None:
         "recording": empty, "array": empty.holograms.values[0], "frame": 0, "median": "median",
     }[how]  # fmt: skip
     found = p4d.reconstruct(video, lobes, reference, background="none")["phase"].values
-    shape = found.shape[2:]
-    pixel = (128 * 0.35 / shape[0], 128 * 0.35 / shape[1])
-    expected = swimming_euglena(shape, 9, pixel_um=pixel, peak_rad=4)["phase"].values
+    lies = [(0.35 * ratio, 0.35 * (ratio - 1) / 2) for ratio in np.divide(128, found.shape[2:])]
+    pixel, first = zip(*lies, strict=True)
+    expected = swimming_euglena(found.shape[2:], 9, pixel_um=pixel, first_um=first, peak_rad=4)[
+        "phase"
+    ].values
     error = wrap(found[8] - expected[8])[:, 4:-4, 4:-4]
     assert np.sqrt(np.mean(error**2)) < 0.15
     plain = p4d.reconstruct(video, lobes, background="none")["phase"].values

@@ -21,6 +21,7 @@ from napari_phase4d.simulation import (
     hard_shape,
     moving_shape,
     multiplexed_video,
+    pixels_of,
     swimming_euglena,
     with_fault,
     with_noise,
@@ -183,10 +184,8 @@ def hologram(group: str, name: str, peak_rad: float) -> Case:
     carriers = video.holograms.attrs["carriers"]
     lobes = [Lobe(k, 0.089, a) for k, a in zip(carriers, exact["angle"].values, strict=True)]
     data = reconstruct(video, lobes)
-    height, width = data.sizes["y"], data.sizes["x"]
-    there = swimming_euglena(
-        (height, width), CAMERA_FRAMES, pixel_um=pixel_um * CAMERA / height, peak_rad=peak_rad
-    )
+    shape = data.sizes["y"], data.sizes["x"]
+    there = swimming_euglena(shape, CAMERA_FRAMES, **pixels_of(data["phase"]), peak_rad=peak_rad)
     clean = data["phase"].copy(data=there["phase"].values)
     # The optics blur: the right cycle is the one nearest to the exact phase.
     off = np.angle(np.exp(1j * (data["phase"].values - clean.values))).astype(np.float32)

@@ -106,6 +106,7 @@ def budding_yeast(
     *,
     angles_deg: Sequence[float] = YEAST_ANGLES_DEG,
     field_um: float = 9.6,
+    first_um: float | tuple[float, float] = 0.0,
     budding: Budding | None = None,
     optics: Optics | None = None,
 ) -> xr.Dataset:
@@ -125,6 +126,9 @@ def budding_yeast(
         Viewing angles in degrees, default 0 to 25 by 5 as in the paper.
     field_um : float, optional
         Width of the field in micrometres, default 9.6.
+    first_um : float or tuple of float, optional
+        Where the first pixel lies in micrometres, or its (y, x). Default 0; for the pixels of a
+        reconstruction its ``(y[0], x[0])``.
     budding : Budding, optional
         Shape and growth.
     optics : Optics, optional
@@ -159,6 +163,7 @@ def budding_yeast(
         pixel_um=(field_um / shape[0], field_um / shape[1]),
         optics=optics or Optics(),
         attrs={"object": "budding yeast", "boundary": (0, 0)},
+        first_um=first_um,
     )
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypedDict
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +16,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stacks import AXES, KIND, UNWRAPPED, WRAPPED, coordinate
 from napari_phase4d.words import (
+    advised_call,
     as_numbers,
     check_finite,
     check_positive,
@@ -30,6 +31,7 @@ __all__ = [
     "is_count",
     "path_length_um",
     "phase_stack",
+    "pixels_of",
     "projected_phase",
     "rotation",
     "with_exact_phase",
@@ -253,6 +255,44 @@ def phase_stack(
             centred = y - shape[0] / 2 * step_y, x - shape[1] / 2 * step_x
             phase[t, a] = projected_phase(bodies, angle, *centred, optics.wavelength_um)
     return with_exact_phase(phase, times_s, angles_deg, (y, x), optics, attrs)
+
+
+class Pixels(TypedDict):
+    """How large the pixels of a stack are, and where the first one lies, along y and x."""
+
+    pixel_um: tuple[float, float]
+    first_um: tuple[float, float]
+
+
+@advised_call(stack="give phase, as reconstruct() or open_phase() makes it")
+def pixels_of(stack: xr.DataArray) -> Pixels:
+    """Return what pixels a stack has, as simulations take it, to see an object on the same ones.
+
+    Parameters
+    ----------
+    stack : DataArray
+        Phase, dims (time, angle, y, x), of two or more pixels along y and x.
+
+    Returns
+    -------
+    dict
+        ``pixel_um`` and ``first_um``: height and width of a pixel in micrometres, and where the
+        first one lies along y and x.
+
+    Examples
+    --------
+    >>> seen = phase_stack(
+    ...     lambda time: [], times_s=[0], angles_deg=[0], shape=(4, 4), pixel_um=0.5,
+    ...     optics=Optics(), attrs={}, first_um=0.25,
+    ... )
+    >>> pixels_of(seen["phase"])
+    {'pixel_um': (0.5, 0.5), 'first_um': (0.25, 0.25)}
+    """
+    rows, columns = (np.asarray(stack[axis].values, dtype=np.float64) for axis in ("y", "x"))
+    return {
+        "pixel_um": (float(rows[1] - rows[0]), float(columns[1] - columns[0])),
+        "first_um": (float(rows[0]), float(columns[0])),
+    }
 
 
 def with_exact_phase(
