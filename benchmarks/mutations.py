@@ -55,7 +55,12 @@ class Mutation:
 
 MUTATIONS = (
     Mutation("sign of a mirrored half's phase", "holography/demodulation.py",
-             "[:, mirrored] *= -1", "[:, mirrored] *= 1", ("test_holography",)),
+             "if mirrored:  # F(-k)", "if not mirrored:  # F(-k)", ("test_holography",)),
+    Mutation("pixels begin at the seam", "holography/demodulation.py",
+             "return (ratio - 1) / 2", "return 0.0 * ratio", ("test_holography",)),
+    Mutation("pixels moved the other way", "holography/demodulation.py",
+             "np.exp(2j * np.pi * offsets[-1] * middle",
+             "np.exp(-2j * np.pi * offsets[-1] * middle", ("test_holography",)),
     Mutation("sign of the carrier's rest", "holography/demodulation.py",
              "(k - centre / n) * (n / m)", "(centre / n - k) * (n / m)", ("test_holography",)),
     Mutation("flip of a view", "holography/demodulation.py",

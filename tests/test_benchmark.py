@@ -56,6 +56,7 @@ def test_truth_is_what_an_unwrapper_that_is_right_returns() -> None:
         assert abs(float(np.median(case.truth.values[case.empty]))) < 0.1
 
 
+@pytest.mark.slow
 def test_scores_by_hand() -> None:
     case = next(cases(["one view"]))
     found = p4d.compare(case.wrapped, ["spatial-2d"], case.boundary)
@@ -119,6 +120,7 @@ def test_a_method_that_fails_is_named_and_the_others_are_scored(
     )
 
 
+@pytest.mark.slow
 def test_failing_where_it_is_hard_does_not_pay(table: pd.DataFrame) -> None:
     crashed = table[table["id"] == "directional-l1"].assign(id="crashes", method="Crashes")
     crashed.loc[crashed["case"] == "dividing", ["wrong_cycles_percent", "mse_rad2"]] = np.nan

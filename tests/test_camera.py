@@ -114,6 +114,7 @@ def test_frames_that_are_there_are_not_mixed_with_new_ones(core: Any, tmp_path: 
     assert numbers(tmp_path) == [0]
 
 
+@pytest.mark.slow
 def test_a_camera_that_fails_says_so_in_one_sentence(core: Any, tmp_path: Path) -> None:
     core.setProperty("Camera", "PixelType", "32bitRGB")
     with (

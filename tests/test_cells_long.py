@@ -150,6 +150,7 @@ def test_lazy_labels_are_measured_without_holding_them(
     assert max(held) < 4 * labels[0].nbytes
 
 
+@pytest.mark.slow
 def test_labels_in_a_file_are_copied_into_a_file(labels: xr.DataArray) -> None:
     with at_most(labels.nbytes // 4):
         copy = copied_labels(labels[:48])

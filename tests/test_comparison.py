@@ -95,6 +95,7 @@ def test_progress_names_the_method(noisy: xr.Dataset) -> None:
     assert len({step[2] for step in rest}) > 1  # its own steps are told apart
 
 
+@pytest.mark.slow
 def test_against_is_what_compare_with_truth_says(
     noisy: xr.Dataset, compared: p4d.Comparison
 ) -> None:
@@ -229,6 +230,7 @@ def test_peak_memory_is_that_of_the_process() -> None:
     assert 290 <= measured(work).peak_mb <= 400
 
 
+@pytest.mark.slow
 def test_confidence_is_asked_for_by_id_or_label(compared: p4d.Comparison) -> None:
     expected = compared.confidence("temporal-angular")
     found = compared.confidence("T/A")

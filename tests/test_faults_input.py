@@ -52,6 +52,7 @@ KINDS: dict[str, Callable[[np.ndarray], np.ndarray]] = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("way", ["array", "npy", "tif"])
 def test_any_real_numbers_give_the_same_phase(tmp_path: Path, kind: str, way: str) -> None:

@@ -338,6 +338,7 @@ def test_stray_terms_are_where_two_disks_correlate() -> None:
         assert distance.max() == pytest.approx(term.radius, abs=1.5 / n)
 
 
+@pytest.mark.slow
 def test_what_a_finder_accepts_is_without_warning(lobes, small_video) -> None:
     assert lobe_warnings(lobes) == []
     assert lobe_warnings(p4d.find_lobes(small_video, 2)) == []

@@ -171,6 +171,7 @@ def test_hostile_recipes_are_refused_in_one_sentence(tmp_path: Path, case: str) 
     assert len(str(caught.value)) < LONGEST
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "name", ["/etc/passwd", "../../../../etc/passwd", "/dev/zero", "/dev/null", "/proc/self/mem"]
 )

@@ -46,6 +46,7 @@ def test_much_smooth_phase_left_out_is_said_so(height: int, noise: float) -> Non
     assert noted == pytest.approx(100 * dropped.mean(), abs=8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.3, 0.5, 0.7])
 @pytest.mark.parametrize("shape", sorted(p4d.simulation.SHAPES))
 def test_cells_in_an_empty_field_give_no_warning(shape: str, noise: float) -> None:

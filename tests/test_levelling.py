@@ -178,6 +178,7 @@ def test_noise_does_not_silence_what_is_said_of_a_hill_in_a_corner(
     assert fit.doubt or fit.unsure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.03, 0.05, 0.08, 0.2])
 @pytest.mark.parametrize("rad", [0.0, 4.0, 8.0])
 def test_a_field_that_is_wholly_empty_is_not_doubted(rad: float, noise: float) -> None:

@@ -408,6 +408,7 @@ def test_it_ends_after_so_many_frames(video: Video, tmp_path: Path) -> None:
     np.testing.assert_array_equal(result.values, same.comparison.results["directional-l1"].values)
 
 
+@pytest.mark.slow
 def test_what_is_cancelled_leaves_nothing(video: Video, tmp_path: Path) -> None:
     folder, heard = tmp_path / "camera", Heard()
     for number in range(N):

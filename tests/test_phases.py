@@ -194,6 +194,7 @@ def test_wrong_comparisons_end_with_one_sentence(
     assert not (tmp_path / "none").exists()
 
 
+@pytest.mark.slow
 def test_what_the_file_does_not_say_can_be_given(tmp_path: Path) -> None:
     np.save(tmp_path / "w.npy", YEAST["wrapped"].values)
     plain = open_phase(tmp_path / "w.npy")

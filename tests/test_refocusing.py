@@ -217,6 +217,7 @@ def test_autofocus_finds_a_known_distance(metric: str, kind: str, away: float) -
     assert focus.scores["distance"].attrs["units"] == "um"
 
 
+@pytest.mark.slow
 def test_several_fields_give_one_distance_and_a_region_may_be_chosen() -> None:
     near, far = (nrefocus_field(cell("phase"), d, LIGHT) for d in (5.0, 9.0))
     both = autofocus(np.stack([near, far]), **LIGHT, span_um=25.0)

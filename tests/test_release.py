@@ -129,6 +129,7 @@ def test_wheel_is_the_package_and_nothing_else(dist: Path) -> None:
     assert not {"napari", "magicgui", "qtpy", "pyqt6", "pyside6"} & {n.lower() for n in needed}
 
 
+@pytest.mark.slow
 def test_sdist_builds_and_tests_itself_and_holds_nothing_else(dist: Path) -> None:
     (sdist,) = dist.glob("*.tar.gz")
     with tarfile.open(sdist) as archive:

@@ -51,6 +51,7 @@ def test_errors_come_in_the_papers_order(found: Reproduction) -> None:
     assert mse["dilate-erode"] > mse["spatial-2d"]
 
 
+@pytest.mark.slow
 def test_boundary_frame_is_free_of_error(found: Reproduction) -> None:
     exact = found.yeast["actual"].values[0, 0]
     for title in ("2-D", "Angular", "Temporal", "T/A", "A/T"):

@@ -205,6 +205,7 @@ def test_script_of_the_sample_phase(tmp_path: Path) -> None:
     assert_the_same(outcome, saved_by_script(recipe, tmp_path))
 
 
+@pytest.mark.slow
 def test_script_of_a_video_with_its_microscope_and_a_reference(
     tmp_path: Path, small_video: Recording
 ) -> None:

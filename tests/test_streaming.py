@@ -231,6 +231,7 @@ def test_memory_does_not_grow_with_the_recording(
     assert long - short < 0.2 * stack, f"{short:.1f} and {long:.1f} MB; the rest is {stack:.1f} MB"
 
 
+@pytest.mark.slow
 def test_cancelling_leaves_whole_stacks_only(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:

@@ -82,6 +82,7 @@ def test_views_are_grouped_by_angle_and_wavelength(
     xr.testing.assert_equal(mixed["phase"], reconstruction["phase"])
 
 
+@pytest.mark.slow
 def test_the_recordings_own_wavelength_counts_where_a_lobe_names_none(
     hologram: p4d.Recording, reconstruction: xr.Dataset
 ) -> None:
