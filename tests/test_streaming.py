@@ -492,6 +492,7 @@ def test_a_folder_can_be_used_again_for_another_recording(
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*(left out as lost|little empty field)")
 def test_frames_without_light_are_written_too(
     video: Recording, recipe: p4d.Recipe, tmp_path: Path
 ) -> None:
