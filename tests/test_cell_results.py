@@ -234,6 +234,9 @@ def test_a_batch_has_a_row_for_each_cell(file: Path, tmp_path: Path) -> None:
     assert again["status"].tolist() == ["complete already"] * 2
     assert again["cells"].tolist() == table["cells"].tolist()
     pd.testing.assert_frame_equal(pd.read_csv(tmp_path / "out" / "cells.csv"), cells)
+    # A batch that finds none leaves no table of an earlier one.
+    run_batch(recipe.changed(cells=None), [file], tmp_path / "out")
+    assert not (tmp_path / "out" / "cells.csv").exists()
 
 
 @pytest.mark.slow

@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 
 import numpy as np
 import pandas as pd
 import pytest
+import scipy
+import skimage
 import xarray as xr
 from scipy.optimize import linear_sum_assignment
 
 import napari_phase4d as p4d
-from napari_phase4d.simulation import swimming_cells
+from napari_phase4d.analysis.cell_table import perimeters_um
+from napari_phase4d.simulation import Ellipsoid, phase_stack, swimming_cells
 
+OPTICS = p4d.Optics()
 #: Cells at first, shape, what happens.
 RECORDINGS = {
     "few": (3, (160, 160), {}),
@@ -251,3 +256,54 @@ def test_other_axes_give_the_same() -> None:
     np.testing.assert_array_equal(turned.transpose(*noisy.dims), found_in("few", 0.0))
     one = p4d.find_cells(noisy.isel(time=0, angle=0))
     assert one.dims == ("y", "x")
+
+
+def balls(
+    places: Sequence[tuple[float, float]],
+    pixel_um: tuple[float, float] = (0.3, 0.3),
+    shape: tuple[int, int] = (200, 200),
+) -> xr.DataArray:
+    """Exact phase of balls of 5 micrometres, of one mass each."""
+    bodies = [Ellipsoid((x, y, 0.0), (5.0, 5.0, 5.0), 0.03) for x, y in places]
+    return phase_stack(
+        lambda time: bodies, times_s=[0.0, 1.0], angles_deg=[0.0], shape=shape, pixel_um=pixel_um,
+        optics=OPTICS, attrs={},
+    )["phase"]  # fmt: skip
+
+
+@pytest.mark.parametrize("left_out", [[], [3], [2, 3]])
+@pytest.mark.parametrize("masked", [False, True])
+def test_cells_without_a_label_are_no_empty_field(left_out: list[int], masked: bool) -> None:
+    """Of a program that finds fewer, or because they are too small or at the border."""
+    phase = balls([(-12, -12), (12, 12), (12, -12)])
+    seen = phase + np.random.default_rng(0).normal(0, 0.2, phase.shape).astype(np.float32)
+    if masked:
+        seen = seen.where(phase > 0, 0).assign_attrs(mask="auto")
+    cells = p4d.find_cells(phase)
+    table = p4d.measure(seen, cells.where(~cells.isin(left_out), 0).astype(np.int32), OPTICS)
+    alone = table[table["cell"] == 1]
+    true = OPTICS.dry_mass_pg(2 * np.pi / OPTICS.wavelength_um * 0.03 * 4 / 3 * np.pi * 5**3, 1.0)
+    np.testing.assert_allclose(alone["dry mass (pg)"], true, rtol=0.01)
+    assert (alone["dry mass error (pg)"] < 0.01 * true).all()
+
+
+@pytest.mark.parametrize("pixel_um", [(0.3, 0.3), (0.2, 0.4), (0.4, 0.2), (0.15, 0.45)])
+def test_a_ball_is_round_in_any_pixels(pixel_um: tuple[float, float]) -> None:
+    shape = (round(40 / pixel_um[0]), round(40 / pixel_um[1]))
+    phase = balls([(-8, -6), (7, 7)], pixel_um, shape)
+    table = p4d.measure(phase, p4d.find_cells(phase), OPTICS)
+    assert (table["circularity"] > 0.96).all()
+
+
+def test_outlines_in_squares_are_those_of_scikit_image() -> None:
+    noise = scipy.ndimage.gaussian_filter(np.random.default_rng(0).normal(size=(80, 90)), 3)
+    labels = skimage.measure.label(noise > 0.02).astype(np.int32)
+    wanted = skimage.measure.regionprops_table(labels, properties=("perimeter_crofton",))
+    found = perimeters_um(labels, (1.0, 1.0))[1:]
+    np.testing.assert_allclose(found, wanted["perimeter_crofton"])
+    # An ellipse of half axes 30 and 20 in pixels of 1 x 2, against Ramanujan's second formula.
+    y, x = np.indices((80, 40)) - np.array([40, 20])[:, None, None]
+    ellipse = ((y / 30) ** 2 + (2 * x / 20) ** 2 < 1).astype(np.int32)
+    h = ((30 - 20) / (30 + 20)) ** 2
+    exact = np.pi * 50 * (1 + 3 * h / (10 + np.sqrt(4 - 3 * h)))
+    assert perimeters_um(ellipse, (1.0, 2.0))[1] == pytest.approx(exact, rel=0.03)

@@ -13,6 +13,7 @@ from napari_phase4d.simulation import (
     budding_yeast,
     hard_shape,
     multiplexed_video,
+    pixels_of,
     projected_phase,
     step_phantom,
     swimming_cells,
@@ -63,6 +64,18 @@ def test_places_of_a_stack_may_begin_elsewhere() -> None:
         np.testing.assert_allclose(coarse[axis], places)
     with pytest.raises(ValueError, match="first_um must be a finite number, but is nan"):
         swimming_euglena((8, 8), 1, first_um=float("nan"))
+
+
+def test_pixels_of_a_stack_are_those_it_was_simulated_with() -> None:
+    lies = {"pixel_um": (0.8, 1.6), "first_um": (0.4, 0.8)}
+    phase = swimming_euglena((64, 32), 1, **lies)["phase"]
+    for name, lengths in pixels_of(phase).items():
+        np.testing.assert_allclose(lengths, lies[name])
+    for stack in (phase.isel(x=slice(1)), phase.drop_vars("y"), phase.isel(y=0)):
+        with pytest.raises(ValueError, match="the stack has no places of two pixels or more"):
+            pixels_of(stack)
+    with pytest.raises(TypeError, match="pixel_um must be a"):
+        swimming_cells((64, 64), 1, 1, **pixels_of(phase))
 
 
 def test_cells_lie_where_their_pixels_do() -> None:

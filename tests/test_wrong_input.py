@@ -389,7 +389,7 @@ DOUBTED: dict[str, tuple[Callable[[], Any], str]] = {
             TWO_VIEWS,
             [p4d.Lobe((ky, kx), 0.09) for ky, kx in ((0.19, 0.21), (-0.21, 0.19), (0.4, 0.02))],
         ),
-        "lobe 3 lies where lobes 1 and 2 interfere with each other",
+        "one of lobes 1, 2 and 3 lies where the other two interfere with each other",
     ),
     "lobe over the edge": (
         lambda: p4d.reconstruct(RECORDING, [p4d.Lobe((0.2, 0.45), 0.1)], background="none"),

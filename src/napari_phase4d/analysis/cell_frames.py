@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.unwrapping import median_of, noise_of
 
-__all__ = ["SMALLEST_PIXELS", "Labels", "Rule"]
+__all__ = ["SMALLEST_PIXELS", "Labels", "Rule", "level_of", "risen"]
 
 #: A cell rises by so many radians above the empty field somewhere, if the noise allows it; with
 #: noise, by so many of its standard deviations after smoothing over a pixel.
@@ -53,16 +53,8 @@ class Rule:
         filled = np.where(known, phase, 0).astype(np.float32)
         if not known.any():
             return np.zeros(phase.shape, dtype=np.int32)
-        noise = noise_of(filled, None if known.all() else known)
         values = filled.ravel() if known.all() else filled[known]
-        height = scipy.ndimage.gaussian_filter(filled - level_of(values), SMOOTHING)
-        height[~known] = 0
-        # What the noise leaves after smoothing, or how uneven the empty field is.
-        left = max(noise / (2 * math.sqrt(math.pi) * SMOOTHING), unevenness(height[known]))
-        high = self.threshold or max(THRESHOLD_RAD, DEVIATIONS * left)
-        above = skimage.filters.apply_hysteresis_threshold(
-            height, max(LOW * high, 4.5 * left), high
-        )
+        height, above = risen(filled, known, level_of(values), self.threshold)
         above = without_holes(opened(above))
         labels, count = scipy.ndimage.label(above & ends_half_way(height, above))
         labels = labels.astype(np.int32)
@@ -81,6 +73,20 @@ class Rule:
         number = np.cumsum(kept, dtype=np.int32) * kept
         found: Labels = number[labels].astype(np.int32)
         return found
+
+
+def risen(
+    phase: Image, known: Mask, level: float, threshold: float | None = None
+) -> tuple[Image, Mask]:
+    """Return how far smoothed phase lies above the empty field, and where it rises as cells do."""
+    noise = noise_of(phase, None if known.all() else known)
+    height = scipy.ndimage.gaussian_filter(phase - level, SMOOTHING)
+    height[~known] = 0
+    # What the noise leaves after smoothing, or how uneven the empty field is.
+    left = max(noise / (2 * math.sqrt(math.pi) * SMOOTHING), unevenness(height[known]))
+    high = threshold or max(THRESHOLD_RAD, DEVIATIONS * left)
+    low = max(LOW * high, 4.5 * left)
+    return height, skimage.filters.apply_hysteresis_threshold(height, low, high)
 
 
 def unevenness(height: NDArray[np.floating]) -> float:

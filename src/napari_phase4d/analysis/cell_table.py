@@ -12,6 +12,7 @@ import scipy
 import skimage
 from numpy.typing import NDArray
 
+from napari_phase4d.analysis.cell_frames import level_of, risen
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.stack import parts_over_time
@@ -85,7 +86,7 @@ def table_of_cells(
             # Some programs number in 8 bits, in which SciPy can't count up.
             of_frame = np.asarray(labels[time, angle]).astype(np.int32)
             trust = None if confidence is None else np.asarray(confidence[time, angle])
-            found = cells_of_frame(phase[i, angle], of_frame, trust, masked=masked)
+            found = cells_of_frame(phase[i, angle], of_frame, trust, sides_um, masked=masked)
             along = math.cos(math.radians(places["angle"][angle])) if oblique else 1.0
             return found | {
                 "time (s)": places["time"][time],
@@ -137,7 +138,7 @@ def table_of_cells(
         "mass density (pg/um^2)": mass / area,
         "mass density error (pg/um^2)": mass_error / area,
         "circularity": np.minimum(
-            4 * math.pi * table["count"] / np.maximum(table["perimeter"], 1.0) ** 2, 1.0
+            4 * math.pi * area / np.maximum(table["perimeter"], min(sides_um)) ** 2, 1.0
         ),
         "wholly in view": table["whole"],
     }
@@ -206,12 +207,18 @@ def at(places: NDArray[np.float64], pixel: float) -> float:
 
 
 def cells_of_frame(
-    phase: Image, labels: Labels, trust: Image | None, *, masked: bool
+    phase: Image,
+    labels: Labels,
+    trust: Image | None,
+    sides_um: tuple[float, float],
+    *,
+    masked: bool,
 ) -> dict[str, Any]:
     """Return sums over the pixels of every cell of a frame (y, x), and their errors, in radians.
 
     The level of the empty field round the cells is taken off. Where a mask has left that out, as
-    0, the level is taken to be 0, and the error is that of the noise alone.
+    0, the level is taken to be 0, and the error is that of the noise alone. What rises as cells do
+    is no empty field, whether it has a label or not: cells may be left out, or be too small.
     """
     known = np.isfinite(phase) & ((phase != 0) | (not masked))
     inside = np.where(known, labels, 0)
@@ -223,7 +230,9 @@ def cells_of_frame(
     wider = skimage.segmentation.expand_labels(labels, BLURRED)
     summed = np.where(known, wider, 0)
     n_summed = np.bincount(summed.ravel())[numbers]
-    empty = known & (scipy.ndimage.maximum_filter(labels, 2 * AWAY + 1) == 0)
+    filled = np.where(known, phase, 0).astype(np.float32)
+    object_ = risen(filled, known, 0.0 if masked else level_of(filled[known]))[1] | (labels > 0)
+    empty = known & (scipy.ndimage.maximum_filter(object_.view(np.uint8), 2 * AWAY + 1) == 0)
     level = float(np.median(phase[empty])) if empty.any() else 0.0
     height = np.where(known, phase - level, 0.0)
     sums = np.bincount(inside.ravel(), height.ravel())[numbers]
@@ -243,7 +252,6 @@ def cells_of_frame(
     centres = np.array(scipy.ndimage.center_of_mass(np.ones(labels.shape), inside, numbers))
     edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
     unknown = np.bincount(wider[~np.isfinite(phase)], minlength=counts.size)[numbers]
-    props = skimage.measure.regionprops_table(inside, properties=("label", "perimeter_crofton"))
     return {
         "cell": numbers,
         "count": count,
@@ -253,9 +261,33 @@ def cells_of_frame(
         "largest": scipy.ndimage.maximum(height, inside, numbers),
         "y": centres[:, 0],
         "x": centres[:, 1],
-        "perimeter": props["perimeter_crofton"],
+        "perimeter": perimeters_um(inside, sides_um)[numbers],
         "whole": ~np.isin(numbers, edge) & (unknown <= UNKNOWN_SHARE * (n_summed + unknown)),
     }
+
+
+def perimeters_um(labels: Labels, sides_um: tuple[float, float]) -> NDArray[np.float64]:
+    """Return how long the outline of each label is; of 0, too.
+
+    By the formula of Cauchy and Crofton: half of how often lines along rows, columns and both
+    diagonals cross it, times how far the lines lie apart and the range of angles that they stand
+    for. Of squares it is scikit-image's ``perimeter_crofton``.
+    """
+    high, wide = sides_um
+    diagonal, slope = math.hypot(high, wide), math.atan2(high, wide)
+    around = np.pad(labels, 1)
+    pairs = (
+        (around[:, 1:], around[:, :-1], high * slope),
+        (around[1:], around[:-1], wide * (math.pi / 2 - slope)),
+        (around[1:, 1:], around[:-1, :-1], high * wide / diagonal * math.pi / 4),
+        (around[1:, :-1], around[:-1, 1:], high * wide / diagonal * math.pi / 4),
+    )
+    found = np.zeros(int(labels.max()) + 1)
+    for here, there, share in pairs:
+        crossed = here != there
+        for side in (here, there):
+            found += share / 2 * np.bincount(side[crossed], minlength=found.size)
+    return found
 
 
 def at_contact(labels: Labels) -> NDArray[np.bool_]:

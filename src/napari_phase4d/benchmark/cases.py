@@ -30,8 +30,8 @@ from napari_phase4d.words import shown
 
 __all__ = ["GROUPS", "SUITE_VERSION", "Case", "cases", "checked_groups"]
 
-#: Rises whenever a case is added, left out or changed, so that figures are compared only with
-#: figures of the same suite.
+#: Rises whenever a case is added, left out or changed after its release, so that figures are
+#: compared only with figures of the same suite.
 SUITE_VERSION = 1
 
 #: Pixels with less phase than this, in radians, are the empty field around the object.

@@ -19,7 +19,6 @@ from napari_phase4d.holography import (
     angles_unknown,
     find_lobes,
     lobe_warnings,
-    reconstruction_advice,
 )
 from napari_phase4d.io import write_figure
 from napari_phase4d.later import pd, xr
@@ -88,12 +87,10 @@ def bar() -> Iterator[ProgressCall]:
         yield report
 
 
-def print_notes(outcome: Outcome) -> None:
-    """Say what had to be assumed, and what is left of the background."""
+def print_notes(outcome: Outcome, advice: Sequence[str]) -> None:
+    """Say what had to be assumed, and what is to be looked after, see `advice_on`."""
     if outcome.recording is not None:
         notes = list(outcome.recording.notes)
-        data = outcome.reconstruction
-        advice = reconstruction_advice(data.attrs, data.sizes["time"])
         notes += [f"{each[0].upper()}{each[1:]}." for each in advice]
     else:
         notes = list(outcome.reconstruction["phase"].attrs.get("notes", ()))

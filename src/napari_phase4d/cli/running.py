@@ -52,13 +52,14 @@ from napari_phase4d.pipeline import (
     LiveStatus,
     Outcome,
     Recipe,
+    advice_on,
     checked_form,
     fingerprinting,
     found_anywhere,
     open_by,
-    outcome_of,
     result_folder,
     run_batch,
+    run_unwarned,
     sentence_of,
     stacks_beside,
     watch,
@@ -122,15 +123,15 @@ def with_optics(recipe: Recipe, numbers: Mapping[str, float]) -> Recipe:
 def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | None) -> None:
     """Run one recording and write what comes out."""
     if not recipe.recording:
-        outcome_of(recipe)  # which says what is missing
+        run_unwarned(recipe)  # which says what is missing
     with (
         result_folder(folder, recipe) as kept,
         fingerprinting(recipe.recording) as hashing,
         stacks_beside(folder, form) as place,
     ):
         with bar() as progress:
-            outcome = outcome_of(recipe, task=Task(progress), folder=place, scheduler=scheduler)
-        print_notes(outcome)
+            outcome = run_unwarned(recipe, task=Task(progress), folder=place, scheduler=scheduler)
+        print_notes(outcome, advice_on(outcome, of_lobes=False))
         print_lobes(outcome.recipe.lobes)
         print_missed_views(outcome, recipe)
         print_start(outcome)
@@ -216,18 +217,20 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
         stacks_beside(out, None) as place,
         bar() as progress,
     ):
-        outcome = outcome_of(recipe, truth=exact, task=Task(progress), folder=place)
+        outcome = run_unwarned(recipe, truth=exact, task=Task(progress), folder=place)
         written = write_files(outcome, out, Task(progress), source=hashing.result())
         kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)
-    finish(exact, outcome, out)
+    finish(exact, outcome, out, advice_on(outcome))
     console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
     check_cells(outcome)
 
 
-def finish(exact: xr.DataArray | None, outcome: Outcome, folder: Path) -> None:
+def finish(
+    exact: xr.DataArray | None, outcome: Outcome, folder: Path, advice: Sequence[str] = ()
+) -> None:
     """Print the table and what is known of the steps, and write the picture."""
-    print_notes(outcome)
+    print_notes(outcome, advice)
     print_start(outcome)
     print_table(outcome.comparison.table)
     try:
@@ -403,7 +406,7 @@ def watch_command(
             progress=Lines(),
             stopped=lambda: bool(came),
         )
-    print_notes(outcome)
+    print_notes(outcome, advice_on(outcome, of_lobes=False))
     print_lobes(outcome.recipe.lobes)
     print_start(outcome)
     print_table(outcome.comparison.table)

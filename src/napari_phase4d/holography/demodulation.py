@@ -82,11 +82,12 @@ class Cut:
 
     ``pieces`` pair places in the lobe's block with places in the columns, and say whether these
     hold the conjugate. The block runs from the lowest frequency to the highest, and ``ramp`` makes
-    up for its zero being in the middle. ``window`` also moves the grid to the pixels' middles.
+    up for its zero being in the middle. ``factors`` weigh the block by the window, and move the
+    grid to the pixels' middles.
     """
 
     pieces: list[tuple[Area, Area, bool]]
-    window: NDArray[np.complex64]
+    factors: NDArray[np.complex64]
     ramp: NDArray[np.complex64]
     flip: bool
 
@@ -98,7 +99,7 @@ class Cut:
                 np.conjugate(spectrum[source], out=block[place])
             else:
                 block[place] = spectrum[source]
-        block *= self.window
+        block *= self.factors
         back = scipy.fft.ifft2(block, overwrite_x=True, norm="forward")
         np.multiply(back, self.ramp, out=out)
         if self.flip:

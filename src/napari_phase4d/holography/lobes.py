@@ -276,24 +276,26 @@ def check_lobes(lobes: Sequence[Lobe]) -> None:
 
 
 def lobe_doubts(lobes: Sequence[Lobe]) -> list[str]:
-    """Say which lobes hold much that is no view of theirs; "lobe 1" is the first.
+    """Say which lobes hold much that may be no view of theirs; "lobe 1" is the first.
 
-    They reach beyond the spectrum or over the zero order, or have a beat of two others inside.
+    They reach beyond the spectrum or over the zero order, or one of three is the beat of the other
+    two. Which one it is, places don't tell: if k3 = k1 - k2, then k2 = k1 - k3.
     """
     beats = stray_terms(lobes)[1:]
-    found = []
+    found, triples = [], set()
     for index, lobe in enumerate(lobes):
         name, smaller = f"lobe {index + 1}", "make its radius smaller"
         if max(abs(k) for k in lobe.carrier) + lobe.radius > 0.5 + TINY:
             found.append(f"{name} reaches beyond the edge of the spectrum; {smaller}")
         elif math.hypot(*lobe.carrier) < lobe.radius:
             found.append(f"{name} reaches over the zero order; {smaller}")
-        found += [
-            f"{name} lies where lobes {i + 1} and {j + 1} interfere with each other, so that its "
-            "phase is a mixture or that of no view; move it or leave it out"
-            for i, j in pairs_within(index, lobe, beats)
-        ]
-    return found
+        triples |= {tuple(sorted((index, *pair))) for pair in pairs_within(index, lobe, beats)}
+    return found + [
+        f"one of lobes {i + 1}, {j + 1} and {k + 1} lies where the other two interfere with each "
+        "other, so that its phase may be a mixture or that of no view; leave it out, most often "
+        "the weakest"
+        for i, j, k in sorted(triples)
+    ]
 
 
 def pairs_within(index: int, lobe: Lobe, beats: Sequence[StrayTerm]) -> list[tuple[int, int]]:

@@ -174,8 +174,8 @@ def reconstruct(
     Warns
     -----
     UserWarning
-        If a lobe reaches beyond the spectrum or over the zero order, or two other views interfere
-        with each other in it.
+        If a lobe reaches beyond the spectrum or over the zero order, or is perhaps the beat of
+        two others.
     UserWarning
         If more than 0.3 rad rms of the background are left in a view where a surface of a higher
         degree would take them off. ``attrs["background_left_rad"]`` says what is left.
@@ -221,7 +221,7 @@ def reconstruct(
     )
     views: Any = list(lobes) if has_parts(lobes) else lobes
     work = frame_reconstructor(rec, views, settings, Task(None, cancelled))
-    for doubt in lobe_doubts(views):
+    for doubt in lobe_doubts(with_wavelengths(views, rec.optics.wavelength_um)):
         warn(doubt)
     for advice in reconstruction_advice(work.attrs):
         warn(f"{rec.name}: {advice}")

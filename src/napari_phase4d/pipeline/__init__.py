@@ -30,12 +30,13 @@ from napari_phase4d.pipeline.provenance import (
 from napari_phase4d.pipeline.recipe import DEFAULT_METHODS, PAPER_METHODS, PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.running import (
     Outcome,
+    advice_on,
     estimated_seconds,
     focus_by,
     load_object_finder,
-    outcome_of,
     reconstruct_by,
     run,
+    run_unwarned,
     unwrap_by,
     warm_up_elsewhere,
 )
@@ -62,6 +63,7 @@ __all__ = [
     "Outcome",
     "Place",
     "Recipe",
+    "advice_on",
     "checked_form",
     "estimated_seconds",
     "find_place",
@@ -76,7 +78,6 @@ __all__ = [
     "needs_of",
     "noting_start",
     "open_by",
-    "outcome_of",
     "phase_needs",
     "program_version",
     "read_outcome",
@@ -85,6 +86,7 @@ __all__ = [
     "result_folders",
     "run",
     "run_batch",
+    "run_unwarned",
     "sentence_of",
     "shown_method",
     "size_in_words",

@@ -30,7 +30,7 @@ from napari_phase4d.pipeline.folder import checked_form, write_files
 from napari_phase4d.pipeline.places import make_folder, stacks_beside
 from napari_phase4d.pipeline.provenance import Fingerprint, Hashing, Remembered, fingerprinting
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.pipeline.running import Outcome, advice_on, outcome_of
+from napari_phase4d.pipeline.running import Outcome, advice_on, run_unwarned
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task
 from napari_phase4d.words import (
@@ -146,6 +146,8 @@ class Summary:
         if self._cells:
             every = pd.concat([self._cells[number] for number in sorted(self._cells)])
             write_table(self.out / CELLS, every.set_index("file"))
+        else:
+            (self.out / CELLS).unlink(missing_ok=True)  # of an earlier batch
 
     def tell(self, words: str, number: int | None = None, more: str = "") -> None:
         """Write a line into the log and tell it; ``more`` goes into the log only."""
@@ -285,8 +287,8 @@ def run_batch(
         ``results``, ``best_method`` (the one most to be trusted), ``doubtful_percent`` (of the
         object's pixels in its result, where the recipe asks for confidence), ``cells`` (how many
         were found, where it asks for them; ``out/cells.csv`` has a row for each), ``input_bytes``,
-        ``input_sha256``, ``notes`` (what had to be assumed of the file, and
-        what is to be looked after in its phase), ``error``. Where only cells could not be found,
+        ``input_sha256``, ``notes`` (what had to be assumed of the file, and what is to be
+        looked after in its phase), ``error``. Where only cells could not be found,
         the results are there all the same, and the file has failed.
 
     Raises
@@ -426,7 +428,7 @@ def written(
 ) -> Outcome:
     """Run a recipe and write what comes out into a folder."""
     with stacks_beside(folder, wish.form) as place:
-        outcome = outcome_of(
+        outcome = run_unwarned(
             recipe,
             truth=wish.truth,
             task=Task(progress, wish.cancelled),

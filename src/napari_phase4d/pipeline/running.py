@@ -37,7 +37,7 @@ from napari_phase4d.holography import (
     reconstruction_advice,
 )
 from napari_phase4d.holography.emptyfield import count_near
-from napari_phase4d.holography.lobes import lobe_doubts
+from napari_phase4d.holography.lobes import lobe_doubts, with_wavelengths
 from napari_phase4d.holography.reconstruction import FEW_LOST
 from napari_phase4d.io import open_recording
 from napari_phase4d.later import xr
@@ -72,10 +72,10 @@ __all__ = [
     "load_object_finder",
     "mask_of",
     "opened_reference",
-    "outcome_of",
     "phase_settings",
     "reconstruct_by",
     "run",
+    "run_unwarned",
     "unwrap_by",
     "warm_up",
     "warm_up_elsewhere",
@@ -188,25 +188,36 @@ def run(
     19
     """
     task = Task(progress, cancelled)
-    outcome = outcome_of(recipe, recording, truth, task, folder=folder, scheduler=scheduler)
+    outcome = run_unwarned(recipe, recording, truth, task, folder=folder, scheduler=scheduler)
+    name = "" if outcome.recording is None else outcome.recording.name
     for advice in advice_on(outcome, FEW_LOST):
-        warn(f"{outcome.reconstruction.attrs['recording']}: {advice}")
+        warn(f"{name}: {advice}")
     return outcome
 
 
-def advice_on(outcome: Outcome, few_lost: float = 0.0) -> list[str]:
+def advice_on(outcome: Outcome, few_lost: float = 0.0, *, of_lobes: bool = True) -> list[str]:
     """Return what is to be looked after in the phase of holograms; each part a sentence.
 
-    Lost frames are not worth a word up to a share ``few_lost`` of all.
+    Parameters
+    ----------
+    outcome : Outcome
+        What a run gave.
+    few_lost : float, optional
+        Up to which share of all frames lost ones are not worth a word.
+    of_lobes : bool, optional
+        Whether to say what is in doubt of the lobes, too.
     """
     if outcome.recording is None:
         return []
-    attrs, n_frames = outcome.reconstruction.attrs, outcome.recording.n_frames
-    advice = reconstruction_advice(attrs, n_frames, few_lost)
-    return lobe_doubts(outcome.recipe.lobes) + advice
+    advice = reconstruction_advice(
+        outcome.reconstruction.attrs, outcome.recording.n_frames, few_lost
+    )
+    light = outcome.recording.optics.wavelength_um
+    doubts = lobe_doubts(with_wavelengths(outcome.recipe.lobes, light)) if of_lobes else []
+    return doubts + advice
 
 
-def outcome_of(
+def run_unwarned(
     recipe: Recipe,
     recording: Recording | None = None,
     truth: xr.DataArray | None = None,

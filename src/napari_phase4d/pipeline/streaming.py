@@ -32,7 +32,7 @@ from napari_phase4d.unwrapping.given import (
     refuse_unknown,
     relative_amplitude,
 )
-from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among
+from napari_phase4d.unwrapping.light import Named, ViewsOf, frames_among, views_by_light
 
 __all__ = ["ProblemOnDisk", "reconstruct_to_disk"]
 
@@ -199,9 +199,20 @@ class ProblemOnDisk(Problem):
         return self._amplitude is not None
 
     def check_phase(self) -> None:
-        """Raise ValueError if nothing of the phase is known; it is read as far as to what is."""
-        known = any(self.given.read(block)[1].any() for block in self.blocks())
-        refuse_unknown(known=known)
+        """Raise ValueError if nothing of the phase, or of a wavelength, is known.
+
+        It is read as far as to what is.
+        """
+        n_views = self.given.shape[1]
+        parts = views_by_light(self.wavelengths_um) or [tuple(range(n_views))]
+        known = np.zeros(n_views, dtype=bool)
+        for block in self.blocks():
+            known |= self.given.read(block)[1].any(axis=(0, 2, 3))
+            if all(known[list(views)].any() for views in parts):
+                return
+        refuse_unknown(known=bool(known.any()))
+        for views in parts:
+            self.refuse_unseen(views, known=bool(known[list(views)].any()))
 
     @property
     def all_usable(self) -> bool:

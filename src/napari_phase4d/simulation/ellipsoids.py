@@ -40,6 +40,8 @@ __all__ = [
 
 #: No phantom is larger than this: pixels of all frames together.
 MOST_PIXELS = 2**36
+#: So many places tell how far one lies from the next.
+LEAST_PLACES = 2
 
 
 def check_asked(
@@ -266,18 +268,25 @@ class Pixels(TypedDict):
 
 @advised_call(stack="give phase, as reconstruct() or open_phase() makes it")
 def pixels_of(stack: xr.DataArray) -> Pixels:
-    """Return what pixels a stack has, as simulations take it, to see an object on the same ones.
+    """Return what pixels a stack has, to see an object on the same ones.
+
+    `swimming_euglena` and `phase_stack` take it as it is: ``**pixels_of(stack)``.
 
     Parameters
     ----------
     stack : DataArray
-        Phase, dims (time, angle, y, x), of two or more pixels along y and x.
+        Phase with places along y and x in micrometres, two or more pixels along each.
 
     Returns
     -------
     dict
         ``pixel_um`` and ``first_um``: height and width of a pixel in micrometres, and where the
         first one lies along y and x.
+
+    Raises
+    ------
+    ValueError
+        If there are no places, or only one.
 
     Examples
     --------
@@ -288,6 +297,10 @@ def pixels_of(stack: xr.DataArray) -> Pixels:
     >>> pixels_of(seen["phase"])
     {'pixel_um': (0.5, 0.5), 'first_um': (0.25, 0.25)}
     """
+    for axis in ("y", "x"):
+        if axis not in stack.coords or stack.sizes.get(axis, 0) < LEAST_PLACES:
+            msg = f"the stack has no places of two pixels or more along {axis}, in micrometres"
+            raise ValueError(msg)
     rows, columns = (np.asarray(stack[axis].values, dtype=np.float64) for axis in ("y", "x"))
     return {
         "pixel_um": (float(rows[1] - rows[0]), float(columns[1] - columns[0])),

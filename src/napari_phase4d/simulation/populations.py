@@ -21,7 +21,7 @@ from napari_phase4d.simulation.ellipsoids import (
     rotation,
 )
 from napari_phase4d.stacks import AXES
-from napari_phase4d.words import shown
+from napari_phase4d.words import check_positive, shown
 
 __all__ = ["swimming_cells"]
 
@@ -144,6 +144,8 @@ def swimming_cells(
         shape, n_times, angles_deg, optics,
         frame_rate_hz=frame_rate_hz, pixel_um=pixel_um, peak_rad=peak_rad,
     )  # fmt: skip
+    if pixel_um is not None:
+        check_positive("pixel_um", pixel_um)
     if not is_count(n_cells):
         msg = f"n_cells must be a number of cells, 1 or more, but is {shown(n_cells)}"
         raise ValueError(msg)

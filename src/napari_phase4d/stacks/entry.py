@@ -285,9 +285,10 @@ def in_order_of(given: xr.DataArray, stack: xr.DataArray, name: str) -> xr.DataA
             order, target = views_in_order(given), views_in_order(stack)
             check_light(given.isel(angle=order), stack.isel(angle=target), name)
         if not same_places(wanted[target], own[order]):
+            same = "pixels" if axis in ("y", "x") else "frames"
             msg = (
                 f"{name} has other {axis} coordinates ({some(own)}) than the phase "
-                f"({some(wanted)}); take the same frames of both"
+                f"({some(wanted)}); take the same {same} of both"
             )
             raise ValueError(msg)
         places = np.empty_like(order)

@@ -381,18 +381,23 @@ class Problem(SharedSteps):
     def _part(self, number: int, views: tuple[int, ...]) -> Problem:
         """Return the problem of some views."""
         chosen = list(views)
-        unknown = np.False_ if self.unknown is None else self.unknown[:, chosen]
-        if not (self.usable[:, chosen] & ~unknown).any():
-            lights = self.wavelengths_um
-            which = "" if lights is None else f" at {lights[chosen[0]]:g} um"
-            msg = f"nothing of the phase{which} is known and in the mask; leave these views out"
-            raise ValueError(msg)
+        self.refuse_unseen(views, known=bool(self.usable[:, chosen].any()))
         return Problem(
             self.template.isel(angle=chosen),
             frames_among(self.boundaries, views, self.angles_deg),
             "auto" if self.finds_mask else self.usable[:, chosen],
             None if (share := self.amplitude) is None else share[:, chosen],
         )
+
+    def refuse_unseen(self, views: tuple[int, ...], *, known: bool) -> None:
+        """Raise ValueError if nothing is known of the views of one wavelength."""
+        lights = self.wavelengths_um
+        if not known and lights is not None:
+            msg = (
+                f"nothing of the phase at {lights[views[0]]:g} um is known and in the mask; leave "
+                "these views out"
+            )
+            raise ValueError(msg)
 
     def derived(
         self, stack: Stack, coords: dict[str, Any], boundaries: list[Boundary], name: str
