@@ -317,6 +317,7 @@ def test_files_that_come_in_any_order(video: Video, tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
+@pytest.mark.filterwarnings("ignore:.*left out as lost")
 def test_a_frame_that_never_comes_is_said_and_unknown(video: Video, tmp_path: Path) -> None:
     folder, out, heard = tmp_path / "camera", tmp_path / "out", Heard()
     for number in (1, 2, 3, 4, 5, 6, 8, 9):

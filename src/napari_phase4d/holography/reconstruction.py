@@ -54,6 +54,7 @@ from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Wa
 from napari_phase4d.words import check_bool, check_number, has_parts, is_list, shown, warn
 
 __all__ = [
+    "FEW_LOST",
     "PhaseSettings",
     "Refocus",
     "beginning_of",

@@ -6,7 +6,6 @@ And what is done ahead of it: a trial that tells how long it will take, and comp
 from __future__ import annotations
 
 import functools
-import math
 import os
 import subprocess
 import sys
@@ -44,7 +43,14 @@ from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline.places import Place, needs_of, phase_needs, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
-from napari_phase4d.pipeline.starting import FrameSource, noting_start, open_by, with_start
+from napari_phase4d.pipeline.starting import (
+    FrameSource,
+    noting_start,
+    open_by,
+    say_what_counts,
+    say_what_file_says,
+    with_start,
+)
 from napari_phase4d.pipeline.streaming import reconstruct_to_disk
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
@@ -116,10 +122,6 @@ class Outcome:
     scores: xr.DataArray | None = None
     cells: Cells | None = None
     cells_error: Exception | None = None
-
-
-#: A rate that was counted back from times is off by no more than this share.
-RATE_OFF = 1e-6
 
 
 @advised_call(
@@ -293,45 +295,6 @@ def trust_on_disk(
     """Make maps of confidence that a recipe asks for, if they lie on disk, as results do there."""
     if recipe.confidence and not comparison.held:
         comparison.confidences(None, **task.calls)
-
-
-def say_what_counts(recipe: Recipe, recording: Recording) -> None:
-    """Warn where a recipe names another microscope or rate than the recording that was given."""
-    passed_over = []
-    if recipe.optics is not None and recipe.optics != recording.optics:
-        passed_over.append("optics")
-    rate = recording.frame_rate_hz
-    # A rate that was counted back from times is off in its last digit.
-    asked = recipe.frame_rate_hz
-    if asked is not None and rate is not None and not math.isclose(asked, rate):
-        passed_over.append("frame_rate_hz")
-    if passed_over:
-        warn(
-            f"the {' and '.join(passed_over)} of the recording count, not those of the recipe; "
-            "give them to open_recording() to use them"
-        )
-
-
-def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
-    """Warn where a recipe has other times or views than the file of wrapped phase notes itself."""
-    passed_over = []
-    times, angles = phase["time"].values, phase["angle"].values
-    rate, span = recipe.frame_rate_hz, float(times[-1] - times[0])
-    # Times that do not rise are refused later, in a sentence of their own.
-    if rate is not None and span > 0:
-        own = (len(times) - 1) / span
-        if not math.isclose(own, rate, rel_tol=RATE_OFF):
-            passed_over.append(f"frame_rate_hz (the file: {own:.4g})")
-    asked = recipe.angles_deg
-    if asked is not None and not (len(asked) == len(angles) and np.allclose(asked, angles)):
-        passed_over.append(f"angles_deg (the file: {', '.join(f'{a:g}' for a in angles)})")
-    if recipe.n_views not in (None, len(angles)):
-        passed_over.append(f"n_views (the file: {len(angles)})")
-    if passed_over:
-        warn(
-            f"the file of wrapped phase says its own, which counts, not the recipe's "
-            f"{', '.join(passed_over)}"
-        )
 
 
 def with_cells(

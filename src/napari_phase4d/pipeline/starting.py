@@ -5,6 +5,7 @@ Any thread or process can read the frames: it opens the files anew.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import replace
@@ -23,7 +24,7 @@ from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
-from napari_phase4d.words import checked_call, frame_in_words
+from napari_phase4d.words import checked_call, frame_in_words, warn
 
 __all__ = [
     "FOUND_BY",
@@ -31,6 +32,8 @@ __all__ = [
     "found_anywhere",
     "noting_start",
     "open_by",
+    "say_what_counts",
+    "say_what_file_says",
     "start_sentence",
     "start_words",
     "with_start",
@@ -75,6 +78,49 @@ def found_anywhere(source: str | Path) -> str:
 
 #: Attribute of results whose boundary frame was found: what told it.
 FOUND_BY = "boundary_found_by"
+
+
+#: A rate that was counted back from times is off by no more than this share.
+RATE_OFF = 1e-6
+
+
+def say_what_counts(recipe: Recipe, recording: Recording) -> None:
+    """Warn where a recipe names another microscope or rate than the recording that was given."""
+    passed_over = []
+    if recipe.optics is not None and recipe.optics != recording.optics:
+        passed_over.append("optics")
+    rate = recording.frame_rate_hz
+    # A rate that was counted back from times is off in its last digit.
+    asked = recipe.frame_rate_hz
+    if asked is not None and rate is not None and not math.isclose(asked, rate):
+        passed_over.append("frame_rate_hz")
+    if passed_over:
+        warn(
+            f"the {' and '.join(passed_over)} of the recording count, not those of the recipe; "
+            "give them to open_recording() to use them"
+        )
+
+
+def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
+    """Warn where a recipe has other times or views than the file of wrapped phase notes itself."""
+    passed_over = []
+    times, angles = phase["time"].values, phase["angle"].values
+    rate, span = recipe.frame_rate_hz, float(times[-1] - times[0])
+    # Times that do not rise are refused later, in a sentence of their own.
+    if rate is not None and span > 0:
+        own = (len(times) - 1) / span
+        if not math.isclose(own, rate, rel_tol=RATE_OFF):
+            passed_over.append(f"frame_rate_hz (the file: {own:.4g})")
+    asked = recipe.angles_deg
+    if asked is not None and not (len(asked) == len(angles) and np.allclose(asked, angles)):
+        passed_over.append(f"angles_deg (the file: {', '.join(f'{a:g}' for a in angles)})")
+    if recipe.n_views not in (None, len(angles)):
+        passed_over.append(f"n_views (the file: {len(angles)})")
+    if passed_over:
+        warn(
+            f"the file of wrapped phase says its own, which counts, not the recipe's "
+            f"{', '.join(passed_over)}"
+        )
 
 
 def with_start(
