@@ -130,7 +130,7 @@ def test_a_wavelength_that_is_known_nowhere_is_named(method: str, mask: str | No
 def test_it_is_named_wherever_results_lie(storage: str, tmp_path: Path) -> None:
     data = plates(TWO)
     path = tmp_path / "phase.ome.zarr"
-    p4d.write_phase(without(data["wrapped"], np.s_[:, 1::2], "nan"), path)
+    p4d.write_phase(path, without(data["wrapped"], np.s_[:, 1::2], "nan"))
     recipe = p4d.Recipe(recording=str(path), methods=("spatial-2d",), storage=storage)
     with pytest.raises(ValueError, match=r"nothing of the phase at 0\.6328 um is known"):
         p4d.run(recipe, folder=tmp_path / "out")
