@@ -54,7 +54,8 @@ class Rule:
         if not known.any():
             return np.zeros(phase.shape, dtype=np.int32)
         values = filled.ravel() if known.all() else filled[known]
-        height, above = risen(filled, known, level_of(values), self.threshold)
+        noise = noise_of(filled, None if known.all() else known)
+        height, above = risen(filled, known, level_of(values), noise, self.threshold)
         above = without_holes(opened(above))
         labels, count = scipy.ndimage.label(above & ends_half_way(height, above))
         labels = labels.astype(np.int32)
@@ -76,10 +77,9 @@ class Rule:
 
 
 def risen(
-    phase: Image, known: Mask, level: float, threshold: float | None = None
+    phase: Image, known: Mask, level: float, noise: float, threshold: float | None = None
 ) -> tuple[Image, Mask]:
     """Return how far smoothed phase lies above the empty field, and where it rises as cells do."""
-    noise = noise_of(phase, None if known.all() else known)
     height = scipy.ndimage.gaussian_filter(phase - level, SMOOTHING)
     height[~known] = 0
     # What the noise leaves after smoothing, or how uneven the empty field is.

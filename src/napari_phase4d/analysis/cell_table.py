@@ -231,14 +231,15 @@ def cells_of_frame(
     summed = np.where(known, wider, 0)
     n_summed = np.bincount(summed.ravel())[numbers]
     filled = np.where(known, phase, 0).astype(np.float32)
-    object_ = risen(filled, known, 0.0 if masked else level_of(filled[known]))[1] | (labels > 0)
+    noise = noise_of(filled, known)
+    field = 0.0 if masked else level_of(filled[known])
+    object_ = risen(filled, known, field, noise)[1] | (labels > 0)
     empty = known & (scipy.ndimage.maximum_filter(object_.view(np.uint8), 2 * AWAY + 1) == 0)
     level = float(np.median(phase[empty])) if empty.any() else 0.0
     height = np.where(known, phase - level, 0.0)
     sums = np.bincount(inside.ravel(), height.ravel())[numbers]
     masses = np.bincount(summed.ravel(), height.ravel())[numbers]
     count = counts[numbers]
-    noise = noise_of(height.astype(np.float32), known)
     squared = (n_summed * error_of_mean(height, empty, n_summed, noise)) ** 2
     rim = inside * (scipy.ndimage.grey_erosion(inside, 2 * RIM + 1) != inside)
     of_rim = np.bincount(rim.ravel(), height.ravel(), counts.size)[numbers]
