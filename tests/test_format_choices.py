@@ -315,3 +315,36 @@ def test_single_frames_do_not_go_through_dask(tmp_path: Path) -> None:
     assert cut.holograms.data.name not in READERS
     np.testing.assert_array_equal(cut.raw_frame(1), FRAMES[3, 4:, :-4])
     np.testing.assert_array_equal(rec.raw_frame(-1), FRAMES[-1])
+
+
+TWELVE = noise(12, (24, 32), np.uint16)
+OTHERS = {
+    "smaller": TWELVE[0][:20, :20],
+    "of another kind": TWELVE[0].astype(np.uint8),
+    "in colour": np.repeat(TWELVE[0][..., np.newaxis], 3, 2),
+}
+
+
+@pytest.mark.parametrize("metadata", [{}, None], ids=["described", "plain"])
+@pytest.mark.parametrize("other", OTHERS)
+@pytest.mark.parametrize("place", [0, 5, 11])
+def test_tiff_with_a_page_that_is_no_frame(
+    tmp_path: Path, other: str, place: int, metadata: dict | None
+) -> None:
+    """The frames keep their times: it is a lost one among them, or left out at an end."""
+    path, expected = tmp_path / "video.tif", TWELVE.copy()
+    with tifffile.TiffWriter(path) as tif:
+        for number, frame in enumerate(TWELVE):
+            page = OTHERS[other] if number == place else frame
+            tif.write(page, contiguous=False, metadata=metadata)
+    if place == 5:
+        expected[place] = 0
+    else:
+        expected = np.delete(expected, place, 0)
+    if metadata is None and place == 5 and other == "smaller":  # tifffile can't tell it apart
+        with pytest.raises(OSError, match="has a page among its frames that is of another size"):
+            p4d.open_recording(path)
+        return
+    rec = p4d.open_recording(path)
+    np.testing.assert_array_equal(rec.holograms, expected)
+    assert sum("other" in note for note in rec.notes) == 1

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 import struct
-import threading
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -14,13 +13,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import (
-    FrameReader,
     Unsound,
-    WrongFrameError,
     beside,
     in_one_line,
-    lazy_frames,
     map_frames,
+)
+from napari_phase4d.io.tiff_frames import (
+    frames_among_others,
+    layout_of,
+    main_series,
+    paged_frames,
+    pages_left_out,
 )
 from napari_phase4d.io.video import (
     MICROMETRES,
@@ -30,8 +33,6 @@ from napari_phase4d.io.video import (
     Video,
     axes_in_words,
     chosen_places,
-    colour_sentence,
-    grey,
     quiet,
 )
 from napari_phase4d.later import tifffile
@@ -71,9 +72,11 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             check_described(tif, path)
             for name in named_parts(tif):
                 beside(path, name)
-            axes, shape, single = layout_of(tif)
-            added = not single and tif.series[0].shape != shape
-            offset = None if single or added else tif.series[0].dataoffset
+            mixed = frames_among_others(tif)
+            axes, shape, single = layout_of(tif, mixed)
+            first = main_series(tif, mixed)
+            added = not single and first.shape != shape
+            offset = None if single or added else first.dataoffset
             described = tif.is_ome or tif.is_imagej or tif.is_shaped
             if offset is None or not described:  # else one look at the size is enough
                 check_complete(tif, path)
@@ -81,14 +84,20 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             times = ome_times(tif) if tif.is_ome else None
             check_number(tif, path, shape)
             kind = kind_of(tif)
-            coloured = not tif.is_imagej and has_colours(tif.series[0].keyframe)
-            left_out = () if single else pages_left_out(tif)
-            dtype = np.dtype(tif.series[0].dtype)
+            coloured = not tif.is_imagej and has_colours(first.keyframe)
+            left_out = pages_left_out(tif, mixed)
+            dtype = np.dtype(first.dtype)
             order = tif.byteorder
     except Unsound:
         raise
     except Exception as error:
         # A damaged directory leads to any error: RuntimeError, ZeroDivisionError, UnicodeError ...
+        if "keyframe" in str(error):  # tifffile's word for the page that it holds others against
+            msg = (
+                f"{path.name} has a page among its frames that is of another size or kind; write "
+                "the file without it"
+            )
+            raise OSError(msg) from error
         msg = (
             f"{path.name} can't be read as a TIFF file; it may be cut short or damaged "
             f"({in_one_line(error)})"
@@ -118,158 +127,6 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
         frames, kind=kind, axes=left, dataset=dataset or "",
         times_s=times if in_time and "interval_s" not in facts else None, notes=left_out, **facts,
     )  # fmt: skip
-
-
-def layout_of(tif: tifffile.TiffFile) -> tuple[str, tuple[int, ...], bool]:
-    """Return axes and shape of the frames, and whether each is a series of its own."""
-    series = tif.series[0]
-    single = single_frames(tif)
-    if single:
-        return f"T{series.axes}", (len(single), *series.shape), True
-    added = added_frames(tif)
-    n_times = (len(added),) if added else series.shape[:1]
-    return series.axes, tuple(int(n) for n in (*n_times, *series.shape[1:])), False
-
-
-def pages_left_out(tif: tifffile.TiffFile) -> tuple[str, ...]:
-    """Say that a file has pages besides those that are read: of another kind, or added later."""
-    used, further = len(tif.series[0].pages), sum(len(s.pages) for s in tif.series[1:])
-    if not further or added_frames(tif):
-        return ()
-    return (
-        f"Of {used + further} pages the first {used} are read; the others are of another kind, or "
-        "were added later. Write them as one stack if they belong to it.",
-    )
-
-
-def single_frames(tif: tifffile.TiffFile) -> list[Any]:
-    """Return the pages of a file whose frames were written one by one, else none.
-
-    Such a file describes every frame as a series of its own.
-    """
-    if tif.is_ome or tif.is_imagej or len(tif.series) < 2:
-        return []
-    kinds = {(series.shape, series.dtype, len(series.levels)) for series in tif.series}
-    if len(kinds) > 1 or any(len(series.pages) != 1 for series in tif.series):
-        return []
-    return [series.pages[0] for series in tif.series]
-
-
-def added_frames(tif: tifffile.TiffFile) -> list[Any]:
-    """Return the pages of a video to which frames of the same kind were added later, else none.
-
-    Each addition describes itself as a series. OME-TIFF and ImageJ say how many series there are.
-    """
-    first = tif.series[0]
-    if tif.is_ome or tif.is_imagej or len(tif.series) < 2 or len(first.shape) != 3:
-        return []
-    kinds = {(series.shape[-2:], series.dtype, len(series.levels)) for series in tif.series}
-    if len(kinds) > 1 or any(s.axes[-2:] != "YX" or len(s.shape) > 3 for s in tif.series):
-        return []
-    return [page for series in tif.series for page in series.pages]
-
-
-def paged_frames(
-    path: Path,
-    shape: tuple[int, ...],
-    places: tuple[int | slice, ...],
-    dtype: np.dtype[Any],
-    *,
-    colour: bool,
-) -> Any:
-    """Return the chosen pages of a file as a dask array with one page a chunk."""
-    n_picture = 3 if colour else 2
-    leading = shape[:-n_picture]
-    with quiet():
-        pages = TiffPages(path, shape[-n_picture:], dtype)
-    numbers = np.arange(int(np.prod(leading, dtype=np.int64))).reshape(leading)
-    numbers = np.asarray(numbers[places[: len(leading)]])
-    reader = pages.taking(numbers.ravel())
-    frames = lazy_frames(reader)
-    return frames if numbers.ndim == 1 else frames.reshape(*numbers.shape, *reader.shape[1:])
-
-
-class TiffPages(FrameReader):
-    """Reads single pages; the file stays open, so that its directory is parsed once.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    picture : tuple of int
-        Shape of a page, its last axis colour if there are three.
-    dtype : dtype
-        Of the pixels.
-    numbers : ndarray of int, optional
-        The page that holds each frame.
-
-    Raises
-    ------
-    ValueError
-        If the first page is in colour.
-    """
-
-    arguments = ("path", "picture", "dtype", "numbers")
-
-    def __init__(
-        self,
-        path: Path,
-        picture: tuple[int, ...],
-        dtype: np.dtype[Any],
-        numbers: NDArray[np.int64] | None = None,
-    ) -> None:
-        self.picture = picture
-        self.numbers = np.arange(1) if numbers is None else numbers
-        super().__init__(path, (len(self.numbers), picture[0], picture[1]), dtype)
-        self._lock = threading.RLock()
-        self._file: tifffile.TiffFile | None = None
-        self._series: Any = None
-
-    def taking(self, numbers: NDArray[np.int64]) -> TiffPages:
-        """Return a reader of these pages."""
-        reader = TiffPages(self.path, self.picture, self.dtype, numbers)
-        if len(self.picture) == 3:
-            reader.frame(0)
-        return reader
-
-    def read(self, index: int) -> NDArray[Any]:
-        """Return one page."""
-        with quiet():
-            with self._lock:
-                page = self._pages()[int(self.numbers[index])]
-            if page is None:
-                msg = "the file does not hold it"
-                raise ValueError(msg)
-            image = grey(self._decoded(page))
-        if image.ndim > 2:
-            raise WrongFrameError(colour_sentence(self.path.name))
-        return image.reshape(self.shape[1:])
-
-    def _decoded(self, page: Any) -> NDArray[Any]:
-        """Return the pixels of a page, of which another file of a series may hold it."""
-        handle = page.parent.filehandle
-        if page.parent is self._file:
-            # The lock guards the file alone, so that several threads can decode.
-            return np.asarray(page.asarray(lock=self._lock))
-        with self._lock:
-            handle.open()
-            try:
-                return np.asarray(page.asarray())
-            finally:
-                handle.close()
-
-    def _pages(self) -> Any:
-        """Return the pages of the open file."""
-        if self._file is None:
-            self._file = tifffile.TiffFile(self.path)
-            self._series = (
-                single_frames(self._file) or added_frames(self._file) or self._file.series[0]
-            )
-        return self._series
-
-    def __del__(self) -> None:
-        if getattr(self, "_file", None) is not None:
-            self._file.close()  # type: ignore[union-attr]
 
 
 def kind_of(tif: tifffile.TiffFile) -> str:
