@@ -213,7 +213,8 @@ def fringe_advice(attrs: Mapping[str, Any]) -> str:
     if not much:
         return ""
     views = " and ".join(f"{percent:.0f} % of view {i + 1}" for i, percent in much)
-    return f"{views} shows no fringes: the phase there is noise"
+    show = "shows" if len(much) == 1 else "show"
+    return f"{views} {show} no fringes: the phase there is noise"
 
 
 def empty_advice(attrs: Mapping[str, Any]) -> str:
