@@ -118,3 +118,27 @@ def test_confidence_has_the_scale_that_holds_now(small_video, storage: str, know
     assert_on(earlier.phase, earlier.confidence("spatial-2d"))  # whoever holds it keeps its scale
     np.testing.assert_array_equal(earlier.confidence("spatial-2d").values, trust.values)
     assert_on(grid, comparison.confidence("spatial-2d"))
+
+
+@pytest.mark.slow
+def test_words_and_notes_are_of_the_scale_that_holds_now(small_video) -> None:
+    """The verdict names times: it is not left with those of another frame rate."""
+    session = unwrapped(small_video, "memory", METHODS)
+    session.update(boundary="auto")
+    session.unwrap(METHODS)
+    session.weigh()
+    before = session.verdict
+    recording = session.recording
+    optics = replace(recording.optics, wavelength_um=0.5)
+    session.recalibrate(recording.calibrated(optics, frame_rate_hz=2))
+    outcome = session.needed_outcome()
+    grid, verdict = outcome.reconstruction["phase"], session.verdict
+    assert str(verdict) == str(outcome.comparison.verdict)
+    assert verdict.frame == before.frame
+    np.testing.assert_array_equal(verdict.disagreement.values, before.disagreement.values)
+    assert_on(grid.isel(y=0, x=0, drop=True), verdict.disagreement, outcome.scores)
+    for trust in session.confidence.values():
+        assert trust.attrs["wavelength_um"] == 0.5
+        assert_on(grid, trust)
+    if verdict.frame is not None:
+        assert str(verdict) != str(before)

@@ -36,7 +36,7 @@ from napari_phase4d.unwrapping import (
 )
 from napari_phase4d.words import check_call, shown
 
-__all__ = ["Comparison", "compare", "compare_on"]
+__all__ = ["Comparison", "compare", "compare_on", "on_grid"]
 
 T = TypeVar("T")
 
@@ -409,13 +409,18 @@ def read_when_needed(
 
 
 def on_grid(stack: xr.DataArray, phase: xr.DataArray) -> xr.DataArray:
-    """Return a stack with the times and places of the phase; itself, if it has them."""
+    """Return a stack with the times, places and light of the phase; itself, if it has them."""
     others = {
         name: place
         for name, place in phase.coords.items()
         if name in stack.coords and not place.equals(stack[name])
     }
-    return stack.assign_coords(others) if others else stack
+    light = {
+        name: phase.attrs[name]
+        for name in ("wavelength_um", "medium_index")
+        if name in phase.attrs and name in stack.attrs and phase.attrs[name] != stack.attrs[name]
+    }
+    return stack.assign_coords(others).assign_attrs(light) if others or light else stack
 
 
 def map_name(method: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -55,6 +55,7 @@ class Verdict(str):
     """
 
     __slots__ = (
+        "_words",
         "disagreement",
         "disagreement_percent",
         "doubtful_percent",
@@ -69,6 +70,24 @@ class Verdict(str):
     disagreement_percent: float
     lost_frames: list[tuple[int, int]]
     disagreement: xr.DataArray
+    #: Says it of the frames of a stack.
+    _words: Callable[[xr.DataArray], str]
+
+    def on_grid_of(self, phase: xr.DataArray) -> Verdict:
+        """Return the same verdict in words of other times and angles of the same frames.
+
+        Parameters
+        ----------
+        phase : DataArray
+            The wrapped phase, with its new coordinates.
+        """
+        found = Verdict(self._words(phase))
+        found._words = self._words
+        found.method, found.doubtful_percent = self.method, self.doubtful_percent
+        found.frame, found.lost_frames = self.frame, self.lost_frames
+        found.disagreement_percent = self.disagreement_percent
+        found.disagreement = of_frames(self.disagreement.values, phase)
+        return found
 
     @property
     def is_safe(self) -> bool:
@@ -116,21 +135,22 @@ def verdict_on(
     values = tally.disagreement
     lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
     time, angle = np.unravel_index(int(np.argmax(values)), values.shape)
-    where = frame_in_words(phase, int(time), int(angle))
-    most = float(values.max(initial=0.0))
-    found = Verdict(
-        spoken(
-            [
-                first_words(labels[best], doubt[best], len(results)),
-                where_words(where, most, len(results)),
-                view_words(tally.doubtful[best], tally.inside, phase),
-                better_words(None if own is None else np.nan_to_num(own), doubt[best]),
-                lost_words(lost, phase, problem.lost().size),
-            ]
-        )
-    )
+    frame, most = (int(time), int(angle)), float(values.max(initial=0.0))
+
+    def words(stack: xr.DataArray) -> str:
+        parts = [
+            first_words(labels[best], doubt[best], len(results)),
+            where_words(frame_in_words(stack, *frame), most, len(results)),
+            view_words(tally.doubtful[best], tally.inside, stack),
+            better_words(None if own is None else np.nan_to_num(own), doubt[best]),
+            lost_words(lost, stack, problem.lost().size),
+        ]
+        return " ".join(part for part in parts if part)
+
+    found = Verdict(words(phase))
+    found._words = words
     found.method, found.doubtful_percent = best, 100 * doubt[best]
-    found.frame = (int(time), int(angle)) if most > 0 else None
+    found.frame = frame if most > 0 else None
     found.disagreement_percent, found.lost_frames = 100 * most, lost
     found.disagreement = of_frames(values, phase)
     return found
@@ -142,11 +162,6 @@ def of_frames(values: NDArray[np.float64], template: xr.DataArray) -> xr.DataArr
     full = xr.DataArray(values, dims=("time", "angle"))
     missing = [d for d in ("time", "angle") if d not in frames.dims]
     return full.isel(dict.fromkeys(missing, 0)).assign_coords(frames.coords)
-
-
-def spoken(parts: list[str]) -> str:
-    """Join what there is to say."""
-    return " ".join(part for part in parts if part)
 
 
 def percent(share: float) -> str:

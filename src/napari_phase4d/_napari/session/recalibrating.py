@@ -6,7 +6,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
-from napari_phase4d.analysis import REFERENCE, with_wavelength
+from napari_phase4d.analysis import REFERENCE, Verdict, with_wavelength
+from napari_phase4d.analysis.comparison import on_grid
 from napari_phase4d.holography import pair_distance, recalibrated
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome, Recipe
@@ -28,7 +29,7 @@ def recalibrate(state: State, recording: Recording) -> None:
     state.phase_recipe = recalibrated_recipe(state.phase_recipe, changes)
     if state.reconstruction is not None:
         state.reconstruction = recalibrated(state.reconstruction, recording)
-        put_on_grid(state, {d: state.reconstruction[d] for d in ("time", "y", "x")})
+        put_on_grid(state, state.reconstruction["phase"])
     if state.noise is not None:
         light = None if state.reconstruction is None else wavelengths_of(state.reconstruction)
         state.noise = with_wavelength(
@@ -46,14 +47,17 @@ def recalibrate(state: State, recording: Recording) -> None:
     state.update(**changes)
 
 
-def put_on_grid(state: State, grid: dict[str, xr.DataArray]) -> None:
-    """Give what lies on the grid of the phase new coordinates."""
+def put_on_grid(state: State, phase: xr.DataArray) -> None:
+    """Give what lies on the grid of the phase its new coordinates, and let words name them."""
+    grid = {d: phase[d] for d in ("time", "y", "x")}
     was_known = state.truth is state.known_truth
     for name in ("truth", "known_truth"):
         exact = getattr(state, name)
         setattr(state, name, None if exact is None else exact.assign_coords(grid))
     state.truth = state.known_truth if was_known else state.truth
-    state.confidence = {m: c.assign_coords(grid) for m, c in state.confidence.items()}
+    state.confidence = {m: on_grid(c, phase) for m, c in state.confidence.items()}
+    if isinstance(state.verdict, Verdict):
+        state.verdict = state.verdict.on_grid_of(phase)
     state.margin = None if state.margin is None else state.margin.assign_coords(grid)
 
 
@@ -67,13 +71,15 @@ def rescaled(
 
     before = outcome.comparison
     results = {m: scaled(r) for m, r in before.results.items()}
+    reconstruction, scores = scaled(outcome.reconstruction), outcome.scores
     return replace(
         outcome,
         recording=recording,
         recipe=recalibrated_recipe(outcome.recipe, changes),
-        reconstruction=scaled(outcome.reconstruction),
+        reconstruction=reconstruction,
         comparison=before.on_grid_of(scaled(before.phase), results),
         truth=truth,
+        scores=None if scores is None else on_grid(scores, reconstruction["phase"]),
         cells=None,
     )
 

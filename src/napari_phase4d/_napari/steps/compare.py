@@ -120,19 +120,24 @@ class CompareStep(Step):
         self.session.truth_changed.connect(self._show_choices)
         self.session.outcome_changed.connect(self._show_verdict)
         self.session.confidence_changed.connect(self._show_verdict)
+        self.session.calibration_changed.connect(self._show_words)
 
     def _show_verdict(self) -> None:
         """Say which result to use, as soon as it is known, and go to where that matters most."""
         verdict = self.session.verdict
         frame = getattr(verdict, "frame", None)
-        asked_for = self.session.results and self.session.place is not None
-        self.verdict.setText(verdict or (ON_DISK if asked_for else self.purpose))
+        self._show_words()
         self.worst.setVisible(frame is not None)
-        self._show_agreement()
         if verdict:
             self.figures.mark(getattr(verdict, "method", ""))
         if frame is not None and self.presenter.has_stayed:
             self.show_worst()
+
+    def _show_words(self) -> None:
+        """Say which result to use, with the times and angles of today, and how far all agree."""
+        asked_for = self.session.results and self.session.place is not None
+        self.verdict.setText(self.session.verdict or (ON_DISK if asked_for else self.purpose))
+        self._show_agreement()
 
     def _show_agreement(self) -> None:
         """Show over time and views how far the methods agree."""
