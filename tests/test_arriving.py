@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import shutil
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -10,9 +11,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+import zarr
 from numpy.typing import NDArray
 
-from napari_phase4d.io import Arriving, arriving_at
+from napari_phase4d.io import ArrivedFrames, Arriving, arriving_at
 from napari_phase4d.io.arriving import SETTLED_S
 
 Video = NDArray[np.uint16]
@@ -121,3 +123,117 @@ def test_what_changes_is_not_read(video: Video, tmp_path: Path, *, pages: bool) 
     for one, expected in zip(found, video, strict=False):
         np.testing.assert_array_equal(one, expected)
     assert len(found) == 1 + int(pages)
+
+
+# ---- what was given out is another by now ----------------------------------------------------
+
+
+def folder_of(path: Path, frames: Video, **note: object) -> None:
+    """Write a folder of frames from its first one on, as another acquisition does."""
+    shutil.rmtree(path, ignore_errors=True)
+    path.mkdir()
+    for number, frame in enumerate(frames):
+        tifffile.imwrite(path / f"frame_{number}.tif", frame, **note)  # type: ignore[arg-type]
+
+
+def tiff_of(path: Path, frames: Video, **note: object) -> None:
+    path.write_bytes(bytes_of(frames, **note))
+
+
+def zarr_of(path: Path, frames: Video, **note: object) -> None:
+    array = zarr.create_array(
+        path, shape=frames.shape, chunks=(1, 20, 28), dtype=frames.dtype, overwrite=True
+    )
+    array[:] = frames
+    array.attrs.update(note)
+
+
+WAYS = pytest.mark.parametrize(
+    ("name", "write"),
+    [("camera", folder_of), ("camera.tif", tiff_of), ("camera.zarr", zarr_of)],
+)
+
+
+def settled(arriving: Arriving, video: Video) -> None:
+    """Take the frames of a recording, all that are there by now."""
+    arriving.poll()
+    time.sleep(1.5 * SETTLED_S)
+    for frame, expected in zip(taken(arriving), video, strict=True):
+        np.testing.assert_array_equal(frame, expected)
+
+
+@WAYS
+def test_a_recording_that_begins_anew_is_another(
+    video: Video, tmp_path: Path, name: str, write: Callable[..., None]
+) -> None:
+    path = tmp_path / name
+    write(path, video[:2])
+    arriving = arriving_at(path, 60.0)
+    settled(arriving, video[:2])
+    write(path, video[::-1])
+    ends = time.monotonic() + 5
+    while not arriving.begun_anew and time.monotonic() < ends:
+        assert not taken(arriving)
+    assert arriving.begun_anew
+    assert arriving.seen == arriving.taken == 2
+    assert not taken(arriving)
+    assert arriving.look_back() == {0, 1}
+    assert not ArrivedFrames(arriving).read(0).any()
+    arriving.close()
+
+
+@WAYS
+def test_the_same_pixels_written_again_are_the_same_recording(
+    video: Video, tmp_path: Path, name: str, write: Callable[..., None]
+) -> None:
+    """Some programs write a file again for each frame, or add to what it says of itself."""
+    path = tmp_path / name
+    write(path, video[:2])
+    arriving = arriving_at(path, 60.0)
+    settled(arriving, video[:2])
+    note = "a sentence that moves the pixels to another place of the file"
+    write(path, video, **({"note": note} if name.endswith("zarr") else {"description": note}))
+    found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 5
+    while len(found) < 2 and time.monotonic() < ends:
+        found += taken(arriving)
+    np.testing.assert_array_equal(found, video[2:])
+    assert not arriving.begun_anew
+    assert arriving.look_back() == set()
+    arriving.close()
+
+
+@WAYS
+def test_one_frame_written_over_is_noticed_at_the_end(
+    video: Video, tmp_path: Path, name: str, write: Callable[..., None]
+) -> None:
+    path = tmp_path / name
+    write(path, video)
+    arriving = arriving_at(path, 60.0)
+    settled(arriving, video)
+    write(path, np.concatenate([video[:2], video[:1], video[3:]]))
+    time.sleep(1.5 * SETTLED_S)
+    assert not taken(arriving)
+    assert not arriving.begun_anew
+    assert arriving.look_back() == {2}
+    np.testing.assert_array_equal(ArrivedFrames(arriving).read(1), video[1])
+    arriving.close()
+
+
+@WAYS
+def test_what_is_removed_is_noticed_at_the_end(
+    video: Video, tmp_path: Path, name: str, write: Callable[..., None]
+) -> None:
+    """Frames that are moved away when they are whole end no recording."""
+    path = tmp_path / name
+    write(path, video)
+    arriving = arriving_at(path, 60.0)
+    settled(arriving, video)
+    if path.is_dir():
+        shutil.rmtree(path)
+    else:
+        path.unlink()
+    assert not taken(arriving)
+    assert not arriving.begun_anew
+    assert arriving.look_back() == {0, 1, 2, 3}
+    assert not ArrivedFrames(arriving).read(1).any()
+    arriving.close()

@@ -70,7 +70,7 @@ def test_frames_that_the_buffer_has_no_room_for_are_counted_and_said(
     core: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A disk that is slow for a moment, and a buffer of few frames."""
-    monkeypatch.setattr("napari_phase4d.io.arriving.BUFFER_MB", 1)
+    monkeypatch.setattr("napari_phase4d.io.camera.BUFFER_MB", 1)
     core.setExposure(2)
     write = FromCamera._write
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 import napari_phase4d as p4d
 from helpers import hear_signals
 from napari_phase4d.io import read_results
-from napari_phase4d.io.growing import Numbering, pattern_of
+from napari_phase4d.io.sequences import Numbering, pattern_of
 from napari_phase4d.pipeline import LiveStatus, Outcome, watch
 from napari_phase4d.task import Cancelled
 
@@ -381,6 +381,52 @@ def test_what_is_no_frame_is_left_out_and_said(video: Video, tmp_path: Path) -> 
     assert len(heard.frames) == 7
     assert f"{name(1)} came too late, and is left out" in heard.lines
     assert "background.tif has another name than the frames, and is left out" in heard.lines
+
+
+@pytest.mark.slow
+def test_an_acquisition_that_begins_anew_is_not_mixed_in(video: Video, tmp_path: Path) -> None:
+    """The microscopist stops, and starts again into the same folder."""
+    folder, heard = tmp_path / "camera", Heard()
+    for number in range(9):
+        put(folder, number, video[number])
+
+    def write() -> None:
+        while len(heard.frames) < 9:
+            time.sleep(0.05)
+        for number in range(9):
+            (folder / name(number)).unlink()
+        for number, frame in enumerate(video[::-1]):
+            put(folder, number, frame)
+
+    with written(write):
+        found = watch(folder, RECIPE, tmp_path / "out", patience_s=60, **heard.calls())
+    assert sum("camera begins anew" in line for line in heard.lines) == 1
+    assert any("9 frames of camera were removed or written over" in line for line in heard.lines)
+    alone = p4d.run(found.recipe, p4d.open_recording(video[:9], found.recipe.optics))
+    for method, result in found.comparison.results.items():
+        np.testing.assert_array_equal(result.values, alone.comparison.results[method].values)
+    assert json.loads((tmp_path / "out" / "run.json").read_text())["input"] == {"name": "camera"}
+    assert found.recording is not None
+    assert not found.recording.holograms.values.any()
+
+
+@pytest.mark.slow
+def test_a_script_that_is_told_nothing_is_warned(video: Video, tmp_path: Path) -> None:
+    """Of frames that are gone by the end, and of a phase that can't be right."""
+    folder = tmp_path / "camera"
+    for number in range(9):
+        put(folder, number, np.full_like(video[number], 100) if number % 2 else video[number])
+
+    def arrived(index: int, results: Any) -> None:
+        if index == 8:
+            (folder / name(0)).unlink()
+
+    recipe = RECIPE.changed(methods=("spatial-2d",))
+    with (
+        pytest.warns(UserWarning, match="1 frame of camera was removed or written over"),
+        pytest.warns(UserWarning, match="4 frames of 9 left out as lost"),
+    ):
+        watch(folder, recipe, tmp_path / "out", frames=9, arrived=arrived)
 
 
 # ---- how it ends -----------------------------------------------------------------------------

@@ -406,7 +406,7 @@ def watch_command(
             progress=Lines(),
             stopped=lambda: bool(came),
         )
-    print_notes(outcome, advice_on(outcome, of_lobes=False))
+    print_notes(outcome, ())
     print_lobes(outcome.recipe.lobes)
     print_start(outcome)
     print_table(outcome.comparison.table)

@@ -1,6 +1,7 @@
 """Readers and writers, one module per file family."""
 
-from napari_phase4d.io.arriving import Arrival, ArrivedFrames, Arriving, FromCamera
+from napari_phase4d.io.arriving import Arrival, ArrivedFrames, Arriving
+from napari_phase4d.io.camera import FromCamera
 from napari_phase4d.io.describing import OME_TIFF, OME_ZARR, PROGRAM, step_of
 from napari_phase4d.io.growing import arriving_at
 from napari_phase4d.io.movies import check_figure, write_figure, write_movie

@@ -2,31 +2,29 @@
 
 Where nothing tells when a frame is whole, all is looked at twice: a file, page or piece is read
 once it has stayed as it is for a while, and can be read. Until then it is waited for. Linux tells
-when a file of a folder was closed. A camera that Micro-Manager drives gives frames as files too,
-each as soon as it has come.
+when a file of a folder was closed. What was given out is known again by a sum of its pixels: an
+acquisition that begins anew under the same names is another recording.
 """
 
 from __future__ import annotations
 
 import math
-import threading
 import time
+import zlib
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
-from typing import Any, Self
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Stamp, WrongFrameError, in_one_line, stamp_of
-from napari_phase4d.io.video import Video, colour_sentence, grey
-from napari_phase4d.later import tifffile
-from napari_phase4d.words import as_path, shown
+from napari_phase4d.io.video import Video
+from napari_phase4d.task import UNWATCHED, Task, Watch
 
 __all__ = [
     "AHEAD",
@@ -36,7 +34,6 @@ __all__ = [
     "ArrivedFrames",
     "Arriving",
     "Calm",
-    "FromCamera",
     "NotYetError",
 ]
 
@@ -115,6 +112,78 @@ class Calm:
         self._seen.pop(path, None)
 
 
+#: Sizes, times and numbers of the files that hold a frame, or sums of what they hold; nothing if
+#: they are gone.
+State = tuple[int, ...]
+
+
+class GivenOut:
+    """Frames that were given out, to be known again.
+
+    Parameters
+    ----------
+    arriving : Arriving
+        What gave them out.
+    """
+
+    def __init__(self, arriving: Arriving) -> None:
+        self._arriving = arriving
+        #: A sum of the pixels of each, and what is hashed of the state of its files then.
+        self._sums: dict[int, int] = {}
+        self._states: dict[int, int] = {}
+
+    @property
+    def first(self) -> int | None:
+        """Number of the first one that came."""
+        return next(iter(self._sums), None)
+
+    def add(self, index: int, frame: NDArray[Any]) -> None:
+        """Remember a frame."""
+        self._sums[index] = sum_of(frame)
+        self._states[index] = hash(self.state(index))
+
+    def state(self, index: int) -> State:
+        """Return the state of the files of a frame; nothing if they are gone."""
+        try:
+            return self._arriving.state(index)
+        except FileNotFoundError:
+            return ()
+
+    def is_same(self, index: int) -> bool | None:
+        """Say whether a frame that lies there has the pixels that were given out.
+
+        None where that can't be said: it is gone, or can't be read (any more, or yet).
+        """
+        state = self.state(index)
+        if not state:
+            return None
+        if hash(state) == self._states[index]:
+            return True
+        try:
+            same = sum_of(self._arriving.again(index)) == self._sums[index]
+        except (IndexError, NotYetError, OSError, ValueError):
+            return None
+        if same:  # its file has grown, or what it says beside the pixels has changed
+            self._states[index] = hash(state)
+        return same
+
+    def all_gone(self, task: Task) -> set[int]:
+        """Return the numbers of those that are gone, or others, by now."""
+        looking = Watch(len(self._sums), "looking whether the frames are still there", task)
+        found = set()
+        for index in self._sums:
+            if not self.is_same(index):
+                found.add(index)
+            looking.step()
+        return found
+
+
+def sum_of(frame: NDArray[Any]) -> int:
+    """Return a sum of the pixels of a frame, of their kind and number."""
+    kind = zlib.crc32(f"{frame.dtype.str} {frame.shape}".encode())
+    return zlib.crc32(np.ascontiguousarray(frame).data, kind)
+
+
 #: Why a frame is given up of which there is no file.
 NEVER_CAME = "never came"
 
@@ -144,6 +213,15 @@ class Arriving(ABC):
         self.dtype: np.dtype[Any] | None = None
         #: Frames that never came.
         self.lost: set[int] = set()
+        #: Frames that came, and are gone or others by now, see `look_back`.
+        self.gone: set[int] = set()
+        #: Whether another recording has been begun in the place of this one.
+        self.begun_anew = False
+        #: Whether frames are held back until it is known whether that is so.
+        self.held = False
+        self._given_out = GivenOut(self)
+        #: What the first frame was last seen to be, where it is not as it was, and since when.
+        self._doubted: tuple[State, float] = ((), -math.inf)
         self._dark_ends = False
         #: Numbers of frames that were seen, and when.
         self._announced: deque[tuple[int, float]] = deque()
@@ -167,6 +245,16 @@ class Arriving(ABC):
     @abstractmethod
     def again(self, index: int) -> NDArray[Any]:
         """Return a frame that was given out before."""
+
+    @abstractmethod
+    def state(self, index: int) -> State:
+        """Return what is another if a frame that was given out is written again.
+
+        Raises
+        ------
+        FileNotFoundError
+            If its file is gone.
+        """
 
     @abstractmethod
     def facts(self) -> Video:
@@ -201,9 +289,15 @@ class Arriving(ABC):
 
     def poll(self) -> bool:
         """Look what is there; say whether there is more than before."""
+        if self.begun_anew:
+            return False
         before = self.seen
         with suppress(FileNotFoundError):  # not yet, or not any more
             self.seen = max(self.seen, self.look())
+        # Asked in this order: what is in the place of a later frame came after the first one.
+        self.begun_anew, self.held = self._look_at_first()
+        if self.begun_anew or self.held:
+            self.seen = before
         if self.seen > before:
             self._announced.append((self.seen, time.monotonic()))
         return self.seen > before
@@ -211,13 +305,46 @@ class Arriving(ABC):
     def take(self, at_most: int) -> list[Arrival]:
         """Return the next frames that are whole, or were given up, in order; so many at most."""
         found: list[Arrival] = []
-        while len(found) < at_most and self.taken < self.seen:
+        stops = self.held or self.begun_anew
+        while len(found) < at_most and self.taken < self.seen and not stops:
             arrival = self._next()
             if arrival is None:
                 break
+            if arrival.frame is not None:
+                self._given_out.add(arrival.index, arrival.frame)
             found.append(arrival)
             self.taken += 1
         return found
+
+    def look_back(self, task: Task = UNWATCHED) -> set[int]:
+        """Return the frames that came and are gone or others by now, and note them as `gone`.
+
+        Raises
+        ------
+        Cancelled
+            If ``cancelled()`` returned True.
+        """
+        self.gone = self._given_out.all_gone(task)
+        return self.gone
+
+    def _look_at_first(self) -> tuple[bool, bool]:
+        """Say whether a recording has been begun anew, and whether that can't be said yet.
+
+        An acquisition that begins anew in the place of another one begins with its first frame.
+        """
+        first = self._given_out.first
+        if first is None:
+            return False, False
+        same, now = self._given_out.is_same(first), time.monotonic()
+        state = self._given_out.state(first)
+        if same or not state:  # it may be gone, as where files are moved away when they are whole
+            return False, False
+        if self._doubted[0] != state:
+            self._doubted = (state, now)
+        seconds = now - self._doubted[1]
+        if seconds < SETTLED_S:
+            return False, True  # it may be about to be written
+        return same is False, same is None and seconds < self.patience_s
 
     def _next(self) -> Arrival | None:
         """Return the next frame, None if it is still waited for."""
@@ -267,7 +394,9 @@ class Arriving(ABC):
 
 
 class ArrivedFrames(FrameReader):
-    """The frames that arrived, read again when they are asked for; black where one never came.
+    """The frames that arrived, read again when they are asked for.
+
+    Black are those that never came, and those that are gone.
 
     Parameters
     ----------
@@ -285,207 +414,6 @@ class ArrivedFrames(FrameReader):
 
     def read(self, index: int) -> NDArray[Any]:
         """Return one frame."""
-        if index in self.arriving.lost:
+        if index in self.arriving.lost or index in self.arriving.gone:
             return np.zeros(self.shape[1:], self.dtype)
         return self.arriving.again(index)
-
-
-# ---- a camera -------------------------------------------------------------------------------
-
-
-#: Seconds between two looks into the camera's buffer while nothing is there.
-LOOK_S = 0.002
-#: Megabytes of frames that the camera may be ahead of the disk.
-BUFFER_MB = 512
-#: How files of frames are called.
-NAME = "frame_{:06}.tif"
-
-
-class FromCamera:
-    """Writes the frames of a camera into a folder, for `napari_phase4d.pipeline.watch`.
-
-    A thread takes each frame from the buffer of Micro-Manager and writes it as a TIFF file, which
-    gets its name when it is whole. So what is done with the frames may take its time, and they
-    stay as a recording that can be run again. Frames are numbered by the camera: those that its
-    buffer had no room for are missing in the numbers.
-
-    It is a context manager: the camera runs inside of ``with``; `watch` does that by itself.
-
-    Parameters
-    ----------
-    core : pymmcore_plus.CMMCorePlus
-        With a camera, its exposure and region set; see `configured`.
-    folder : str or Path
-        Where the frames go; made if it is not there, and it must hold none.
-    frames : int, optional
-        How many to take. Default: until it is told to end.
-
-    Raises
-    ------
-    TypeError, ValueError
-        If there is no camera, or the number can't be.
-
-    See Also
-    --------
-    napari_phase4d.pipeline.watch : Works on the frames as they come.
-    """
-
-    def __init__(self, core: Any, folder: str | Path, frames: int | None = None) -> None:
-        wanted = ("startSequenceAcquisition", "popNextImageAndMD", "getCameraDevice")
-        if not all(hasattr(core, name) for name in wanted):
-            msg = f"core must be a CMMCorePlus of pymmcore-plus, but is {shown(core)}"
-            raise TypeError(msg)
-        if frames is not None and (not isinstance(frames, int) or frames < 1):
-            msg = f"frames must be a number of frames, 1 or more, but is {shown(frames)}"
-            raise ValueError(msg)
-        if not core.getCameraDevice():
-            msg = "Micro-Manager has no camera; load a configuration with one"
-            raise ValueError(msg)
-        self.core, self.folder, self.frames = core, as_path(folder), frames
-        #: Frames that are files by now.
-        self.written = 0
-        #: Frames that the camera took and its buffer had no room for.
-        self.dropped = 0
-        self._error: Exception | None = None
-        self._told = threading.Event()
-        self._thread = threading.Thread(target=self._follow, name="camera", daemon=True)
-
-    @classmethod
-    def configured(
-        cls, configuration: str | Path, folder: str | Path, frames: int | None = None
-    ) -> FromCamera:
-        """Return the camera of a configuration file of Micro-Manager.
-
-        Parameters
-        ----------
-        configuration : str or Path
-            A ``.cfg`` file; "demo" for the simulated camera of Micro-Manager.
-        folder, frames
-            See the class.
-
-        Raises
-        ------
-        ImportError
-            If pymmcore-plus is not installed.
-        OSError
-            If the configuration can't be loaded.
-        """
-        try:
-            from pymmcore_plus import CMMCorePlus
-        except ImportError as error:
-            msg = (
-                "a camera needs pymmcore-plus, which is not installed; "
-                'pip install "napari-phase4d[camera]"'
-            )
-            raise ImportError(msg) from error
-        core = CMMCorePlus()
-        try:
-            core.loadSystemConfiguration(
-                "MMConfig_demo.cfg" if str(configuration) == "demo" else str(configuration)
-            )
-        except (OSError, RuntimeError) as error:
-            why = " ".join(str(error).split())
-            msg = f"the configuration {configuration} can't be loaded ({why})"
-            raise OSError(msg) from error
-        return cls(core, folder, frames)
-
-    def __enter__(self) -> Self:
-        """Start the camera."""
-        self.folder.mkdir(parents=True, exist_ok=True)
-        there = next((p.name for p in self.folder.iterdir() if counts(p.name)), None)
-        if there is not None:
-            msg = f"{self.folder} holds {there} already; choose an empty folder for the frames"
-            raise OSError(msg)
-        try:
-            self.core.setCircularBufferMemoryFootprint(BUFFER_MB)
-            if self.frames is None:
-                self.core.startContinuousSequenceAcquisition(0)
-            else:  # on overflow the camera goes on: the numbers say what is missing
-                self.core.startSequenceAcquisition(self.frames, 0, False)
-        except RuntimeError as error:
-            msg = f"the camera can't be started ({' '.join(str(error).split())})"
-            raise OSError(msg) from error
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
-        """Stop the camera; what it has taken by then is written."""
-        self.stop()
-        self._thread.join()
-        if error is None:
-            self.finish()
-
-    @property
-    def ended(self) -> bool:
-        """Whether no more frames come."""
-        return self._thread.ident is not None and not self._thread.is_alive()
-
-    def stop(self) -> None:
-        """Tell the camera to take no more frames; those in its buffer are still written."""
-        self._told.set()
-
-    def finish(self) -> None:
-        """Stop the camera, and wait until what it has taken by then is written.
-
-        Raises
-        ------
-        OSError
-            If the camera or the disk failed meanwhile.
-        """
-        self.stop()
-        self._thread.join()
-        if self._error is not None:
-            raise self._error
-
-    def _follow(self) -> None:
-        """Write frames until the camera has ended and its buffer is empty."""
-        expected, stopped = 0, False
-        try:
-            while True:
-                if self._told.is_set() and not stopped:
-                    stopped = True
-                    self.core.stopSequenceAcquisition()
-                # Asked in this order, or a frame that comes in between would stay behind.
-                running = self.core.isSequenceRunning()
-                if not self.core.getRemainingImageCount():
-                    if not running:
-                        break
-                    time.sleep(LOOK_S)
-                    continue
-                try:
-                    image, notes = self.core.popNextImageAndMD()
-                except IndexError:  # a buffer that ran over was emptied meanwhile
-                    continue
-                number = int(notes["ImageNumber"])
-                self.dropped += number - expected
-                expected = number + 1
-                self._write(number, np.asarray(image))
-                self.written += 1
-            if self.frames is not None and not stopped:
-                self.dropped += self.frames - expected
-        except Exception as error:  # of the camera's own library
-            why = " ".join(str(error).split()) or type(error).__name__
-            self._error = OSError(f"the camera stopped after {self.written} frames ({why})")
-        finally:
-            if self.core.isSequenceRunning():
-                self.core.stopSequenceAcquisition()
-
-    def _write(self, number: int, frame: NDArray[Any]) -> None:
-        """Write a frame; its file has its name only when it is whole."""
-        frame = grey(frame)
-        if frame.ndim != 2:
-            raise ValueError(colour_sentence("the camera"))
-        path = self.folder / NAME.format(number)
-        hidden = path.with_name(f".{path.name}")
-        tifffile.imwrite(hidden, frame)
-        hidden.replace(path)
-
-
-def counts(name: str) -> bool:
-    """Say whether a file is more than what systems leave in folders, such as ``.DS_Store``."""
-    return not name.startswith(".") or name.startswith(".frame_")

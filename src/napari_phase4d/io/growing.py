@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 import os
-import re
 import struct
 import time
-from collections import Counter
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -23,9 +21,19 @@ from napari_phase4d.io.arriving import (
     Arriving,
     Calm,
     NotYetError,
+    State,
 )
 from napari_phase4d.io.folder_events import FolderEvents
-from napari_phase4d.io.sequences import IMAGE_SUFFIXES, by_number, load_image, read_image
+from napari_phase4d.io.lazy import ends_of, stamp_of
+from napari_phase4d.io.sequences import (
+    IMAGE_SUFFIXES,
+    Numbering,
+    by_number,
+    load_image,
+    of_usual_pattern,
+    pattern_of,
+    read_image,
+)
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_complete, read_tiff
 from napari_phase4d.io.video import Video, grey, quiet
 from napari_phase4d.io.zarr_files import ZarrReader, is_zarr, read_zarr
@@ -80,52 +88,6 @@ def arriving_at(
 
 
 # ---- a folder --------------------------------------------------------------------------------
-
-
-class Numbering:
-    """What in the names of files counts the frames.
-
-    Of several numbers in a name it is the one that goes up by one from file to file, the last of
-    these; where there is none, nothing counts them.
-
-    Parameters
-    ----------
-    names : sequence of str
-        Names of the same pattern, those that are there first.
-    """
-
-    def __init__(self, names: Sequence[str]) -> None:
-        self.pattern = pattern_of(names[0])
-        rows = np.array([numbers_of(name) for name in names], dtype=object)
-        n_numbers = rows.shape[1] if rows.ndim == 2 else 0
-        self.column: int | None = n_numbers - 1 if n_numbers and len(names) == 1 else None
-        for column in range(n_numbers) if len(names) > 1 else ():
-            values = sorted(rows[:, column].tolist())
-            steps = sorted(b - a for a, b in pairwise(values))
-            if steps[0] > 0 and steps[len(steps) // 2] == 1:
-                self.column = column
-        self.base = 0 if self.column is None else min(rows[:, self.column].tolist())
-
-    def count(self, names: Sequence[str]) -> int:
-        """Return how many frames there are by their names, those that are missing included."""
-        if self.column is None:
-            return len(names)
-        return max(numbers_of(name)[self.column] for name in names) - self.base + 1
-
-    def index(self, name: str) -> int | None:
-        """Return the number of a frame, from 0; None where its name does not say it."""
-        return None if self.column is None else numbers_of(name)[self.column] - self.base
-
-
-def numbers_of(name: str) -> list[int]:
-    """Return all numbers in a name, without its ending."""
-    return by_number(Path(name))[0]
-
-
-def pattern_of(name: str) -> str:
-    """Return a name with a sign for each number."""
-    path = Path(name)
-    return re.sub(r"\d+", "#", path.stem) + path.suffix.lower()
 
 
 class FolderArriving(Arriving):
@@ -218,7 +180,11 @@ class FolderArriving(Arriving):
 
     def again(self, index: int) -> NDArray[Any]:
         """Return a frame that was given out before."""
-        return load_image(self._files[index])
+        return whole_image(self._files[index])
+
+    def state(self, index: int) -> State:
+        """Return the stamp of the file of a frame."""
+        return stamp_of(self._files[index])
 
     def facts(self) -> Video:
         """Return what the first file says."""
@@ -298,13 +264,6 @@ class FolderArriving(Arriving):
         self._last = max(self._last, index)
 
 
-def of_usual_pattern(names: Sequence[str]) -> list[str]:
-    """Return those of some names that have the most frequent pattern."""
-    patterns = Counter(map(pattern_of, names))
-    usual = max(patterns, key=lambda p: (patterns[p], p), default="")
-    return [name for name in names if pattern_of(name) == usual]
-
-
 def whole_image(path: Path) -> NDArray[Any]:
     """Return an image; one that is cut short is an error."""
     if path.suffix.lower() in TIFF_SUFFIXES:
@@ -332,14 +291,24 @@ class TiffArriving(Arriving):
         self._calm = Calm()
         #: Where the directory of each page lies.
         self._offsets: list[int] = []
+        #: Where the pixels of pages lie that were read, first and last byte.
+        self._pixels: dict[int, tuple[int, int]] = {}
+        #: Size and number of the file.
+        self._file = (0, 0)
 
     def look(self) -> int:
         """Follow the chain of pages as far as it goes."""
         self._calm.look(self.path)
+        size, _, number = stamp_of(self.path)
+        if size < self._file[0] or number != self._file[1]:
+            self._forget()
+        self._file = (size, number)
         with self.path.open("rb", buffering=0) as file:  # nothing old from a buffer
             chain = Chain.of(file.read(16))
             if chain is None:
                 return 0
+            if self._offsets and not chain.begins(file, self._offsets[:2]):
+                self._forget()
             if not self._offsets and chain.first:
                 self._offsets.append(chain.first)
             while self._offsets:
@@ -363,9 +332,20 @@ class TiffArriving(Arriving):
         """Return a page that was given out before."""
         return self._page(index)
 
+    def state(self, index: int) -> State:
+        """Return a sum of the pixels at both ends of a page: the file changes with each page."""
+        if index not in self._pixels:
+            return stamp_of(self.path)
+        return ends_of(self.path, *self._pixels[index])
+
     def facts(self) -> Video:
         """Return what the file says, if that can be read by now."""
         return read_tiff(self.path)
+
+    def _forget(self) -> None:
+        """Forget where the pages lie, as the file is written anew from its beginning."""
+        self._offsets.clear()
+        self._pixels.clear()
 
     def _page(self, index: int) -> NDArray[Any]:
         """Return the pixels of a page."""
@@ -376,12 +356,14 @@ class TiffArriving(Arriving):
                 ends = [o + n for o, n in zip(page.dataoffsets, page.databytecounts, strict=True)]
                 if not ends or max(ends) > self.path.stat().st_size:
                     raise NotYetError(UNFINISHED)
-                return grey(np.asarray(page.asarray()))
+                frame = grey(np.asarray(page.asarray()))
         except (NotYetError, OSError):
             raise
         except Exception as error:  # what is not whole yet leads to any error
             msg = f"page {index} can't be decoded"
             raise OSError(msg) from error
+        self._pixels[index] = (min(page.dataoffsets), max(ends))
+        return frame
 
 
 class Chain:
@@ -415,6 +397,12 @@ class Chain:
             return None
         (first,) = struct.unpack(f"{order}{'Q' if big else 'I'}", head[8:] if big else head[4:8])
         return cls(order, first, big=big)
+
+    def begins(self, file: Any, offsets: Sequence[int]) -> bool:
+        """Say whether a file begins with a page at the first offset, then one at the second."""
+        return self.first == offsets[0] and all(
+            self.following(file, one) == other for one, other in pairwise(offsets)
+        )
 
     def following(self, file: Any, offset: int) -> int:
         """Return where the page after the one at an offset lies; 0 if there is none yet."""
@@ -490,6 +478,11 @@ class ZarrArriving(Arriving):
         """Return a frame that was given out before."""
         assert self._reader is not None
         return self._reader.frame(index)
+
+    def state(self, index: int) -> State:
+        """Return the stamps of the pieces of a frame."""
+        assert self._reader is not None
+        return tuple(number for file in self._reader.files(index) for number in stamp_of(file))
 
     def facts(self) -> Video:
         """Return what the store says."""

@@ -9,6 +9,7 @@ import warnings
 from bisect import bisect_right
 from collections import Counter, OrderedDict
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -25,10 +26,13 @@ __all__ = [
     "IMAGE_SUFFIXES",
     "PATTERN_SIGNS",
     "PICTURE_SUFFIXES",
+    "Numbering",
     "by_number",
     "files_of",
     "files_of_folder",
     "load_image",
+    "of_usual_pattern",
+    "pattern_of",
     "read_files",
     "read_image",
 ]
@@ -319,3 +323,59 @@ def check_size(path: Path, shape: tuple[int, ...]) -> None:
         size = " x ".join(str(n) for n in shape)
         msg = f"{path.name} says that it has {size} pixels, more than so small a file can hold"
         raise Unsound(msg)
+
+
+# ---- what in the names of files counts frames ---------------------------------------------------
+
+
+class Numbering:
+    """What in the names of files counts the frames.
+
+    Of several numbers in a name it is the one that goes up by one from file to file, the last of
+    these; where there is none, nothing counts them.
+
+    Parameters
+    ----------
+    names : sequence of str
+        Names of the same pattern, those that are there first.
+    """
+
+    def __init__(self, names: Sequence[str]) -> None:
+        self.pattern = pattern_of(names[0])
+        rows = np.array([numbers_of(name) for name in names], dtype=object)
+        n_numbers = rows.shape[1] if rows.ndim == 2 else 0
+        self.column: int | None = n_numbers - 1 if n_numbers and len(names) == 1 else None
+        for column in range(n_numbers) if len(names) > 1 else ():
+            values = sorted(rows[:, column].tolist())
+            steps = sorted(b - a for a, b in pairwise(values))
+            if steps[0] > 0 and steps[len(steps) // 2] == 1:
+                self.column = column
+        self.base = 0 if self.column is None else min(rows[:, self.column].tolist())
+
+    def count(self, names: Sequence[str]) -> int:
+        """Return how many frames there are by their names, those that are missing included."""
+        if self.column is None:
+            return len(names)
+        return max(numbers_of(name)[self.column] for name in names) - self.base + 1
+
+    def index(self, name: str) -> int | None:
+        """Return the number of a frame, from 0; None where its name does not say it."""
+        return None if self.column is None else numbers_of(name)[self.column] - self.base
+
+
+def numbers_of(name: str) -> list[int]:
+    """Return all numbers in a name, without its ending."""
+    return by_number(Path(name))[0]
+
+
+def pattern_of(name: str) -> str:
+    """Return a name with a sign for each number."""
+    path = Path(name)
+    return re.sub(r"\d+", "#", path.stem) + path.suffix.lower()
+
+
+def of_usual_pattern(names: Sequence[str]) -> list[str]:
+    """Return those of some names that have the most frequent pattern."""
+    patterns = Counter(map(pattern_of, names))
+    usual = max(patterns, key=lambda p: (patterns[p], p), default="")
+    return [name for name in names if pattern_of(name) == usual]

@@ -33,7 +33,7 @@ from napari_phase4d.pipeline.starting import found_anywhere, open_by
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import Cancelled, CancelledCall, Task
 from napari_phase4d.unwrapping import check_light, for_what_comes, scores_of_some
-from napari_phase4d.words import counted
+from napari_phase4d.words import counted, warn
 
 __all__ = [
     "FIRST_FRAMES",
@@ -139,6 +139,12 @@ class Listener:
         if self._told is not None:
             self._told(line)
 
+    def insist(self, line: str) -> None:
+        """Say what must not be missed: a warning, where nobody is told."""
+        if self._told is None:
+            warn(line)
+        self.tell(line)
+
     def heed(self, arriving: Arriving) -> None:
         """Say what there is to say, and raise `Cancelled` if nothing more is wished for."""
         while arriving.notes:
@@ -185,6 +191,7 @@ class Feed:
         self._next_look = 0.0
         #: How many frames there are, once that is known.
         self._end: int | None = None
+        self._told_anew = False
 
     def gather(self, n_frames: int) -> list[Arrival]:
         """Return the first frames: so many, or some more, if they come."""
@@ -202,8 +209,7 @@ class Feed:
         """Yield the frames that are there by now, so many at a time at most, until the end."""
         while True:
             self.listener.heed(self.arriving)
-            ended = self._ended()
-            if not ended:
+            if not self._ended() or self.arriving.held:
                 self._poll()
             limit = self.arriving.seen if self._end is None else self._end
             wanted = min(at_most, self._wanted(limit) - self.arriving.taken)
@@ -255,7 +261,18 @@ class Feed:
             self.arriving.poll()
             self._end = self.arriving.seen
             self.listener.tell("no more frames are waited for; what has come is finished")
+        if self.arriving.begun_anew and not self._told_anew:
+            self._told_anew, self._end = True, self.arriving.taken
+            self.listener.insist(anew_sentence(self.arriving.path.name))
         return self._end is not None
+
+
+def anew_sentence(name: str) -> str:
+    """Say that another recording has been begun in the place of one."""
+    return (
+        f"{name} begins anew: its first frame is another one by now. What came before is "
+        "finished, as far as it had been read; watch the new recording by itself"
+    )
 
 
 # ---- what is settled on the first frames ----------------------------------------------------
@@ -396,10 +413,10 @@ def facts_of(arriving: Arriving) -> Video:
 def recording_at_the_end(settled: Settled, arriving: Arriving) -> Recording:
     """Return the recording as it is now: as a run opens it, if it holds what was watched.
 
-    Otherwise it holds the frames that were watched, black where one never came.
+    Otherwise it holds the frames that were watched, black where one never came or is gone.
     """
     recipe = settled.recipe
-    if not arriving.lost:
+    if not arriving.lost and not arriving.gone:
         with suppress(OSError, ValueError):
             whole = open_by(recipe)
             if isinstance(whole, Recording) and whole.n_frames == arriving.taken:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cells import check_follower
+from napari_phase4d.holography.lobes import lobe_doubts, with_wavelengths
+from napari_phase4d.holography.reconstruction import FEW_LOST
 from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
 from napari_phase4d.later import xr
 from napari_phase4d.machine import cores
@@ -32,7 +34,7 @@ from napari_phase4d.pipeline.guarding import result_folder
 from napari_phase4d.pipeline.places import Place, stacks_beside
 from napari_phase4d.pipeline.provenance import Fingerprint, fingerprint
 from napari_phase4d.pipeline.recipe import Recipe
-from napari_phase4d.pipeline.running import Outcome, cells_by
+from napari_phase4d.pipeline.running import Outcome, advice_on, cells_by
 from napari_phase4d.pipeline.starting import found_anywhere
 from napari_phase4d.pipeline.stored import GrowingStack, Shelf
 from napari_phase4d.recording import Recording
@@ -132,6 +134,13 @@ def watch(
     Cancelled
         If ``cancelled()`` returned True.
 
+    Warns
+    -----
+    UserWarning
+        Where ``told`` is not given: of what is probably wrong with the phase, as `run` does; and
+        if another recording is begun in the place of the one that is watched, which ends it, or
+        frames are removed or written over after they were read. With ``told`` this is told.
+
     See Also
     --------
     run : The same of a recording that is complete.
@@ -185,6 +194,9 @@ def watch(
             gathered = feed.gather(n_first)
             settled = settle(recipe, arriving, gathered[:n_first], Task(None, cancelled))
             listener.tell(found_sentence(settled))
+            light = settled.first.optics.wavelength_um
+            for doubt in lobe_doubts(with_wavelengths(settled.recipe.lobes, light)):
+                listener.insist(doubt)
             live = Live(settled, arriving, place.shelf, listener, arrived, Task(None, cancelled))
             if begun is not None:
                 begun(live.like())
@@ -193,7 +205,9 @@ def watch(
             if camera is not None:
                 finish(camera, listener)
             outcome = live.outcome(place, Task(progress))
-            print_of = fingerprint_of(path, Task(None, cancelled))
+            for advice in advice_on(outcome, FEW_LOST, of_lobes=False):
+                listener.insist(advice)
+            print_of = fingerprint_of(arriving, Task(None, cancelled))
             written = write_files(outcome, out, Task(progress), form=form, source=print_of)
             kept.settle(written, outcome.recipe.recording, print_of)
         finally:
@@ -266,12 +280,22 @@ def found_sentence(settled: Settled) -> str:
     return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view + 1}"
 
 
-def fingerprint_of(path: Path, task: Task) -> Fingerprint:
-    """Return what tells the recording from others; its name alone if it goes on growing."""
-    try:
-        return fingerprint(path, cancelled=task.cancelled)
-    except OSError:
-        return Fingerprint(path.name)
+def gone_sentence(name: str, n_frames: int) -> str:
+    """Say that the results are of frames that are not there any more."""
+    were, they = ("was", "it was") if n_frames == 1 else ("were", "they were")
+    return (
+        f"{counted(n_frames, 'frame')} of {name} {were} removed or written over since {they} "
+        "read: the results are of what came, and a run of what lies there gives others"
+    )
+
+
+def fingerprint_of(arriving: Arriving, task: Task) -> Fingerprint:
+    """Return what tells the recording from others; its name alone if it is another by now."""
+    with suppress(OSError):
+        found = fingerprint(arriving.path, cancelled=task.cancelled)
+        if not arriving.look_back(task):
+            return found
+    return Fingerprint(arriving.path.name)
 
 
 class Live:
@@ -379,6 +403,8 @@ class Live:
     def outcome(self, place: Place, task: Task) -> Outcome:
         """Give all stacks their names, and run the methods that look at all frames."""
         recipe = self._settled.recipe
+        if gone := self._arriving.look_back(Task(task.progress, self._cancelled)):
+            self._listener.insist(gone_sentence(self._arriving.path.name, len(gone)))
         recording = recording_at_the_end(self._settled, self._arriving)
         data = self._dataset(recording)
         results = {method: self._result(method, data["phase"]) for method in self._causal.methods}
