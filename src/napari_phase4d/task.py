@@ -273,15 +273,32 @@ def counted(done: Batch[R], watch: Watch) -> Iterator[R]:
         raise done.error
 
 
-def on_all_cores(work: Callable[[T], object], items: Iterable[T]) -> None:
-    """Do some work on every item, on as many threads as there are cores, and wait for all."""
+def on_all_cores(
+    work: Callable[[T], object], items: Iterable[T], task: Task = UNWATCHED, message: str = ""
+) -> None:
+    """Do some work on every item, on as many threads as there are cores, and wait for all.
+
+    Nobody is told of it; when cancelled, no further item is begun.
+    """
+    stopped = threading.Event()
+
+    def unless_stopped(item: T) -> None:
+        if not stopped.is_set():
+            if task.stopped:
+                stopped.set()
+            else:
+                work(item)
+
     if is_single(items):
         for item in items:
-            work(item)
-        return
-    with ThreadPoolExecutor(cores(), THREADS) as pool:
-        for _ in pool.map(work, items):
-            pass
+            unless_stopped(item)
+    else:
+        with ThreadPoolExecutor(cores(), THREADS) as pool:
+            for _ in pool.map(unless_stopped, items):
+                pass
+    if stopped.is_set():
+        msg = f"{message}: cancelled"
+        raise Cancelled(msg)
 
 
 def watched(work: Callable[[], R], watch: Watch) -> R:

@@ -10,8 +10,14 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
-from napari_phase4d._napari.session import Session, plan_truth
-from napari_phase4d.task import Task
+from napari_phase4d._napari.session import (
+    Session,
+    plan_confidence,
+    plan_margin,
+    plan_measuring,
+    plan_truth,
+)
+from napari_phase4d.task import Cancelled, Task
 
 METHODS = ["spatial-2d", "temporal-angular"]
 STORAGES = ["memory", "disk"]
@@ -75,6 +81,27 @@ def test_the_object_of_results_on_disk_is_read_a_block_at_a_time(
     xr.testing.assert_equal(comparison.object_mask(), comparison.object_mask())
     np.testing.assert_array_equal(comparison.object_mask()[2].values, third)
     assert comparison.object_mask().chunks is None
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("plan_of", [plan_measuring, plan_margin, plan_confidence])
+def test_what_is_made_of_results_on_disk_can_be_stopped(
+    small_video, monkeypatch: pytest.MonkeyPatch, plan_of
+) -> None:
+    """It reads them, which takes a while, and is asked for again afterwards."""
+    monkeypatch.setattr("napari_phase4d.stack.BLOCK_FRAMES", 2)
+    monkeypatch.setattr("napari_phase4d.stack.SMALL_FRAMES", 2)
+    session = unwrapped(small_video, "disk")
+    for asked in (1, 2, 4):
+        times: list[bool] = []
+
+        def stopped(asked: int = asked, times: list[bool] = times) -> bool:
+            times.append(True)
+            return len(times) >= asked
+
+        with pytest.raises(Cancelled):
+            plan_of(session).work(Task(None, stopped))
+    plan_of(session).run()
 
 
 @pytest.mark.slow

@@ -24,7 +24,7 @@ from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import Measured, measured
 from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
-from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
+from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.unwrapping import (
     METHODS,
     Problem,
@@ -197,20 +197,28 @@ class Comparison:
             trust = trust_map(problem, found[method], method, method)
             problem.once(map_name(method), partial(identity, trust))
         if REFERENCE in found and REFERENCE not in self.results:
-            tally = tally_of(problem, {}, {REFERENCE: found[REFERENCE]})
+            tally = tally_of(problem, {}, {REFERENCE: found[REFERENCE]}, task.quiet)
             problem.once(OF_REFERENCE, lambda: tally.doubtful_share(REFERENCE))
 
-    def tally(self, maps: Mapping[str, xr.DataArray] | None = None) -> Tally:
+    def tally(
+        self,
+        maps: Mapping[str, xr.DataArray] | None = None,
+        progress: ProgressCall | None = None,
+        cancelled: CancelledCall | None = None,
+    ) -> Tally:
         """Count what is in doubt in each frame's object, and on how much of it results differ.
 
         Parameters
         ----------
         maps : mapping of str to DataArray, optional
             What `confidence` gave for methods; default all of them.
+        progress, cancelled : callable, optional
+            ``progress(done, total, message)``; ``cancelled()`` stops the work.
         """
-        counted = self.confidences() if maps is None else dict(maps)
+        task = Task(progress, cancelled)
+        counted = self.confidences(**task.calls) if maps is None else dict(maps)
         known = self._known_tally(counted)
-        return self._count(counted) if known is None else known
+        return self._count(counted, task) if known is None else known
 
     def _known_tally(self, counted: dict[str, xr.DataArray]) -> Tally | None:
         """Return the tally of maps if these, of the same results, were counted last."""
@@ -221,14 +229,14 @@ class Comparison:
         now = dict(counting_turns(self.results))
         return found if same(maps, counted) and same(results, now) else None
 
-    def _count(self, counted: dict[str, xr.DataArray]) -> Tally:
+    def _count(self, counted: dict[str, xr.DataArray], task: Task) -> Tally:
         """Count what is in doubt, one thread at a time: it ends with tidying up."""
         problem, results = self.problem, dict(counting_turns(self.results))
         with problem.locks.together:
             if (known := self._known_tally(counted)) is not None:
                 return known
             maps_on = {method: stack_of(trust) for method, trust in counted.items()}
-            found = tally_of(problem, results, maps_on)
+            found = tally_of(problem, results, maps_on, task)
             problem.note(tally_name(counted), (counted, results, found))
             problem.tidy()
         return found
@@ -367,24 +375,34 @@ class Comparison:
             return mask.load()
 
     @contextmanager
-    def object_by_blocks(self) -> Iterator[xr.DataArray]:
+    def object_by_blocks(self, task: Task = UNWATCHED) -> Iterator[xr.DataArray]:
         """Give what `object_mask` returns; of results on disk, to be read a block at a time.
 
         It can be read until the block of code ends: what it follows from is removed then.
+
+        Parameters
+        ----------
+        task : Task, optional
+            Who may stop it.
         """
         problem = self.problem
         with problem.locks.together:  # or another thread could remove what is still to be read
             try:
-                mask = problem.result(self._object_values(), "object", {"units": "1"})
+                mask = problem.result(self._object_values(task), "object", {"units": "1"})
                 yield on_grid(mask, self.phase)
             finally:
                 problem.tidy()
 
-    def _object_values(self) -> Any:
+    def _object_values(self, task: Task) -> Any:
         """Return the mask of the object (time, angle, y, x), lazy where the phase lies on disk."""
         problem, blocks = self.problem, self.problem.blocks()
-        read = partial(object_of, problem, problem.background().empty)
-        if not any(read(block).any() for block in blocks):
+        read = partial(object_of, problem, problem.background(task).empty)
+        watch = Watch(len(blocks), "looking for the object", task.quiet)
+        for block in blocks:
+            watch.step()
+            if read(block).any():
+                break
+        else:
             read = partial(object_of, problem, None)
         shape = problem.given.shape
         return read(Block(0, shape[0])) if problem.held else read_when_needed(read, blocks, shape)

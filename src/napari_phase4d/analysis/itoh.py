@@ -15,6 +15,7 @@ from napari_phase4d.stacks import (
     wavelengths_of,
     wrapped_stack,
 )
+from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.unwrapping import both_ends, frames_among, loop_sums, views_by_light
 from napari_phase4d.words import check_type, checked_call
 
@@ -23,7 +24,12 @@ __all__ = ["itoh_margin", "larger_step", "order_shares", "residues"]
 TURN = 2 * np.pi
 
 
-def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Dataset:
+def itoh_margin(
+    phase: xr.DataArray,
+    where: xr.DataArray | None = None,
+    progress: ProgressCall | None = None,
+    cancelled: CancelledCall | None = None,
+) -> xr.Dataset:
     """Return how near each step comes to the largest that can be unwrapped, |step| / pi.
 
     Eq. (1) of the paper asks for |dv| |d psi / dv| <= pi along time or angle; the same holds along
@@ -35,6 +41,8 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         Unwrapped phase in radians (true, or as good as it is known), dims among time, angle, y, x.
     where : xarray.DataArray of bool, optional
         Pixels that count for ``share_beyond``, such as those of the object; default all.
+    progress, cancelled : callable, optional
+        ``progress(done, total, message)``; ``cancelled()`` stops the work.
 
     Returns
     -------
@@ -58,11 +66,14 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
         where = where.copy(data=np.broadcast_to(where.data, phase.shape))
     inside = where
     maps = {}
+    task = Task(progress, cancelled)
+    watch = Watch(phase.ndim, "measuring the steps", task)
     for axis, dim in enumerate(phase.dims):
+        watch.step()
         if phase.sizes[dim] < 2:
             continue
         if dim == "angle" and (groups := same_wavelength(phase)):
-            maps["along_angle"] = margin_of_each(phase, where, groups)
+            maps["along_angle"] = margin_of_each(phase, where, groups, task.quiet)
             continue
         if phase.chunks is None:
             largest = larger_step(phase.values, axis)
@@ -73,7 +84,10 @@ def itoh_margin(phase: xr.DataArray, where: xr.DataArray | None = None) -> xr.Da
                 larger_step, phase.data, axis=axis, depth={axis: 1}, boundary="none"
             )
         margin = phase.copy(data=largest)
-        margin.attrs = {"units": "pi rad", "share_beyond": share_beyond(phase, inside, axis)}
+        margin.attrs = {
+            "units": "pi rad",
+            "share_beyond": share_beyond(phase, inside, axis, watch),
+        }
         maps[f"along_{dim}"] = margin
     return xr.Dataset(maps)
 
@@ -84,7 +98,7 @@ def same_wavelength(phase: xr.DataArray) -> list[list[int]]:
 
 
 def margin_of_each(
-    phase: xr.DataArray, where: xr.DataArray | None, groups: list[list[int]]
+    phase: xr.DataArray, where: xr.DataArray | None, groups: list[list[int]], task: Task
 ) -> xr.DataArray:
     """Return the margin along the angle between views of one wavelength, 0 where there are none.
 
@@ -97,7 +111,8 @@ def margin_of_each(
             continue
         part = phase.isel(angle=views)
         inside = None if where is None else where.isel(angle=views)
-        own = itoh_margin(part.assign_coords(wavelength=("angle", [1.0] * len(views))), inside)
+        alike = part.assign_coords(wavelength=("angle", [1.0] * len(views)))
+        own = itoh_margin(alike, inside, **task.calls)
         margin[{"angle": views}] = own["along_angle"].values
         steps = len(views) - 1
         beyond += steps * own["along_angle"].attrs["share_beyond"]
@@ -130,10 +145,13 @@ def larger_step(values: NDArray[np.floating], axis: int) -> NDArray[np.floating]
     return larger
 
 
-def share_beyond(phase: xr.DataArray, inside: xr.DataArray | None, axis: int) -> float:
+def share_beyond(
+    phase: xr.DataArray, inside: xr.DataArray | None, axis: int, watch: Watch
+) -> float:
     """Return the share of the steps along an axis that are beyond pi, of those known inside."""
     beyond, count = 0, 0
     for part, values in parts_over_time(phase, more=int(axis == 0)):
+        watch.check()
         steps = steps_along(values, axis)
         counted = np.isfinite(steps)
         if inside is not None:

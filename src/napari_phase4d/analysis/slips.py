@@ -13,7 +13,7 @@ from napari_phase4d.analysis.confidence import above_field, whole_turns
 from napari_phase4d.analysis.differences import DOUBTFUL
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
-from napari_phase4d.task import UNWATCHED, Watch, in_threads
+from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.unwrapping import Problem, shrunk, working_blocks
 
 __all__ = ["Counts", "Tally", "slip_warning", "slip_words", "slipped_frames", "tally_of"]
@@ -63,7 +63,10 @@ class Tally:
 
 
 def tally_of(
-    problem: Problem, results: Mapping[str, xr.DataArray], trust: Mapping[str, Stack]
+    problem: Problem,
+    results: Mapping[str, xr.DataArray],
+    trust: Mapping[str, Stack],
+    task: Task = UNWATCHED,
 ) -> Tally:
     """Count what is in doubt and where results differ, of stacks of any length.
 
@@ -75,15 +78,18 @@ def tally_of(
         Unwrapped phase of methods that are held against each other.
     trust : mapping of str to Stack
         Maps of confidence by method.
+    task : Task, optional
+        Who is told of it, and may stop it.
     """
+    problem.background(task)
     count = Count(
         problem,
         [stack_of(result) for result in results.values()],
         list(trust.values()),
     )
     blocks = working_blocks(problem.given.shape)
-    watch = Watch(len(blocks), "counting", UNWATCHED)
-    found = list(in_threads(count, blocks, watch))
+    watch = Watch(len(blocks), "counting what is in doubt", task)
+    found = list(in_threads(count, blocks, watch, wait=True))
     in_object, in_field, slipped = (np.concatenate(part) for part in zip(*found, strict=True))
     counts = in_object if in_object[..., 0].any() else in_field
     return Tally(

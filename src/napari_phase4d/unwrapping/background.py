@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.phasors import parts_of, phasors, turned
 from napari_phase4d.stack import Block, Memory, Stack, Store
-from napari_phase4d.task import on_all_cores
+from napari_phase4d.task import UNWATCHED, Task, on_all_cores
 from napari_phase4d.unwrapping.filters import keep_touching, shrunk
 from napari_phase4d.unwrapping.frames import BORDER, border_of
 from napari_phase4d.unwrapping.given import (
@@ -28,6 +28,8 @@ from napari_phase4d.unwrapping.neighbours import LEAST_WEIGHT, box_mean
 __all__ = ["Background", "background_of", "find_background", "plane", "tilt_of"]
 
 TURN = 2 * np.pi
+#: What is being done, where it is told.
+FINDING = "looking for the empty field"
 #: Up to this noise in radians, frames count as free of noise.
 QUIET = 0.1
 #: Width in pixels of the Gaussian that the field is smoothed with: quiet frames, others.
@@ -137,7 +139,7 @@ def find_background(
     return background_of(given, lost_of(given) if lost is None else lost, Memory())
 
 
-def background_of(given: Given, lost: Mask, store: Store) -> Background:
+def background_of(given: Given, lost: Mask, store: Store, task: Task = UNWATCHED) -> Background:
     """Do `find_background` for phase that is read a block at a time.
 
     Parameters
@@ -148,18 +150,20 @@ def background_of(given: Given, lost: Mask, store: Store) -> Background:
         Frames that say nothing.
     store : Store
         Where the empty field is kept.
+    task : Task, optional
+        Who may stop it.
     """
     looked_at = WithoutLost(given, lost)
     noise = sampled_noise(looked_at)
     limits = limits_for(noise)
-    levels = levels_of(looked_at, limits)
+    levels = levels_of(looked_at, limits, task)
     views = shows_field(levels.found, ~lost if not lost.all() else lost)
     shown = levels.found & views
     level = np.where(views, filled(levels.level, shown), 0) if shown.any() else 0 * levels.level
     tilt = levels.tilt * views[..., None]
     found = Background(store.temporary("empty", given.shape, "bool"), level, noise, tilt)
     mark = MarkBlock(looked_at, found, shown, limits)
-    on_all_cores(mark, working_blocks(given.shape))
+    on_all_cores(mark, working_blocks(given.shape), task, FINDING)
     return found
 
 
@@ -227,7 +231,7 @@ class Levels:
     found: Mask
 
 
-def levels_of(given: WithoutLost, limits: Limits) -> Levels:
+def levels_of(given: WithoutLost, limits: Limits, task: Task = UNWATCHED) -> Levels:
     """Look for the level of each frame's border, and say whether enough of it lies there."""
     shape = given.shape[:2]
     found = Levels(np.zeros(shape), np.zeros((*shape, 2)), np.zeros(shape, dtype=bool))
@@ -241,7 +245,7 @@ def levels_of(given: WithoutLost, limits: Limits) -> Levels:
                 wrapped[i, angle], inside, limits
             )
 
-    on_all_cores(look, working_blocks(given.shape))
+    on_all_cores(look, working_blocks(given.shape), task, FINDING)
     return found
 
 

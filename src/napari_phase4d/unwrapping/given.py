@@ -16,7 +16,7 @@ from napari_phase4d.compiling import compiled
 from napari_phase4d.machine import cores
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, InMemory, ReadOnly, Stack, block_at, block_frames
-from napari_phase4d.task import on_all_cores
+from napari_phase4d.task import UNWATCHED, Task, on_all_cores
 from napari_phase4d.unwrapping.filters import median_of
 from napari_phase4d.unwrapping.light.views import ViewsOf
 from napari_phase4d.words import shown
@@ -248,7 +248,7 @@ def lost_frames(wrapped: Image, usable: Mask | None = None) -> Mask:
     return lost_of(as_given(wrapped, usable))
 
 
-def lost_of(given: Given) -> Mask:
+def lost_of(given: Given, task: Task = UNWATCHED) -> Mask:
     """Do `lost_frames` for phase that is read a block at a time."""
     shape = given.shape[:2]
     blind, same = np.zeros(shape, dtype=bool), np.zeros(shape, dtype=bool)
@@ -266,7 +266,7 @@ def lost_of(given: Given) -> Mask:
             same[frame] = is_same(some, few)
             noise[frame] = noise_of(some, few, axes=(-1,))
 
-    on_all_cores(look, working_blocks(given.shape))
+    on_all_cores(look, working_blocks(given.shape), task, "looking for lost frames")
     same &= ~blind
     seen = ~blind & ~same
     if not seen.any():

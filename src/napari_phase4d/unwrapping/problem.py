@@ -502,20 +502,23 @@ class Problem(SharedSteps):
         wrapped, _ = self.given.read(block)
         return with_turns(wrapped, self.alone().read(block), self.counted().read(block))
 
-    def lost(self) -> NDArray[np.bool_]:
+    def lost(self, task: Task = UNWATCHED) -> NDArray[np.bool_]:
         """Mark the frames (time, angle) that say nothing of the object, see `lost_frames`."""
-        return self.once("lost", lambda: lost_of(self.given))
+        return self.once("lost", lambda: lost_of(self.given, task))
 
-    def background(self) -> Background:
-        """Return the empty field of every frame, and its level."""
-        return self.once("background", self._find_background)
+    def background(self, task: Task = UNWATCHED) -> Background:
+        """Return the empty field of every frame, and its level.
 
-    def _find_background(self) -> Background:
+        Who asks first may stop it; later it is there.
+        """
+        return self.once("background", lambda: self._find_background(task))
+
+    def _find_background(self, task: Task) -> Background:
         """Return the empty field; views of each wavelength are looked at by themselves."""
         parts = self.parts()
         if not parts:
-            return background_of(self.given, self.lost(), self.store)
-        found = [(views, part.background()) for views, part in parts]
+            return background_of(self.given, self.lost(task), self.store, task)
+        found = [(views, part.background(task)) for views, part in parts]
         shape = self.given.shape[:2]
         level, tilt = np.zeros(shape), np.zeros((*shape, 2))
         for views, own in found:

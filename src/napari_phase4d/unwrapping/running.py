@@ -13,7 +13,15 @@ from numpy.typing import ArrayLike, NDArray
 from napari_phase4d.later import xr
 from napari_phase4d.stack import InMemory, Limits, Stack
 from napari_phase4d.stacks import KIND, UNWRAPPED, without_masked, wrapped_stack
-from napari_phase4d.task import Cancelled, CancelledCall, ProgressCall, Task, Watch, in_threads
+from napari_phase4d.task import (
+    UNWATCHED,
+    Cancelled,
+    CancelledCall,
+    ProgressCall,
+    Task,
+    Watch,
+    in_threads,
+)
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.frames import (
     border_values,
@@ -533,9 +541,9 @@ class LentProblem(Problem):
         """Return the shifts that register all frames, shape (time, angle, 2)."""
         return read_only(self._owner.shifts(progress, cancelled))
 
-    def background(self) -> Background:
+    def background(self, task: Task = UNWATCHED) -> Background:
         """Return the empty field of every frame, and its level."""
-        found = self._owner.background()
+        found = self._owner.background(task)
         empty = InMemory(read_only(found.mask))
         return replace(found, empty=empty, level=read_only(found.level))
 

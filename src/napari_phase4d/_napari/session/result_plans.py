@@ -259,7 +259,7 @@ def plan_margin(state: State) -> Plan:
     known, _ = best_known(state.results, state.truth)
 
     def work(task: Task) -> xr.Dataset:
-        return itoh_margin(known)
+        return itoh_margin(known, **task.calls)
 
     def receive(margin: xr.Dataset) -> None:
         if state.outcome is not outcome:
@@ -268,7 +268,7 @@ def plan_margin(state: State) -> Plan:
         state.margin = margin
         state.margin_changed.emit()
 
-    return Plan("Measuring the steps", work, receive, cancellable=False)
+    return Plan("Measuring the steps", work, receive)
 
 
 def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
@@ -297,6 +297,7 @@ def plan_confidence(state: State, *, unasked: bool = False) -> Plan:
         # In memory it is done in no time; on disk it takes longer than the methods.
         maps = comparison.confidences(None, **(task.quiet if comparison.held else task).calls)
         watch.step()
+        comparison.tally(maps, **task.quiet.calls)
         warnings = comparison.warnings()
         watch.step()
         verdict = comparison.verdict
@@ -385,7 +386,7 @@ def plan_measuring(
             return measured_in(regions(task), task)
         if regions is not None:
             return measured_in(regions, task)
-        with object_in(comparison) as masks:
+        with object_in(comparison, task) as masks:
             return measured_in(masks, task)
 
     def receive(measured: pd.DataFrame) -> None:
@@ -407,12 +408,12 @@ def optics_of(state: State, result: xr.DataArray, own: Optics) -> Optics:
 
 
 @contextmanager
-def object_in(comparison: Comparison) -> Iterator[Masks]:
+def object_in(comparison: Comparison, task: Task) -> Iterator[Masks]:
     """Give the mask of the whole object, the same of results in memory and on disk.
 
     A recording on disk may be larger than memory, so that it is read a block at a time there.
     """
-    with comparison.object_by_blocks() as inside:
+    with comparison.object_by_blocks(task) as inside:
         # All results have its frames and pixels, though some may note their grid in other digits.
         yield {"object": inside.data}
 

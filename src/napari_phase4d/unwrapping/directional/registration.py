@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import inlined, vectorized
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block
-from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.unwrapping.alone import Framewise
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.frames import centre
@@ -49,7 +49,7 @@ class Recorded(Framewise, Protocol):
     def lost(self) -> Mask:
         """Frames that say nothing."""
 
-    def background(self) -> Background:
+    def background(self, task: Task = UNWATCHED) -> Background:
         """Return the empty field."""
 
     def amplitude_of(self, block: Block) -> Image | None:
@@ -92,6 +92,8 @@ class Frames:
     ----------
     recorded : Recorded
         What was recorded.
+    task : Task, optional
+        Who may stop it while the empty field is looked for.
 
     Attributes
     ----------
@@ -103,9 +105,9 @@ class Frames:
         The kept frame (time, angle) that lies next to the boundary frame.
     """
 
-    def __init__(self, recorded: Recorded) -> None:
+    def __init__(self, recorded: Recorded, task: Task = UNWATCHED) -> None:
         self.recorded = recorded
-        self.background = recorded.background()
+        self.background = recorded.background(task)
         lost = recorded.lost()
         self.lost = np.zeros_like(lost) if lost.all() else lost
         self.kept = np.flatnonzero(~self.lost.all(axis=1))

@@ -162,7 +162,7 @@ class Scene:
 def find_scene(recorded: Recorded, watch: Watch) -> Scene:
     """Hold the object of a recording in place, and average noise out; three steps."""
     recorded.amplitude_of(Block(0, 0))  # so that its median is taken once, not by every thread
-    frames = Frames(recorded)
+    frames = Frames(recorded, watch.task)
     watch.step()
     shifts = follow_object(frames, watch)
     watch.step()
