@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,8 +71,7 @@ class Verdict(str):
     disagreement_percent: float
     lost_frames: list[tuple[int, int]]
     disagreement: xr.DataArray
-    #: Says it of the frames of a stack.
-    _words: Callable[[xr.DataArray], str]
+    _words: Words
 
     def on_grid_of(self, phase: xr.DataArray) -> Verdict:
         """Return the same verdict in words of other times and angles of the same frames.
@@ -97,6 +97,50 @@ class Verdict(str):
     def __call__(self) -> Verdict:
         """Return itself, for those who call it."""
         return self
+
+
+@dataclass(frozen=True)
+class Words:
+    """What a verdict says, but for the times and angles, which are those of a stack.
+
+    Parameters
+    ----------
+    label : str
+        What the method is called whose result to use.
+    doubt, own : float
+        Shares of the object in doubt: of that result, of directional L1 if that was not run.
+    n_results : int
+        How many results were held against each other.
+    frame : tuple of int
+        (time, angle) index of the frame in which these disagree most.
+    most : float
+        Share of the object there on which they do.
+    doubtful, inside : ndarray of int, shape (time, angle)
+        Pixels of the object that are in doubt, and all of them.
+    lost : list of tuple of int
+        Frames (time, angle) that say nothing.
+    """
+
+    label: str
+    doubt: float
+    own: float | None
+    n_results: int
+    frame: tuple[int, int]
+    most: float
+    doubtful: Counts
+    inside: Counts
+    lost: list[tuple[int, int]]
+
+    def __call__(self, stack: xr.DataArray) -> str:
+        """Return the sentence for a stack that has these frames."""
+        parts = [
+            first_words(self.label, self.doubt, self.n_results),
+            where_words(frame_in_words(stack, *self.frame), self.most, self.n_results),
+            view_words(self.doubtful, self.inside, stack),
+            better_words(self.own, self.doubt),
+            lost_words(self.lost, stack, self.inside.size),
+        ]
+        return " ".join(part for part in parts if part)
 
 
 def counting_turns(results: Mapping[str, xr.DataArray]) -> Mapping[str, xr.DataArray]:
@@ -137,16 +181,17 @@ def verdict_on(
     time, angle = np.unravel_index(int(np.argmax(values)), values.shape)
     frame, most = (int(time), int(angle)), float(values.max(initial=0.0))
 
-    def words(stack: xr.DataArray) -> str:
-        parts = [
-            first_words(labels[best], doubt[best], len(results)),
-            where_words(frame_in_words(stack, *frame), most, len(results)),
-            view_words(tally.doubtful[best], tally.inside, stack),
-            better_words(None if own is None else np.nan_to_num(own), doubt[best]),
-            lost_words(lost, stack, problem.lost().size),
-        ]
-        return " ".join(part for part in parts if part)
-
+    words = Words(
+        label=labels[best],
+        doubt=float(doubt[best]),
+        own=None if own is None else float(np.nan_to_num(own)),
+        n_results=len(results),
+        frame=frame,
+        most=most,
+        doubtful=tally.doubtful[best],
+        inside=tally.inside,
+        lost=lost,
+    )
     found = Verdict(words(phase))
     found._words = words
     found.method, found.doubtful_percent = best, 100 * doubt[best]
