@@ -171,7 +171,7 @@ def test_a_recording_that_begins_anew_is_another(
     arriving = arriving_at(path, 60.0)
     settled(arriving, video[:2])
     write(path, video[::-1])
-    ends = time.monotonic() + 5
+    ends = time.monotonic() + 20
     while not arriving.begun_anew and time.monotonic() < ends:
         assert not taken(arriving)
     assert arriving.begun_anew
@@ -236,4 +236,123 @@ def test_what_is_removed_is_noticed_at_the_end(
     assert not arriving.begun_anew
     assert arriving.look_back() == {0, 1, 2, 3}
     assert not ArrivedFrames(arriving).read(1).any()
+    arriving.close()
+
+
+def large(n: int, seed: int) -> Video:
+    """Return pages of several blocks whose border, as that of a covered sensor, is constant."""
+    frames = np.full((n, 120, 160), 7, dtype=np.uint16)
+    frames[:, 30:-30, 30:-30] = np.random.default_rng(seed).integers(1, 4000, (n, 60, 100))
+    return frames
+
+
+def zarr_of_pieces(path: Path, frames: Video) -> None:
+    array = zarr.create_array(
+        path, shape=frames.shape, chunks=(4, *frames.shape[1:]), dtype=frames.dtype, overwrite=True
+    )
+    array[:] = frames
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [("camera", folder_of), ("camera.tif", tiff_of), ("camera.zarr", zarr_of_pieces)],
+)
+def test_what_waits_is_not_filled_from_another_recording(
+    tmp_path: Path, name: str, write: Callable[..., None]
+) -> None:
+    """Frames are behind when it begins anew, and nobody looks what is new any more."""
+    first, other, path = large(8, 1), large(8, 2), tmp_path / name
+    write(path, first)
+    arriving = arriving_at(path, 60.0)
+    arriving.poll()
+    time.sleep(1.5 * SETTLED_S)
+    arriving.poll()
+    found = [arrival.frame for arrival in arriving.take(3)]
+    np.testing.assert_array_equal(found, first[:3])
+    write(path, other)
+    time.sleep(1.5 * SETTLED_S)
+    ends = time.monotonic() + 20
+    while not arriving.begun_anew and time.monotonic() < ends:
+        assert not arriving.take(4)
+        time.sleep(0.02)
+        if arriving.held:
+            arriving.poll()
+    assert arriving.begun_anew
+    assert arriving.taken == arriving.seen == 3
+    assert arriving.look_back() == {0, 1, 2}
+    arriving.close()
+
+
+@WAYS
+def test_one_frame_of_large_ones_written_over_is_noticed(
+    tmp_path: Path, name: str, write: Callable[..., None]
+) -> None:
+    """Nothing is said from what was read before."""
+    first, path = large(6, 1), tmp_path / name
+    write = zarr_of_pieces if name.endswith("zarr") else write
+    write(path, first)
+    arriving = arriving_at(path, 60.0)
+    settled(arriving, first)
+    changed = first.copy()
+    changed[4] = large(1, 3)[0]
+    write(path, changed)
+    assert arriving.look_back() == {4}
+    assert arriving.look_back() == {4}
+    arriving.close()
+
+
+def test_a_first_file_that_is_written_again_in_portions_is_waited_for(tmp_path: Path) -> None:
+    """As one is that is copied once more: as long as it will be, its end still black."""
+    first, path = large(3, 1), tmp_path / "camera"
+    folder_of(path, first)
+    arriving = arriving_at(path, 60.0)
+    settled(arriving, first)
+    place = path / "frame_0.tif"
+    content = place.read_bytes()
+    place.write_bytes(content[: len(content) // 2] + bytes(len(content) - len(content) // 2))
+    tifffile.imwrite(path / "frame_3.tif", first[0])
+    ends = time.monotonic() + 1.5
+    while time.monotonic() < ends:
+        assert not taken(arriving)
+    assert arriving.held
+    assert not arriving.begun_anew
+    place.write_bytes(content)
+    found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 5
+    while not found and time.monotonic() < ends:
+        found += taken(arriving)
+    np.testing.assert_array_equal(found, first[:1])
+    assert arriving.look_back() == set()
+    arriving.close()
+
+
+def test_a_first_file_that_changes_for_ever_stops_nothing(tmp_path: Path) -> None:
+    """A program may write what the camera sees now under the first name."""
+    first, path = large(4, 1), tmp_path / "camera"
+    folder_of(path, first)
+    arriving = arriving_at(path, 2.0)
+    settled(arriving, first)
+    tifffile.imwrite(path / "frame_4.tif", first[2])
+    found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 10
+    number = 10
+    while not found and time.monotonic() < ends:
+        tifffile.imwrite(path / "frame_0.tif", large(1, number)[0])
+        number += 1
+        found += taken(arriving)
+    np.testing.assert_array_equal(found, first[2:3])
+    arriving.close()
+
+
+def test_a_folder_that_fails_at_the_end_costs_no_result(
+    video: Video, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A server that does not answer is no reason to give up what came."""
+    folder_of(tmp_path / "camera", video)
+    arriving = arriving_at(tmp_path / "camera", 60.0)
+    settled(arriving, video)
+    loop = tmp_path / "loop"
+    loop.symlink_to(loop)
+    monkeypatch.setattr(arriving, "_files", dict.fromkeys(range(4), loop / "frame.tif"))
+    assert not taken(arriving)
+    assert arriving.look_back() == {0, 1, 2, 3}
+    assert not ArrivedFrames(arriving).read(2).any()
     arriving.close()

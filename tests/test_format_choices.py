@@ -348,3 +348,33 @@ def test_tiff_with_a_page_that_is_no_frame(
     rec = p4d.open_recording(path)
     np.testing.assert_array_equal(rec.holograms, expected)
     assert sum("other" in note for note in rec.notes) == 1
+
+
+@pytest.mark.parametrize(
+    ("stacks", "read", "said"),
+    [
+        ([(24, 32), (6, 24, 32)], (24, 32), "Of 7 pages 1 are read"),
+        ([(10, 10), (3, 5, 24, 32)], (10, 10), "Of 16 pages 1 are read"),
+        ([(10, 10), (6, 24, 32)], (6, 24, 32), "1 page before or behind the frames"),
+    ],
+    ids=str,
+)
+def test_tiff_with_series_of_which_nobody_knows_what_they_are(
+    tmp_path: Path, stacks: list, read: tuple, said: str
+) -> None:
+    """A reference before a stack is no frame of it, and a further axis is no time."""
+    path = tmp_path / "video.tif"
+    for shape in stacks:
+        tifffile.imwrite(path, noise(1, shape, np.uint16)[0], append=True)
+    rec = p4d.open_recording(path)
+    assert rec.holograms.shape[-len(read) :] == read
+    assert len(rec.holograms) == (1 if len(read) == 2 else read[0])
+    assert any(said in note for note in rec.notes)
+
+
+def test_tiff_of_two_series_with_further_axes_is_asked_about(tmp_path: Path) -> None:
+    path = tmp_path / "video.tif"
+    for _ in range(2):
+        tifffile.imwrite(path, noise(1, (2, 5, 24, 32), np.uint16)[0], append=True)
+    with pytest.raises(ValueError, match="dimensions"):
+        p4d.open_recording(path)

@@ -212,7 +212,8 @@ def fringe_advice(attrs: Mapping[str, Any]) -> str:
     much = [(i, percent) for i, percent in enumerate(percents) if percent > MUCH_PERCENT]
     if not much:
         return ""
-    views = " and ".join(f"{percent:.0f} % of view {i + 1}" for i, percent in much)
+    parts = [f"{percent:.0f} % of view {i + 1}" for i, percent in much]
+    views = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
     show = "shows" if len(much) == 1 else "show"
     return f"{views} {show} no fringes: the phase there is noise"
 

@@ -112,6 +112,12 @@ class Calm:
         self._seen.pop(path, None)
 
 
+#: Seconds for which the first frame must stay another one before it counts as that of another
+#: recording, which ends a watch for good.
+ANEW_S = 1.0
+#: How often what can't be read is looked at once more before it counts as gone.
+TRIES = 3
+
 #: Sizes, times and numbers of the files that hold a frame, or sums of what they hold; nothing if
 #: they are gone.
 State = tuple[int, ...]
@@ -128,26 +134,37 @@ class GivenOut:
 
     def __init__(self, arriving: Arriving) -> None:
         self._arriving = arriving
-        #: A sum of the pixels of each, and what is hashed of the state of its files then.
+        #: A sum of the pixels of each, and the state of its files then, hashed.
         self._sums: dict[int, int] = {}
-        self._states: dict[int, int] = {}
+        self._states: dict[int, int | None] = {}
+        #: Number of the first one that was whole for sure.
+        self.first: int | None = None
 
-    @property
-    def first(self) -> int | None:
-        """Number of the first one that came."""
-        return next(iter(self._sums), None)
-
-    def add(self, index: int, frame: NDArray[Any]) -> None:
-        """Remember a frame."""
+    def add(self, index: int, frame: NDArray[Any], before: State | None, *, sure: bool) -> None:
+        """Remember a frame, read when its files were in some state."""
         self._sums[index] = sum_of(frame)
-        self._states[index] = hash(self.state(index))
+        now = self.state(index)
+        # What was written again in between is held against its sum when it is asked for.
+        self._states[index] = hash(now) if now and now == before else None
+        if sure and self.first is None:
+            self.first = index
 
-    def state(self, index: int) -> State:
-        """Return the state of the files of a frame; nothing if they are gone."""
+    def forget(self, indices: Iterable[int]) -> None:
+        """Forget frames that were not given out after all."""
+        for index in indices:
+            self._sums.pop(index, None)
+            self._states.pop(index, None)
+        if self.first not in self._sums:
+            self.first = None
+
+    def state(self, index: int) -> State | None:
+        """Return the state of the files of a frame; nothing if they are gone, None if unknown."""
         try:
             return self._arriving.state(index)
-        except FileNotFoundError:
+        except (FileNotFoundError, KeyError, NotADirectoryError):
             return ()
+        except OSError:  # as of a server that does not answer
+            return None
 
     def is_same(self, index: int) -> bool | None:
         """Say whether a frame that lies there has the pixels that were given out.
@@ -160,19 +177,28 @@ class GivenOut:
         if hash(state) == self._states[index]:
             return True
         try:
-            same = sum_of(self._arriving.again(index)) == self._sums[index]
+            found = self._arriving.again(index)
         except (IndexError, NotYetError, OSError, ValueError):
             return None
+        same = sum_of(found) == self._sums[index]
         if same:  # its file has grown, or what it says beside the pixels has changed
-            self._states[index] = hash(state)
-        return same
+            now = self.state(index)
+            self._states[index] = hash(now) if now else None
+            return True
+        return None if self._arriving.doubtful(found) else False
 
     def all_gone(self, task: Task) -> set[int]:
         """Return the numbers of those that are gone, or others, by now."""
         looking = Watch(len(self._sums), "looking whether the frames are still there", task)
         found = set()
         for index in self._sums:
-            if not self.is_same(index):
+            same = self.is_same(index)
+            for _ in range(TRIES):
+                if same is not None or self.state(index) == ():
+                    break
+                time.sleep(SETTLED_S)  # it may be being written, with frames of its own beside it
+                same = self.is_same(index)
+            if not same:
                 found.add(index)
             looking.step()
         return found
@@ -221,7 +247,9 @@ class Arriving(ABC):
         self.held = False
         self._given_out = GivenOut(self)
         #: What the first frame was last seen to be, where it is not as it was, and since when.
-        self._doubted: tuple[State, float] = ((), -math.inf)
+        self._doubted: tuple[State | None, float] = ((), -math.inf)
+        #: Since when it is not as it was.
+        self._unlike_since = math.inf
         self._dark_ends = False
         #: Numbers of frames that were seen, and when.
         self._announced: deque[tuple[int, float]] = deque()
@@ -295,9 +323,7 @@ class Arriving(ABC):
         with suppress(FileNotFoundError):  # not yet, or not any more
             self.seen = max(self.seen, self.look())
         # Asked in this order: what is in the place of a later frame came after the first one.
-        self.begun_anew, self.held = self._look_at_first()
-        if self.begun_anew or self.held:
-            self.seen = before
+        self._look_at_first()
         if self.seen > before:
             self._announced.append((self.seen, time.monotonic()))
         return self.seen > before
@@ -305,15 +331,24 @@ class Arriving(ABC):
     def take(self, at_most: int) -> list[Arrival]:
         """Return the next frames that are whole, or were given up, in order; so many at most."""
         found: list[Arrival] = []
-        stops = self.held or self.begun_anew
-        while len(found) < at_most and self.taken < self.seen and not stops:
+        if self.held or self.begun_anew:
+            return found
+        before = self.taken
+        while len(found) < at_most and self.taken < self.seen:
             arrival = self._next()
             if arrival is None:
                 break
-            if arrival.frame is not None:
-                self._given_out.add(arrival.index, arrival.frame)
             found.append(arrival)
             self.taken += 1
+        if found and not self._look_at_first():  # they may be those of another recording
+            self._given_out.forget(range(before, self.taken))
+            self.taken = before
+            self.seen = before if self.begun_anew else self.seen
+            return []
+        for arrival in found:
+            if arrival.frame is None:
+                self.lost.add(arrival.index)
+                self.notes.append(f"frame {self.label(arrival.index)} {arrival.why}")
         return found
 
     def look_back(self, task: Task = UNWATCHED) -> set[int]:
@@ -324,27 +359,36 @@ class Arriving(ABC):
         Cancelled
             If ``cancelled()`` returned True.
         """
+        self.renew()
         self.gone = self._given_out.all_gone(task)
         return self.gone
 
-    def _look_at_first(self) -> tuple[bool, bool]:
-        """Say whether a recording has been begun anew, and whether that can't be said yet.
+    def renew(self) -> None:  # noqa: B027 - most keep nothing
+        """Forget what was kept of the files, so that they are read as they are now."""
+
+    def _look_at_first(self) -> bool:
+        """Say whether the recording is still the same one, as far as is known.
 
         An acquisition that begins anew in the place of another one begins with its first frame.
         """
         first = self._given_out.first
         if first is None:
-            return False, False
+            return True
         same, now = self._given_out.is_same(first), time.monotonic()
         state = self._given_out.state(first)
-        if same or not state:  # it may be gone, as where files are moved away when they are whole
-            return False, False
+        if (
+            same or state == ()
+        ):  # it may be gone, as where files are moved away when they are whole
+            self._unlike_since, self.held = math.inf, False
+            return True
+        self._unlike_since = min(self._unlike_since, now)
         if self._doubted[0] != state:
             self._doubted = (state, now)
-        seconds = now - self._doubted[1]
-        if seconds < SETTLED_S:
-            return False, True  # it may be about to be written
-        return same is False, same is None and seconds < self.patience_s
+        self.begun_anew = same is False and now - self._doubted[1] >= ANEW_S
+        self.held = now - self._unlike_since < max(self.patience_s, 2 * ANEW_S)
+        if self.begun_anew:
+            self.seen, self.held = self.taken, False
+        return not (self.held or self.begun_anew)
 
     def _next(self) -> Arrival | None:
         """Return the next frame, None if it is still waited for."""
@@ -353,10 +397,11 @@ class Arriving(ABC):
         why = ""
         while self._announced[0][0] <= index:
             self._announced.popleft()
-        since = self._announced[0][1]
+        since, before = self._announced[0][1], self._given_out.state(index)
         try:
             frame = self._fitting(self.read(index))
             if not self.doubtful(frame):
+                self._given_out.add(index, frame, before, sure=True)
                 return Arrival(index, frame, since=since)
         except NotYetError as error:
             why = str(error)
@@ -370,10 +415,9 @@ class Arriving(ABC):
             return None
         if frame is not None:
             self.learn(frame)
+            self._given_out.add(index, frame, before, sure=False)
             return Arrival(index, frame, since=since)
-        self.lost.add(index)
         why = "never became whole" if why == UNFINISHED else why
-        self.notes.append(f"frame {self.label(index)} {why}")
         return Arrival(index, None, why, since)
 
     def label(self, index: int) -> str:

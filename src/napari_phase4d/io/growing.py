@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import struct
 import time
+import zlib
 from collections.abc import Sequence
 from contextlib import suppress
 from itertools import pairwise
@@ -24,7 +25,7 @@ from napari_phase4d.io.arriving import (
     State,
 )
 from napari_phase4d.io.folder_events import FolderEvents
-from napari_phase4d.io.lazy import ends_of, stamp_of
+from napari_phase4d.io.lazy import stamp_of
 from napari_phase4d.io.sequences import (
     IMAGE_SUFFIXES,
     Numbering,
@@ -45,6 +46,8 @@ __all__ = ["arriving_at"]
 #: Where the system tells what is new in a folder, all its names are looked at all the same: after
 #: so many seconds, and as it takes a while in large folders, in so much of the time.
 SCAN_S, SHARE_OF_SCANNING = 1.0, 0.01
+#: In so many places of a page so many bytes are summed, to know it again.
+SAMPLES, SAMPLED = 16, 4096
 
 
 def arriving_at(
@@ -333,10 +336,16 @@ class TiffArriving(Arriving):
         return self._page(index)
 
     def state(self, index: int) -> State:
-        """Return a sum of the pixels at both ends of a page: the file changes with each page."""
+        """Return a sum of bytes from all over a page: the file changes with each page."""
         if index not in self._pixels:
             return stamp_of(self.path)
-        return ends_of(self.path, *self._pixels[index])
+        start, stop = self._pixels[index]
+        each, found = -(-(stop - start) // SAMPLES), 0
+        with self.path.open("rb", buffering=0) as file:
+            for place in range(start, stop, each):
+                file.seek(place)
+                found = zlib.crc32(file.read(min(SAMPLED, each, stop - place)), found)
+        return start, stop, found
 
     def facts(self) -> Video:
         """Return what the file says, if that can be read by now."""
@@ -433,6 +442,8 @@ class ZarrArriving(Arriving):
         self.dataset = dataset
         self._calm = Calm()
         self._reader: ZarrReader | None = None
+        #: What frames are read again with, and the state of the pieces that it has read.
+        self._again: tuple[State, ZarrReader] | None = None
 
     def look(self) -> int:
         """Look how long the array is."""
@@ -475,9 +486,20 @@ class ZarrArriving(Arriving):
         return max(map(self._calm.changed, self._reader.files(index)), default=-np.inf)
 
     def again(self, index: int) -> NDArray[Any]:
-        """Return a frame that was given out before."""
+        """Return a frame that was given out before, not from what was read of it then."""
         assert self._reader is not None
-        return self._reader.frame(index)
+        state = self.state(index)
+        if self._again is None or self._again[0] != state:
+            try:
+                self._again = state, self._reader.as_it_is_now()
+                return self._again[1].frame(index)
+            except (OSError, ValueError):  # it may be an array of another size
+                self._again = state, self._opened()
+        return self._again[1].frame(index)
+
+    def renew(self) -> None:
+        """Forget the pieces that were read."""
+        self._again = None
 
     def state(self, index: int) -> State:
         """Return the stamps of the pieces of a frame."""

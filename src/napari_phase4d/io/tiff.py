@@ -92,7 +92,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
         raise
     except Exception as error:
         # A damaged directory leads to any error: RuntimeError, ZeroDivisionError, UnicodeError ...
-        if "keyframe" in str(error):  # tifffile's word for the page that it holds others against
+        if "incompatible keyframe" in str(error):  # of tifffile: the page others are held against
             msg = (
                 f"{path.name} has a page among its frames that is of another size or kind; write "
                 "the file without it"
@@ -120,7 +120,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     if offset is not None and "S" not in left:
         frames = map_frames(path, dtype.newbyteorder(order), shape, offset)[places]
     else:
-        frames = paged_frames(path, shape, places, dtype, colour="S" in axes)
+        frames = paged_frames(path, shape, places, dtype, colour="S" in axes, mixed=bool(mixed))
         left = left.replace("S", "")
     in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
     return Video(

@@ -96,13 +96,26 @@ def frames_among_others(tif: tifffile.TiffFile) -> list[Any]:
     pages = [described(tif, page) for page in tif.pages]
     kinds = [(page.shape, page.dtype) for page in pages]
     usual, n_usual = Counter(kinds).most_common(1)[0]
+    if n_usual == len(kinds):
+        return []
     places = [i for i, kind in enumerate(kinds) if kind == usual]
     frames = [pages[i] if kinds[i] == usual else None for i in range(places[0], places[-1] + 1)]
     n_lost = len(frames) - n_usual
     if n_usual < LEAST_AMONG or len(usual[0]) != 2 or n_lost > MOST_LOST * n_usual:
         return []
-    whole = n_lost == 0 and len(tif.series[0].pages) == n_usual
-    return [] if whole or 2 * n_usual <= len(pages) else frames
+    of_frames = [s for s in tif.series if (s.keyframe.shape, s.keyframe.dtype) == usual]
+    whole = n_lost == 0 and len(of_frames) == 1 and of_frames[0] is tif.series[0]
+    return [] if whole or 2 * n_usual <= len(pages) or not follow(of_frames) else frames
+
+
+def follow(series: Sequence[Any]) -> bool:
+    """Say whether series are one video: frames that are written one by one, or added to a stack.
+
+    One picture before a stack may be a reference, and of series with further axes nobody knows
+    what they are to each other.
+    """
+    n_axes = [len(each.shape) for each in series]
+    return max(n_axes) == 2 or (n_axes[0] == 3 and max(n_axes) == 3)
 
 
 def is_uneven(tif: tifffile.TiffFile) -> bool:
@@ -157,12 +170,13 @@ def paged_frames(
     dtype: np.dtype[Any],
     *,
     colour: bool,
+    mixed: bool = False,
 ) -> Any:
     """Return the chosen pages of a file as a dask array with one page a chunk."""
     n_picture = 3 if colour else 2
     leading = shape[:-n_picture]
     with quiet():
-        pages = TiffPages(path, shape[-n_picture:], dtype)
+        pages = TiffPages(path, shape[-n_picture:], dtype, mixed=mixed)
     numbers = np.arange(int(np.prod(leading, dtype=np.int64))).reshape(leading)
     numbers = np.asarray(numbers[places[: len(leading)]])
     reader = pages.taking(numbers.ravel())
@@ -183,6 +197,8 @@ class TiffPages(FrameReader):
         Of the pixels.
     numbers : ndarray of int, optional
         The page that holds each frame.
+    mixed : bool, optional
+        Whether pages that are no frames lie between them, see `frames_among_others`.
 
     Raises
     ------
@@ -190,7 +206,7 @@ class TiffPages(FrameReader):
         If the first page is in colour.
     """
 
-    arguments = ("path", "picture", "dtype", "numbers")
+    arguments = ("path", "picture", "dtype", "numbers", "mixed")
 
     def __init__(
         self,
@@ -198,19 +214,18 @@ class TiffPages(FrameReader):
         picture: tuple[int, ...],
         dtype: np.dtype[Any],
         numbers: NDArray[np.int64] | None = None,
+        mixed: bool = False,
     ) -> None:
-        self.picture = picture
+        self.picture, self.mixed = picture, mixed
         self.numbers = np.arange(1) if numbers is None else numbers
         super().__init__(path, (len(self.numbers), picture[0], picture[1]), dtype)
         self._lock = threading.RLock()
         self._file: tifffile.TiffFile | None = None
         self._series: Any = None
-        #: Whether pages that are no frames lie between them.
-        self._mixed = False
 
     def taking(self, numbers: NDArray[np.int64]) -> TiffPages:
         """Return a reader of these pages."""
-        reader = TiffPages(self.path, self.picture, self.dtype, numbers)
+        reader = TiffPages(self.path, self.picture, self.dtype, numbers, self.mixed)
         if len(self.picture) == 3:
             reader.frame(0)
         return reader
@@ -220,7 +235,7 @@ class TiffPages(FrameReader):
         with quiet():
             with self._lock:
                 page = self._pages()[int(self.numbers[index])]
-            if page is None and self._mixed:
+            if page is None and self.mixed:
                 return np.zeros(self.shape[1:], self.dtype)
             if page is None:
                 msg = "the file does not hold it"
@@ -247,12 +262,10 @@ class TiffPages(FrameReader):
         """Return the pages of the open file."""
         if self._file is None:
             self._file = tifffile.TiffFile(self.path)
-            mixed = frames_among_others(self._file)
-            self._mixed = bool(mixed)
             self._series = (
-                single_frames(self._file)
+                (frames_among_others(self._file) if self.mixed else [])
+                or single_frames(self._file)
                 or added_frames(self._file)
-                or mixed
                 or self._file.series[0]
             )
         return self._series

@@ -207,7 +207,7 @@ def watch(
             outcome = live.outcome(place, Task(progress))
             for advice in advice_on(outcome, FEW_LOST, of_lobes=False):
                 listener.insist(advice)
-            print_of = fingerprint_of(arriving, Task(None, cancelled))
+            print_of = fingerprint_of(arriving, listener, Task(None, cancelled))
             written = write_files(outcome, out, Task(progress), form=form, source=print_of)
             kept.settle(written, outcome.recipe.recording, print_of)
         finally:
@@ -289,12 +289,15 @@ def gone_sentence(name: str, n_frames: int) -> str:
     )
 
 
-def fingerprint_of(arriving: Arriving, task: Task) -> Fingerprint:
+def fingerprint_of(arriving: Arriving, listener: Listener, task: Task) -> Fingerprint:
     """Return what tells the recording from others; its name alone if it is another by now."""
+    told = set(arriving.gone)
     with suppress(OSError):
         found = fingerprint(arriving.path, cancelled=task.cancelled)
         if not arriving.look_back(task):
             return found
+    if arriving.gone - told:
+        listener.insist(gone_sentence(arriving.path.name, len(arriving.gone)))
     return Fingerprint(arriving.path.name)
 
 
