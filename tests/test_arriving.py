@@ -352,7 +352,12 @@ def test_a_folder_that_fails_at_the_end_costs_no_result(
     loop = tmp_path / "loop"
     loop.symlink_to(loop)
     monkeypatch.setattr(arriving, "_files", dict.fromkeys(range(4), loop / "frame.tif"))
-    assert not taken(arriving)
+    monkeypatch.setattr(arriving, "path", loop)
+    arriving.close()
+    for _ in range(3):
+        assert not taken(arriving)
+    assert len(arriving.notes) == 1
+    assert "loop can't be looked at" in arriving.notes[0]
     assert arriving.look_back() == {0, 1, 2, 3}
     assert not ArrivedFrames(arriving).read(2).any()
     arriving.close()

@@ -14,7 +14,6 @@ import zlib
 from abc import ABC, abstractmethod
 from collections import deque
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -245,6 +244,8 @@ class Arriving(ABC):
         self.begun_anew = False
         #: Whether frames are held back until it is known whether that is so.
         self.held = False
+        #: Whether what is there could not be looked at, which has been said.
+        self._failing = False
         self._given_out = GivenOut(self)
         #: What the first frame was last seen to be, where it is not as it was, and since when.
         self._doubted: tuple[State | None, float] = ((), -math.inf)
@@ -320,8 +321,17 @@ class Arriving(ABC):
         if self.begun_anew:
             return False
         before = self.seen
-        with suppress(FileNotFoundError):  # not yet, or not any more
+        try:
             self.seen = max(self.seen, self.look())
+            self._failing = False
+        except FileNotFoundError:
+            pass  # not yet, or not any more
+        except OSError as error:  # as of a server that does not answer for a while
+            if not before:
+                raise
+            if not self._failing:
+                self.notes.append(f"{self.path.name} can't be looked at ({in_one_line(error)})")
+            self._failing = True
         # Asked in this order: what is in the place of a later frame came after the first one.
         self._look_at_first()
         if self.seen > before:
