@@ -400,7 +400,7 @@ def test_an_acquisition_that_begins_anew_is_not_mixed_in(video: Video, tmp_path:
 
     with written(write):
         found = watch(folder, RECIPE, tmp_path / "out", patience_s=60, **heard.calls())
-    assert sum("camera begins anew" in line for line in heard.lines) == 1
+    assert sum("begun anew in camera" in line for line in heard.lines) == 1
     assert any("9 frames of camera were removed or written over" in line for line in heard.lines)
     alone = p4d.run(found.recipe, p4d.open_recording(video[:9], found.recipe.optics))
     for method, result in found.comparison.results.items():
@@ -408,6 +408,10 @@ def test_an_acquisition_that_begins_anew_is_not_mixed_in(video: Video, tmp_path:
     assert json.loads((tmp_path / "out" / "run.json").read_text())["input"] == {"name": "camera"}
     assert found.recording is not None
     assert not found.recording.holograms.values.any()
+    assert [note.split(":")[0] for note in found.recording.notes[-2:]] == [
+        "An acquisition has begun anew in camera",
+        "9 frames of camera were removed or written over since they were read",
+    ]
 
 
 @pytest.mark.slow

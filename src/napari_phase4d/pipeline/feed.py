@@ -133,6 +133,8 @@ class Listener:
         self._next_line = time.monotonic() + LINE_S
         #: How far it is.
         self.now = LiveStatus()
+        #: What happened to the recording that its results should not be seen without.
+        self.notes: list[str] = []
 
     def tell(self, line: str) -> None:
         """Say something that happened."""
@@ -144,6 +146,11 @@ class Listener:
         if self._told is None:
             warn(line)
         self.tell(line)
+
+    def note(self, line: str) -> None:
+        """Insist on what happened to the recording, and keep it for the end."""
+        self.insist(line)
+        self.notes.append(f"{line[:1].upper()}{line[1:]}.")
 
     def heed(self, arriving: Arriving) -> None:
         """Say what there is to say, and raise `Cancelled` if nothing more is wished for."""
@@ -263,15 +270,15 @@ class Feed:
             self.listener.tell("no more frames are waited for; what has come is finished")
         if self.arriving.begun_anew and not self._told_anew:
             self._told_anew, self._end = True, self.arriving.taken
-            self.listener.insist(anew_sentence(self.arriving.path.name))
+            self.listener.note(anew_sentence(self.arriving.path.name))
         return self._end is not None
 
 
 def anew_sentence(name: str) -> str:
     """Say that another recording has been begun in the place of one."""
     return (
-        f"{name} begins anew: its first frame is another one by now. What came before is "
-        "finished, as far as it had been read; watch the new recording by itself"
+        f"an acquisition has begun anew in {name}: its first frame is another one by now. What "
+        "came before is finished, as far as it had been read; watch the new one by itself"
     )
 
 

@@ -208,6 +208,7 @@ def watch(
             for advice in advice_on(outcome, FEW_LOST, of_lobes=False):
                 listener.insist(advice)
             print_of = fingerprint_of(arriving, listener, Task(None, cancelled))
+            outcome = with_notes(outcome, listener.notes)
             written = write_files(outcome, out, Task(progress), form=form, source=print_of)
             kept.settle(written, outcome.recipe.recording, print_of)
         finally:
@@ -280,6 +281,13 @@ def found_sentence(settled: Settled) -> str:
     return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view + 1}"
 
 
+def with_notes(outcome: Outcome, notes: Sequence[str]) -> Outcome:
+    """Return an outcome whose recording notes what happened to it."""
+    recording = outcome.recording
+    assert recording is not None  # it was watched
+    return replace(outcome, recording=replace(recording, notes=(*recording.notes, *notes)))
+
+
 def gone_sentence(name: str, n_frames: int) -> str:
     """Say that the results are of frames that are not there any more."""
     were, they = ("was", "it was") if n_frames == 1 else ("were", "they were")
@@ -297,7 +305,7 @@ def fingerprint_of(arriving: Arriving, listener: Listener, task: Task) -> Finger
         if not arriving.look_back(task):
             return found
     if arriving.gone - told:
-        listener.insist(gone_sentence(arriving.path.name, len(arriving.gone)))
+        listener.note(gone_sentence(arriving.path.name, len(arriving.gone)))
     return Fingerprint(arriving.path.name)
 
 
@@ -407,7 +415,7 @@ class Live:
         """Give all stacks their names, and run the methods that look at all frames."""
         recipe = self._settled.recipe
         if gone := self._arriving.look_back(Task(task.progress, self._cancelled)):
-            self._listener.insist(gone_sentence(self._arriving.path.name, len(gone)))
+            self._listener.note(gone_sentence(self._arriving.path.name, len(gone)))
         recording = recording_at_the_end(self._settled, self._arriving)
         data = self._dataset(recording)
         results = {method: self._result(method, data["phase"]) for method in self._causal.methods}
