@@ -164,10 +164,10 @@ def test_threads_that_ask_for_the_empty_field_at_once_wait_for_it(
     looks: list[Problem] = []
     find = Problem._find_background
 
-    def slowly(problem: Problem) -> Background:
+    def slowly(problem: Problem, who: task.Task) -> Background:
         looks.append(problem)
         time.sleep(0.05)
-        return find(problem)
+        return find(problem, who)
 
     monkeypatch.setattr(Problem, "_find_background", slowly)
     assert lying.verdict == held.verdict

@@ -18,12 +18,13 @@ from napari_phase4d.analysis.confidence import (
     trust_map,
 )
 from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
-from napari_phase4d.analysis.slips import Tally, slip_words, tally_of
+from napari_phase4d.analysis.slips import Tally, object_of, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import Measured, measured
-from napari_phase4d.stack import Block, Stack, stack_of
+from napari_phase4d.stack import Block, stack_of
 from napari_phase4d.stacks import wavelengths_of, without_masked, wrapped_stack
+from napari_phase4d.stacks.coordinates import scaled_like
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.unwrapping import (
     METHODS,
@@ -36,7 +37,7 @@ from napari_phase4d.unwrapping import (
 )
 from napari_phase4d.words import check_call, shown
 
-__all__ = ["Comparison", "compare", "compare_on", "on_grid"]
+__all__ = ["Comparison", "compare", "compare_on"]
 
 T = TypeVar("T")
 
@@ -81,7 +82,7 @@ class Comparison:
         if REFERENCE in self.results:
             return self.results[REFERENCE]
         try:
-            return on_grid(reference_of(self.problem, task), self.phase)
+            return scaled_like(reference_of(self.problem, task), self.phase)
         finally:
             self.problem.forget_field()
 
@@ -148,7 +149,7 @@ class Comparison:
     def _known_map(self, method: str) -> xr.DataArray:
         """Return the map of confidence of a method, with the times and places of the phase."""
         known: xr.DataArray = self.problem.once(map_name(method), nothing)
-        placed = on_grid(known, self.phase)
+        placed = scaled_like(known, self.phase)
         if placed is not known:  # made before `on_grid_of`; kept, to be the same when asked again
             self.problem.note(map_name(method), placed)
         return placed
@@ -389,7 +390,7 @@ class Comparison:
         with problem.locks.together:  # or another thread could remove what is still to be read
             try:
                 mask = problem.result(self._object_values(task), "object", {"units": "1"})
-                yield on_grid(mask, self.phase)
+                yield scaled_like(mask, self.phase)
             finally:
                 problem.tidy()
 
@@ -408,13 +409,6 @@ class Comparison:
         return read(Block(0, shape[0])) if problem.held else read_when_needed(read, blocks, shape)
 
 
-def object_of(problem: Problem, empty: Stack | None, block: Block) -> NDArray[np.bool_]:
-    """Mark what of the usable field of a block is not empty; all of it if nothing is given."""
-    lost = problem.lost()[block.start : block.stop]
-    usable = problem.given.read(block)[1] & ~lost[..., None, None]
-    return usable if empty is None else usable & ~empty.read(block)
-
-
 def read_when_needed(
     read: Callable[[Block], NDArray[np.bool_]], blocks: Iterable[Block], shape: tuple[int, ...]
 ) -> Any:
@@ -424,21 +418,6 @@ def read_when_needed(
 
     parts = [(dask.delayed(partial(read, block), pure=False)(), len(block)) for block in blocks]
     return da.concatenate([da.from_delayed(p, (n, *shape[1:]), np.bool_) for p, n in parts])
-
-
-def on_grid(stack: xr.DataArray, phase: xr.DataArray) -> xr.DataArray:
-    """Return a stack with the times, places and light of the phase; itself, if it has them."""
-    others = {
-        name: place
-        for name, place in phase.coords.items()
-        if name in stack.coords and not place.equals(stack[name])
-    }
-    light = {
-        name: phase.attrs[name]
-        for name in ("wavelength_um", "medium_index")
-        if name in phase.attrs and name in stack.attrs and phase.attrs[name] != stack.attrs[name]
-    }
-    return stack.assign_coords(others).assign_attrs(light) if others or light else stack
 
 
 def map_name(method: str) -> str:

@@ -16,7 +16,15 @@ from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
 from napari_phase4d.unwrapping import Problem, shrunk, working_blocks
 
-__all__ = ["Counts", "Tally", "slip_warning", "slip_words", "slipped_frames", "tally_of"]
+__all__ = [
+    "Counts",
+    "Tally",
+    "object_of",
+    "slip_warning",
+    "slip_words",
+    "slipped_frames",
+    "tally_of",
+]
 
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
@@ -100,6 +108,13 @@ def tally_of(
     )
 
 
+def object_of(problem: Problem, empty: Stack | None, block: Block) -> NDArray[np.bool_]:
+    """Mark what of the usable field of a block is not empty; all of it if nothing is given."""
+    lost = problem.lost()[block.start : block.stop]
+    usable = problem.given.read(block)[1] & ~lost[..., None, None]
+    return usable if empty is None else usable & ~empty.read(block)
+
+
 @dataclass(frozen=True)
 class Count:
     """Counts in a block.
@@ -123,8 +138,7 @@ class Count:
 
         The last axis of the counts is: pixels, those that differ, those in doubt of each method.
         """
-        lost = self.problem.lost()[block.start : block.stop]
-        field = self.problem.given.read(block)[1] & ~lost[..., None, None]
+        field = object_of(self.problem, None, block)
         empty = self.problem.background().empty.read(block)
         inside = field & ~empty
         maps = [stack.read(block) for stack in self.trust]

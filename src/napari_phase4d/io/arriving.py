@@ -34,6 +34,7 @@ __all__ = [
     "Arriving",
     "Calm",
     "NotYetError",
+    "State",
 ]
 
 #: Seconds for which a file must stay as it is before it is taken to be whole.

@@ -31,6 +31,7 @@ __all__ = [
     "pixel_um",
     "plain",
     "same_places",
+    "scaled_like",
     "some",
     "spacing",
     "times_in_s",
@@ -387,3 +388,18 @@ def spacing(stack: xr.DataArray, axis: str, name: str) -> float:
         )
         raise ValueError(msg)
     return step
+
+
+def scaled_like(stack: xr.DataArray, phase: xr.DataArray) -> xr.DataArray:
+    """Return a stack with the times, places and light of the phase; itself, if it has them."""
+    others = {
+        name: place
+        for name, place in phase.coords.items()
+        if name in stack.coords and not place.equals(stack[name])
+    }
+    light = {
+        name: phase.attrs[name]
+        for name in ("wavelength_um", "medium_index")
+        if name in phase.attrs and name in stack.attrs and phase.attrs[name] != stack.attrs[name]
+    }
+    return stack.assign_coords(others).assign_attrs(light) if others or light else stack

@@ -7,12 +7,12 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from napari_phase4d.analysis import REFERENCE, Verdict, with_wavelength
-from napari_phase4d.analysis.comparison import on_grid
 from napari_phase4d.holography import pair_distance, recalibrated
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
+from napari_phase4d.stacks.coordinates import scaled_like
 
 if TYPE_CHECKING:
     from napari_phase4d._napari.session.state import State
@@ -55,7 +55,7 @@ def put_on_grid(state: State, phase: xr.DataArray) -> None:
         exact = getattr(state, name)
         setattr(state, name, None if exact is None else exact.assign_coords(grid))
     state.truth = state.known_truth if was_known else state.truth
-    state.confidence = {m: on_grid(c, phase) for m, c in state.confidence.items()}
+    state.confidence = {m: scaled_like(c, phase) for m, c in state.confidence.items()}
     if isinstance(state.verdict, Verdict):
         state.verdict = state.verdict.on_grid_of(phase)
     state.margin = None if state.margin is None else state.margin.assign_coords(grid)
@@ -79,7 +79,7 @@ def rescaled(
         reconstruction=reconstruction,
         comparison=before.on_grid_of(scaled(before.phase), results),
         truth=truth,
-        scores=None if scores is None else on_grid(scores, reconstruction["phase"]),
+        scores=None if scores is None else scaled_like(scores, reconstruction["phase"]),
         cells=None,
     )
 
