@@ -5,7 +5,8 @@ from __future__ import annotations
 import io
 import shutil
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -154,12 +155,18 @@ WAYS = pytest.mark.parametrize(
 )
 
 
-def settled(arriving: Arriving, video: Video) -> None:
-    """Take the frames of a recording, all that are there by now."""
+@contextmanager
+def watched(path: Path, video: Video, patience_s: float = 60.0) -> Iterator[Arriving]:
+    """Give what has given out all frames of a recording, which are there already."""
+    arriving = arriving_at(path, patience_s)
     arriving.poll()
     time.sleep(1.5 * SETTLED_S)
     for frame, expected in zip(taken(arriving), video, strict=True):
         np.testing.assert_array_equal(frame, expected)
+    try:
+        yield arriving
+    finally:
+        arriving.close()
 
 
 @WAYS
@@ -168,18 +175,16 @@ def test_a_recording_that_begins_anew_is_another(
 ) -> None:
     path = tmp_path / name
     write(path, video[:2])
-    arriving = arriving_at(path, 60.0)
-    settled(arriving, video[:2])
-    write(path, video[::-1])
-    ends = time.monotonic() + 20
-    while not arriving.begun_anew and time.monotonic() < ends:
+    with watched(path, video[:2]) as arriving:
+        write(path, video[::-1])
+        ends = time.monotonic() + 20
+        while not arriving.begun_anew and time.monotonic() < ends:
+            assert not taken(arriving)
+        assert arriving.begun_anew
+        assert arriving.seen == arriving.taken == 2
         assert not taken(arriving)
-    assert arriving.begun_anew
-    assert arriving.seen == arriving.taken == 2
-    assert not taken(arriving)
-    assert arriving.look_back() == {0, 1}
-    assert not ArrivedFrames(arriving).read(0).any()
-    arriving.close()
+        assert arriving.look_back() == {0, 1}
+        assert not ArrivedFrames(arriving).read(0).any()
 
 
 @WAYS
@@ -189,17 +194,15 @@ def test_the_same_pixels_written_again_are_the_same_recording(
     """Some programs write a file again for each frame, or add to what it says of itself."""
     path = tmp_path / name
     write(path, video[:2])
-    arriving = arriving_at(path, 60.0)
-    settled(arriving, video[:2])
-    note = "a sentence that moves the pixels to another place of the file"
-    write(path, video, **({"note": note} if name.endswith("zarr") else {"description": note}))
-    found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 5
-    while len(found) < 2 and time.monotonic() < ends:
-        found += taken(arriving)
-    np.testing.assert_array_equal(found, video[2:])
-    assert not arriving.begun_anew
-    assert arriving.look_back() == set()
-    arriving.close()
+    with watched(path, video[:2]) as arriving:
+        note = "a sentence that moves the pixels to another place of the file"
+        write(path, video, **({"note": note} if name.endswith("zarr") else {"description": note}))
+        found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 5
+        while len(found) < 2 and time.monotonic() < ends:
+            found += taken(arriving)
+        np.testing.assert_array_equal(found, video[2:])
+        assert not arriving.begun_anew
+        assert arriving.look_back() == set()
 
 
 @WAYS
@@ -208,15 +211,13 @@ def test_one_frame_written_over_is_noticed_at_the_end(
 ) -> None:
     path = tmp_path / name
     write(path, video)
-    arriving = arriving_at(path, 60.0)
-    settled(arriving, video)
-    write(path, np.concatenate([video[:2], video[:1], video[3:]]))
-    time.sleep(1.5 * SETTLED_S)
-    assert not taken(arriving)
-    assert not arriving.begun_anew
-    assert arriving.look_back() == {2}
-    np.testing.assert_array_equal(ArrivedFrames(arriving).read(1), video[1])
-    arriving.close()
+    with watched(path, video) as arriving:
+        write(path, np.concatenate([video[:2], video[:1], video[3:]]))
+        time.sleep(1.5 * SETTLED_S)
+        assert not taken(arriving)
+        assert not arriving.begun_anew
+        assert arriving.look_back() == {2}
+        np.testing.assert_array_equal(ArrivedFrames(arriving).read(1), video[1])
 
 
 @WAYS
@@ -226,17 +227,15 @@ def test_what_is_removed_is_noticed_at_the_end(
     """Frames that are moved away when they are whole end no recording."""
     path = tmp_path / name
     write(path, video)
-    arriving = arriving_at(path, 60.0)
-    settled(arriving, video)
-    if path.is_dir():
-        shutil.rmtree(path)
-    else:
-        path.unlink()
-    assert not taken(arriving)
-    assert not arriving.begun_anew
-    assert arriving.look_back() == {0, 1, 2, 3}
-    assert not ArrivedFrames(arriving).read(1).any()
-    arriving.close()
+    with watched(path, video) as arriving:
+        if path.is_dir():
+            shutil.rmtree(path)
+        else:
+            path.unlink()
+        assert not taken(arriving)
+        assert not arriving.begun_anew
+        assert arriving.look_back() == {0, 1, 2, 3}
+        assert not ArrivedFrames(arriving).read(1).any()
 
 
 def large(n: int, seed: int) -> Video:
@@ -291,55 +290,49 @@ def test_one_frame_of_large_ones_written_over_is_noticed(
     first, path = large(6, 1), tmp_path / name
     write = zarr_of_pieces if name.endswith("zarr") else write
     write(path, first)
-    arriving = arriving_at(path, 60.0)
-    settled(arriving, first)
-    changed = first.copy()
-    changed[4] = large(1, 3)[0]
-    write(path, changed)
-    assert arriving.look_back() == {4}
-    assert arriving.look_back() == {4}
-    arriving.close()
+    with watched(path, first) as arriving:
+        changed = first.copy()
+        changed[4] = large(1, 3)[0]
+        write(path, changed)
+        assert arriving.look_back() == {4}
+        assert arriving.look_back() == {4}
 
 
 def test_a_first_file_that_is_written_again_in_portions_is_waited_for(tmp_path: Path) -> None:
     """As one is that is copied once more: as long as it will be, its end still black."""
     first, path = large(3, 1), tmp_path / "camera"
     folder_of(path, first)
-    arriving = arriving_at(path, 60.0)
-    settled(arriving, first)
-    place = path / "frame_0.tif"
-    content = place.read_bytes()
-    place.write_bytes(content[: len(content) // 2] + bytes(len(content) - len(content) // 2))
-    tifffile.imwrite(path / "frame_3.tif", first[0])
-    ends = time.monotonic() + 1.5
-    while time.monotonic() < ends:
-        assert not taken(arriving)
-    assert arriving.held
-    assert not arriving.begun_anew
-    place.write_bytes(content)
-    found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 5
-    while not found and time.monotonic() < ends:
-        found += taken(arriving)
-    np.testing.assert_array_equal(found, first[:1])
-    assert arriving.look_back() == set()
-    arriving.close()
+    with watched(path, first) as arriving:
+        place = path / "frame_0.tif"
+        content = place.read_bytes()
+        place.write_bytes(content[: len(content) // 2] + bytes(len(content) - len(content) // 2))
+        tifffile.imwrite(path / "frame_3.tif", first[0])
+        ends = time.monotonic() + 1.5
+        while time.monotonic() < ends:
+            assert not taken(arriving)
+        assert arriving.held
+        assert not arriving.begun_anew
+        place.write_bytes(content)
+        found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 5
+        while not found and time.monotonic() < ends:
+            found += taken(arriving)
+        np.testing.assert_array_equal(found, first[:1])
+        assert arriving.look_back() == set()
 
 
 def test_a_first_file_that_changes_for_ever_stops_nothing(tmp_path: Path) -> None:
     """A program may write what the camera sees now under the first name."""
     first, path = large(4, 1), tmp_path / "camera"
     folder_of(path, first)
-    arriving = arriving_at(path, 2.0)
-    settled(arriving, first)
-    tifffile.imwrite(path / "frame_4.tif", first[2])
-    found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 10
-    number = 10
-    while not found and time.monotonic() < ends:
-        tifffile.imwrite(path / "frame_0.tif", large(1, number)[0])
-        number += 1
-        found += taken(arriving)
-    np.testing.assert_array_equal(found, first[2:3])
-    arriving.close()
+    with watched(path, first, 2.0) as arriving:
+        tifffile.imwrite(path / "frame_4.tif", first[2])
+        found, ends = list[NDArray[np.generic] | None](), time.monotonic() + 10
+        number = 10
+        while not found and time.monotonic() < ends:
+            tifffile.imwrite(path / "frame_0.tif", large(1, number)[0])
+            number += 1
+            found += taken(arriving)
+        np.testing.assert_array_equal(found, first[2:3])
 
 
 def test_a_folder_that_fails_at_the_end_costs_no_result(
@@ -347,17 +340,14 @@ def test_a_folder_that_fails_at_the_end_costs_no_result(
 ) -> None:
     """A server that does not answer is no reason to give up what came."""
     folder_of(tmp_path / "camera", video)
-    arriving = arriving_at(tmp_path / "camera", 60.0)
-    settled(arriving, video)
-    loop = tmp_path / "loop"
-    loop.symlink_to(loop)
-    monkeypatch.setattr(arriving, "_files", dict.fromkeys(range(4), loop / "frame.tif"))
-    monkeypatch.setattr(arriving, "path", loop)
-    arriving.close()
-    for _ in range(3):
-        assert not taken(arriving)
-    assert len(arriving.notes) == 1
-    assert "loop can't be looked at" in arriving.notes[0]
-    assert arriving.look_back() == {0, 1, 2, 3}
-    assert not ArrivedFrames(arriving).read(2).any()
-    arriving.close()
+    with watched(tmp_path / "camera", video) as arriving:
+        loop = tmp_path / "loop"
+        loop.symlink_to(loop)
+        monkeypatch.setattr(arriving, "_files", dict.fromkeys(range(4), loop / "frame.tif"))
+        monkeypatch.setattr(arriving, "path", loop)
+        for _ in range(3):
+            assert not taken(arriving)
+        assert len(arriving.notes) == 1
+        assert "loop can't be looked at" in arriving.notes[0]
+        assert arriving.look_back() == {0, 1, 2, 3}
+        assert not ArrivedFrames(arriving).read(2).any()
