@@ -200,7 +200,7 @@ MUTATIONS = (
              ("test_itoh",)),
     Mutation("last frame of a streamed block", "stack.py",
              "Block(t, min(t + each, shape[0])) for",
-             "Block(t, min(t + each, shape[0] - 1)) for", ("test_streaming",)),
+             "Block(t, min(t + each, shape[0] - 1)) for", ("test_streaming", "test_stack_pieces")),
     Mutation("a folder that is not ours is left alone", "pipeline/batch_folders.py",
              "if folder.is_symlink() or not own:", "if folder.is_symlink():", ("test_batch",)),
     Mutation("resume by the input's content", "pipeline/batch_folders.py",
