@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.analysis.balance import object_of
 from napari_phase4d.analysis.confidence import (
     REFERENCE,
     chances_of_right,
@@ -18,7 +19,7 @@ from napari_phase4d.analysis.confidence import (
     trust_map,
 )
 from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
-from napari_phase4d.analysis.slips import Tally, object_of, slip_words, tally_of
+from napari_phase4d.analysis.slips import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.later import pd, xr
 from napari_phase4d.machine import Measured, measured

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from napari_phase4d.analysis.balance import Balance, balance_of
 from napari_phase4d.analysis.itoh import larger_step
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
@@ -68,6 +69,9 @@ OUT, FAR_OUT = 0.5, 2.0
 #: Logarithm of the odds that the level of an object is wrong: so much, and so much for each factor
 #: of e in one and the residues that stand in the way of it. Fitted to WL1 on the same half.
 LEVEL_OF_OBJECT, PER_FACTOR = -20.2, 4.57
+#: Added to the logarithm of the odds that it is wrong where the mass that an object misses says
+#: that it slipped, see `balance_of`. Chosen on the same half, with the other one in view.
+PER_MISSING = 3.5
 #: The empty field of a frame counts as so many patches, which slip independently of each other.
 #: Chosen on the same half.
 PATCHES = 16
@@ -265,6 +269,7 @@ def by_steps(
     supports = supports_by_steps(problem, wanted, task)
     rival = problem.once("support", lambda: supports["reference"])
     noise, residues = astray(problem, task), level_residues(problem, task)
+    balance = problem.once("balance", lambda: balance_of(problem, reference, task))
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks) * len(results), "weighing the results", task)
     for name, result in results.items():
@@ -276,6 +281,7 @@ def by_steps(
             rival,
             noise,
             residues,
+            balance,
             maps[name],
         )
         for _ in in_threads(chance, blocks, watch, wait=True):
@@ -298,6 +304,8 @@ class ChanceBlock:
         What noise does.
     residues : Residues
         What stands in the way of the levels of objects.
+    balance : Balance
+        What mass they miss.
     found : Stack
         Where the chance goes.
     """
@@ -309,6 +317,7 @@ class ChanceBlock:
     rival: Support
     noise: Astray
     residues: Residues
+    balance: Balance
     found: Stack
 
     def __call__(self, block: Block) -> None:
@@ -328,6 +337,9 @@ class ChanceBlock:
         chance = still * weight / (1 + weight + np.where(differs, rival, 0))
         # Another result has a level of its own.
         chance *= np.where(differs, 1, level_known(self.residues, block))
+        missing = np.where(differs, np.float32(0), self.balance.read(block))
+        if missing.any():
+            chance /= chance + (1 - chance) * np.exp(np.float32(PER_MISSING) * missing)
         chance *= field_known(turns, empty)[..., None, None]
         chance[self.problem.lost()[block.start : block.stop]] = 0
         self.found.write(block, chance.astype(np.float32))

@@ -9,17 +9,17 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from napari_phase4d.analysis.balance import core_of, object_of
 from napari_phase4d.analysis.confidence import above_field, whole_turns
 from napari_phase4d.analysis.differences import DOUBTFUL
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
-from napari_phase4d.unwrapping import Problem, shrunk, working_blocks
+from napari_phase4d.unwrapping import Problem, working_blocks
 
 __all__ = [
     "Counts",
     "Tally",
-    "object_of",
     "slip_warning",
     "slip_words",
     "slipped_frames",
@@ -28,10 +28,8 @@ __all__ = [
 
 #: An object is one piece of a frame of at least so many pixels ...
 SMALLEST_OBJECT = 30
-#: ... after so many have been taken off its rim, by which too much is not found empty; less only
-#: where nothing as large is left. Two cells that lie side by side are two then ...
-SPARE = 3
-#: ... and may have slipped if at least this share of it is trusted less than so much.
+#: ... without its rim, or with it where nothing as large is left. Two cells that lie side by side
+#: are two then. It may have slipped if at least this share of it is trusted less than so much.
 MOST, FIRM = 0.5, 0.7
 
 Counts = NDArray[np.int64]
@@ -108,13 +106,6 @@ def tally_of(
     )
 
 
-def object_of(problem: Problem, empty: Stack | None, block: Block) -> NDArray[np.bool_]:
-    """Mark what of the usable field of a block is not empty; all of it if nothing is given."""
-    lost = problem.lost()[block.start : block.stop]
-    usable = problem.given.read(block)[1] & ~lost[..., None, None]
-    return usable if empty is None else usable & ~empty.read(block)
-
-
 @dataclass(frozen=True)
 class Count:
     """Counts in a block.
@@ -165,10 +156,7 @@ class Count:
 
 def objects_in(inside: Mask, empty: Mask) -> Mask:
     """Mark the objects of a frame: what is not empty field, less its rim where enough is left."""
-    core = ~empty
-    for _ in range(SPARE):
-        core = shrunk(core, beyond=True)
-    cores, count = scipy.ndimage.label(core & inside)
+    cores, count = scipy.ndimage.label(core_of(~empty) & inside)
     large = np.bincount(cores.ravel(), minlength=count + 1) >= SMALLEST_OBJECT
     large[0] = False
     pieces, count = scipy.ndimage.label(inside)

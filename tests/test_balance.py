@@ -1,0 +1,156 @@
+"""Whether mass that goes missing at once tells objects that slipped."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+
+import napari_phase4d as p4d
+from napari_phase4d.analysis import slipped_frames
+from napari_phase4d.analysis.balance import balance_of
+from napari_phase4d.simulation import hard_shape, with_noise
+from napari_phase4d.stack import Block, InMemory
+from napari_phase4d.task import UNWATCHED
+from napari_phase4d.unwrapping import Judged, Problem
+
+TURN = 2 * np.pi
+N = 12
+Y, X = np.mgrid[:64, :96].astype(float)
+
+
+def dome(mass: float, y: float, x: float, radius: float) -> np.ndarray:
+    """Return the phase of a round cell whose phase sums up to so many turns times its area."""
+    height = np.maximum(1 - ((Y - y) ** 2 + (X - x) ** 2) / radius**2, 0)
+    return mass * TURN * np.pi * radius**2 * height / height.sum()
+
+
+def two_cells(mass: float = 1.5, growth: float = 0.0) -> np.ndarray:
+    """Return a large cell that moves and a small one that changes its size, mass unchanged."""
+    frames = []
+    for t in range(N):
+        more = 1 + growth * t
+        large = dome(mass * more, 22 + t, 28, 15)
+        radius = 9 + 0.2 * t
+        small = dome(mass * more * 81 / radius**2, 40 - t, 70, radius)
+        frames.append(large + small)
+    return np.stack(frames)[:, None].astype(np.float32)
+
+
+def likely(
+    phase: np.ndarray, slipped: np.ndarray, first: int = 0, mask: np.ndarray | None = None
+) -> np.ndarray:
+    """Return how likely each pixel slipped in a result that is off by so many turns."""
+    wrapped = np.angle(np.exp(1j * phase)).astype(np.float32)
+    data = xr.DataArray(wrapped, dims=("time", "angle", "y", "x"))
+    problem = Problem(data, boundary=(first, 0), mask=mask)
+    result = (phase + TURN * slipped).astype(np.float32)
+    found = balance_of(problem, Judged(InMemory(result)), UNWATCHED)
+    return found.read(Block(0, len(phase)))
+
+
+def slip(phase: np.ndarray, times: slice, columns: slice, turns: int = -1) -> np.ndarray:
+    """Return turns that are off at some times on the cell that some columns hold."""
+    off = np.zeros_like(phase)
+    inside = np.zeros_like(phase, dtype=bool)
+    inside[times, :, :, columns] = True
+    off[inside & (phase > 0.3)] = turns
+    return off
+
+
+LARGE, SMALL = slice(0, 50), slice(55, 96)
+
+
+def test_mass_that_stays_raises_no_doubt() -> None:
+    phase = two_cells()
+    assert not likely(phase, np.zeros_like(phase)).any()
+
+
+@pytest.mark.parametrize("growth", [0.05, -0.03])
+def test_steady_growth_raises_no_doubt(growth: float) -> None:
+    phase = two_cells(growth=growth)
+    assert not likely(phase, np.zeros_like(phase)).any()
+
+
+@pytest.mark.parametrize("columns", [LARGE, SMALL])
+def test_the_object_that_slips_is_told_from_then_on(columns: slice) -> None:
+    phase = two_cells()
+    off = slip(phase, slice(5, None), columns)
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+    assert not found[:5].any()
+    other = SMALL if columns is LARGE else LARGE
+    assert not found[..., other].any()
+
+
+def test_an_object_that_comes_back_is_told_meanwhile_only() -> None:
+    phase = two_cells()
+    off = slip(phase, slice(4, 7), LARGE)
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+    assert not found[[*range(4), *range(7, N)]].any()
+
+
+def test_it_is_counted_outwards_from_the_boundary_frame() -> None:
+    phase = two_cells()
+    off = slip(phase, slice(None, 5), LARGE)
+    assert (likely(phase, off, first=9)[off != 0] > 0.9).all()
+    # From the other side it is a gain, and growth may come at once.
+    assert not likely(phase, off, first=0).any()
+
+
+def test_an_object_thinner_than_its_medium_misses_what_it_lacks() -> None:
+    phase = -two_cells()
+    off = np.zeros_like(phase)
+    off[5:, :, :, LARGE][phase[5:, :, :, LARGE] < -0.3] = 1
+    assert (likely(phase, off)[off != 0] > 0.9).all()
+
+
+def test_nothing_is_said_of_what_is_cut_off() -> None:
+    phase = two_cells()
+    off = slip(phase, slice(5, None), LARGE)
+    cut = slice(0, 24)  # through the large cell, along its way
+    assert not likely(phase[..., 26:], off[..., 26:])[..., cut].any()
+    known = np.ones(phase.shape, dtype=bool)
+    known[:, :, 26:30, 26:30] = False
+    found = likely(phase, off, mask=known)
+    assert not found[..., LARGE].any()
+
+
+def test_two_cells_that_meet_and_part_keep_their_mass_together() -> None:
+    frames = [
+        dome(1.5, 32, 48 - abs(6 - t) * 4, 12) + dome(1.5, 32, 48 + abs(6 - t) * 4, 12)
+        for t in range(N + 1)
+    ]
+    phase = np.stack(frames)[:, None].astype(np.float32)
+    assert not likely(phase, np.zeros_like(phase)).any()
+    off = np.zeros_like(phase)
+    off[11:, :, :, :48][phase[11:, :, :, :48] > 0.3] = -1  # slips after they have parted
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+    assert not found[11:, :, :, 52:].any()
+
+
+def test_lost_frames_are_bridged() -> None:
+    phase = two_cells()
+    off = slip(phase, slice(6, None), LARGE)
+    phase[5] = np.nan
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+    assert not found[:6].any()
+
+
+@pytest.mark.slow
+def test_a_cell_that_a_shock_takes_a_turn_off_is_told() -> None:
+    """All methods agree there on a level that is wrong, along steps that are smooth."""
+    exact = hard_shape("shock")
+    data = with_noise(exact.assign(phase=np.float32(1.5) * exact["phase"]), 0.4, seed=4)
+    compared = p4d.compare(data["wrapped"], ["directional-l1"])
+    off = np.round((compared.results["directional-l1"] - data["phase"]) / TURN)
+    thick = exact["phase"] > 1
+    wrong = ((off != 0) & thick).sum(["y", "x"]) > 0.5 * thick.sum(["y", "x"])
+    assert wrong.values.any(), "the method became better: another recording has to be found"
+    trust = compared.confidence("directional-l1")
+    told = slipped_frames(compared.problem, trust)
+    assert told[wrong.values].all()
+    assert not told[~wrong.values].any()
