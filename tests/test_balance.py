@@ -131,6 +131,19 @@ def test_two_cells_that_meet_and_part_keep_their_mass_together() -> None:
     assert not found[11:, :, :, 52:].any()
 
 
+@pytest.mark.parametrize("n", [1, 2, 3])
+def test_few_frames_say_nothing(n: int) -> None:
+    phase = two_cells()[:n]
+    off = slip(phase, slice(n - 1, None), LARGE)
+    assert not likely(phase, off).any()
+
+
+def test_frames_without_an_object_say_nothing() -> None:
+    phase = two_cells()
+    phase[::3] = 0
+    assert not likely(phase, np.zeros_like(phase)).any()
+
+
 def test_lost_frames_are_bridged() -> None:
     phase = two_cells()
     off = slip(phase, slice(6, None), LARGE)

@@ -306,12 +306,13 @@ def sudden(changes: list[Change]) -> list[Numbers]:
     links = [linked(one, other) for one, other in pairwise(changes)]
     found = []
     for number, change in enumerate(changes):
-        near = np.array(
-            [
-                *along(changes, links, number, range(number - 1, number - 1 - NEAR, -1)),
-                *along(changes, links, number, range(number + 1, number + 1 + NEAR)),
-            ]
-        ).reshape(-1, len(change.gain))
+        before, after = (
+            range(number - 1, number - 1 - NEAR, -1),
+            range(number + 1, number + 1 + NEAR),
+        )
+        near = np.full((2 * NEAR, len(change.gain)), np.nan)
+        near[:NEAR] = along(changes, links, number, before)
+        near[NEAR:] = along(changes, links, number, after)
         count = np.isfinite(near).sum(axis=0)
         middle = median_of_known(near)
         jump = change.gain - middle
@@ -330,18 +331,18 @@ def linked(one: Change, other: Change) -> Mask:
     return found
 
 
-def along(changes: list[Change], links: list[Mask], start: int, numbers: range) -> list[Numbers]:
-    """Return what the groups of a change gain in others, one after the other; NaN if not known."""
+def along(changes: list[Change], links: list[Mask], start: int, numbers: range) -> Numbers:
+    """Return what the groups of a change (columns) gain in others (rows); NaN if not known."""
     groups = len(changes[start].gain)
+    found = np.full((len(numbers), groups), np.nan)
     reached, lost = np.eye(groups, dtype=bool), np.zeros(groups, dtype=bool)
-    found, previous = [], start
-    for number in numbers:
+    previous = start
+    for row, number in enumerate(numbers):
         if not 0 <= number < len(changes):
             break
-        step = links[previous] if number > previous else links[number].T
-        reached = reached @ step
+        reached = reached @ (links[previous] if number > previous else links[number].T)
         lost = lost | ~reached.any(axis=1) | (reached @ ~changes[number].known)
-        found.append(np.where(lost, np.nan, reached @ changes[number].gain))
+        found[row] = np.where(lost, np.nan, reached @ changes[number].gain)
         previous = number
     return found
 
@@ -349,8 +350,6 @@ def along(changes: list[Change], links: list[Mask], start: int, numbers: range) 
 def median_of_known(values: Numbers) -> Numbers:
     """Return the median of each column of what is not NaN; NaN where all is."""
     ordered, count = np.sort(values, axis=0), np.isfinite(values).sum(axis=0)
-    if not len(values):
-        return np.full(values.shape[1], np.nan)
     columns = np.arange(values.shape[1])
     low, high = (
         ordered[np.maximum(middle, 0), columns] for middle in ((count - 1) // 2, count // 2)
