@@ -153,6 +153,20 @@ def test_lost_frames_are_bridged() -> None:
     assert not found[:6].any()
 
 
+@pytest.mark.parametrize("each", [1, 2, 5])
+def test_blocks_do_not_matter(each: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    phase = np.concatenate([two_cells(), two_cells(1.2)], axis=1)
+    off = slip(phase, slice(6, None), LARGE)
+    phase[4] = phase[5, 1] = phase[9, 0] = np.nan  # lost in all views, in one, in the other
+    whole = likely(phase, off)
+    blocks = [Block(t, min(t + each, N)) for t in range(0, N, each)]
+    monkeypatch.setattr("napari_phase4d.analysis.balance.working_blocks", lambda _: blocks)
+    np.testing.assert_array_equal(likely(phase, off), whole)
+    known = (off != 0) & np.isfinite(phase)
+    assert (whole[known] > 0.9).all()
+    assert not whole[:6].any()
+
+
 @pytest.mark.slow
 def test_a_cell_that_a_shock_takes_a_turn_off_is_told() -> None:
     """All methods agree there on a level that is wrong, along steps that are smooth."""

@@ -37,7 +37,7 @@ NEAR, FEWEST = 3, 2
 TIMES, SHARE = 5.0, 0.05
 #: An object may have slipped if a turn over a share of it between the middle two is missing: with
 #: less it is a part of it at most, and more than all of it none can miss.
-NONE_OF_IT, SOME, ALL, TOO_MUCH = 0.2, 0.4, 1.2, 1.5
+NONE_OF_IT, MOST, ALL, TOO_MUCH = 0.4, 0.7, 1.2, 1.5
 
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
@@ -378,7 +378,7 @@ def likely_slipped(objects: Objects, gained: Numbers) -> Numbers:
     """Return from 0 to 1 how well a slip by a turn explains what objects gained at once."""
     side = np.sign(objects.mass - gained)  # on which it would lie without that
     missing = -gained * side / np.maximum(objects.size, 1)
-    rises = (missing - NONE_OF_IT) / (SOME - NONE_OF_IT)
+    rises = (missing - NONE_OF_IT) / (MOST - NONE_OF_IT)
     falls = (TOO_MUCH - missing) / (TOO_MUCH - ALL)
     found: Numbers = np.clip(np.minimum(rises, falls), 0, 1)
     return found

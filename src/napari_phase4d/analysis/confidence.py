@@ -99,7 +99,8 @@ def confidence(
     smoothest. Where a result differs from directional L1, both ways compete. So it also falls
     where a whole object has slipped: then no smooth way leads into it, or a smoother one
     contradicts it. And it falls for all of an object whose level is not known: residues are in
-    the way from any frame that would know it, or the empty field itself is torn in two. Few
+    the way from any frame that would know it, the empty field itself is torn in two, or its dry
+    mass drops at once by what a turn over its area comes to, as in a slip. Few
     pixels that stand out from those round them are trusted less. Where every angle has several
     wavelengths, it is judged by how far these agree instead: sheer walls have no smooth way, and
     need none then.
