@@ -153,6 +153,53 @@ def test_lost_frames_are_bridged() -> None:
     assert not found[:6].any()
 
 
+def test_cells_that_lie_close_do_not_share_a_loss() -> None:
+    phase = np.stack(
+        [
+            dome(1.5, 32, 30 + 3 * (t % 2), 11) + dome(1.5, 32, 62 - 3 * (t % 2), 11)
+            for t in range(N)
+        ]
+    )[:, None].astype(np.float32)
+    off = slip(phase, slice(5, None), slice(0, 47))
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+    assert not found[..., 50:].any()
+
+
+def test_both_daughters_of_what_slipped_are_told() -> None:
+    frames = [dome(3.0, 32, 48, 16)] * 6
+    for t in range(6, N):
+        apart, radius = 5 * (t - 5), 16 / 2**0.5
+        frames.append(dome(3.0, 32, 48 - apart, radius) + dome(3.0, 32, 48 + apart, radius))
+    phase = np.stack(frames)[:, None].astype(np.float32)
+    off = slip(phase, slice(3, None), slice(None))
+    found = likely(phase, off)
+    assert (found[-1][off[-1] != 0] > 0.9).all()
+    assert not found[:3].any()
+
+
+def test_a_plateau_that_seems_empty_after_its_slip_is_told() -> None:
+    plateau = TURN * (np.hypot(Y - 32, X - 40) < 18) + np.zeros((N, 1, 1, 1))
+    phase = (plateau + dome(0.2, 32, 40, 20)).astype(np.float32)
+    off = slip(phase, slice(6, None), slice(None))
+    assert (likely(phase, off)[6:, :, 20:44, 28:52] > 0.9).all()
+
+
+def test_a_frame_without_empty_field_says_nothing() -> None:
+    phase = two_cells()
+    off = slip(phase, slice(5, None), LARGE)
+    phase[8] += 4 + 2 * np.sin(Y / 3) * np.sin(X / 3)
+    found = likely(phase, off)
+    assert not found[8:].any()
+    assert (found[5:8][off[5:8] != 0] > 0.9).all()
+
+
+def test_steady_loss_over_a_gap_raises_no_doubt() -> None:
+    phase = two_cells(growth=-0.03)
+    phase[5:10] = np.nan
+    assert not likely(phase, np.zeros_like(phase)).any()
+
+
 @pytest.mark.parametrize("each", [1, 2, 5])
 def test_blocks_do_not_matter(each: int, monkeypatch: pytest.MonkeyPatch) -> None:
     phase = np.concatenate([two_cells(), two_cells(1.2)], axis=1)

@@ -2,14 +2,14 @@
 
 The phase summed over an object is its dry mass (Barer 1952, Nature 169, 366). It stays what it is
 where the object moves, turns, changes its form, divides or meets another one, and growth changes
-it slowly. An object that slips by a turn loses a turn over all of its area at once.
+it slowly. An object that slips by a turn loses a turn over all of its area at once. So does one
+that truly loses as much, as a cell that bursts: the two can't be told apart by this.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
-from typing import Any
 
 import numpy as np
 import scipy
@@ -29,6 +29,8 @@ SPARE = 3
 CLEAR, NOISES = 0.3, 3.0
 #: About so many pixels of the empty field give a frame's level.
 ENOUGH = 5000
+#: One object becomes another one that takes at least this share of the smaller one's pixels.
+OVERLAP = 0.1
 #: What a change of mass is held against: so many changes before and after it; at least so many in
 #: all.
 NEAR, FEWEST = 3, 2
@@ -41,7 +43,7 @@ NONE_OF_IT, MOST, ALL, TOO_MUCH = 0.4, 0.7, 1.2, 1.5
 
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
-Whole = NDArray[np.intp]
+Index = NDArray[np.intp]
 Numbers = NDArray[np.float64]
 
 
@@ -54,7 +56,8 @@ class Balance:
     problem : Problem
         What was unwrapped.
     slipped : list of list of ndarray
-        From 0 to 1 for the objects of each frame, by time and angle, see `objects_in_frame`.
+        From 0 to 1 for the objects of each frame, by time and the problem's angle, see
+        `objects_in_frame`.
     """
 
     problem: Problem
@@ -110,44 +113,51 @@ class Objects:
     ----------
     mass : ndarray of float
         Phase above the empty field, summed over each: turns times pixels.
-    size : ndarray of int
-        Pixels of each that are clearly no empty field.
-    whole : ndarray of bool
+    size, area : ndarray of int
+        Pixels of each that are clearly no empty field; all pixels of each.
+    intact : ndarray of bool
         Whether each lies wholly within what is known.
     """
 
     mass: Numbers
-    size: Whole
-    whole: Mask
+    size: Index
+    area: Index
+    intact: Mask
 
 
 @dataclass(frozen=True)
 class Change:
     """What becomes of the objects of a frame in the next one of its view that says anything.
 
-    Objects that lie on each other are of one group, so that what divides or meets stays in one.
+    Objects that lie on each other, see `OVERLAP`, are of one group: what divides or meets stays
+    in one.
 
     Parameters
     ----------
     before, after : ndarray of int
         The group of each object of this frame, and of the next one.
     gain, area : ndarray of float
-        Mass that each group gains, turns times pixels; how many pixels it takes in either frame.
+        Mass that each group gains, turns times pixels; the pixels of its objects in that frame in
+        which they are more.
     known : ndarray of bool
         Whether it is known: not where objects come or go, or are cut off.
+    steps : int
+        Frames from this one to the next one: more than one if some between are lost.
     """
 
-    before: Whole
-    after: Whole
+    before: Index
+    after: Index
     gain: Numbers
     area: Numbers
     known: Mask
+    steps: int
 
 
 @dataclass(frozen=True)
 class Look:
-    """A frame, its objects numbered."""
+    """A frame at a time, its objects numbered."""
 
+    time: int
     labels: Labels
     objects: Objects
 
@@ -169,49 +179,56 @@ class BalanceBlock:
     problem: Problem
     result: Judged
     level: Numbers
-    kept: list[Whole] = field(init=False)
-
-    def __post_init__(self) -> None:
-        kept = [np.flatnonzero(~of_view) for of_view in self.problem.lost().T]
-        object.__setattr__(self, "kept", kept)
 
     def __call__(self, block: Block) -> list[list[tuple[int, Objects, Change | None]]]:
         """Return time, objects and change of each frame of the block, by view."""
-        looks = self._looks(block)
+        lost = self.problem.lost()
+        views = range(lost.shape[1])
+        looks: list[list[Look]] = [[] for _ in views]
+        following = [np.flatnonzero(~lost[block.stop :, angle])[:1] for angle in views]
+        after = sorted({int(t) + block.stop for each in following for t in each})
+        for own in (block, *(Block(t, t + 1) for t in after)):
+            for angle, of_view in enumerate(self._looks(own)):
+                if own is block or own.start - block.stop in following[angle]:
+                    looks[angle] += of_view
         found = []
-        for angle, kept in enumerate(self.kept):
-            here = kept[(kept >= block.start) & (kept < block.stop)]
-            after = kept[kept >= block.stop][:1]
-            views = [looks[time - block.start][angle] for time in here]
-            views += [self._looks(Block(int(t), int(t) + 1))[0][angle] for t in after]
-            changes = [change_between(*two) for two in pairwise(views)]
+        for of_view in looks:
+            changes = [change_between(*two) for two in pairwise(of_view)]
+            own_looks = [look for look in of_view if look.time < block.stop]
             found.append(
                 [
-                    (int(time), views[i].objects, changes[i] if i < len(changes) else None)
-                    for i, time in enumerate(here)
+                    (look.time, look.objects, changes[i] if i < len(changes) else None)
+                    for i, look in enumerate(own_looks)
                 ]
             )
         return found
 
     def _looks(self, block: Block) -> list[list[Look]]:
-        """Look at all frames of a block, by time and angle."""
+        """Look at the frames of a block that say anything, by angle."""
         background = self.problem.background()
         steady = self.result.read(block) - background.ground(self.level, block)
         usable = object_of(self.problem, None, block)
         empty = background.empty.read(block)
-        times, angles = steady.shape[:2]
         clear = CLEAR + NOISES * background.noise
+        kept = ~self.problem.lost()[block.start : block.stop]
         return [
-            [look_at(steady[t, a], usable[t, a], empty[t, a], clear) for a in range(angles)]
-            for t in range(times)
+            [
+                look_at(block.start + t, steady[t, a], usable[t, a], empty[t, a], clear)
+                for t in np.flatnonzero(kept[:, a]).tolist()
+            ]
+            for a in range(kept.shape[1])
         ]
 
 
-def look_at(phase: NDArray[np.float32], usable: Mask, empty: Mask, clear: float) -> Look:
+def look_at(
+    time: int, phase: NDArray[np.float32], usable: Mask, empty: Mask, clear: float
+) -> Look:
     """Look at the objects of a frame.
 
     Parameters
     ----------
+    time : int
+        Which it is.
     phase : ndarray of float, shape (y, x)
         Radians, the empty field level; NaN counts as empty field.
     usable, empty : ndarray of bool, same shape
@@ -226,30 +243,36 @@ def look_at(phase: NDArray[np.float32], usable: Mask, empty: Mask, clear: float)
     above = np.nan_to_num(phase - np.float32(level))
     mass = np.bincount(labels.ravel(), above.ravel(), minlength=count) / TURN
     size = np.bincount(labels[np.abs(above) > clear], minlength=count)
-    whole = np.ones(count, dtype=bool)
+    area = np.bincount(labels.ravel(), minlength=count)
+    intact = np.ones(count, dtype=bool)
     for edge in (labels[0], labels[-1], labels[:, 0], labels[:, -1]):
-        whole[edge] = False
+        intact[edge] = False
     if not usable.all():
-        whole[labels[~shrunk(usable, beyond=True)]] = False
-    return Look(labels, Objects(mass[1:], size[1:], whole[1:]))
+        intact[labels[~shrunk(usable, beyond=True)]] = False
+    return Look(time, labels, Objects(mass[1:], size[1:], area[1:], intact[1:]))
 
 
 def change_between(one: Look, other: Look) -> Change:
     """Return what becomes of the objects of a frame in another one."""
-    groups, count = scipy.ndimage.label((one.labels > 0) | (other.labels > 0))
-    sums: list[NDArray[Any]] = []
-    numbers: list[Whole] = []
-    known, area = np.ones(count, dtype=bool), np.zeros(count)
-    for look in (one, other):
-        of_object = np.zeros(len(look.objects.mass), dtype=np.intp)
-        seen = look.labels > 0
-        of_object[look.labels[seen] - 1] = groups[seen] - 1
-        numbers.append(of_object)
-        sums.append(np.bincount(of_object, look.objects.mass, minlength=count))
-        known &= np.bincount(of_object, minlength=count) > 0
-        known &= np.bincount(of_object, ~look.objects.whole, minlength=count) == 0
-        area = np.maximum(area, np.bincount(groups[seen] - 1, minlength=count).astype(float))
-    return Change(numbers[0], numbers[1], sums[1] - sums[0], area, known)
+    sizes = len(one.objects.mass), len(other.objects.mass)
+    both = (one.labels > 0) & (other.labels > 0)
+    codes, shared = np.unique(
+        (one.labels[both] - 1) * sizes[1] + other.labels[both] - 1, return_counts=True
+    )
+    first, second = codes // max(sizes[1], 1), codes % max(sizes[1], 1)
+    smaller = np.minimum(one.objects.area[first], other.objects.area[second])
+    enough = shared >= OVERLAP * smaller
+    pairs = first[enough], second[enough] + sizes[0]
+    links = scipy.sparse.coo_array((np.ones(len(pairs[0])), pairs), shape=(sum(sizes),) * 2)
+    count, group = scipy.sparse.csgraph.connected_components(links, directed=False)
+    known, gain, areas = np.ones(count, dtype=bool), np.zeros(count), []
+    groups = group[: sizes[0]].astype(np.intp), group[sizes[0] :].astype(np.intp)
+    for look, own, sign in ((one, groups[0], -1), (other, groups[1], 1)):
+        gain += sign * np.bincount(own, look.objects.mass, minlength=count)
+        areas.append(np.bincount(own, look.objects.area, minlength=count))
+        known &= np.bincount(own, minlength=count) > 0
+        known &= np.bincount(own, ~look.objects.intact, minlength=count) == 0
+    return Change(*groups, gain, np.maximum(*areas), known, other.time - one.time)
 
 
 # ---- what adds up ----------------------------------------------------------------------------
@@ -258,9 +281,9 @@ def change_between(one: Look, other: Look) -> Change:
 def balance_of(problem: Problem, result: Judged, task: Task) -> Balance:
     """Return how likely the objects of a result have slipped, by the mass that they miss.
 
-    An object that grows from the boundary frame on does not lose mass at once, unless part of it
-    is taken for a turn less. What all that it came from lost is counted on the way out from
-    there, and what came back is taken off.
+    An object that grows from the first boundary frame on does not lose mass at once, unless part
+    of it is taken for a turn less. What an object, or what it came from, lost at once is counted
+    on the way out from there, until it comes back or is not known.
 
     Parameters
     ----------
@@ -282,14 +305,13 @@ def balance_of(problem: Problem, result: Judged, task: Task) -> Balance:
             line += more
     slipped = [[np.zeros(0)] * angles for _ in range(times)]
     for angle, line in enumerate(lines):
-        watch.check()
         changes = [change for _, _, change in line if change is not None]
-        start = nearest([time for time, _, _ in line], problem.first[0])
+        jumps = sudden(changes, watch)
         objects = [seen for _, seen, _ in line]
-        for (time, seen, _), missing in zip(
-            line, carried(changes, sudden(changes), objects, start), strict=True
-        ):
-            slipped[time][angle] = likely_slipped(seen, missing)
+        start = nearest([time for time, _, _ in line], problem.first[0])
+        found = missing_turns(changes, jumps, objects, start, watch)
+        for (time, _, _), likely in zip(line, found, strict=True):
+            slipped[time][angle] = likely
     return Balance(problem, slipped)
 
 
@@ -298,53 +320,78 @@ def nearest(times: list[int], wanted: int) -> int:
     return int(np.argmin(np.abs(np.array(times) - wanted))) if times else 0
 
 
-def sudden(changes: list[Change]) -> list[Numbers]:
+def sudden(changes: list[Change], watch: Watch) -> list[Numbers]:
     """Return by how much the gain of each group differs from those before and after it.
 
-    0 where it does not stand out, or is not known.
+    0 where it does not stand out, or is not known. Gains are those of one frame to the next: over
+    a gap there are more of them.
     """
-    links = [linked(one, other) for one, other in pairwise(changes)]
     found = []
     for number, change in enumerate(changes):
+        watch.check()
         before, after = (
             range(number - 1, number - 1 - NEAR, -1),
             range(number + 1, number + 1 + NEAR),
         )
-        near = np.full((2 * NEAR, len(change.gain)), np.nan)
-        near[:NEAR] = along(changes, links, number, before)
-        near[NEAR:] = along(changes, links, number, after)
+        near = np.concatenate([along(changes, number, before), along(changes, number, after)])
         count = np.isfinite(near).sum(axis=0)
         middle = median_of_known(near)
-        jump = change.gain - middle
+        jump = change.gain - change.steps * middle
         # Of few changes the deviation may be small by chance.
         times = TIMES * 2 * NEAR / np.maximum(count, 1)
-        usual = times * median_of_known(np.abs(near - middle))
+        usual = change.steps * times * median_of_known(np.abs(near - middle))
         stands_out = np.abs(jump) > np.maximum(usual, SHARE * change.area)
         found.append(np.where(change.known & (count >= FEWEST) & stands_out, jump, 0.0))
     return found
 
 
-def linked(one: Change, other: Change) -> Mask:
-    """Say which groups of a change go on in which groups of the next one."""
-    found = np.zeros((len(one.gain), len(other.gain)), dtype=bool)
-    found[one.after, other.before] = True
-    return found
+def along(changes: list[Change], start: int, numbers: range) -> Numbers:
+    """Return what the groups of a change (columns) gain a frame in others (rows); NaN if unknown.
 
-
-def along(changes: list[Change], links: list[Mask], start: int, numbers: range) -> Numbers:
-    """Return what the groups of a change (columns) gain in others (rows); NaN if not known."""
+    The numbers of these are counted away from the start. A group is followed to all groups that
+    its objects belong to.
+    """
     groups = len(changes[start].gain)
     found = np.full((len(numbers), groups), np.nan)
-    reached, lost = np.eye(groups, dtype=bool), np.zeros(groups, dtype=bool)
+    first = here = np.arange(groups)
+    gone = np.zeros(groups, dtype=bool)
     previous = start
     for row, number in enumerate(numbers):
         if not 0 <= number < len(changes):
             break
-        reached = reached @ (links[previous] if number > previous else links[number].T)
-        lost = lost | ~reached.any(axis=1) | (reached @ ~changes[number].known)
-        found[row] = np.where(lost, np.nan, reached @ changes[number].gain)
+        one, other = changes[previous], changes[number]
+        ends = (one.after, other.before) if number > previous else (one.before, other.after)
+        first, here = followed(first, here, *ends, gone)
+        gone[first[~other.known[here]]] = True
+        gain = np.bincount(first, other.gain[here], minlength=groups) / other.steps
+        found[row] = np.where(gone, np.nan, gain)
         previous = number
     return found
+
+
+def followed(
+    first: Index, here: Index, groups: Index, others: Index, gone: Mask
+) -> tuple[Index, Index]:
+    """Follow pairs of groups (where one began, and where it is) through shared objects.
+
+    Parameters
+    ----------
+    first, here : ndarray of int
+        The pairs.
+    groups, others : ndarray of int
+        The group of each object in this change, and in the next one.
+    gone : ndarray of bool
+        Marks the groups that lead nowhere, in place.
+    """
+    order = np.argsort(groups, kind="stable")
+    begin, end = (np.searchsorted(groups[order], here, side) for side in ("left", "right"))
+    count = end - begin
+    gone[first[count == 0]] = True
+    place = np.arange(count.sum()) - np.repeat(np.cumsum(count) - count, count)
+    to = others[order][np.repeat(begin, count) + place]
+    most = int(others.max(initial=0)) + 1
+    pairs = np.unique(np.repeat(first, count) * most + to)
+    return pairs // most, pairs % most
 
 
 def median_of_known(values: Numbers) -> Numbers:
@@ -358,27 +405,134 @@ def median_of_known(values: Numbers) -> Numbers:
     return found
 
 
-def carried(
-    changes: list[Change], jumps: list[Numbers], objects: list[Objects], start: int
+#: What an object may have lost, by the number of the loss: turns times pixels, and over how many
+#: pixels; both are negative if it lies below the empty field.
+Claims = dict[int, tuple[float, float]]
+
+
+def missing_turns(
+    changes: list[Change], jumps: list[Numbers], objects: list[Objects], start: int, watch: Watch
 ) -> list[Numbers]:
-    """Add up what is gained at once, outwards from a frame, for the objects of every frame."""
+    """Return from 0 to 1 how well a slip by a turn explains what the objects of frames miss.
+
+    What a group loses at once may be missed by any object that comes of it, or by all. Each loss
+    has a number, so that it is counted once where such objects meet again. Where an object is cut
+    off, or nothing is known of a change, nothing is carried on.
+
+    Parameters
+    ----------
+    changes : list of Change
+        From each frame of a view to the next one.
+    jumps : list of ndarray of float
+        What groups gain at once in each.
+    objects : list of Objects
+        Those of each frame.
+    start : int
+        Number of the frame from which it is counted.
+    watch : Watch
+        May stop it.
+    """
     found = [np.zeros(len(seen.mass)) for seen in objects]
-    for i in range(start, len(changes)):
-        change = changes[i]
-        groups = np.bincount(change.before, found[i], minlength=len(change.gain)) + jumps[i]
-        found[i + 1] = groups[change.after]
-    for i in range(start - 1, -1, -1):
-        change = changes[i]
-        groups = np.bincount(change.after, found[i + 1], minlength=len(change.gain)) - jumps[i]
-        found[i] = groups[change.before]
+    for numbers in (range(start, len(changes)), range(start - 1, -1, -1)):
+        claims: list[Claims] = []
+        for number in numbers:
+            change, forwards = changes[number], number >= start
+            near, far = (
+                (change.before, change.after) if forwards else (change.after, change.before)
+            )
+            at, to = (number, number + 1) if forwards else (number + 1, number)
+            gained = jumps[number] if forwards else -jumps[number]
+            if not claims and not gained.any():
+                continue
+            watch.check()
+            sizes = clear_pixels(near, objects[at], far, objects[to], gained)
+            groups = claims_of_groups(claims, gained, near, objects[at], sizes, number)
+            claims = [groups[g] if change.known[g] else {} for g in far]
+            found[to] = likely_slipped(claims, objects[to])
+            if not any(claims):
+                claims = []
     return found
 
 
-def likely_slipped(objects: Objects, gained: Numbers) -> Numbers:
-    """Return from 0 to 1 how well a slip by a turn explains what objects gained at once."""
-    side = np.sign(objects.mass - gained)  # on which it would lie without that
-    missing = -gained * side / np.maximum(objects.size, 1)
+def clear_pixels(
+    near: Index, before: Objects, far: Index, after: Objects, gained: Numbers
+) -> Numbers:
+    """Return over how many pixels each group gained a turn: between its sizes before and after.
+
+    As many as explain it best: what slips may look empty after it, what shrinks at once has less.
+    """
+    one, other = (
+        np.bincount(groups, objects.size, minlength=len(gained))
+        for groups, objects in ((near, before), (far, after))
+    )
+    return np.clip(np.abs(gained), np.maximum(np.minimum(one, other), 1), np.maximum(one, other))
+
+
+def claims_of_groups(
+    claims: list[Claims],
+    gained: Numbers,
+    near: Index,
+    objects: Objects,
+    sizes: Numbers,
+    number: int,
+) -> list[Claims]:
+    """Return what each group misses: what its objects did, and what it lost at once.
+
+    Parameters
+    ----------
+    claims : list of dict
+        What each object of the frame before misses; empty if none misses anything.
+    gained : ndarray of float
+        What each group gains at once, turns times pixels.
+    near : ndarray of int
+        The group of each object of the frame before.
+    objects : Objects
+        These objects.
+    sizes : ndarray of float
+        Over how many pixels each group gained it.
+    number : int
+        What a loss is called by.
+    """
+    found: list[Claims] = [{} for _ in gained]
+    area = np.bincount(near, objects.area, minlength=len(gained))
+    for group in {int(near[i]) for i, own in enumerate(claims) if own}:
+        inside = np.flatnonzero(near == group)
+        for loss in {key for i in inside for key in claims[i]}:
+            holders = [i for i in inside if loss in claims[i]]
+            lost, over = claims[holders[0]][loss]
+            # What joins them may as well be what lost it.
+            share = objects.area[holders].sum() / area[group]
+            found[group][loss] = lost, over / float(share)
+    for group in np.flatnonzero(gained).tolist():
+        own = near == group
+        right = objects.mass[own].sum() + sum(lost for lost, _ in found[group].values())
+        over = float(np.copysign(sizes[group], right))
+        found[group][number] = -float(gained[group]), over
+    return found
+
+
+def likely_slipped(claims: list[Claims], objects: Objects) -> Numbers:
+    """Return from 0 to 1 how well a slip by a turn explains what objects may miss.
+
+    Of each object alone, or of all of those that one loss may be of.
+    """
+    found = np.zeros(len(claims))
+    area: dict[int, float] = {}
+    for i, own in enumerate(claims):
+        for loss in own:
+            area[loss] = area.get(loss, 0.0) + float(objects.area[i])
+    for i, own in enumerate(claims):
+        if own and objects.intact[i]:
+            together = sum(lost / over for lost, over in own.values())
+            alone = sum(
+                lost / (over * objects.area[i] / area[loss]) for loss, (lost, over) in own.items()
+            )
+            found[i] = max(a_turn_off(together), a_turn_off(alone))
+    return found
+
+
+def a_turn_off(missing: float) -> float:
+    """Return from 0 to 1 how well a slip by a turn explains that so many turns are missing."""
     rises = (missing - NONE_OF_IT) / (MOST - NONE_OF_IT)
     falls = (TOO_MUCH - missing) / (TOO_MUCH - ALL)
-    found: Numbers = np.clip(np.minimum(rises, falls), 0, 1)
-    return found
+    return float(np.clip(min(rises, falls), 0, 1))
