@@ -18,7 +18,7 @@ from layouts import layouts
 from levelling import levelling
 from regimes import regimes
 from tables import heading, line
-from trusting import confidence
+from trusting import confidence, elsewhere
 
 import napari_phase4d as p4d
 from napari_phase4d.simulation import (
@@ -238,6 +238,7 @@ QUESTIONS = (
     optics,
     crops,
     confidence,
+    elsewhere,
     boundaries,
     regimes,
     layouts,

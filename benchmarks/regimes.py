@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import statistics
 import zlib
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -221,8 +221,8 @@ def with_axes(phase: Stack) -> xr.Dataset:
     return xr.Dataset({"phase": exact, "wrapped": turned})
 
 
-def sparse_lapses() -> Iterator[Case]:
-    for seed in range(80):
+def sparse_lapses(seeds: Iterable[int] = range(80)) -> Iterator[Case]:
+    for seed in seeds:
         exact, noise = sparse(seed)
         data = with_noise(exact, noise, seed=seed)
         empty = np.abs(exact["phase"].values) < EMPTY

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import statistics
+from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import partial
 from itertools import pairwise
 
 import numpy as np
@@ -16,6 +18,8 @@ from regimes import (
     every_third,
     faults,
     hard_shapes,
+    noisy,
+    object_,
     one_view,
     own_phantoms,
     sharp_walls,
@@ -125,9 +129,9 @@ def slips(wrong: Mask, inside: Mask) -> Mask:
     return found
 
 
-def judge(case: Case, tallies: dict[str, Tally]) -> None:
-    """Count how well the confidence of all methods fits a case."""
-    compared = p4d.compare(case.wrapped, list(METHODS))
+def judge(case: Case, tallies: dict[str, Tally], methods: tuple[str, ...] = METHODS) -> None:
+    """Count how well the confidence of methods fits a case."""
+    compared = p4d.compare(case.wrapped, list(methods))
     inside = ~case.empty & np.isfinite(case.truth)
     for method, trust in compared.confidences().items():
         off = turns_off(compared.results[method].values, case)
@@ -193,6 +197,48 @@ def confidence() -> None:
             tally.right,
         )
     calibration(every[WL1])
+
+
+#: Objects that confidence and its mass were not looked at on: words, factor of the phase, which
+#: times, noise in radians.
+ELSEWHERE = (
+    ("twice as thick", 2.0, slice(None), 0.2),
+    ("three quarters thicker, turned round in time", 1.75, slice(None, None, -1), 0.3),
+    ("a third thicker, every second time", 1.35, slice(1, None, 2), 0.4),
+    ("a fifth thinner, every third time", 0.8, slice(2, None, 3), 0.45),
+)
+
+
+def others(words: str, factor: float, times: slice, noise: float) -> Iterator[Case]:
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name).isel(time=times)
+        exact = exact.assign_coords(time=np.arange(exact.sizes["time"]) * 1.0)
+        exact = exact.assign(phase=np.float32(factor) * exact["phase"])
+        yield noisy(name, exact, noise, f"{words}{name}")
+
+
+def elsewhere() -> None:
+    """How well confidence finds WL1's slips in recordings on which nothing was chosen."""
+    heading(
+        "Confidence of WL1 elsewhere",
+        "regime recordings with-wrong-pixels mean worst given-less-than-1-%:-wrong-(%) "
+        "found slipped false-alarms right-frames",
+    )
+    regimes = [(words[0], partial(others, *words)) for words in ELSEWHERE]
+    regimes.append(("sparse time lapses", partial(sparse_lapses, range(300, 320))))
+    for words, cases in regimes:
+        tally, count = Tally(), 0
+        for case in cases():
+            count += 1
+            judge(case, {WL1: tally}, (WL1,))
+        areas = tally.areas
+        chance, wrong = np.concatenate(tally.chances), np.concatenate(tally.outcomes)
+        mean = statistics.mean(areas) if areas else ""
+        line(
+            words, count, len(areas), mean, min(areas, default=""),
+            f"{100 * wrong[chance < 0.01].mean():.3f}",
+            tally.found, tally.slipped, tally.false, tally.right,
+        )  # fmt: skip
 
 
 def merge(whole: Tally, part: Tally) -> None:
