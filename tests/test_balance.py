@@ -83,6 +83,22 @@ def test_the_object_that_slips_is_told_from_then_on(columns: slice) -> None:
     assert not found[..., other].any()
 
 
+def test_two_objects_that_slip_at_once_are_both_told() -> None:
+    phase = two_cells()
+    off = slip(phase, slice(5, None), LARGE) + slip(phase, slice(5, None), SMALL)
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+
+
+def test_what_others_lose_in_the_same_frame_is_theirs() -> None:
+    phase = two_cells()
+    phase[5:, ..., SMALL] *= 0.8  # truly less by 0.3 turns
+    off = slip(phase, slice(5, None), LARGE)
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+    assert not found[..., SMALL].any()
+
+
 def test_an_object_that_comes_back_is_told_meanwhile_only() -> None:
     phase = two_cells()
     off = slip(phase, slice(4, 7), LARGE)

@@ -27,8 +27,6 @@ SPARE = 3
 #: Pixels are clearly no empty field that differ from it by so many radians and so many times the
 #: noise.
 CLEAR, NOISES = 0.3, 3.0
-#: About so many pixels of the empty field give a frame's level.
-ENOUGH = 5000
 #: One object becomes another one that takes at least this share of the smaller one's pixels.
 OVERLAP = 0.1
 #: What a change of mass is held against: so many changes before and after it; at least so many in
@@ -239,7 +237,7 @@ def look_at(
     labels = objects_in_frame(usable & ~empty)
     count = int(labels.max()) + 1
     ground = phase[empty & np.isfinite(phase)]
-    level = np.median(ground[:: max(ground.size // ENOUGH, 1)]) if ground.size else 0.0
+    level = np.median(ground) if ground.size else 0.0
     above = np.nan_to_num(phase - np.float32(level))
     mass = np.bincount(labels.ravel(), above.ravel(), minlength=count) / TURN
     size = np.bincount(labels[np.abs(above) > clear], minlength=count)
@@ -405,9 +403,9 @@ def median_of_known(values: Numbers) -> Numbers:
     return found
 
 
-#: What an object may have lost, by the number of the loss: turns times pixels, and over how many
-#: pixels; both are negative if it lies below the empty field.
-Claims = dict[int, tuple[float, float]]
+#: What an object may have lost, by the change and the group that did: turns times pixels, and over
+#: how many pixels; both are negative if it lies below the empty field.
+Claims = dict[tuple[int, int], tuple[float, float]]
 
 
 def missing_turns(
@@ -416,7 +414,7 @@ def missing_turns(
     """Return from 0 to 1 how well a slip by a turn explains what the objects of frames miss.
 
     What a group loses at once may be missed by any object that comes of it, or by all. Each loss
-    has a number, so that it is counted once where such objects meet again. Where an object is cut
+    has a name, so that it is counted once where such objects meet again. Where an object is cut
     off, or nothing is known of a change, nothing is carried on.
 
     Parameters
@@ -491,7 +489,7 @@ def claims_of_groups(
     sizes : ndarray of float
         Over how many pixels each group gained it.
     number : int
-        What a loss is called by.
+        Number of the change.
     """
     found: list[Claims] = [{} for _ in gained]
     area = np.bincount(near, objects.area, minlength=len(gained))
@@ -507,7 +505,7 @@ def claims_of_groups(
         own = near == group
         right = objects.mass[own].sum() + sum(lost for lost, _ in found[group].values())
         over = float(np.copysign(sizes[group], right))
-        found[group][number] = -float(gained[group]), over
+        found[group][number, group] = -float(gained[group]), over
     return found
 
 
@@ -517,7 +515,7 @@ def likely_slipped(claims: list[Claims], objects: Objects) -> Numbers:
     Of each object alone, or of all of those that one loss may be of.
     """
     found = np.zeros(len(claims))
-    area: dict[int, float] = {}
+    area: dict[tuple[int, int], float] = {}
     for i, own in enumerate(claims):
         for loss in own:
             area[loss] = area.get(loss, 0.0) + float(objects.area[i])
