@@ -138,6 +138,24 @@ def test_on_disk_it_is_the_same(tmp_path: Path, short_spans: None, mask: str | N
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("mask", [None, "auto"])
+def test_on_disk_missing_mass_is_the_same(
+    tmp_path: Path, mask: str | None, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    exact = hard_shape("shock")
+    data = with_noise(exact.assign(phase=np.float32(1.5) * exact["phase"]), 0.4, seed=4)
+    monkeypatch.setattr(given, "WORKING_FRAMES", 3)
+    held, lying = outcomes(
+        tmp_path, data["wrapped"], methods=("directional-l1",), mask=mask, confidence=True
+    )
+    expected = held.confidence("directional-l1").values
+    np.testing.assert_array_equal(lying.confidence("directional-l1").values, expected)
+    inside = (exact["phase"] > 4).values
+    assert np.median(expected[10:][inside[10:]]) < 0.7 < np.median(expected[:10][inside[:10]])
+    assert lying.verdict == held.verdict
+
+
+@pytest.mark.thorough
 def test_on_disk_it_can_be_asked_for_later(tmp_path: Path) -> None:
     held, lying = outcomes(tmp_path, with_black_frames()["wrapped"], methods=("spatial-2d",))
     assert lying.known_confidence("spatial-2d") is None
