@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import pickle
 import time
+import tracemalloc
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
@@ -25,9 +26,13 @@ from napari_phase4d.simulation import (
     with_noise,
 )
 from napari_phase4d.stack import Block, InMemory
+from napari_phase4d.task import UNWATCHED, Watch
 from napari_phase4d.unwrapping import Judged, Problem, given, supports_by_steps
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.directional import graph
+from napari_phase4d.unwrapping.directional.following import followed_steps
+from napari_phase4d.unwrapping.directional.graph import graphs_of
+from napari_phase4d.unwrapping.directional.methods import prepared
 
 TURN = 2 * np.pi
 METHODS = ("spatial-2d", "temporal-angular", "directional-l1")
@@ -249,3 +254,23 @@ def test_the_object_of_results_on_disk_is_that_in_memory(tmp_path: Path, mask: s
     xr.testing.assert_equal(lying.object_mask(), held.object_mask())
     assert 0.05 < float(held.object_mask().mean()) < 0.6
     assert not list((tmp_path / "disk").glob(".phase4d*"))
+
+
+def test_graph_of_small_object_in_large_field_takes_memory_of_its_box() -> None:
+    exact = p4d.simulation.swimming_euglena((32, 32), 8, pixel_um=44 / 32, peak_rad=9)
+    there_and_back = np.abs((np.arange(160) % 14) - 7)
+    wrapped = np.zeros((160, 1, 128, 128), dtype=np.float32)
+    wrapped[:, :, 48:80, 48:80] = exact["wrapped"].values[there_and_back, :1]
+    problem = Problem(wrapped)
+    field = prepared(problem, UNWATCHED)
+    tracemalloc.start()
+    try:
+        steps = followed_steps(field.scene, field.floors, Watch(1, "", UNWATCHED))
+        (graph,) = graphs_of(field.scene, steps, [Block(0, 160)])
+        most = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert graph.nodes.shape == field.scene.part
+    assert graph.nodes.size < wrapped.size / 10
+    assert most < 6 * wrapped.size  # bytes; one number for each pixel of the field takes four
+    assert (graph.nodes_of(Block(0, 160), field.scene)[:, :, 0, 0] < graph.n_islands).all()

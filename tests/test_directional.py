@@ -21,7 +21,7 @@ from napari_phase4d.unwrapping.background import find_background
 from napari_phase4d.unwrapping.directional import bunches, following
 from napari_phase4d.unwrapping.directional.bunches import Bunch
 from napari_phase4d.unwrapping.directional.following import followed_steps
-from napari_phase4d.unwrapping.directional.graph import islands_of
+from napari_phase4d.unwrapping.directional.graph import islands_by_node, number_islands
 from napari_phase4d.unwrapping.directional.groups import PARTS, Edges, merged_edges
 from napari_phase4d.unwrapping.directional.least_turns import (
     LeastTurns,
@@ -285,17 +285,17 @@ def test_islands_are_numbered_by_frame() -> None:
     empty[0, 0, :, :2] = empty[0, 0, :, 3:] = True
     empty[1, 0] = True
     each = np.stack([ndimage.label(frame[0])[0] - 1 for frame in empty])[:, None]
-    numbers, count, fields = islands_of(each, 5, (5, 0, 1))
+    known: dict[tuple[int, int], np.ndarray] = {}
+    count, fields = number_islands(each, 5, (5, 0, 1), known, 1)
+    numbers = islands_by_node(each, 5, known)
     assert (numbers[~empty] == 0).all()
     assert (numbers[0, 0, :, 3:] == 0).all()  # the one that is held
     own = {int(numbers[0, 0, 0, 0]), int(numbers[1, 0, 0, 0])}
     assert len(own) == 2
     assert own < set(range(1, count))
     # The largest of each other frame is the field.
-    assert [int(f) for f in fields] == [int(numbers[1, 0, 0, 0])]
-    nothing = islands_of(np.full((1, 1, 2, 2), -1), 0, None)
-    assert nothing[1] == 1
-    assert len(nothing[2]) == 0
+    assert fields == [int(numbers[1, 0, 0, 0])]
+    assert number_islands(np.full((1, 1, 2, 2), -1), 0, None, {}, 1) == (1, [])
 
 
 def test_a_moving_object_is_followed() -> None:

@@ -14,9 +14,10 @@ from napari_phase4d.unwrapping.directional.merging import smoothest_first, weigh
 from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
+from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.neighbours import ends_along
 
-__all__ = ["PixelGraph", "graph_bytes", "graphs_of", "spans_of"]
+__all__ = ["PixelGraph", "blocks_within", "graph_bytes", "graphs_of", "spans_of"]
 
 #: Pixels of the object's box, of all views, in a span, unless it has fewer than so many frames.
 SPAN_PIXELS, SPAN_FRAMES = 4_000_000, 8
@@ -25,6 +26,7 @@ BYTES_OF_A_PIXEL = 200
 
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
+Islands = dict[tuple[int, int], Whole]
 
 
 def spans_of(part: Sequence[int]) -> list[Block]:
@@ -127,8 +129,11 @@ class PixelGraph:
     around : Block
         Those that it holds: the frame before and the one after too.
     nodes : ndarray of int, shape (time, angle, y, x)
-        Node of every pixel of the moved frames around. The pixels of an island in one frame share
-        one; 0 is the island that is held, and stands for what has none.
+        Node of every pixel in the object's box of the moved frames around. The pixels of an island
+        in one frame share one; 0 is the island that is held, and stands for what has none.
+    islands : dict of tuple to ndarray of int
+        The nodes of a frame's islands, by the frame (time, angle), in the order of
+        `Scene.islands`. Outside of the box there is nothing else.
     n_islands, n : int
         How many nodes are islands, which come first; how many there are.
     first, second : ndarray of int
@@ -147,6 +152,7 @@ class PixelGraph:
     core: Block
     around: Block
     nodes: Whole
+    islands: Islands
     n_islands: int
     n: int
     first: Whole
@@ -158,8 +164,14 @@ class PixelGraph:
     number: Whole
 
     def nodes_at(self, time: int) -> Whole:
-        """Return the nodes of all pixels of a frame that it holds, one after the other."""
+        """Return the nodes of a frame's box, of all views, one pixel after the other."""
         found: Whole = self.nodes[time - self.around.start].ravel()
+        return found
+
+    def nodes_of(self, block: Block, scene: Scene) -> Whole:
+        """Return the nodes of all pixels of some of its frames (time, angle, y, x)."""
+        found = islands_by_node(scene.islands(block), block.start, self.islands)
+        found[:, :, *scene.box] = self.nodes[block.of(self.around)]
         return found
 
 
@@ -199,16 +211,28 @@ def graph_of(
     held: tuple[int, int, int] | None,
 ) -> PixelGraph:
     """Return the graph of some frames; the steps by time are used up."""
-    nodes, n_islands, fields = islands_of(scene.islands(around), around.start, held)
-    free = scene.read(around).free
-    n = n_islands + int(np.count_nonzero(free))
-    nodes[free] = np.arange(n_islands, n, dtype=np.int32)
+    nodes = np.empty((len(around), *scene.part[1:]), dtype=np.int32)
+    islands: Islands = {}
+    n_islands, of_fields = 1, []
+    blocks = blocks_within(around, scene.shape)
+    for block in blocks:
+        seen = scene.islands(block)
+        n_islands, more = number_islands(seen, block.start, held, islands, n_islands)
+        of_fields += more
+        inside = seen[:, :, *scene.box]
+        nodes[block.of(around)] = islands_by_node(inside, block.start, islands)
+    n, fields = n_islands, np.array(of_fields, dtype=np.int32)
+    for block in blocks:
+        free = scene.free(block)
+        last = n + int(np.count_nonzero(free))
+        nodes[block.of(around)][free] = np.arange(n, last, dtype=np.int32)
+        n = last
     listed: list[Steps] = []
     for t in around.times:
-        here, (within, ahead) = boxed(nodes, t - around.start, scene), steps.pop(t)
+        here, (within, ahead) = nodes[t - around.start].ravel(), steps.pop(t)
         listed.append(within.between(here, here))
         if t + 1 < around.stop:
-            listed.append(ahead.between(here, boxed(nodes, t + 1 - around.start, scene)))
+            listed.append(ahead.between(here, nodes[t + 1 - around.start].ravel()))
     plain, shared = [], []
     for own in listed:
         of_islands = (own.first < n_islands) & (own.second < n_islands)
@@ -224,6 +248,7 @@ def graph_of(
         core,
         around,
         nodes,
+        islands,
         n_islands,
         n,
         found.first,
@@ -261,12 +286,6 @@ def put_together(steps: Steps) -> tuple[Steps, NDArray[np.float64], Whole]:
     return Steps(first, second, (asked + lowest).astype(np.int16), least), weight, number
 
 
-def boxed(nodes: Whole, i: int, scene: Scene) -> Whole:
-    """Return the nodes of a frame's box, one pixel after the other."""
-    found: Whole = nodes[i][:, *scene.box].ravel()
-    return found
-
-
 def held_island(scene: Scene) -> tuple[int, int, int] | None:
     """Return time, angle and number of the island of the empty field that is held.
 
@@ -292,10 +311,10 @@ def largest_island(numbers: Whole) -> tuple[int, int] | None:
     return (int(np.argmax(sizes)), int(sizes.max())) if len(sizes) else None
 
 
-def islands_of(
-    islands: Whole, start: int, held: tuple[int, int, int] | None
-) -> tuple[Whole, int, Whole]:
-    """Give the islands of the empty field numbers through some frames.
+def number_islands(
+    islands: Whole, start: int, held: tuple[int, int, int] | None, known: Islands, count: int
+) -> tuple[int, list[int]]:
+    """Give the islands of the empty field in some frames numbers, beginning with a count.
 
     Parameters
     ----------
@@ -304,30 +323,58 @@ def islands_of(
     start : int
         Time of the first frame.
     held : tuple of int or None
-        Time, angle and number of the one that is held.
+        Time, angle and number of the one that is held, which gets 0.
+    known : dict of tuple to ndarray of int
+        The numbers of each frame's islands; these are put in.
+    count : int
+        The first number.
 
     Returns
     -------
-    found : ndarray of int, shape of the islands
-        The number of each pixel's island: 0 is that which is held, and stands for what has none.
     count : int
-        How many there are, with 0.
-    fields : ndarray of int
+        The next number.
+    fields : list of int
         The largest island of every other frame, where it takes enough of it to be the field.
     """
-    found = np.zeros(islands.shape, dtype=np.int32)
-    count, fields = 1, []
+    fields = []
     for i, a in np.ndindex(*islands.shape[:2]):
-        numbers = islands[i, a]
+        numbers, frame = islands[i, a], (start + i, a)
         largest = largest_island(numbers)
         if largest is None:
             continue
         mine = np.arange(count, count + int(numbers.max()) + 1, dtype=np.int32)
         count += len(mine)
-        if held is not None and (start + i, a) == held[:2]:
+        if held is not None and frame == held[:2]:
             mine[held[2]] = 0
         if largest[1] >= FIELD_SHARE * numbers.size and mine[largest[0]]:
-            fields.append(mine[largest[0]])
-        inside = numbers >= 0
-        found[i, a][inside] = mine[numbers[inside]]
-    return found, count, np.array(fields, dtype=np.int32)
+            fields.append(int(mine[largest[0]]))
+        known[frame] = mine
+    return count, fields
+
+
+def islands_by_node(islands: Whole, start: int, nodes: Islands) -> Whole:
+    """Return the node of each pixel's island; 0 where it is of none.
+
+    Parameters
+    ----------
+    islands : ndarray of int, shape (time, angle, y, x)
+        Their numbers in each frame by itself, from 0; -1 elsewhere.
+    start : int
+        Time of the first frame.
+    nodes : dict of tuple to ndarray of int
+        The nodes of each frame's islands.
+    """
+    found = np.zeros(islands.shape, dtype=np.int32)
+    for i, a in np.ndindex(*islands.shape[:2]):
+        if (start + i, a) in nodes:
+            inside = islands[i, a] >= 0
+            found[i, a][inside] = nodes[start + i, a][islands[i, a][inside]]
+    return found
+
+
+def blocks_within(block: Block, shape: Sequence[int]) -> list[Block]:
+    """Cut some frames of a stack of a shape into blocks to work on."""
+    return [
+        Block(block.start + part.start, block.start + part.stop)
+        for part in working_blocks((len(block), *shape[1:]))
+    ]

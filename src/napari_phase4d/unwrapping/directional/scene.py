@@ -130,6 +130,11 @@ class Scene:
             found[frame] = labels - 1
         return moved(found, self.shifts[block.start : block.stop])
 
+    def free(self, block: Block) -> Mask:
+        """Return the object's pixels in the box of some kept frames, moved into place."""
+        free = moved(self.frames.read_free(block), self.shifts[block.start : block.stop])
+        return free[:, :, *self.box]
+
     def noisy_phase(self, block: Block) -> Image:
         """Return the wrapped phase of some kept frames, moved into place, as it was seen."""
         return moved(self.frames.read(block).phase, self.shifts[block.start : block.stop])

@@ -20,7 +20,12 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import UNWATCHED, Task, Watch
 from napari_phase4d.unwrapping.directional.following import followed_steps
-from napari_phase4d.unwrapping.directional.graph import PixelGraph, graphs_of, spans_of
+from napari_phase4d.unwrapping.directional.graph import (
+    PixelGraph,
+    blocks_within,
+    graphs_of,
+    spans_of,
+)
 from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothest_first
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
@@ -57,7 +62,7 @@ class Tree:
     rough: Image
 
     def between(self, nodes: Whole) -> Tree:
-        """Return the same ways between nodes; those of all pixels of the frame are given."""
+        """Return the same ways between nodes; those of all pixels of a frame's box are given."""
         ends = (self.first, self.second)
         first, second = (np.where(end == HELD, np.int32(0), nodes[end]) for end in ends)
         return Tree(first, second, self.rough)
@@ -133,7 +138,7 @@ class WaysOutside:
     name : str
         What the result is called.
     pixels : int
-        How many a frame (angle, y, x) has.
+        How many the box of a frame (angle, y, x) has.
     """
 
     def __init__(self, store: Store, name: str, pixels: int) -> None:
@@ -374,7 +379,7 @@ def followed_ways(
     task: Task,
 ) -> dict[str, WaysOutside]:
     """Return the ways outside of every span, for each result."""
-    pixels = math.prod(field.scene.shape[1:])
+    pixels = math.prod(field.scene.part[1:])
     found = {name: WaysOutside(problem.store, name, pixels) for name in results}
     watch = Watch(1, "following ways", task)
     for span, graph in numbered(graphs(problem, field, cores, watch), cores):
@@ -447,14 +452,24 @@ class Look:
 
     def turns(self) -> Short:
         """Return the wrap count of every node, relative to each frame's empty field."""
-        scene, around = self.scene, self.graph.around
-        kept = scene.frames.kept[around.start : around.stop]
+        graph, scene = self.graph, self.scene
+        found = np.zeros(graph.n, dtype=np.int16)
+        for block in blocks_within(graph.around, scene.shape):
+            of_box = self._turns_of(block)[:, :, *scene.box]
+            found[graph.nodes[block.of(graph.around)]] = of_box
+        found[: graph.n_islands] = 0
+        return found
+
+    def _turns_of(self, block: Block) -> Short:
+        """Return the wrap counts of some frames, relative to each frame's empty field."""
+        scene = self.scene
+        kept = scene.frames.kept[block.start : block.stop]
         times = Block(int(kept[0]), int(kept[-1]) + 1)
         background = self.problem.background()
         level = border_medians(background.level, self.problem.first)
         steady = (self.result.read(times) - background.ground(level, times))[kept - times.start]
-        seen = scene.read(around)
-        shifts = scene.shifts[around.start : around.stop]
+        seen = scene.read(block)
+        shifts = scene.shifts[block.start : block.stop]
         turns = np.round((moved(steady, shifts) - seen.phase) / TURN)
         known = np.isfinite(turns)
         turns = np.where(known, turns, 0).astype(np.int16)
@@ -464,10 +479,7 @@ class Look:
             if seen.empty[frame].any():
                 off = np.int16(np.median(turns[frame][seen.empty[frame]]))
                 turns[frame] -= off * known[frame]
-        found = np.zeros(self.graph.n, dtype=np.int16)
-        found[self.graph.nodes] = turns
-        found[: self.graph.n_islands] = 0
-        return found
+        return turns
 
     def write(self, support: Support, outside: Tree) -> None:
         """Write how well the steps support the times that the graph stands for."""
@@ -479,11 +491,12 @@ class Look:
         ends, shared = (ways.first, ways.second), (graph.weight, graph.number)
         worst, held = held_by_steps(*ends, off, ways.rough, graph.n, NO_WAY, order, shared)
         np.clip(worst, np.float32(0), np.float32(NO_WAY), out=worst)
-        times, which = times_of(self.scene, graph.core)
-        inner = graph.core.of(graph.around)
-        back = -self.scene.shifts[graph.core.start : graph.core.stop]
-        for stack, of_nodes in ((support.roughest, worst), (support.held, held)):
-            stack.write(times, moved(of_nodes[graph.nodes[inner]], back)[which])
+        for part in blocks_within(graph.core, self.scene.shape):
+            nodes = graph.nodes_of(part, self.scene)
+            times, which = times_of(self.scene, part)
+            back = -self.scene.shifts[part.start : part.stop]
+            for stack, of_nodes in ((support.roughest, worst), (support.held, held)):
+                stack.write(times, moved(of_nodes[nodes], back)[which])
 
 
 def times_of(scene: Scene, core: Block) -> tuple[Block, NDArray[np.intp]]:
