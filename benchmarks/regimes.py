@@ -10,7 +10,7 @@ from __future__ import annotations
 import statistics
 import zlib
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -40,6 +40,8 @@ WL1 = "directional-l1"
 NOISES = (0, 0.2, 0.5, 0.7)
 #: Factor of the phase of objects that are to be thicker.
 THICKER = 1.25
+#: How far an empty field sags below the middle of its edges, in radians.
+SAGS = 4
 #: Ten objects that the methods were made on, and four that faults are done to.
 OWN_PHANTOMS = ("yeast", "euglena", *SHAPES)
 FAULTY = ("dividing", "vacuole", "lamella", "ring")
@@ -161,6 +163,24 @@ def every_second(noise: float) -> Iterator[Case]:
         exact = object_(name)
         exact = exact.assign(phase=np.float32(THICKER) * exact["phase"])
         yield noisy(name, exact.isel(time=slice(None, None, 2)), noise, f"leaps{name}{noise}")
+
+
+def curved_field(noise: float) -> Iterator[Case]:
+    """An empty field that sags: what a curvature that was not taken off leaves."""
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name)
+        away = (np.linspace(-1, 1, exact.sizes[d]) ** 2 for d in ("y", "x"))
+        sags = SAGS * np.add.outer(*away).astype(np.float32)
+        case = noisy(name, exact.assign(phase=exact["phase"] + sags), noise, f"sag{name}{noise}")
+        yield replace(case, empty=np.abs(exact["phase"].values) < EMPTY)
+
+
+def cut_off(noise: float) -> Iterator[Case]:
+    """The edge of the view goes through the middle of each object."""
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name)
+        exact = exact.isel(x=slice(exact.sizes["x"] // 2, None))
+        yield noisy(name, exact, noise, f"cut{name}{noise}")
 
 
 def two_far_views(noise: float) -> Iterator[Case]:
@@ -304,6 +324,8 @@ def regimes() -> None:
         ("the second half", second_half, (0, 0.5)),
         ("every third time of the second half", every_third, (0, 0.3, 0.5)),
         ("every second time, thicker by a quarter", every_second, (0, 0.3)),
+        ("over a field that sags", curved_field, (0, 0.4)),
+        ("cut off by the edge of the view", cut_off, (0, 0.4)),
         ("a fault half way", faults, (0, 0.5)),
         ("a fault half way, other objects", unseen_faults, (0.5,)),
     )

@@ -43,10 +43,14 @@ Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
 Short = NDArray[np.int16]
 Turns = NDArray[np.signedinteger[Any]]
+Counts = NDArray[np.int64]
 
 #: A pixel lies beyond the empty field if its phase does so by this many radians and twice the
 #: noise; each turn beyond costs as much as a step of so much roughness, in radians, that is off.
 BEYOND, AS_ROUGH_AS = 0.5, 2.0
+#: What many steps hold may lie on the other side as well, as where the empty field sags under the
+#: object. A pixel pays only beyond that, but for this share of it, in bins of so many radians.
+RARE, BIN = 0.003, 0.1
 #: Only regions of so few pixels pay, as many as a cube of three: the price is for rims, not for
 #: what many steps hold.
 RIM = 27
@@ -244,38 +248,51 @@ def on_one_side(field: Field, plain: Turns, parts: Whole, watch: Watch) -> Turns
 
 @dataclass(frozen=True)
 class Rims:
-    """Pixels of the smallest regions, and how many of all lie on which side.
+    """Pixels of the smallest regions, and how much of all others lies on which side.
 
     Parameters
     ----------
     positive, clear : int
         Pixels that are more than a turn above the empty field; that are above or below it.
+    above, below : ndarray of int
+        How many pixels of larger regions lie so far above the empty field, or below it, in bins
+        up to a turn; the last has all beyond.
     region : ndarray of int
         Region of each pixel of small regions.
-    least, most : ndarray of int
-        The fewest turns of that region with which the pixel lies not below the empty field, and
-        the most with which it lies not above.
+    phase : ndarray of float
+        Its phase in radians, where its region has no turns.
     rough : ndarray of float
         As how rough a step its price counts, radians.
     """
 
     positive: int
     clear: int
+    above: Counts
+    below: Counts
     region: Index
-    least: Short
-    most: Short
+    phase: Image
     rough: Image
 
-    def limit(self, side: int, turns: Turns, bunches: Bunches) -> Limit:
+    def limit(self, side: int, noise: float, turns: Turns, bunches: Bunches) -> Limit:
         """Return what pixels pay on the wrong side, of the bunches in which any does.
 
         In all others the turns are the least already.
         """
-        whole = self.least if side > 0 else self.most
+        other = self.below if side > 0 else self.above
+        allowed = BEYOND + max(2 * noise, BIN * usual_bins(other, self.above.sum()))
+        steps = np.ceil((-allowed - side * self.phase.astype(np.float64)) / (2 * np.pi))
+        # A region of so few pixels has few turns.
+        whole = (side * steps).astype(np.int16)
         paying = bunches.of_region[self.region[side * (whole - turns[self.region]) > 0]]
         mine = np.isin(bunches.of_region[self.region], paying[paying >= 0])
         weight = np.round(PARTS * weight_of(self.rough[mine]))
         return Limit(self.region[mine], whole[mine], weight, side)
+
+
+def usual_bins(other: Counts, all_: int) -> int:
+    """Return how many bins hold all pixels on a side but the rare ones."""
+    further = np.cumsum(other[::-1])[::-1]
+    return int(np.count_nonzero(further[1:] > RARE * all_))
 
 
 def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block) -> Rims:
@@ -286,18 +303,24 @@ def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block)
     region, relative = (part[free] for part in regions.read(block))
     phase = seen.phase[free]
     unwrapped = phase + TURN * (turns[region] + relative).astype(np.float32)
-    clear = joined[region] & (np.abs(unwrapped) > TURN)
-    small = joined[region] & (regions.size[region] <= RIM)
+    known = joined[region]
+    clear = known & (np.abs(unwrapped) > TURN)
+    is_small = regions.size[region] <= RIM
+    small, large = known & is_small, unwrapped[known & ~is_small]
+    above, below = (bins_of(np.maximum(side * large, 0)) for side in (1, -1))
     rough = np.full(int(small.sum()), AS_ROUGH_AS, dtype=np.float32)
     if seen.amplitude is not None:
         rough += fading(seen.amplitude[free][small])
-    allowed = BEYOND + 2 * field.scene.noise
-    own = phase[small].astype(np.float64)
-    bounds = (side * np.ceil((-allowed - side * own) / (2 * np.pi)) for side in (1, -1))
-    # A region of so few pixels has few turns.
-    least, most = ((bound - relative[small]).astype(np.int16) for bound in bounds)
-    above = int((unwrapped[clear] > 0).sum())
-    return Rims(above, int(clear.sum()), region[small], least, most, rough)
+    own = phase[small] + TURN * relative[small].astype(np.float32)
+    positive = int((unwrapped[clear] > 0).sum())
+    return Rims(positive, int(clear.sum()), above, below, region[small], own, rough)
+
+
+def bins_of(beyond: Image) -> Counts:
+    """Count phase by how far it lies on a side, in bins up to a turn; the first has the rest."""
+    last = int(TURN / BIN)
+    numbers = np.minimum(beyond / np.float32(BIN), last).astype(np.intp)
+    return np.bincount(numbers, minlength=last + 1).astype(np.int64)
 
 
 def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Limit | None:
@@ -314,15 +337,20 @@ def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Li
 
     looks = list(in_threads(work, blocks, watch.quiet(len(blocks))))
     clear = sum(rims.clear for rims in looks)
-    above = sum(rims.positive for rims in looks) / clear if clear else 0.5
-    if 1 - NEARLY_ALL < above < NEARLY_ALL:
+    share = sum(rims.positive for rims in looks) / clear if clear else 0.5
+    if 1 - NEARLY_ALL < share < NEARLY_ALL:
         return None
-    region, least, most, rough = (
-        np.concatenate([getattr(rims, name) for rims in looks])
-        for name in ("region", "least", "most", "rough")
+    above, below = (
+        np.stack([getattr(rims, name) for rims in looks]).sum(axis=0)
+        for name in ("above", "below")
     )
-    rims = Rims(0, clear, region, least, most, rough)
-    return rims.limit(1 if above > 0.5 else -1, turns, field.regions.bunches)
+    region, phase, rough = (
+        np.concatenate([getattr(rims, name) for rims in looks])
+        for name in ("region", "phase", "rough")
+    )
+    rims = Rims(0, clear, above, below, region, phase, rough)
+    side = 1 if share > 0.5 else -1
+    return rims.limit(side, field.scene.noise, turns, field.regions.bunches)
 
 
 # ---- the result ------------------------------------------------------------------------------

@@ -16,6 +16,7 @@ from itertools import product
 from typing import NamedTuple, Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import inlined, vectorized
@@ -32,6 +33,11 @@ __all__ = ["Frames", "Recorded", "Seen", "Shifts", "follow_object"]
 #: Coherence at a pixel is that of a square which reaches so far round it.
 REACH = 3
 SIDE = 2 * REACH + 1
+#: Neighbours of a pixel (view, y, x) in its own view.
+WITHIN_VIEW = np.pad(np.ones((1, 3, 3), dtype=bool), ((1, 1), (0, 0), (0, 0)))
+#: No shift may take a part of the object over an edge of the view that has at least this share of
+#: its pixels: a speck at the edge is no reason not to follow a cell.
+LARGE_PART = 0.1
 #: A new shift must make neighbours more coherent by this much ...
 ADVANTAGE = 0.03
 #: ... and by this much for every pixel that it moves. Where noise makes coherence lower, both are
@@ -258,10 +264,43 @@ def along_time(frames: Frames, centres: NDArray[np.float64], watch: Watch) -> Sh
             watch.check()
             if last is not None:
                 before = found[k - 1]
-                tried = proposals(centres[0] - centres[k], before)
+                tried = kept_in_view(now, proposals(centres[0] - centres[k], before))
                 coherence = [mean_coherence([coherence_of(now, last, s - before)]) for s in tried]
                 found[k] = most_coherent(tried, coherence, before, noise)
             last = now
+    return found
+
+
+def kept_in_view(now: Look, tried: list[Shifts]) -> list[Shifts]:
+    """Leave out the new shifts that take part of the object over an edge of the view.
+
+    What goes over an edge comes in at the opposite one, cut off from the rest of the object. So an
+    object that the edge cuts off is not held in place: its centre moves as it comes into view.
+    The first shift, which is that of the frame before, stays: a jump back would be no better.
+    """
+    before, *new = tried
+    if not goes_over_edge(now.rows, now.columns, new):
+        return tried
+    large = large_parts(now.mask)
+    rows, columns = (np.asarray(large.any(axis=axes)) for axes in ((0, 2), (0, 1)))
+    return [before, *(shift for shift in new if not goes_over_edge(rows, columns, [shift]))]
+
+
+def goes_over_edge(rows: Mask, columns: Mask, shifts: list[Shifts]) -> bool:
+    """Say whether any of some shifts takes a pixel in these rows and columns over an edge."""
+    for axis, own in enumerate((rows, columns)):
+        places, by = np.flatnonzero(own), [int(shift[axis]) for shift in shifts]
+        if by and len(places) and (places[0] + min(by) < 0 or places[-1] + max(by) >= len(own)):
+            return True
+    return False
+
+
+def large_parts(mask: Mask) -> Mask:
+    """Return the mask of an object in some views (view, y, x) without its smallest parts."""
+    labels, count = scipy.ndimage.label(mask, WITHIN_VIEW)
+    size = np.bincount(labels.ravel(), minlength=count + 1)
+    size[0] = 0
+    found: Mask = (size > LARGE_PART * size.sum() / len(mask))[labels]
     return found
 
 

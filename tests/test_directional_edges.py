@@ -1,0 +1,104 @@
+"""Recordings whose empty field is not flat, and objects that the edge of the view cuts off."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import napari_phase4d as p4d
+from napari_phase4d.unwrapping.directional.methods import BIN, bins_of, usual_bins
+from napari_phase4d.unwrapping.directional.registration import Look, kept_in_view
+
+TURN = 2 * np.pi
+WL1, RGD = "directional-l1", "directional-growing"
+
+
+def wrong(phase: np.ndarray, empty: np.ndarray, noise: float, method: str) -> int:
+    """Return on how many pixels a result is turns off, each frame above its empty field."""
+    exact = phase + noise * np.random.default_rng(3).standard_normal(phase.shape)
+    wrapped = np.angle(np.exp(1j * exact)).astype(np.float32)
+    off = np.round((p4d.unwrap(wrapped, method).values - exact) / TURN)
+    for frame in np.ndindex(*off.shape[:2]):
+        off[frame] -= np.median(off[frame][empty[frame]])
+    return int(np.count_nonzero(off))
+
+
+def blurred(phase: np.ndarray) -> np.ndarray:
+    """Blur frames as optics do, so that no step is steeper than half a turn."""
+    return ndimage.gaussian_filter(phase, (0, 1.2, 1.2))
+
+
+def ball_over_a_bowl(rises: float, side: int = 1) -> tuple[np.ndarray, np.ndarray]:
+    """A ball goes through an empty field that rises by so much towards the edges."""
+    y, x = np.mgrid[-28:28, -28:28] + 0.5
+    bowl = rises * (y**2 + x**2) / 28**2
+    places = np.linspace(-18, 18, 8)
+    far = np.stack([(y**2 + (x - place) ** 2) / 11**2 for place in places])
+    phase = side * (bowl + blurred(13 * np.sqrt(np.maximum(1 - far, 0))))
+    return phase[:, None], (far > 1.6)[:, None]
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("noise", [0, 0.2])
+@pytest.mark.parametrize("rises", [0, 1, 2, 5, -4])
+def test_empty_field_that_sags_under_the_object(rises: float, noise: float, side: int) -> None:
+    """The field beside the object lies below that of the border, and is no error."""
+    phase, empty = ball_over_a_bowl(rises, side)
+    assert max(np.abs(np.diff(phase, axis=axis)).max() for axis in (2, 3)) < np.pi
+    assert wrong(phase, empty, noise, WL1) == 0
+
+
+def test_what_many_steps_hold_tells_how_far_a_pixel_may_lie_on_the_other_side() -> None:
+    beyond = np.concatenate([np.zeros(900), np.full(90, 1.04), np.full(9, 2.04), np.full(1, 90.0)])
+    counts = bins_of(beyond.astype(np.float32))
+    assert counts.sum() == 1000
+    assert counts[0] == 900
+    assert counts[-1] == 1
+    assert BIN * usual_bins(counts, 1000) == pytest.approx(2.0)
+    assert usual_bins(bins_of(np.zeros(50, np.float32)), 50) == 0
+
+
+def swimming_in_and_out(views: int) -> tuple[np.ndarray, np.ndarray]:
+    """A long cell on a circle, most of which is out of view; frames do not overlap by much."""
+    y, x = np.mgrid[-56:56, -56:56].astype(float)
+    frames, fields = [], []
+    for t in range(12):
+        way = 0.5 * t
+        along = (y - 26 * np.sin(way)) * np.cos(way) - (x - 26 * np.cos(way)) * np.sin(way)
+        across = (y - 26 * np.sin(way)) * np.sin(way) + (x - 26 * np.cos(way)) * np.cos(way)
+        far = (along / 19) ** 2 + (across / 11) ** 2
+        frames.append(blurred(13.5 * np.sqrt(np.maximum(1 - far, 0))[None])[0])
+        fields.append(far > 1.6)
+    inside = np.s_[:, None, 28:84, 28:84]
+    phase, empty = (np.repeat(np.stack(a)[inside], views, axis=1) for a in (frames, fields))
+    return phase, empty
+
+
+@pytest.mark.parametrize("method", [WL1, RGD])
+@pytest.mark.parametrize("views", [1, 2])
+@pytest.mark.parametrize("noise", [0, 0.2])
+def test_cell_that_the_edge_of_the_view_cuts_off(noise: float, views: int, method: str) -> None:
+    """2-D is right in every frame: what comes in at the other edge must not be held against it."""
+    phase, empty = swimming_in_and_out(views)
+    assert max(np.abs(np.diff(phase, axis=axis)).max() for axis in (2, 3)) < np.pi
+    assert wrong(phase, empty, 0, "spatial-2d") == 0
+    assert wrong(phase, empty, noise, method) == 0
+
+
+def look_at(mask: np.ndarray) -> Look:
+    nothing = np.zeros(mask.shape, dtype=np.float32)
+    return Look(nothing, nothing, mask, mask.any(axis=(0, 2)), mask.any(axis=(0, 1)))
+
+
+def test_no_new_shift_takes_a_large_part_of_an_object_over_the_edge() -> None:
+    mask = np.zeros((2, 20, 30), dtype=bool)
+    mask[:, 4:12, 5:25] = True
+    tried = [np.array(shift) for shift in ((0, 0), (-4, 0), (-5, 0), (8, 5), (9, 0), (0, 6))]
+    kept = [tuple(shift) for shift in kept_in_view(look_at(mask), tried)]
+    assert kept == [(0, 0), (-4, 0), (8, 5)]
+    # A speck at the edge may go.
+    mask[0, 18:, 28:] = True
+    assert [tuple(shift) for shift in kept_in_view(look_at(mask), tried)] == kept
+    # An object that lies at all edges stays as it was in the frame before.
+    assert [tuple(s) for s in kept_in_view(look_at(np.ones_like(mask)), tried[1:])] == [(-4, 0)]
