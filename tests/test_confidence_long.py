@@ -74,6 +74,49 @@ def test_ways_are_the_same_wherever_a_recording_is_cut(
     np.testing.assert_array_equal(found[2], found[0])
 
 
+def layer_without_empty_field() -> xr.Dataset:
+    """A layer of cells that fills the view, and waves."""
+    t, y, x = np.mgrid[:14, -24:24, -24:24].astype(float)
+    hills = 6 * np.cos(0.22 * y + 0.3 * t) * np.cos(0.19 * x - 0.2 * t)
+    phase = 14 + hills + 0.05 * x + 3 * np.exp(-((y - t + 7) ** 2 + x**2) / 60)
+    exact = xr.DataArray(phase[:, None].astype(np.float32), dims=("time", "angle", "y", "x"))
+    return with_noise(xr.Dataset({"phase": exact, "wrapped": exact}), 0.2, seed=5)
+
+
+@pytest.mark.parametrize("frames", [1000, 3])
+def test_without_empty_field_ways_begin_in_the_boundary_frame(
+    frames: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Nothing was trusted there, right or wrong; nothing is sure now, but much is likely."""
+    monkeypatch.setattr(graph, "SPAN_PIXELS", 1)
+    monkeypatch.setattr(graph, "SPAN_FRAMES", frames)
+    data = layer_without_empty_field()
+    right = p4d.unwrap(data["wrapped"], "directional-l1", boundary=(4, 0))
+    turns = np.round((right - data["phase"]).values / TURN)
+    assert (turns == turns[0, 0, 0, 0]).all()
+    assert not Problem(data["wrapped"]).background().mask.any()
+    trust = p4d.confidence(right, data["wrapped"]).values
+    assert trust.max() <= 0.9
+    assert np.quantile(trust, 0.01) > 0.8
+    # A part of it is a turn lower, from a time on.
+    wrong = right.copy(data=right.values.copy())
+    wrong[9:, :, 10:30, 10:30] -= TURN
+    trust = p4d.confidence(wrong, data["wrapped"]).values
+    assert trust[9:, :, 12:28, 12:28].max() < 0.1
+    assert np.quantile(trust[:8], 0.01) > 0.8
+
+
+def test_verdict_says_that_no_empty_field_is_in_view() -> None:
+    data = layer_without_empty_field()
+    methods = ("directional-l1", "spatial-2d")
+    for mask in (None, "auto"):  # the latter leaves the valleys out
+        verdict = p4d.compare(data["wrapped"], methods, mask=mask).verdict
+        assert verdict.doubtful_percent < 0.1
+        assert "No empty field is in view" in verdict
+    shown = p4d.compare(with_black_frames()["wrapped"], methods=("directional-l1",)).verdict
+    assert "No empty field" not in shown
+
+
 @pytest.mark.slow
 def test_a_thin_frame_far_away_vouches_for_a_thick_cell(short_spans: None) -> None:
     """No frame of the last spans is thin, so that each by itself could vouch for nothing."""

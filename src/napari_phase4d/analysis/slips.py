@@ -50,12 +50,15 @@ class Tally:
         Whether most of an object may be off by the same cycles, by method.
     differ : ndarray of int
         Those inside on which not all results have the same wrap count.
+    shows_field : bool
+        Whether any frame shows an empty field.
     """
 
     inside: Counts
     doubtful: dict[str, Counts]
     slipped: dict[str, Mask]
     differ: Counts
+    shows_field: bool
 
     def doubtful_share(self, method: str) -> float:
         """Return the share of all pixels inside that are in doubt; NaN without any."""
@@ -96,13 +99,16 @@ def tally_of(
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks), "counting what is in doubt", task)
     found = list(in_threads(count, blocks, watch, wait=True))
-    in_object, in_field, slipped = (np.concatenate(part) for part in zip(*found, strict=True))
+    in_object, in_field, slipped, shown = (
+        np.concatenate(part) for part in zip(*found, strict=True)
+    )
     counts = in_object if in_object[..., 0].any() else in_field
     return Tally(
         counts[..., 0],
         {method: counts[..., 2 + i] for i, method in enumerate(trust)},
         {method: slipped[..., i] for i, method in enumerate(trust)},
         counts[..., 1],
+        bool(shown.any()),
     )
 
 
@@ -124,8 +130,8 @@ class Count:
     results: list[Stack]
     trust: list[Stack]
 
-    def __call__(self, block: Block) -> tuple[Counts, Counts, Mask]:
-        """Return what is counted in the object, in the field, and where objects slipped.
+    def __call__(self, block: Block) -> tuple[Counts, Counts, Mask, Mask]:
+        """Return what is counted in the object, in the field, where objects slipped, and fields.
 
         The last axis of the counts is: pixels, those that differ, those in doubt of each method.
         """
@@ -142,7 +148,7 @@ class Count:
         for frame in np.ndindex(*inside.shape[:2]):
             objects = objects_in(inside[frame], empty[frame])
             slipped[frame] = slips(objects, [m[frame] < FIRM for m in maps])
-        return in_object, in_field, slipped
+        return in_object, in_field, slipped, np.asarray(empty.any(axis=(1, 2, 3)))
 
     def _differ(self, block: Block, empty: Mask) -> Mask:
         """Mark where not all results have the same wrap count."""

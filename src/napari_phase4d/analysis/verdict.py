@@ -32,6 +32,11 @@ SAFE = 0.1
 ALIKE = 1e-3
 #: A view of which more than this share is in doubt is so as a whole.
 MOST_OF_VIEW = 0.5
+#: What is said where nothing is known to be at zero.
+NO_FIELD = (
+    "No empty field is in view, so nothing tells the level of the whole, and parts of it may be "
+    "whole turns off each other where all looks smooth."
+)
 #: Methods that don't count turns, but estimate the phase; they differ from all others everywhere.
 ESTIMATES = ("laplacian",)
 
@@ -119,6 +124,8 @@ class Words:
         Pixels of the object that are in doubt, and all of them.
     lost : list of tuple of int
         Frames (time, angle) that say nothing.
+    shows_field : bool
+        Whether any frame shows an empty field.
     """
 
     label: str
@@ -130,6 +137,7 @@ class Words:
     doubtful: Counts
     inside: Counts
     lost: list[tuple[int, int]]
+    shows_field: bool
 
     def __call__(self, stack: xr.DataArray) -> str:
         """Return the sentence for a stack that has these frames."""
@@ -137,6 +145,7 @@ class Words:
             first_words(self.label, self.doubt, self.n_results),
             where_words(frame_in_words(stack, *self.frame), self.most, self.n_results),
             view_words(self.doubtful, self.inside, stack),
+            "" if self.shows_field else NO_FIELD,
             better_words(self.own, self.doubt),
             lost_words(self.lost, stack, self.inside.size),
         ]
@@ -191,6 +200,7 @@ def verdict_on(
         doubtful=tally.doubtful[best],
         inside=tally.inside,
         lost=lost,
+        shows_field=tally.shows_field,
     )
     found = Verdict(words(phase))
     found._words = words

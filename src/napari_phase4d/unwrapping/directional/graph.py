@@ -17,7 +17,15 @@ from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.neighbours import ends_along
 
-__all__ = ["PixelGraph", "blocks_within", "graph_bytes", "graphs_of", "spans_of"]
+__all__ = [
+    "Pixel",
+    "PixelGraph",
+    "blocks_within",
+    "graph_bytes",
+    "graphs_of",
+    "held_island",
+    "spans_of",
+]
 
 #: Pixels of the object's box, of all views, in a span, unless it has fewer than so many frames.
 SPAN_PIXELS, SPAN_FRAMES = 4_000_000, 8
@@ -27,6 +35,7 @@ BYTES_OF_A_PIXEL = 200
 Image = NDArray[np.float32]
 Whole = NDArray[np.int32]
 Islands = dict[tuple[int, int], Whole]
+Pixel = tuple[int, int, int, int]
 
 
 def spans_of(part: Sequence[int]) -> list[Block]:
@@ -134,6 +143,9 @@ class PixelGraph:
     islands : dict of tuple to ndarray of int
         The nodes of a frame's islands, by the frame (time, angle), in the order of
         `Scene.islands`. Outside of the box there is nothing else.
+    origin : tuple of int, or None
+        Where no empty field is in view anywhere, the pixel (time, angle, y, x) of the box that is
+        held instead, as node 0.
     n_islands, n : int
         How many nodes are islands, which come first; how many there are.
     first, second : ndarray of int
@@ -153,6 +165,7 @@ class PixelGraph:
     around: Block
     nodes: Whole
     islands: Islands
+    origin: Pixel | None
     n_islands: int
     n: int
     first: Whole
@@ -175,7 +188,9 @@ class PixelGraph:
         return found
 
 
-def graphs_of(scene: Scene, steps: Iterable[Weighed], cores: list[Block]) -> Iterator[PixelGraph]:
+def graphs_of(
+    scene: Scene, steps: Iterable[Weighed], cores: list[Block], origin: Pixel | None = None
+) -> Iterator[PixelGraph]:
     """Yield the graph of each span of frames, as soon as all its steps are known.
 
     Parameters
@@ -186,6 +201,8 @@ def graphs_of(scene: Scene, steps: Iterable[Weighed], cores: list[Block]) -> Ite
         All its steps, see `followed_steps`, in any order.
     cores : list of Block
         The spans.
+    origin : tuple of int, optional
+        The pixel that is held where there is no empty field, see `PixelGraph`.
     """
     n = scene.shape[0]
     held = held_island(scene)
@@ -200,7 +217,7 @@ def graphs_of(scene: Scene, steps: Iterable[Weighed], cores: list[Block]) -> Ite
             around = waiting.pop(core)
             needed = {t for others in waiting.values() for t in others.times}
             own = {t: known[t] if t in needed else known.pop(t) for t in around.times}
-            yield graph_of(scene, core, around, own, held)
+            yield graph_of(scene, core, around, own, held or origin)
 
 
 def graph_of(
@@ -208,16 +225,17 @@ def graph_of(
     core: Block,
     around: Block,
     steps: dict[int, tuple[Steps, Steps]],
-    held: tuple[int, int, int] | None,
+    held: tuple[int, int, int] | Pixel | None,
 ) -> PixelGraph:
-    """Return the graph of some frames; the steps by time are used up."""
+    """Return the graph of some frames, an island or a pixel held; their steps are used up."""
+    island, origin = (held, None) if held is None or len(held) == 3 else (None, held)
     nodes = np.empty((len(around), *scene.part[1:]), dtype=np.int32)
     islands: Islands = {}
     n_islands, of_fields = 1, []
     blocks = blocks_within(around, scene.shape)
     for block in blocks:
         seen = scene.islands(block)
-        n_islands, more = number_islands(seen, block.start, held, islands, n_islands)
+        n_islands, more = number_islands(seen, block.start, island, islands, n_islands)
         of_fields += more
         inside = seen[:, :, *scene.box]
         nodes[block.of(around)] = islands_by_node(inside, block.start, islands)
@@ -227,6 +245,8 @@ def graph_of(
         last = n + int(np.count_nonzero(free))
         nodes[block.of(around)][free] = np.arange(n, last, dtype=np.int32)
         n = last
+    if origin is not None and origin[0] in around.times:
+        nodes[origin[0] - around.start, *origin[1:]] = 0
     listed: list[Steps] = []
     for t in around.times:
         here, (within, ahead) = nodes[t - around.start].ravel(), steps.pop(t)
@@ -249,6 +269,7 @@ def graph_of(
         around,
         nodes,
         islands,
+        origin,
         n_islands,
         n,
         found.first,

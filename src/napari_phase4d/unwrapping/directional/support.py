@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
@@ -21,9 +22,11 @@ from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import UNWATCHED, Task, Watch
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import (
+    Pixel,
     PixelGraph,
     blocks_within,
     graphs_of,
+    held_island,
     spans_of,
 )
 from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothest_first
@@ -265,10 +268,13 @@ class Support:
     held : Stack
         From -1 to 1: how firmly the steps hold the parts that the pixel belongs to against a turn
         more or less, see `held_by_steps`.
+    anchored : bool
+        Whether ways begin at an empty field, which is in view in some frame.
     """
 
     roughest: Stack
     held: Stack
+    anchored: bool
 
 
 @dataclass(frozen=True)
@@ -313,7 +319,8 @@ def supports_by_steps(
     empty field the one whose roughest step is smoothest counts (a bottleneck path). Where the
     phase of a whole object hangs on rough steps alone, or where a result contradicts smooth steps,
     it is rough. A smooth way may lead into a part by accident; then most other steps at its rim
-    are against it, or for nothing, and it is not held.
+    are against it, or for nothing, and it is not held. Where no frame shows an empty field, ways
+    begin in the largest part of the boundary frame instead.
 
     A long recording is looked at a span of frames at a time. Ways lead through all of it even so,
     see `WaysOutside`; the steps at the rim of a part are those of its span.
@@ -329,14 +336,13 @@ def supports_by_steps(
     """
     field = prepared(problem, task)
     cores = spans_of(field.scene.part)
+    anchored = held_island(field.scene) is not None
+
+    def stack(part: str, name: str) -> Stack:
+        return problem.store.temporary(f"{part}_{name}", problem.given.shape, "float32")
+
     supports = {
-        name: Support(
-            *(
-                problem.store.temporary(f"{part}_{name}", problem.given.shape, "float32")
-                for part in ("roughest", "held")
-            )
-        )
-        for name in results
+        name: Support(stack("roughest", name), stack("held", name), anchored) for name in results
     }
     ways: dict[str, WaysOutside] = {}
     if len(cores) > 1:
@@ -358,11 +364,33 @@ def graphs(
     def all_of_them() -> Iterator[PixelGraph]:
         # By themselves: at rims of what moves, steps are smooth again after they were rough.
         steps = followed_steps(field.scene, field.floors, watch, remembering=False)
-        return graphs_of(field.scene, steps, cores)
+        return graphs_of(field.scene, steps, cores, origin_of(field))
 
     if len(cores) > 1:
         return all_of_them()
     return problem.once(GRAPH, lambda: list(all_of_them()))
+
+
+def origin_of(field: Field) -> Pixel | None:
+    """Return the pixel (time, angle, y, x) of the box that ways begin at without an empty field.
+
+    It lies deepest inside of the largest part of the boundary frame that certain steps join. None
+    where there is an empty field in any frame.
+    """
+    scene = field.scene
+    if held_island(scene) is not None:
+        return None
+    time, angle = scene.frames.start
+    start = Block(time, time + 1)
+    region = field.regions.read(start)[0][0, angle][scene.box]
+    free = scene.free(start)[0, angle]
+    if not free.any():
+        return None
+    largest = int(np.argmax(np.bincount(region[free])))
+    inside = np.pad(free & (region == largest), 1)
+    depth = scipy.ndimage.distance_transform_edt(inside)[1:-1, 1:-1]
+    y, x = np.unravel_index(int(np.argmax(depth)), depth.shape)
+    return time, angle, int(y), int(x)
 
 
 def numbered(found: Iterable[PixelGraph], cores: list[Block]) -> Iterator[tuple[int, PixelGraph]]:
@@ -451,12 +479,17 @@ class Look:
         return found
 
     def turns(self) -> Short:
-        """Return the wrap count of every node, relative to each frame's empty field."""
+        """Return the wrap count of every node, relative to each frame's empty field.
+
+        Without any, it is relative to the pixel that ways begin at.
+        """
         graph, scene = self.graph, self.scene
         found = np.zeros(graph.n, dtype=np.int16)
         for block in blocks_within(graph.around, scene.shape):
             of_box = self._turns_of(block)[:, :, *scene.box]
             found[graph.nodes[block.of(graph.around)]] = of_box
+        if graph.origin is not None and graph.origin[0] in graph.around.times:
+            found -= found[0]
         found[: graph.n_islands] = 0
         return found
 
