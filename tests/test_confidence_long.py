@@ -317,3 +317,19 @@ def test_graph_of_small_object_in_large_field_takes_memory_of_its_box() -> None:
     assert graph.nodes.size < wrapped.size / 10
     assert most < 6 * wrapped.size  # bytes; one number for each pixel of the field takes four
     assert (graph.nodes_of(Block(0, 160), field.scene)[:, :, 0, 0] < graph.n_islands).all()
+
+
+def test_box_of_a_large_field_is_read_a_few_frames_at_a_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    data = with_black_frames()
+    amplitude = np.linspace(0.5, 1, data["wrapped"].size).reshape(data["wrapped"].shape)
+    scene = prepared(Problem(data["wrapped"], amplitude=amplitude), UNWATCHED).scene
+    block = Block(1, scene.shape[0] - 1)
+    whole = scene.read_box(block, amplitude=True)
+    monkeypatch.setattr(given, "WORKING_PIXELS", 1)
+    monkeypatch.setattr(given, "FEW_FRAMES", 1)
+    assert len(given.blocks_within(block, scene.shape)) == len(block)
+    parts = scene.read_box(block, amplitude=True)
+    for one, other in zip(vars(whole).values(), vars(parts).values(), strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -30,6 +30,7 @@ __all__ = [
     "WithoutLost",
     "all_known",
     "as_given",
+    "blocks_within",
     "brightness_of",
     "checked_boundaries",
     "is_known",
@@ -206,6 +207,14 @@ def working_blocks(shape: Sequence[int]) -> list[Block]:
     """Cut a stack into blocks to work on; results must not depend on where."""
     each = working_frames(shape)
     return [Block(t, min(t + each, shape[0])) for t in range(0, shape[0], each)]
+
+
+def blocks_within(block: Block, shape: Sequence[int]) -> list[Block]:
+    """Cut some frames of a stack of a shape into blocks to work on."""
+    return [
+        Block(block.start + part.start, block.start + part.stop)
+        for part in working_blocks((len(block), *shape[1:]))
+    ]
 
 
 # ---- noise, and lost frames -----------------------------------------------------------------

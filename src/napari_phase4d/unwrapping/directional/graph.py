@@ -14,13 +14,12 @@ from napari_phase4d.unwrapping.directional.merging import smoothest_first, weigh
 from napari_phase4d.unwrapping.directional.regions import FIELD_SHARE, FIRM
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
-from napari_phase4d.unwrapping.given import working_blocks
+from napari_phase4d.unwrapping.given import blocks_within
 from napari_phase4d.unwrapping.neighbours import ends_along
 
 __all__ = [
     "Pixel",
     "PixelGraph",
-    "blocks_within",
     "graph_bytes",
     "graphs_of",
     "held_island",
@@ -391,11 +390,3 @@ def islands_by_node(islands: Whole, start: int, nodes: Islands) -> Whole:
             inside = islands[i, a] >= 0
             found[i, a][inside] = nodes[start + i, a][islands[i, a][inside]]
     return found
-
-
-def blocks_within(block: Block, shape: Sequence[int]) -> list[Block]:
-    """Cut some frames of a stack of a shape into blocks to work on."""
-    return [
-        Block(block.start + part.start, block.start + part.stop)
-        for part in working_blocks((len(block), *shape[1:]))
-    ]

@@ -24,7 +24,7 @@ from napari_phase4d.unwrapping.directional.registration import (
     follow_object,
 )
 from napari_phase4d.unwrapping.frames import moved
-from napari_phase4d.unwrapping.given import working_blocks
+from napari_phase4d.unwrapping.given import blocks_within, working_blocks
 from napari_phase4d.unwrapping.neighbours import HALO, along_slope
 
 __all__ = ["NOISY", "Box", "Scene", "find_scene", "seams"]
@@ -98,14 +98,29 @@ class Scene:
         )
 
     def read_box(self, block: Block, *, amplitude: bool = False) -> Seen:
-        """Return the box of some frames; see `read`."""
+        """Return the box of some frames; see `read`.
+
+        A few frames at a time, as the field may be much larger than the box.
+        """
+        parts = [self._box_of(some, amplitude) for some in blocks_within(block, self.shape)]
+        if len(parts) == 1:
+            return parts[0]
+        phase, empty, usable = (
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("phase", "empty", "usable")
+        )
+        bright = [part.amplitude for part in parts if part.amplitude is not None]
+        return Seen(phase, empty, usable, np.concatenate(bright) if bright else None)
+
+    def _box_of(self, block: Block, amplitude: bool) -> Seen:
+        """Do `read_box`, all frames at once."""
         seen = self.read(block, amplitude=amplitude)
         inside = (slice(None), slice(None), *self.box)
         return Seen(
             np.ascontiguousarray(seen.phase[inside]),
-            seen.empty[inside],
-            seen.usable[inside],
-            None if seen.amplitude is None else seen.amplitude[inside],
+            seen.empty[inside].copy(),
+            seen.usable[inside].copy(),
+            None if seen.amplitude is None else seen.amplitude[inside].copy(),
         )
 
     def boxed(
@@ -187,11 +202,10 @@ def averaged_scene(scene: Scene, store: Store, watch: Watch) -> Scene:
 
     def work(block: Block) -> None:
         around = block.wider(HALO, HALO, n)
-        seen = scene.read(around)
-        inside = (slice(None), slice(None), *scene.box)
+        seen = scene.read_box(around)
         phase, share = along_slope(
-            np.ascontiguousarray(seen.phase[inside]),
-            np.ascontiguousarray(seen.usable[inside]),
+            seen.phase,
+            np.ascontiguousarray(seen.usable),
             scene.seams(around),
             scene.noise,
             block.of(around),

@@ -24,7 +24,6 @@ from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.graph import (
     Pixel,
     PixelGraph,
-    blocks_within,
     graphs_of,
     held_island,
     spans_of,
@@ -33,7 +32,7 @@ from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothe
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
 from napari_phase4d.unwrapping.frames import border_medians, moved
-from napari_phase4d.unwrapping.given import Given
+from napari_phase4d.unwrapping.given import Given, blocks_within
 from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.problem import GRAPH, Problem
 
