@@ -216,7 +216,7 @@ def graphs_of(
             around = waiting.pop(core)
             needed = {t for others in waiting.values() for t in others.times}
             own = {t: known[t] if t in needed else known.pop(t) for t in around.times}
-            yield graph_of(scene, core, around, own, held or origin)
+            yield graph_of(scene, core, around, own, held, origin)
 
 
 def graph_of(
@@ -224,17 +224,17 @@ def graph_of(
     core: Block,
     around: Block,
     steps: dict[int, tuple[Steps, Steps]],
-    held: tuple[int, int, int] | Pixel | None,
+    held: tuple[int, int, int] | None,
+    origin: Pixel | None,
 ) -> PixelGraph:
     """Return the graph of some frames, an island or a pixel held; their steps are used up."""
-    island, origin = (held, None) if held is None or len(held) == 3 else (None, held)
     nodes = np.empty((len(around), *scene.part[1:]), dtype=np.int32)
     islands: Islands = {}
     n_islands, of_fields = 1, []
     blocks = blocks_within(around, scene.shape)
     for block in blocks:
         seen = scene.islands(block)
-        n_islands, more = number_islands(seen, block.start, island, islands, n_islands)
+        n_islands, more = number_islands(seen, block.start, held, islands, n_islands)
         of_fields += more
         inside = seen[:, :, *scene.box]
         nodes[block.of(around)] = islands_by_node(inside, block.start, islands)
@@ -377,10 +377,8 @@ def islands_by_node(islands: Whole, start: int, nodes: Islands) -> Whole:
 
     Parameters
     ----------
-    islands : ndarray of int, shape (time, angle, y, x)
-        Their numbers in each frame by itself, from 0; -1 elsewhere.
-    start : int
-        Time of the first frame.
+    islands, start
+        See `number_islands`.
     nodes : dict of tuple to ndarray of int
         The nodes of each frame's islands.
     """
