@@ -14,11 +14,13 @@ TURN = 2 * np.pi
 WL1, RGD = "directional-l1", "directional-growing"
 
 
-def wrong(phase: np.ndarray, empty: np.ndarray, noise: float, method: str) -> int:
+def wrong(
+    phase: np.ndarray, empty: np.ndarray, noise: float | np.ndarray, method: str, **options: object
+) -> int:
     """Return on how many pixels a result is turns off, each frame above its empty field."""
     exact = phase + noise * np.random.default_rng(3).standard_normal(phase.shape)
     wrapped = np.angle(np.exp(1j * exact)).astype(np.float32)
-    off = np.round((p4d.unwrap(wrapped, method).values - exact) / TURN)
+    off = np.round((p4d.unwrap(wrapped, method, **options).values - exact) / TURN)
     for frame in np.ndindex(*off.shape[:2]):
         off[frame] -= np.median(off[frame][empty[frame]])
     return int(np.count_nonzero(off))
@@ -102,3 +104,31 @@ def test_no_new_shift_takes_a_large_part_of_an_object_over_the_edge() -> None:
     assert [tuple(shift) for shift in kept_in_view(look_at(mask), tried)] == kept
     # An object that lies at all edges stays as it was in the frame before.
     assert [tuple(s) for s in kept_in_view(look_at(np.ones_like(mask)), tried[1:])] == [(-4, 0)]
+
+
+def cell_in_a_channel(side: int) -> tuple[np.ndarray, np.ndarray]:
+    """A thick cell flows through a channel whose walls are thicker; they reach the border."""
+    y, x = np.mgrid[-24:24, -40:40] + 0.5
+    walls = np.broadcast_to(8 / (1 + np.exp((13 - np.abs(y)) / 0.9)), (14, *y.shape))
+    far = np.stack([(y**2 + (x + 36 - 3 * t) ** 2) / 9.5**2 for t in range(14)])
+    cell = ndimage.gaussian_filter(14 * np.sqrt(np.maximum(1 - far, 0)), (0, 0.8, 0.8))
+    phase = side * (walls + cell)
+    return phase[:, None], np.broadcast_to((np.abs(y) < 8) & (x > 30), phase[:, None].shape)
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("noise", [0.2, 0.4])
+def test_cell_that_rises_above_the_walls_of_its_channel(noise: float, side: int) -> None:
+    """What nothing contradicts lies on both sides of the border's field in earnest."""
+    phase, empty = cell_in_a_channel(side)
+    assert wrong(phase, empty, noise, WL1) == 0
+
+
+def test_phase_is_as_noisy_as_light_is_faint() -> None:
+    """Where light has faded, noise alone takes pixels to the other side of the empty field."""
+    phase, empty = ball_over_a_bowl(0)
+    x = np.linspace(0, 1, phase.shape[3])
+    amplitude = np.linspace(1, 0.6, len(phase))[:, None, None, None] * (1 - 0.75 * x**2)
+    amplitude = np.broadcast_to(amplitude, phase.shape).astype(np.float32)
+    noise = 0.2 / amplitude
+    assert wrong(phase, empty, noise, WL1, amplitude=amplitude) < 30

@@ -20,7 +20,7 @@ from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.registration import Recorded
 from napari_phase4d.unwrapping.directional.scene import Scene, find_scene
-from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of
+from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of, noisier
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
@@ -45,8 +45,9 @@ Short = NDArray[np.int16]
 Turns = NDArray[np.signedinteger[Any]]
 Counts = NDArray[np.int64]
 
-#: A pixel lies beyond the empty field if its phase does so by this many radians and twice the
-#: noise; each turn beyond costs as much as a step of so much roughness, in radians, that is off.
+#: A pixel lies beyond the empty field if its phase does so by this many radians and twice its
+#: noise, which is the larger the fainter its light. Each turn beyond costs as much as a step of
+#: so much roughness, in radians, that is off.
 BEYOND, AS_ROUGH_AS = 0.5, 2.0
 #: What many steps hold may lie on the other side as well, as where the empty field sags under the
 #: object. A pixel pays only beyond that, but for this share of it, in bins of so many radians.
@@ -58,6 +59,10 @@ RIM = 27
 MOST = 0.5
 #: An object lies on one side of the empty field if this share of what is a turn off does.
 NEARLY_ALL = 0.9
+#: A rim that slipped leaves steps that contradict each other. Where all of them together cost so
+#: many times less than lying on the wrong side would, no rim has slipped, and the object does lie
+#: on both sides: a cell in a channel with thicker walls, say, all of it too steep to be held.
+IN_EARNEST = 15
 
 
 class Unwraps(Recorded, Protocol):
@@ -201,15 +206,19 @@ def directional_l1(
     watch = Watch(2, "directional L1", task)
     bunches = watch.quiet(len(field.regions.bunches))
 
+    costs: list[int] = []
+
     def least(bunch: Bunch) -> Placed:
         solver = LeastTurns(bunch, watch.check)
         parts, start = solver.start()
-        return parts, solver.descend(start)
+        turns = solver.descend(start)
+        costs.append(solver.cost(turns))
+        return parts, turns
 
     parts, turns = together(field.regions, least, bunches)
     watch.step()
     if one_sided:
-        turns = on_one_side(field, turns, parts, watch)
+        turns = on_one_side(field, turns, parts, sum(costs), watch)
     watch.step()
     return finish(problem, field, turns, parts, result, task)
 
@@ -217,10 +226,22 @@ def directional_l1(
 # ---- on one side of the empty field ----------------------------------------------------------
 
 
-def on_one_side(field: Field, plain: Turns, parts: Whole, watch: Watch) -> Turns:
-    """Return the turns of every region, after lying on the wrong side has had its price."""
+def on_one_side(field: Field, plain: Turns, parts: Whole, cost: int, watch: Watch) -> Turns:
+    """Return the turns of every region, after lying on the wrong side has had its price.
+
+    Parameters
+    ----------
+    field, plain, parts
+        What was started from; turns and part of every region, as the steps alone have them.
+    cost : int
+        Cost of these turns, see `LeastTurns.cost`.
+    watch : Watch
+        Stops the work.
+    """
     limit = side_of_object(field, plain, parts, watch)
     if limit is None or not len(limit.region):
+        return plain
+    if limit.paid(plain, field.regions.n).sum() > IN_EARNEST * cost:
         return plain
     bunches = field.regions.bunches
     of_pixel = bunches.of_region[limit.region]
@@ -261,8 +282,8 @@ class Rims:
         Region of each pixel of small regions.
     phase : ndarray of float
         Its phase in radians, where its region has no turns.
-    rough : ndarray of float
-        As how rough a step its price counts, radians.
+    amplitude : ndarray of float
+        Its amplitude as a share of its view's median; 1 where amplitude is not known.
     """
 
     positive: int
@@ -271,7 +292,7 @@ class Rims:
     below: Counts
     region: Index
     phase: Image
-    rough: Image
+    amplitude: Image
 
     def limit(self, side: int, noise: float, turns: Turns, bunches: Bunches) -> Limit:
         """Return what pixels pay on the wrong side, of the bunches in which any does.
@@ -279,13 +300,16 @@ class Rims:
         In all others the turns are the least already.
         """
         other = self.below if side > 0 else self.above
-        allowed = BEYOND + max(2 * noise, BIN * usual_bins(other, self.above.sum()))
+        usual = BIN * usual_bins(other, self.above.sum())
+        noises = noise * noisier(self.amplitude).astype(np.float64)
+        allowed = BEYOND + np.maximum(2 * noises, usual)
         steps = np.ceil((-allowed - side * self.phase.astype(np.float64)) / (2 * np.pi))
         # A region of so few pixels has few turns.
         whole = (side * steps).astype(np.int16)
         paying = bunches.of_region[self.region[side * (whole - turns[self.region]) > 0]]
         mine = np.isin(bunches.of_region[self.region], paying[paying >= 0])
-        weight = np.round(PARTS * weight_of(self.rough[mine]))
+        rough = np.float32(AS_ROUGH_AS) + fading(self.amplitude[mine])
+        weight = np.round(PARTS * weight_of(rough))
         return Limit(self.region[mine], whole[mine], weight, side)
 
 
@@ -308,12 +332,10 @@ def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block)
     is_small = regions.size[region] <= RIM
     small, large = known & is_small, unwrapped[known & ~is_small]
     above, below = (bins_of(np.maximum(side * large, 0)) for side in (1, -1))
-    rough = np.full(int(small.sum()), AS_ROUGH_AS, dtype=np.float32)
-    if seen.amplitude is not None:
-        rough += fading(seen.amplitude[free][small])
     own = phase[small] + TURN * relative[small].astype(np.float32)
+    bright = np.ones_like(own) if seen.amplitude is None else seen.amplitude[free][small]
     positive = int((unwrapped[clear] > 0).sum())
-    return Rims(positive, int(clear.sum()), above, below, region[small], own, rough)
+    return Rims(positive, int(clear.sum()), above, below, region[small], own, bright)
 
 
 def bins_of(beyond: Image) -> Counts:
@@ -344,11 +366,11 @@ def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Li
         np.stack([getattr(rims, name) for rims in looks]).sum(axis=0)
         for name in ("above", "below")
     )
-    region, phase, rough = (
+    region, phase, amplitude = (
         np.concatenate([getattr(rims, name) for rims in looks])
-        for name in ("region", "phase", "rough")
+        for name in ("region", "phase", "amplitude")
     )
-    rims = Rims(0, clear, above, below, region, phase, rough)
+    rims = Rims(0, clear, above, below, region, phase, amplitude)
     side = 1 if share > 0.5 else -1
     return rims.limit(side, field.scene.noise, turns, field.regions.bunches)
 

@@ -43,6 +43,7 @@ __all__ = [
     "courses_of",
     "fading",
     "floors_of",
+    "noisier",
     "roughness",
     "turns_between",
     "weighed_steps",
@@ -355,8 +356,12 @@ def faint(axis: int, amplitude: Image | None, own: slice) -> Image | np.float32:
 
 def fading(amplitude: Image) -> Image:
     """Return the roughness in radians that counts for amplitude below its median."""
-    share = np.clip(amplitude, np.float32(FAINTEST), np.float32(1))
-    return (FADING * (1 / share - 1)).astype(np.float32)
+    return (FADING * (noisier(amplitude) - 1)).astype(np.float32)
+
+
+def noisier(amplitude: Image) -> Image:
+    """Return how many times as noisy phase is where amplitude is below its median, else 1."""
+    return np.float32(1) / np.clip(amplitude, np.float32(FAINTEST), np.float32(1))
 
 
 def roughness(step: Image, axis: int, valid: Mask, floor: float) -> Image:
