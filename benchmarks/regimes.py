@@ -12,8 +12,10 @@ import zlib
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
 
 import numpy as np
+import scipy
 import xarray as xr
 from numpy.typing import NDArray
 from tables import heading, line
@@ -68,12 +70,15 @@ class Case:
         NaN in frames that were lost.
     empty : ndarray of bool
         Where the exact phase is zero.
+    amplitude : ndarray of float32, optional
+        What WL1 is told of the light.
     """
 
     name: str
     wrapped: xr.DataArray
     truth: Stack
     empty: Mask
+    amplitude: NDArray[np.float32] | None = None
 
 
 def turns_off(result: Stack, case: Case) -> Stack:
@@ -88,7 +93,8 @@ def turns_off(result: Stack, case: Case) -> Stack:
 
 def error(method: str, case: Case) -> float:
     """Return the squared error in rad^2 that wrong turns make."""
-    found = p4d.unwrap(case.wrapped, method).values
+    told = {"amplitude": case.amplitude} if method == WL1 else {}
+    found = p4d.unwrap(case.wrapped, method, **told).values
     return float(TURN**2 * np.nanmean(turns_off(found, case) ** 2))
 
 
@@ -181,6 +187,39 @@ def cut_off(noise: float) -> Iterator[Case]:
         exact = object_(name)
         exact = exact.isel(x=slice(exact.sizes["x"] // 2, None))
         yield noisy(name, exact, noise, f"cut{name}{noise}")
+
+
+def channels(noise: float) -> Iterator[Case]:
+    """A cell in a channel whose walls are thicker; it squeezes through where that is narrow."""
+    y, x = np.mgrid[-24:24, -40:40] + 0.5
+    for walls, peak, step, narrow in product((6, 8, 10), (11, 15), (3, 5), (0, 5)):
+        half = 14 - narrow * np.exp(-((x / 12) ** 2))
+        wall = walls / (1 + np.exp((half - np.abs(y)) / 0.9))
+        frames = []
+        for time in range(14):
+            at = step * time - 36
+            thin = 9.5 * (1 - narrow / 20 * np.exp(-((at / 12) ** 2)))
+            far = (y / thin) ** 2 + ((x - at) / (90 / thin)) ** 2
+            cell_ = peak * 9.5 / thin * np.sqrt(np.maximum(1 - far, 0))
+            frames.append(wall + scipy.ndimage.gaussian_filter(cell_, 0.8))
+        exact = with_axes(np.stack(frames)[:, None])
+        words = f"walls of {walls} rad, cell {peak}, {step} pixels a frame, narrower by {narrow}"
+        yield noisy(words, exact, noise, f"channel{words}{noise}")
+
+
+def faded(noise: float) -> Iterator[Case]:
+    """Light that fades over the field and with time; the noise is that of full light."""
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name)
+        edge = np.linspace(0, 1, exact.sizes["x"]) ** 2
+        light = 1 - 0.4 * np.linspace(0, 1, exact.sizes["time"])[:, None] - 0.35 * edge
+        amplitude = np.broadcast_to(light[:, None, None], exact["phase"].shape).astype(np.float32)
+        draw = np.random.default_rng(zlib.crc32(f"faded{name}{noise}".encode()))
+        truth = exact["phase"].values + noise * draw.standard_normal(amplitude.shape) / amplitude
+        turned = np.angle(np.exp(1j * truth)).astype(np.float32)
+        empty = np.abs(exact["phase"].values) < EMPTY
+        wrapped = exact["wrapped"].copy(data=turned)
+        yield Case(name, wrapped, truth, empty, amplitude)
 
 
 def two_far_views(noise: float) -> Iterator[Case]:
@@ -326,6 +365,8 @@ def regimes() -> None:
         ("every second time, thicker by a quarter", every_second, (0, 0.3)),
         ("over a field that sags", curved_field, (0, 0.4)),
         ("cut off by the edge of the view", cut_off, (0, 0.4)),
+        ("a cell in a channel", channels, (0.2, 0.4)),
+        ("light that fades to a quarter", faded, (0.1, 0.2)),
         ("a fault half way", faults, (0, 0.5)),
         ("a fault half way, other objects", unseen_faults, (0.5,)),
     )
