@@ -39,7 +39,7 @@ from napari_phase4d.unwrapping.directional.registration import (
 )
 from napari_phase4d.unwrapping.directional.scene import Scene, seams
 from napari_phase4d.unwrapping.directional.steps import Floors, roughness
-from napari_phase4d.unwrapping.given import noise_of
+from napari_phase4d.unwrapping.given import WithoutLost, as_given, noise_of, sampled_noise
 from napari_phase4d.unwrapping.problem import Problem
 
 pytestmark = pytest.mark.slow
@@ -264,6 +264,54 @@ def test_noise_is_taken_off_without_background_in_view() -> None:
 def test_noise_is_measured(noise: float) -> None:
     data = with_noise(moving_shape("tumbling"), noise, seed=1)
     assert noise_of(data["wrapped"].values) == pytest.approx(noise, rel=0.15)
+
+
+def shared_noise(shape: tuple[int, ...], width: float) -> np.ndarray:
+    """Return noise that neighbours share, as in views with more pixels than the pupil asks for."""
+    white = np.random.default_rng(5).standard_normal(shape)
+    noise = ndimage.gaussian_filter(white, (0, 0, width, width))
+    return noise / noise.std()
+
+
+def measured_noise(wrapped: np.ndarray) -> float:
+    given = as_given(wrapped.astype(np.float32), None)
+    return sampled_noise(WithoutLost(given, np.zeros(wrapped.shape[:2], dtype=bool)))
+
+
+@pytest.mark.parametrize("width", [0.8, 1.5, 2.5])
+@pytest.mark.parametrize("noise", [0.15, 0.5])
+def test_noise_that_neighbours_share_is_measured(noise: float, width: float) -> None:
+    exact = moving_shape("tumbling")["phase"].values
+    wrapped = np.angle(np.exp(1j * (exact + noise * shared_noise(exact.shape, width))))
+    assert measured_noise(wrapped) == pytest.approx(noise, rel=0.2)
+
+
+@pytest.mark.parametrize("noise", [0, 0.3])
+@pytest.mark.parametrize("name", list(SHAPES))
+def test_no_slope_or_level_is_taken_for_noise(name: str, noise: float) -> None:
+    exact = moving_shape(name)
+    for factor in (1, 1.5):
+        thick = exact.assign(phase=np.float32(factor) * exact["phase"])
+        wrapped = with_noise(thick, noise, drift_rad=3.0, seed=2)["wrapped"].values
+        assert measured_noise(wrapped) == noise_of(wrapped)
+
+
+@pytest.mark.parametrize("method", ["directional-l1", "directional-growing"])
+def test_noise_that_neighbours_share_hides_no_empty_field(method: str) -> None:
+    """A cell as flat as the medium, and a turn above it, lies elsewhere in the second view."""
+    y, x = np.mgrid[-40:40, -40:40] + 0.5
+    frames = [
+        [
+            6.6 * (np.hypot(y - down, x - right - 0.5 * t) < 10)
+            for down, right in ((-7, -5), (1, 4))
+        ]
+        for t in range(8)
+    ]
+    exact = ndimage.gaussian_filter(np.array(frames), (0, 0, 1.5, 1.5))
+    exact += 0.5 * shared_noise(exact.shape, 0.8)
+    wrapped = np.angle(np.exp(1j * exact)).astype(np.float32)
+    off = np.round((p4d.unwrap(wrapped, method).values - exact) / (2 * np.pi))
+    assert np.count_nonzero(off - off[:, :, :1, :1]) == 0
 
 
 @pytest.mark.thorough

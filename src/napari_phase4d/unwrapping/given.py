@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.compiling import compiled
 from napari_phase4d.machine import cores
-from napari_phase4d.phasors import turned
+from napari_phase4d.phasors import phasors, turned
 from napari_phase4d.stack import Block, InMemory, ReadOnly, Stack, block_at, block_frames
 from napari_phase4d.task import UNWATCHED, Task, on_all_cores
 from napari_phase4d.unwrapping.filters import median_of
@@ -224,6 +224,11 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 #: The noise is measured on about so many pixels: every so manieth time of longer recordings.
 ENOUGH_PIXELS = 1_000_000
+#: Neighbours share noise if it is so many times larger from frame to frame, and between pixels
+#: that lie so far apart; but what grows with distance like this from one to the next is a slope.
+SHARED, LAGS, LIKE_A_SLOPE = 1.4, (2, 4, 8), 2.5
+#: From frame to frame it is measured at so many times.
+TRIPLES = 8
 #: To tell whether a frame says anything, about so many of its pixels will do, in whole rows.
 ENOUGH_IN_FRAME = 4_000
 #: A frame shows the same everywhere if this share of its steps, taken along x, is less than so
@@ -301,7 +306,10 @@ def is_same(frame: Image, usable: Mask | None) -> bool:
 
 
 def noise_of(
-    wrapped: Image, usable: Mask | None = None, axes: tuple[int, ...] = (-1, -2)
+    wrapped: Image,
+    usable: Mask | None = None,
+    axes: tuple[int, ...] = (-1, -2),
+    lag: int = 1,
 ) -> float:
     """Return the standard deviation of the noise in radians, from second differences.
 
@@ -315,7 +323,9 @@ def noise_of(
     usable : ndarray of bool, optional
         Pixels that count; default all.
     axes : tuple of int, optional
-        Along which to measure; the least noise counts.
+        Along which to measure, counted from the last; the least noise counts.
+    lag : int, optional
+        How far apart pixels are whose differences are taken.
     """
     if wrapped.size > ENOUGH_PIXELS and wrapped.ndim == 4:
         some = np.s_[:: 1 + wrapped.size // ENOUGH_PIXELS]
@@ -323,20 +333,29 @@ def noise_of(
         usable = None if usable is None else usable[some]
     found = []
     for axis in axes:
-        if wrapped.shape[axis] < 3:
+        if wrapped.shape[axis] <= 2 * lag:
             continue
-        step = turned(np.diff(wrapped, axis=axis))
-        second = np.abs(turned(np.diff(step, axis=axis)))
+        step = turned(apart(wrapped, axis, lag))
+        second = np.abs(turned(apart(step, axis, lag)))
         if usable is not None:
             last = wrapped.ndim + axis
             thrice = [
                 usable[(slice(None),) * last + (slice(i, i + second.shape[axis]),)]
-                for i in range(3)
+                for i in (0, lag, 2 * lag)
             ]
             second = second[thrice[0] & thrice[1] & thrice[2]]
         if second.size:
             found.append(median_of(second.ravel()) / 0.6745 / np.sqrt(6))
     return min(found, default=0.0)
+
+
+def apart(values: Image, axis: int, lag: int) -> Image:
+    """Return the differences of values that lie so far apart along an axis."""
+    before, after = (
+        tuple(own if i == axis % values.ndim else slice(None) for i in range(values.ndim))
+        for own in (slice(None, -lag), slice(lag, None))
+    )
+    return values[after] - values[before]
 
 
 @dataclass(frozen=True)
@@ -361,11 +380,39 @@ class WithoutLost:
 
 
 def sampled_noise(given: WithoutLost) -> float:
-    """Return `noise_of` phase of which evenly spaced times are looked at."""
+    """Return the standard deviation of the noise in radians, of evenly spaced times.
+
+    That of `noise_of`, unless what changes from frame to frame is as much larger as it is between
+    pixels further apart: noise that neighbours share, as where a view has many more pixels than
+    its pupil lets through, does not show between them, but is new in every frame.
+    """
     times = range(0, given.shape[0], 1 + math.prod(given.shape) // ENOUGH_PIXELS)
     parts = [given.read(Block(t, t + 1)) for t in times]
     wrapped, usable = (np.concatenate(part) for part in zip(*parts, strict=True))
-    return noise_of(wrapped, None if usable.all() else usable)
+    known = None if usable.all() else usable
+    found = noise_of(wrapped, known)
+    in_time = noise_in_time(given)
+    if in_time < SHARED * found:
+        return found
+    further = [found] + [noise_of(wrapped, known, lag=lag) for lag in LAGS]
+    shared = min(in_time, max(further))
+    grows = further[1] / found if found else 0.0
+    is_noise = grows > SHARED and further[-1] < min(grows, LIKE_A_SLOPE) * further[-2]
+    return shared if is_noise and shared > SHARED * found else found
+
+
+def noise_in_time(given: WithoutLost) -> float:
+    """Return `noise_of` along time, of some times and those before and after each; 0 of fewer."""
+    n = given.shape[0]
+    if n < 3:
+        return 0.0
+    rows = np.s_[..., :: 1 + 3 * TRIPLES * math.prod(given.shape[1:]) // ENOUGH_PIXELS, :]
+    blocks = [Block(t, t + 3) for t in range(0, n - 2, 1 + (n - 3) // TRIPLES)]
+    parts = [[part[rows].copy() for part in given.read(block)] for block in blocks]
+    wrapped, usable = (np.stack(part) for part in zip(*parts, strict=True))
+    # A level that changes with time is no noise.
+    level = np.angle(np.where(usable, phasors(wrapped), 0).mean(axis=(-2, -1), keepdims=True))
+    return noise_of(wrapped - level, None if usable.all() else usable, axes=(-4,))
 
 
 # ---- pixels that are known, and their amplitude ---------------------------------------------
