@@ -222,6 +222,18 @@ def faded(noise: float) -> Iterator[Case]:
         yield Case(name, wrapped, truth, empty, amplitude)
 
 
+def shared_noise(noise: float) -> Iterator[Case]:
+    """Noise that neighbours share: a Gaussian of 0.8 pixels, as where views are oversampled."""
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name)
+        phase = exact["phase"].values
+        draw = np.random.default_rng(zlib.crc32(f"{name}0.8{noise}".encode()))
+        grain = scipy.ndimage.gaussian_filter(draw.standard_normal(phase.shape), (0, 0, 0.8, 0.8))
+        truth = phase + noise * grain / grain.std()
+        wrapped = exact["wrapped"].copy(data=np.angle(np.exp(1j * truth)).astype(np.float32))
+        yield Case(name, wrapped, truth, np.abs(phase) < EMPTY)
+
+
 def two_far_views(noise: float) -> Iterator[Case]:
     for name in HARD_SHAPES:
         exact = hard_shape(name, n_times=30, angles_deg=(-7.0, 21.0))
@@ -365,6 +377,7 @@ def regimes() -> None:
         ("every second time, thicker by a quarter", every_second, (0, 0.3)),
         ("over a field that sags", curved_field, (0, 0.4)),
         ("cut off by the edge of the view", cut_off, (0, 0.4)),
+        ("noise that neighbours share", shared_noise, (0.2, 0.5)),
         ("a cell in a channel", channels, (0.2, 0.4)),
         ("light that fades to a quarter", faded, (0.1, 0.2)),
         ("a fault half way", faults, (0, 0.5)),

@@ -226,7 +226,7 @@ Mask = NDArray[np.bool_]
 ENOUGH_PIXELS = 1_000_000
 #: Neighbours share noise if it is so many times larger from frame to frame, and between pixels
 #: that lie so far apart; but what grows with distance like this from one to the next is a slope.
-SHARED, LAGS, LIKE_A_SLOPE = 1.4, (2, 4, 8), 2.5
+SHARED, LAGS, LIKE_A_SLOPE = 1.4, (2, 4, 8), 1.6
 #: From frame to frame it is measured at so many times.
 TRIPLES = 8
 #: To tell whether a frame says anything, about so many of its pixels will do, in whole rows.

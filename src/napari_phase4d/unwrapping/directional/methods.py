@@ -62,7 +62,7 @@ NEARLY_ALL = 0.9
 #: A rim that slipped leaves steps that contradict each other. Where all of them together cost so
 #: many times less than lying on the wrong side would, no rim has slipped, and the object does lie
 #: on both sides: a cell in a channel with thicker walls, say, all of it too steep to be held.
-IN_EARNEST = 15
+IN_EARNEST = 12
 
 
 class Unwraps(Recorded, Protocol):
