@@ -246,23 +246,23 @@ def graph_of(
         n = last
     if origin is not None and origin[0] in around.times:
         nodes[origin[0] - around.start, *origin[1:]] = 0
-    listed: list[Steps] = []
+    plain, shared = [], []
     for t in around.times:
         here, (within, ahead) = nodes[t - around.start].ravel(), steps.pop(t)
-        listed.append(within.between(here, here))
+        listed = [within.between(here, here)]
         if t + 1 < around.stop:
             listed.append(ahead.between(here, nodes[t + 1 - around.start].ravel()))
-    plain, shared = [], []
-    for own in listed:
-        of_islands = (own.first < n_islands) & (own.second < n_islands)
-        plain.append(own.some(~of_islands))
-        shared.append(put_together(own.some(of_islands)))
+        for own in listed:
+            of_islands = (own.first < n_islands) & (own.second < n_islands)
+            plain.append(own.some(~of_islands))
+            shared.append(put_together(own.some(of_islands)))
     # The empty field of every frame is held at that of the start.
     none, one = np.zeros(len(fields), dtype=np.int16), np.ones(len(fields), dtype=np.int32)
     firm = Steps(none.astype(np.int32), fields, none, np.full(len(fields), FIRM, np.float32))
     shared.append((firm, one.astype(np.float64), one))
     many, weight, number = zip(*shared, strict=True)
     found = all_steps([*plain, *many])
+    plain.clear()  # before they are sorted: they take as much again
     return PixelGraph(
         core,
         around,

@@ -352,6 +352,8 @@ def supports_by_steps(
             watch.check()
             look = Look(problem, field.scene, graph, result)
             look.write(supports[name], outside(graph, ways.get(name), span))
+            del look
+        del graph
     return supports
 
 
@@ -396,6 +398,7 @@ def numbered(found: Iterable[PixelGraph], cores: list[Block]) -> Iterator[tuple[
     """Give each graph the number of its span."""
     for graph in found:
         yield cores.index(graph.core), graph
+        del graph  # or two would be held while the next is made
 
 
 def followed_ways(
@@ -414,6 +417,8 @@ def followed_ways(
             watch.check()
             look = Look(problem, field.scene, graph, result)
             found[name].add(span, graph, agreeing(graph, look.off()))
+            del look
+        del graph
     for ways in found.values():
         watch.check()
         ways.follow(len(cores))
