@@ -105,6 +105,14 @@ def noisy(name: str, exact: xr.Dataset, noise: float, seed: object) -> Case:
     return Case(name, data["wrapped"], data["phase"].values, np.abs(clean) < EMPTY)
 
 
+def with_added(name: str, exact: xr.Dataset, noise: Stack) -> Case:
+    """Return an object with some noise."""
+    phase = exact["phase"].values
+    wrapped = np.angle(np.exp(1j * (phase + noise))).astype(np.float32)
+    empty = np.abs(phase) < EMPTY
+    return Case(name, exact["wrapped"].copy(data=wrapped), phase + noise, empty)
+
+
 @lru_cache(maxsize=64)
 def object_(name: str) -> xr.Dataset:
     if name == "yeast":
@@ -215,23 +223,18 @@ def faded(noise: float) -> Iterator[Case]:
         light = 1 - 0.4 * np.linspace(0, 1, exact.sizes["time"])[:, None] - 0.35 * edge
         amplitude = np.broadcast_to(light[:, None, None], exact["phase"].shape).astype(np.float32)
         draw = np.random.default_rng(zlib.crc32(f"faded{name}{noise}".encode()))
-        truth = exact["phase"].values + noise * draw.standard_normal(amplitude.shape) / amplitude
-        turned = np.angle(np.exp(1j * truth)).astype(np.float32)
-        empty = np.abs(exact["phase"].values) < EMPTY
-        wrapped = exact["wrapped"].copy(data=turned)
-        yield Case(name, wrapped, truth, empty, amplitude)
+        added = noise * draw.standard_normal(amplitude.shape) / amplitude
+        yield replace(with_added(name, exact, added), amplitude=amplitude)
 
 
 def shared_noise(noise: float) -> Iterator[Case]:
     """Noise that neighbours share: a Gaussian of 0.8 pixels, as where views are oversampled."""
     for name in (*OWN_PHANTOMS, *HARD_SHAPES):
         exact = object_(name)
-        phase = exact["phase"].values
         draw = np.random.default_rng(zlib.crc32(f"{name}0.8{noise}".encode()))
-        grain = scipy.ndimage.gaussian_filter(draw.standard_normal(phase.shape), (0, 0, 0.8, 0.8))
-        truth = phase + noise * grain / grain.std()
-        wrapped = exact["wrapped"].copy(data=np.angle(np.exp(1j * truth)).astype(np.float32))
-        yield Case(name, wrapped, truth, np.abs(phase) < EMPTY)
+        white = draw.standard_normal(exact["phase"].shape)
+        grain = scipy.ndimage.gaussian_filter(white, (0, 0, 0.8, 0.8))
+        yield with_added(name, exact, noise * grain / grain.std())
 
 
 def two_far_views(noise: float) -> Iterator[Case]:

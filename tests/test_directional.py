@@ -296,6 +296,14 @@ def test_no_slope_or_level_is_taken_for_noise(name: str, noise: float) -> None:
         assert measured_noise(wrapped) == noise_of(wrapped)
 
 
+@pytest.mark.parametrize("side", [8, 12])
+def test_views_too_small_to_tell_noise_from_slopes_keep_what_neighbours_say(side: int) -> None:
+    y, x = np.mgrid[:side, :side] / side
+    slopes = [3 * np.sin(3 * (x + y) + 0.8 * t) for t in range(6)]
+    wrapped = np.angle(np.exp(1j * np.array(slopes)[:, None]))
+    assert measured_noise(wrapped) == noise_of(wrapped.astype(np.float32))
+
+
 @pytest.mark.parametrize("method", ["directional-l1", "directional-growing"])
 def test_noise_that_neighbours_share_hides_no_empty_field(method: str) -> None:
     """A cell as flat as the medium, and a turn above it, lies elsewhere in the second view."""

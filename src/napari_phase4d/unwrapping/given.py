@@ -394,9 +394,11 @@ def sampled_noise(given: WithoutLost) -> float:
     in_time = noise_in_time(given)
     if in_time < SHARED * found:
         return found
-    further = [found] + [noise_of(wrapped, known, lag=lag) for lag in LAGS]
-    shared = min(in_time, max(further))
-    grows = further[1] / found if found else 0.0
+    lags = [lag for lag in LAGS if 2 * lag < min(given.shape[2:])]
+    if not found or len(lags) < 2:  # too small to tell noise from slopes
+        return found
+    further = [noise_of(wrapped, known, lag=lag) for lag in lags]
+    shared, grows = min(in_time, max(further)), further[0] / found
     is_noise = grows > SHARED and further[-1] < min(grows, LIKE_A_SLOPE) * further[-2]
     return shared if is_noise and shared > SHARED * found else found
 

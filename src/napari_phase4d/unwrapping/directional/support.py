@@ -350,9 +350,8 @@ def supports_by_steps(
     for span, graph in numbered(graphs(problem, field, cores, watch), cores):
         for name, result in results.items():  # one by one: each takes as much as the graph
             watch.check()
-            look = Look(problem, field.scene, graph, result)
-            look.write(supports[name], outside(graph, ways.get(name), span))
-            del look
+            outside_ways = outside(graph, ways.get(name), span)
+            Look(problem, field.scene, graph, result).write(supports[name], outside_ways)
         del graph
     return supports
 
@@ -415,9 +414,8 @@ def followed_ways(
     for span, graph in numbered(graphs(problem, field, cores, watch), cores):
         for name, result in results.items():
             watch.check()
-            look = Look(problem, field.scene, graph, result)
-            found[name].add(span, graph, agreeing(graph, look.off()))
-            del look
+            off = Look(problem, field.scene, graph, result).off()
+            found[name].add(span, graph, agreeing(graph, off))
         del graph
     for ways in found.values():
         watch.check()
