@@ -9,6 +9,7 @@ from scipy import ndimage
 import napari_phase4d as p4d
 from napari_phase4d.unwrapping.directional.methods import BIN, bins_of, usual_bins
 from napari_phase4d.unwrapping.directional.registration import Look, kept_in_view
+from napari_phase4d.unwrapping.directional.scene import Margins, ends_of
 
 TURN = 2 * np.pi
 WL1, RGD = "directional-l1", "directional-growing"
@@ -104,6 +105,49 @@ def test_no_new_shift_takes_a_large_part_of_an_object_over_the_edge() -> None:
     assert [tuple(shift) for shift in kept_in_view(look_at(mask), tried)] == kept
     # An object that lies at all edges stays as it was in the frame before.
     assert [tuple(s) for s in kept_in_view(look_at(np.ones_like(mask)), tried[1:])] == [(-4, 0)]
+
+
+def swimming_through(seed: int) -> tuple[np.ndarray, np.ndarray]:
+    """Three thick cells swim in and out of view; the second view sees them three pixels off."""
+    random = np.random.default_rng(seed)
+    y, x = np.mgrid[:96, :96] + 0.5
+    phase, far = np.zeros((9, 2, 96, 96)), np.full((9, 2, 96, 96), 9.0)
+    for _ in range(3):
+        place = random.uniform((10, 5), (86, 90))
+        radius, peak = random.uniform(9, 18), random.uniform(6, 14)
+        speed = random.normal(0, 5, 2)
+        for t, view in np.ndindex(9, 2):
+            at = place + speed * (t - 4.5) - np.array([0, 3 * view])
+            own = ((y - at[0]) ** 2 + (x - at[1]) ** 2) / radius**2
+            phase[t, view] += peak * np.sqrt(np.maximum(1 - own, 0))
+            far[t, view] = np.minimum(far[t, view], own)
+    return ndimage.gaussian_filter(phase, (0, 0, 1.6, 1.6)), far > 1.6
+
+
+@pytest.mark.parametrize("method", [WL1, RGD])
+@pytest.mark.parametrize("noise", [0, 0.2])
+@pytest.mark.parametrize("seed", [13, 15, 23])
+def test_there_is_room_for_what_a_shift_takes_over_the_edge(
+    seed: int, noise: float, method: str
+) -> None:
+    """A shift that is right for nearly all may take a cell over the edge of some frames."""
+    phase, empty = swimming_through(seed)
+    assert max(np.abs(np.diff(phase, axis=axis)).max() for axis in (2, 3)) < 2.6
+    assert wrong(phase, empty, noise, method) == 0
+
+
+def test_margins_are_as_wide_as_what_goes_over_the_edge() -> None:
+    lines = np.zeros((3, 1, 20), dtype=bool)
+    assert ends_of(lines, np.zeros((3, 1), dtype=np.intp)) == (20, 0)
+    lines[0, 0, 4:9], lines[2, 0, 11:19] = True, True
+    assert ends_of(lines, np.array([[-6], [100], [3]])) == (-2, 22)
+    margins = Margins(rows=(2, 3), columns=(0, 1))
+    stack = np.arange(24, dtype=np.float32).reshape(1, 2, 3, 4)
+    wider = margins.around(stack, np.nan)
+    assert wider.shape == (1, 2, 8, 5)
+    assert np.isnan(wider).sum() == wider.size - stack.size
+    assert np.array_equal(margins.off(wider), stack)
+    assert Margins().around(stack, 0) is stack
 
 
 def cell_in_a_channel(side: int) -> tuple[np.ndarray, np.ndarray]:

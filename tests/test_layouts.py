@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 import scipy.fft
+import scipy.ndimage
 import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
 from napari_phase4d.holography.lobes import pair_distance, wrapped_distance
 from napari_phase4d.holography.peaks import Peak, brightest_near, is_ghost, refined
-from napari_phase4d.holography.signs import evidence_of, sign_doubts
+from napari_phase4d.holography.signs import evidence_of, sign_doubts, together
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
@@ -296,3 +297,56 @@ def test_tiny_frames_are_answered_or_refused_in_words(side: int) -> None:
         except ValueError as error:
             words = str(error)
         assert any(w in words for w in ("1 lobe", "at least 8 x 8", "shows 0 carriers"))
+
+
+def bumpy(places: list[tuple[float, float]]) -> np.ndarray:
+    """Cells of 4 rad at these places of a field of 96 x 112 pixels."""
+    y, x = np.mgrid[:96, :112] + 0.5
+    far = [((y - cy) ** 2 + (x - cx) ** 2) / 9**2 for cy, cx in places]
+    cells = sum(4 * np.sqrt(np.maximum(1 - each, 0)) for each in far)
+    return scipy.ndimage.gaussian_filter(cells, 1.2)
+
+
+def walls(rad: float, wide: float) -> np.ndarray:
+    """A channel across a field of 96 x 112 pixels, its walls so much denser."""
+    y = np.arange(96)[:, None] + 0.5
+    line = rad * (1 / (1 + np.exp(y - wide)) + 1 / (1 + np.exp(96 - wide - y)))
+    return np.repeat(line, 112, axis=1)
+
+
+LAYER = [(y, x) for y in range(5, 100, 17) for x in range(5, 115, 17)]
+DENSE_ROUND_THE_MIDDLE = {
+    "walls of 1.5 rad": walls(1.5, 25),
+    "walls of 3.5 rad": walls(3.5, 15),
+    "wide walls of 6 rad": walls(6, 25),
+    "wound": bumpy([at for at in LAYER if np.hypot(at[0] - 48, at[1] - 56) > 30]),
+}
+
+
+@pytest.mark.parametrize("phase", DENSE_ROUND_THE_MIDDLE.values(), ids=DENSE_ROUND_THE_MIDDLE)
+@pytest.mark.parametrize("side", [1, -1])
+def test_dense_matter_round_an_empty_middle_has_a_sign_that_is_a_guess(
+    phase: np.ndarray, side: int
+) -> None:
+    """Nothing tells it from a thin strip or a hole in something dense, in any number of views."""
+    field = np.exp(1j * side * phase).astype(np.complex64)
+    evidence = evidence_of(field)
+    assert sign_doubts([together([evidence])] * 2) != ["", ""]
+    assert sign_doubts([together([evidence, evidence, evidence])]) != [""]
+
+
+def test_guesses_of_several_views_are_no_certainty() -> None:
+    assert together([2.0, 1.9]) == pytest.approx(2.5)
+    assert together([-2.0, -2.4, 0.3]) == pytest.approx(-2.5)
+    assert together([4.0, -1.0]) == 3.0
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("at", [(48, 56), (6, 56), (90, 105), (48, 3)])
+def test_a_cell_at_the_border_has_a_sign_that_is_sure(at: tuple[int, int], side: int) -> None:
+    y, x = np.mgrid[:96, :112] + 0.5
+    far = ((y - at[0]) ** 2 + (x - at[1]) ** 2) / 22**2
+    cell = scipy.ndimage.gaussian_filter(7 * np.sqrt(np.maximum(1 - far, 0)), 1.5)
+    evidence = evidence_of(np.exp(1j * side * cell).astype(np.complex64))
+    assert sign_doubts([evidence]) == [""]
+    assert np.sign(evidence) == side

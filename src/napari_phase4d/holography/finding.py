@@ -29,7 +29,7 @@ from napari_phase4d.holography.peaks import (
     half_plane,
     refined,
 )
-from napari_phase4d.holography.signs import sign_doubts, sign_evidence
+from napari_phase4d.holography.signs import sign_doubts, sign_evidence, together
 from napari_phase4d.holography.spectrum import (
     first_spectrum,
     mean_power,
@@ -398,7 +398,7 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
         -1 if mirrored ^ (wrapped_distance(plane.places[i], lobe.carrier) > PLACED) else 1
         for i, mirrored, lobe in zip(choice.views, choice.mirrored, lobes, strict=True)
     ]
-    total = sum(side * each for side, each in zip(sides, evidence, strict=True))
+    total = together([side * each for side, each in zip(sides, evidence, strict=True)])
     return [side * total for side in sides]
 
 

@@ -6,6 +6,9 @@ is denser than water. Two clues are added, each the better one where the other f
 * a small cell on an empty field gives a skewed histogram of unwrapped phase, its tail on the
   cell's side;
 * a cell that fills the field lies higher than the border of the field, where it thins out.
+
+Where the border is as uneven as that height, it is no empty field: a channel whose walls it cuts,
+or a wound in a layer of cells. From those, neither clue is more than a guess.
 """
 
 from __future__ import annotations
@@ -13,6 +16,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -25,7 +29,7 @@ from napari_phase4d.holography.emptyfield import wrapped
 from napari_phase4d.holography.lobes import Lobe
 from napari_phase4d.holography.surfaces import DARK_SHARE
 
-__all__ = ["evidence_of", "sign_doubts", "sign_evidence"]
+__all__ = ["evidence_of", "sign_doubts", "sign_evidence", "together"]
 
 #: Odds (their logarithm) of the sign beyond which it is sure: 0.95.
 SURE_SIGN = math.log(0.95 / 0.05)
@@ -43,8 +47,12 @@ LARGEST_SIDE = 112
 #: Fitted to random cells of 1.5 to 16 rad that cover 3 to 97 % of the field.
 SKEWNESS, HEIGHT, FLAT_HEIGHT = 0.5, 1.45, 1.5
 #: Where the clues of small and of large cells disagree, the small one's is taken if this share of
-#: the field is within so many radians of its median; in any case it is a guess.
+#: the field is within so many radians of its median; in any case it is a guess, which counts no
+#: more than this.
 MOSTLY_EMPTY, FLAT_RAD, GUESS = 0.6, 0.8, 2.5
+#: A border of which the middle half differs by this part of the height over it is no empty field.
+#: Cells that the view cuts off make it 0.05 to 0.5, walls and layers of cells 0.8 and more.
+UNEVEN = 0.75
 #: No more skewness than this counts.
 MOST_SKEWNESS = 5.0
 #: Phase that deviates less than this from its median (rad, rms) shows no object, unless this
@@ -96,18 +104,27 @@ def evidence_of(field: Field) -> float:
         return 0.0
     skewness = float(np.mean(deviation**3)) / scale**3
     small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
-    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner])))
-    large = HEIGHT * float(np.arcsinh(2 * height_over_border(field[inner])))
+    heights = [height_over_border(seen_field[inner]) for seen_field in (flat, field)]
+    small += FLAT_HEIGHT * float(np.arcsinh(2 * heights[0].radians))
+    large = HEIGHT * float(np.arcsinh(2 * heights[1].radians))
     if small * large >= 0:
-        return small + large
+        uneven = any(height.border > UNEVEN * abs(height.radians) for height in heights)
+        return float(np.clip(small + large, -GUESS, GUESS)) if uneven else small + large
     # A bent field looks like a cell that fills it, and such a cell like a bent field.
     empty = float((np.abs(deviation) < FLAT_RAD).mean())
     total = small if empty > MOSTLY_EMPTY and not fit.doubt else small + large
     return float(np.clip(total, -GUESS, GUESS))
 
 
-def height_over_border(field: Field) -> float:
-    """Return the mean unwrapped phase less the median of its border, in radians.
+class Height(NamedTuple):
+    """Mean unwrapped phase less the median of its border, and how uneven that is, in radians."""
+
+    radians: float
+    border: float
+
+
+def height_over_border(field: Field) -> Height:
+    """Return how high the phase lies over its border, and the border's interquartile range.
 
     Unwrapped by least squares (Ghiglia & Romero 1994), which no single wrong step throws off,
     after the median slopes have been taken off.
@@ -129,7 +146,19 @@ def height_over_border(field: Field) -> float:
     )
     border = np.ones(phase.shape, dtype=bool)
     border[BORDER:-BORDER, BORDER:-BORDER] = False
-    return float(unwrapped.mean() - np.median(unwrapped[border]))
+    low, middle, high = np.quantile(unwrapped[border], (0.25, 0.5, 0.75))
+    return Height(float(unwrapped.mean() - middle), float(high - low))
+
+
+def together(evidence: Sequence[float]) -> float:
+    """Return what views say that lie on the same side.
+
+    They show the same object, so that several guesses are no more than one.
+    """
+    total = sum(evidence)
+    if all(abs(each) <= GUESS for each in evidence):
+        return float(np.clip(total, -GUESS, GUESS))
+    return total
 
 
 def sign_doubts(evidence: Sequence[float]) -> list[str]:

@@ -274,9 +274,9 @@ def along_time(frames: Frames, centres: NDArray[np.float64], watch: Watch) -> Sh
 def kept_in_view(now: Look, tried: list[Shifts]) -> list[Shifts]:
     """Leave out the new shifts that take part of the object over an edge of the view.
 
-    What goes over an edge comes in at the opposite one, cut off from the rest of the object. So an
-    object that the edge cuts off is not held in place: its centre moves as it comes into view.
-    The first shift, which is that of the frame before, stays: a jump back would be no better.
+    An object that the edge cuts off is not held in place: its centre moves as it comes into view,
+    and so do the shifts that it proposes. The first shift, which is that of the frame before,
+    stays: a jump back would be no better.
     """
     before, *new = tried
     if not goes_over_edge(now.rows, now.columns, new):

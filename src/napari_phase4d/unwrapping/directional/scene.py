@@ -7,8 +7,8 @@ on a block of frames at a time, with the same numbers whatever the blocks are.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from typing import Any
+from dataclasses import dataclass, field, replace
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 import scipy
@@ -37,6 +37,31 @@ NOISY = 0.1
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Box = tuple[slice, slice]
+Scalar = TypeVar("Scalar", bound=np.generic)
+
+
+class Margins(NamedTuple):
+    """How many pixels are added round the field: before and after its rows, and its columns.
+
+    Where a shift takes part of an object over an edge of the view, there is room for it.
+    """
+
+    rows: tuple[int, int] = (0, 0)
+    columns: tuple[int, int] = (0, 0)
+
+    def around(self, stack: NDArray[Scalar], outside: float) -> NDArray[Scalar]:
+        """Return a stack (time, angle, y, x) with a value in the pixels that are added."""
+        if not any(self.rows + self.columns):
+            return stack
+        return np.pad(stack, ((0, 0), (0, 0), *self), constant_values=outside)
+
+    def off(self, stack: NDArray[Scalar]) -> NDArray[Scalar]:
+        """Return a stack (time, angle, y, x) without the pixels that were added."""
+        rows, columns = (
+            slice(before, n - after)
+            for (before, after), n in zip(self, stack.shape[2:], strict=True)
+        )
+        return stack[:, :, rows, columns]
 
 
 @dataclass(frozen=True)
@@ -58,6 +83,8 @@ class Scene:
     lifts : mapping of int to Stack, optional
         Turns in that part that maps of changes along time (0) and angle (1) are lifted by; none
         along an axis that is left out.
+    margins : Margins, optional
+        What is added round the field, so that no shift takes the object over an edge of it.
     """
 
     frames: Frames
@@ -66,11 +93,14 @@ class Scene:
     averaged: Stack | None = None
     left: Stack | None = None
     lifts: Mapping[int, Stack] = field(default_factory=dict)
+    margins: Margins = field(default_factory=Margins)
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Shape of the kept frames (time, angle, y, x)."""
-        return self.frames.shape
+        """Shape of the kept frames (time, angle, y, x), with what is added round them."""
+        rows, columns = (sum(added) for added in self.margins)
+        n, angles, height, width = self.frames.shape
+        return n, angles, height + rows, width + columns
 
     @property
     def noise(self) -> float:
@@ -85,17 +115,25 @@ class Scene:
     def read(self, block: Block, *, amplitude: bool = False) -> Seen:
         """Return some kept frames, moved into place, the noise averaged out; see `Frames.read`."""
         seen = self.frames.read(block, amplitude=amplitude)
-        shifts = self.shifts[block.start : block.stop]
-        phase = moved(seen.phase, shifts)
+        phase = self.placed(seen.phase, block, 0)
         if self.averaged is not None:
             phase = phase.copy() if phase is seen.phase else phase
             phase[:, :, *self.box] = self.averaged.read(block)
         return Seen(
             phase,
-            moved(seen.empty, shifts),
-            moved(seen.usable, shifts),
-            None if seen.amplitude is None else moved(seen.amplitude, shifts),
+            self.placed(seen.empty, block, False),
+            self.placed(seen.usable, block, False),
+            None if seen.amplitude is None else self.placed(seen.amplitude, block, 1),
         )
+
+    def placed(self, stack: NDArray[Scalar], block: Block, outside: float) -> NDArray[Scalar]:
+        """Return stacks of some kept frames, moved into place; a value where there is no view."""
+        shifts = self.shifts[block.start : block.stop]
+        return moved(self.margins.around(stack, outside), shifts)
+
+    def taken_back(self, stack: NDArray[Scalar], block: Block) -> NDArray[Scalar]:
+        """Return stacks of some kept frames, moved back to where each frame was seen."""
+        return self.margins.off(moved(stack, -self.shifts[block.start : block.stop]))
 
     def read_box(self, block: Block, *, amplitude: bool = False) -> Seen:
         """Return the box of some frames; see `read`.
@@ -143,16 +181,16 @@ class Scene:
         for frame in np.ndindex(*empty.shape[:2]):
             labels, _ = scipy.ndimage.label(empty[frame])
             found[frame] = labels - 1
-        return moved(found, self.shifts[block.start : block.stop])
+        return self.placed(found, block, -1)
 
     def free(self, block: Block) -> Mask:
         """Return the object's pixels in the box of some kept frames, moved into place."""
-        free = moved(self.frames.read_free(block), self.shifts[block.start : block.stop])
+        free = self.placed(self.frames.read_free(block), block, False)
         return free[:, :, *self.box]
 
     def noisy_phase(self, block: Block) -> Image:
         """Return the wrapped phase of some kept frames, moved into place, as it was seen."""
-        return moved(self.frames.read(block).phase, self.shifts[block.start : block.stop])
+        return self.placed(self.frames.read(block).phase, block, 0)
 
     def put_back(
         self, block: Block, read: Callable[[Block], tuple[NDArray[Any], ...]]
@@ -168,9 +206,8 @@ class Scene:
         """
         which = self.frames.all_times(block)
         kept = Block(int(which[0]), int(which[-1]) + 1)
-        back = -self.shifts[kept.start : kept.stop]
         own = which - kept.start
-        found = (moved(stack, back) for stack in read(kept))
+        found = (self.taken_back(stack, kept) for stack in read(kept))
         return tuple(s if len(own) == len(s) else s[own] for s in found)
 
     def seams(self, block: Block) -> NDArray[np.int8]:
@@ -186,7 +223,8 @@ def find_scene(recorded: Recorded, watch: Watch) -> Scene:
     watch.step()
     shifts = follow_object(frames, watch)
     watch.step()
-    scene = Scene(frames, shifts, box_of(frames, shifts, watch))
+    box, margins = room_for(frames, shifts, watch)
+    scene = Scene(frames, shifts, box, margins=margins)
     if scene.noise >= NOISY:
         scene = averaged_scene(scene, recorded.store, watch)
     watch.step()
@@ -216,29 +254,40 @@ def averaged_scene(scene: Scene, store: Store, watch: Watch) -> Scene:
     blocks = working_blocks(part)
     for _ in in_threads(work, blocks, watch.quiet(len(blocks)), wait=True):
         pass
-    return Scene(scene.frames, scene.shifts, scene.box, averaged, left)
+    return replace(scene, averaged=averaged, left=left)
 
 
-def box_of(frames: Frames, shifts: Shifts, watch: Watch) -> Box:
-    """Return the smallest part of the field that holds the moved object, and a margin."""
-    height, width = frames.shape[2:]
+def room_for(frames: Frames, shifts: Shifts, watch: Watch) -> tuple[Box, Margins]:
+    """Return the smallest part of the field that holds the moved object, and a margin.
+
+    And what has to be added round the field so that it is part of it.
+    """
     blocks = working_blocks(frames.shape)
 
-    def lines(block: Block) -> tuple[Mask, Mask]:
-        seen = moved(frames.read_free(block), shifts[block.start : block.stop])
-        return np.asarray(seen.any(axis=(0, 1, 3))), np.asarray(seen.any(axis=(0, 1, 2)))
+    def work(block: Block) -> list[tuple[int, int]]:
+        free, by = frames.read_free(block), shifts[block.start : block.stop]
+        return [ends_of(np.asarray(free.any(axis=5 - axis)), by[..., axis - 2]) for axis in (2, 3)]
 
-    rows, columns = np.zeros(height, dtype=bool), np.zeros(width, dtype=bool)
-    for some_rows, some_columns in in_threads(lines, blocks, watch.quiet(len(blocks))):
-        rows |= some_rows
-        columns |= some_columns
-    if not rows.any():
-        return slice(0, height), slice(0, width)
-    y, x = np.flatnonzero(rows), np.flatnonzero(columns)
-    return (
-        slice(max(int(y[0]) - MARGIN, 0), min(int(y[-1]) + 1 + MARGIN, height)),
-        slice(max(int(x[0]) - MARGIN, 0), min(int(x[-1]) + 1 + MARGIN, width)),
-    )
+    found = np.array(list(in_threads(work, blocks, watch.quiet(len(blocks)))))
+    box, margins = [], []
+    for ends, n in zip(found.transpose(1, 2, 0), frames.shape[2:], strict=True):
+        first, stop = int(ends[0].min()), int(ends[1].max())
+        if first >= stop:  # no object
+            first, stop = 0, n
+        before, after = max(-first, 0), max(stop - n, 0)
+        margins.append((before, after))
+        least, most = first + before - MARGIN, stop + before + MARGIN
+        box.append(slice(max(least, 0), min(most, before + n + after)))
+    return (box[0], box[1]), Margins(*margins)
+
+
+def ends_of(lines: Mask, by: NDArray[np.intp]) -> tuple[int, int]:
+    """Return the first of the lines (time, angle, n) that are so moved, and the one after them."""
+    some, n = lines.any(axis=2), lines.shape[2]
+    if not some.any():
+        return n, 0
+    first, last = lines.argmax(axis=2), n - lines[..., ::-1].argmax(axis=2)
+    return int((first + by)[some].min()), int((last + by)[some].max())
 
 
 def seams(shifts: Shifts, shape: tuple[int, int]) -> NDArray[np.int8]:

@@ -31,7 +31,7 @@ from napari_phase4d.unwrapping.directional.graph import (
 from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothest_first
 from napari_phase4d.unwrapping.directional.methods import Field, prepared
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
-from napari_phase4d.unwrapping.frames import border_medians, moved
+from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import Given, blocks_within
 from napari_phase4d.unwrapping.light import ViewsOf
 from napari_phase4d.unwrapping.problem import GRAPH, Problem
@@ -504,8 +504,7 @@ class Look:
         level = border_medians(background.level, self.problem.first)
         steady = (self.result.read(times) - background.ground(level, times))[kept - times.start]
         seen = scene.read(block)
-        shifts = scene.shifts[block.start : block.stop]
-        turns = np.round((moved(steady, shifts) - seen.phase) / TURN)
+        turns = np.round((scene.placed(steady, block, np.nan) - seen.phase) / TURN)
         known = np.isfinite(turns)
         turns = np.where(known, turns, 0).astype(np.int16)
         for frame in np.ndindex(*turns.shape[:2]):
@@ -529,9 +528,8 @@ class Look:
         for part in blocks_within(graph.core, self.scene.shape):
             nodes = graph.nodes_of(part, self.scene)
             times, which = times_of(self.scene, part)
-            back = -self.scene.shifts[part.start : part.stop]
             for stack, of_nodes in ((support.roughest, worst), (support.held, held)):
-                stack.write(times, moved(of_nodes[nodes], back)[which])
+                stack.write(times, self.scene.taken_back(of_nodes[nodes], part)[which])
 
 
 def times_of(scene: Scene, core: Block) -> tuple[Block, NDArray[np.intp]]:
@@ -563,7 +561,7 @@ class Astray:
         """Return it for some times."""
         scene = self.scene
         if scene.noise < NOISY:
-            return np.zeros((len(block), *scene.shape[1:]), dtype=np.float32)
+            return np.zeros((len(block), *scene.frames.shape[1:]), dtype=np.float32)
 
         def of_kept(kept: Block) -> tuple[Image]:
             away = np.abs(turned(scene.noisy_phase(kept) - scene.read(kept).phase))
