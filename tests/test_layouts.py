@@ -314,12 +314,12 @@ def walls(rad: float, wide: float) -> np.ndarray:
     return np.repeat(line, 112, axis=1)
 
 
-LAYER = [(y, x) for y in range(5, 100, 17) for x in range(5, 115, 17)]
+LAYER = [(y, x) for y in range(11, 100, 17) for x in range(11, 115, 17)]
 DENSE_ROUND_THE_MIDDLE = {
     "walls of 1.5 rad": walls(1.5, 25),
     "walls of 3.5 rad": walls(3.5, 15),
     "wide walls of 6 rad": walls(6, 25),
-    "wound": bumpy([at for at in LAYER if np.hypot(at[0] - 48, at[1] - 56) > 30]),
+    "wound": bumpy([at for at in LAYER if np.hypot(at[0] - 48, at[1] - 56) > 25]),
 }
 
 

@@ -7,8 +7,8 @@ is denser than water. Two clues are added, each the better one where the other f
   cell's side;
 * a cell that fills the field lies higher than the border of the field, where it thins out.
 
-Where the border is as uneven as that height, it is no empty field: a channel whose walls it cuts,
-or a wound in a layer of cells. From those, neither clue is more than a guess.
+Where the border stands out about as far as what is inside, it is no empty field: it cuts through
+the walls of a channel, or a layer of cells. From those, neither clue is more than a guess.
 """
 
 from __future__ import annotations
@@ -50,9 +50,12 @@ SKEWNESS, HEIGHT, FLAT_HEIGHT = 0.5, 1.45, 1.5
 #: the field is within so many radians of its median; in any case it is a guess, which counts no
 #: more than this.
 MOSTLY_EMPTY, FLAT_RAD, GUESS = 0.6, 0.8, 2.5
-#: A border of which the middle half differs by this part of the height over it is no empty field.
-#: Cells that the view cuts off make it 0.05 to 0.5, walls and layers of cells 0.8 and more.
-UNEVEN = 0.75
+#: A border is no empty field if its middle half spreads over more than this part of the height
+#: over it, and a tenth of it stands out more than this part of what the inside does. Cells that
+#: the view cuts off reach the one or the other, walls of a channel and most wounds both.
+SPREAD, AT_BORDER = 0.9, 0.6
+#: How far something stands out: what this share of the inside, or of the border, does not exceed.
+INSIDE_OUT, BORDER_OUT = 0.95, 0.9
 #: No more skewness than this counts.
 MOST_SKEWNESS = 5.0
 #: Phase that deviates less than this from its median (rad, rms) shows no object, unless this
@@ -108,7 +111,7 @@ def evidence_of(field: Field) -> float:
     small += FLAT_HEIGHT * float(np.arcsinh(2 * heights[0].radians))
     large = HEIGHT * float(np.arcsinh(2 * heights[1].radians))
     if small * large >= 0:
-        uneven = any(height.border > UNEVEN * abs(height.radians) for height in heights)
+        uneven = heights[1].spread > SPREAD and heights[1].at_border > AT_BORDER
         return float(np.clip(small + large, -GUESS, GUESS)) if uneven else small + large
     # A bent field looks like a cell that fills it, and such a cell like a bent field.
     empty = float((np.abs(deviation) < FLAT_RAD).mean())
@@ -117,14 +120,25 @@ def evidence_of(field: Field) -> float:
 
 
 class Height(NamedTuple):
-    """Mean unwrapped phase less the median of its border, and how uneven that is, in radians."""
+    """Mean unwrapped phase less the median of its border.
+
+    Parameters
+    ----------
+    radians : float
+        It, in radians.
+    spread : float
+        Interquartile range of the border as a share of it.
+    at_border : float
+        How far the border stands out on the same side, as a share of how far the inside does.
+    """
 
     radians: float
-    border: float
+    spread: float
+    at_border: float
 
 
 def height_over_border(field: Field) -> Height:
-    """Return how high the phase lies over its border, and the border's interquartile range.
+    """Return how high the phase lies over its border.
 
     Unwrapped by least squares (Ghiglia & Romero 1994), which no single wrong step throws off,
     after the median slopes have been taken off.
@@ -147,7 +161,13 @@ def height_over_border(field: Field) -> Height:
     border = np.ones(phase.shape, dtype=bool)
     border[BORDER:-BORDER, BORDER:-BORDER] = False
     low, middle, high = np.quantile(unwrapped[border], (0.25, 0.5, 0.75))
-    return Height(float(unwrapped.mean() - middle), float(high - low))
+    height = float(unwrapped.mean() - middle)
+    out = (unwrapped - middle) * np.sign(height)
+    inside = float(np.quantile(out, INSIDE_OUT))
+    at_border = float(np.quantile(out[border], BORDER_OUT))
+    if height == 0 or inside <= 0:  # flat, or all that stands out is at the border
+        return Height(height, 1.0, 1.0)
+    return Height(height, float(high - low) / abs(height), at_border / inside)
 
 
 def together(evidence: Sequence[float]) -> float:
