@@ -349,7 +349,7 @@ class ChanceBlock:
         chance *= field_known(turns, empty)[..., None, None]
         if not self.rival.anchored:
             chance = np.where(np.isnan(values), ADRIFT, ADRIFT * chance)  # NaN: masked
-        chance[self.problem.lost()[block.start : block.stop]] = 0
+        chance[self.problem.left_out()[block.start : block.stop]] = 0
         self.found.write(block, chance.astype(np.float32))
 
 
@@ -372,7 +372,7 @@ def by_colour(
             chance[np.isnan(values)] = 1  # masked: taken for empty field
             # What has no partner at another wavelength is not known, and not to be trusted.
             chance[np.isnan(result.values.read(block))] = 0
-            chance[problem.lost()[block.start : block.stop]] = 0
+            chance[problem.left_out()[block.start : block.stop]] = 0
             maps[name].write(block, chance)
             watch.step()
 

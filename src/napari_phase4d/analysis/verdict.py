@@ -55,7 +55,7 @@ class Verdict(str):
     disagreement_percent : float
         Share of the object there on which not all methods agree, in percent.
     lost_frames : list of tuple of int
-        Frames (time, angle) that say nothing of the object.
+        Frames (time, angle) that say nothing of the object, or fit neither those before nor after.
     disagreement : DataArray
         Share of each frame's object on which not all methods agree, 0 to 1.
     """
@@ -122,8 +122,8 @@ class Words:
         Share of the object there on which they do.
     doubtful, inside : ndarray of int, shape (time, angle)
         Pixels of the object that are in doubt, and all of them.
-    lost : list of tuple of int
-        Frames (time, angle) that say nothing.
+    lost, outliers : list of tuple of int
+        Frames (time, angle) that say nothing, and that fit neither neighbour.
     shows_field : bool
         Whether any frame shows an empty field.
     """
@@ -137,6 +137,7 @@ class Words:
     doubtful: Counts
     inside: Counts
     lost: list[tuple[int, int]]
+    outliers: list[tuple[int, int]]
     shows_field: bool
 
     def __call__(self, stack: xr.DataArray) -> str:
@@ -148,6 +149,7 @@ class Words:
             "" if self.shows_field else NO_FIELD,
             better_words(self.own, self.doubt),
             lost_words(self.lost, stack, self.inside.size),
+            outlier_words(self.outliers, stack),
         ]
         return " ".join(part for part in parts if part)
 
@@ -186,7 +188,10 @@ def verdict_on(
     doubt = {m: np.nan_to_num(tally.doubtful_share(m)) for m in results}
     best = min(doubt, key=lambda m: (round(doubt[m] / ALIKE), m != REFERENCE))
     values = tally.disagreement
-    lost = [(int(t), int(a)) for t, a in np.argwhere(problem.lost())]
+    lost, outliers = (
+        [(int(t), int(a)) for t, a in np.argwhere(mask)]
+        for mask in (problem.lost(), problem.left_out() & ~problem.lost())
+    )
     time, angle = np.unravel_index(int(np.argmax(values)), values.shape)
     frame, most = (int(time), int(angle)), float(values.max(initial=0.0))
 
@@ -200,13 +205,14 @@ def verdict_on(
         doubtful=tally.doubtful[best],
         inside=tally.inside,
         lost=lost,
+        outliers=outliers,
         shows_field=tally.shows_field,
     )
     found = Verdict(words(phase))
     found._words = words
     found.method, found.doubtful_percent = best, 100 * doubt[best]
     found.frame = frame if most > 0 else None
-    found.disagreement_percent, found.lost_frames = 100 * most, lost
+    found.disagreement_percent, found.lost_frames = 100 * most, sorted(lost + outliers)
     found.disagreement = of_frames(values, phase)
     return found
 
@@ -286,6 +292,21 @@ def lost_words(lost: list[tuple[int, int]], stack: xr.DataArray, n: int) -> str:
     if len(lost) == 1:
         return f"The frame at {first} says nothing and is not to be used."
     return f"{len(lost)} of {n} frames say nothing and are not to be used, first {first}."
+
+
+def outlier_words(outliers: list[tuple[int, int]], stack: xr.DataArray) -> str:
+    """Say at which times frames fit neither those before nor those after."""
+    times = sorted({time for time, _ in outliers})
+    if not times:
+        return ""
+    one_view = stack.isel(angle=0, drop=True) if "angle" in stack.dims else stack
+    first = frame_in_words(one_view, times[0], 0)
+    what = f"What is seen at {first} fits neither the frame before nor the one after"
+    if len(times) > 1:
+        what = f"What is seen at {len(times)} times fits neither frame beside it, first at {first}"
+    return (
+        f"{what}, though these fit each other: it is not to be used; look whether it is damaged."
+    )
 
 
 BOTH = ("temporal-angular", "angular-temporal")

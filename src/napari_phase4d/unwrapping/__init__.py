@@ -35,7 +35,7 @@ from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, cha
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
 from napari_phase4d.unwrapping.objects import left_out_advice
-from napari_phase4d.unwrapping.problem import Problem, SharedSteps
+from napari_phase4d.unwrapping.problem import Problem
 from napari_phase4d.unwrapping.registry import BUILT_IN, METHODS, STACKS_OF_A_FRAME, Method, Option
 from napari_phase4d.unwrapping.running import (
     ONE_OF,
@@ -51,6 +51,7 @@ from napari_phase4d.unwrapping.running import (
     unwrap,
     why_unsuited,
 )
+from napari_phase4d.unwrapping.shared_steps import SharedSteps
 
 __all__ = [
     "BUILT_IN",

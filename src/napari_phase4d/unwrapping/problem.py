@@ -1,10 +1,8 @@
-"""What all unwrapping methods are given: wrapped phase, mask, boundary, and steps done once."""
+"""What all unwrapping methods are given: wrapped phase, mask and boundary."""
 
 from __future__ import annotations
 
 import math
-import threading
-import time
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any, TypeVar
 
@@ -52,104 +50,10 @@ from napari_phase4d.unwrapping.given import (
     relative_amplitude,
 )
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
+from napari_phase4d.unwrapping.shared_steps import LEFT_OUT, SharedSteps
 from napari_phase4d.words import shown
 
-__all__ = [
-    "FIELD",
-    "GRAPH",
-    "RESIDUES",
-    "Problem",
-    "SharedSteps",
-]
-
-#: Name of what the directional methods start from.
-FIELD = "field"
-#: Name of the graph of all pixels, which confidence goes along.
-GRAPH = "graph"
-#: Name of the residues that stand in the way of levels.
-RESIDUES = "residues"
-
-T = TypeVar("T")
-
-
-class Locks:
-    """What threads wait for that share a problem; a copy of it, or one in a file, has its own."""
-
-    def __init__(self) -> None:
-        #: Held while what is known is looked through.
-        self.changing = threading.Lock()
-        #: Held while several things are made that belong together.
-        self.together = threading.RLock()
-        self._named: dict[str, threading.RLock] = {}
-
-    def of(self, name: str) -> threading.RLock:
-        """Return the lock of a step."""
-        with self.changing:
-            return self._named.setdefault(name, threading.RLock())
-
-    def __reduce__(self) -> tuple[type[Locks], tuple[()]]:
-        """Leave out what nobody else can hold."""
-        return Locks, ()
-
-
-class SharedSteps:
-    """Holds what was computed once, and how long it took; several threads may ask for it.
-
-    Attributes
-    ----------
-    seconds : dict of str to float
-        Time that each step took.
-    used : set of str
-        Steps that were asked for since this was last emptied.
-    locks : Locks
-        What threads wait for.
-    """
-
-    def __init__(self) -> None:
-        self._known: dict[str, Any] = {}
-        self.seconds: dict[str, float] = {}
-        self.used: set[str] = set()
-        self.locks = Locks()
-
-    def once(self, name: str, work: Callable[[], T]) -> T:
-        """Return what ``work()`` returned when it was first asked for by this name.
-
-        Who asks while another thread is at it waits: on disk both would write the same file, and
-        one would read it while it is still empty. Other names don't wait: the work may use
-        threads that ask for them. None of these may ask for its own name, nor for one that waits
-        for it: that would never end.
-        """
-        self.used.add(name)
-        with self.locks.of(name):
-            if name in self._known:
-                found: T = self._known[name]
-            else:
-                began = time.perf_counter()
-                found = self._known[name] = work()
-                self.seconds[name] = time.perf_counter() - began
-        return found
-
-    def knows(self, name: str) -> bool:
-        """Say whether something has been computed by this name."""
-        return name in self._known
-
-    def note(self, name: str, found: object) -> None:
-        """Keep something by a name, in the place of what was there."""
-        self._known[name] = found
-
-    def forget(self, name: str) -> None:
-        """Let go of what was computed by this name."""
-        self._known.pop(name, None)
-
-    def forget_field(self) -> None:
-        """Let go of what the directional methods share: it is as large as many results."""
-        self.forget(FIELD)
-        self.forget(GRAPH)
-        self.forget(RESIDUES)
-
-    def tidy(self) -> None:
-        """Remove what was needed on the way only, where that lies on disk."""
-
+__all__ = ["Problem"]
 
 #: Names of what each frame by itself gave, and of the object in it, among what a problem shares.
 ALONE, OBJECT = "spatial", "object"
@@ -505,6 +409,20 @@ class Problem(SharedSteps):
     def lost(self, task: Task = UNWATCHED) -> NDArray[np.bool_]:
         """Mark the frames (time, angle) that say nothing of the object, see `lost_frames`."""
         return self.once("lost", lambda: lost_of(self.given, task))
+
+    def left_out(self) -> NDArray[np.bool_]:
+        """Mark the frames (time, angle) that are not to be relied on.
+
+        Those that say nothing, and, once a directional method has looked, those that fit neither
+        the one before nor the one after, see `outlying_times`.
+        """
+        found = self.lost().copy()
+        if self.knows(LEFT_OUT):
+            found |= self.once(LEFT_OUT, self.lost)
+        if self.knows("parts"):
+            for views, part in self.parts():
+                found[:, list(views)] |= part.left_out()
+        return found
 
     def background(self, task: Task = UNWATCHED) -> Background:
         """Return the empty field of every frame, and its level.

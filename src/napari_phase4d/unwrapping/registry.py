@@ -102,8 +102,8 @@ class Method:
     package : str
         Name and version of the package that brought it; empty for those of this program.
     leaves_out : bool
-        Whether frames that say nothing are left out; its results then list them as
-        ``attrs["lost_frames"]``.
+        Whether frames are left out that say nothing, or fit neither neighbour; its results then
+        list them as ``attrs["lost_frames"]``.
     along : tuple of str
         Dimensions, "time" or "angle", that it goes along. Where one of them has a single frame,
         another method gives the same.

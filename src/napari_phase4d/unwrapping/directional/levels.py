@@ -14,7 +14,8 @@ from napari_phase4d.unwrapping.directional.methods import prepared
 from napari_phase4d.unwrapping.directional.residues import residues_of_objects
 from napari_phase4d.unwrapping.directional.scene import Scene
 from napari_phase4d.unwrapping.given import working_blocks
-from napari_phase4d.unwrapping.problem import RESIDUES, Problem
+from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.shared_steps import RESIDUES
 
 __all__ = ["Residues", "level_residues"]
 

@@ -25,7 +25,7 @@ from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import grow_list
 from napari_phase4d.unwrapping.objects import object_mask
-from napari_phase4d.unwrapping.problem import FIELD
+from napari_phase4d.unwrapping.shared_steps import FIELD, LEFT_OUT
 
 __all__ = [
     "Field",
@@ -75,6 +75,9 @@ class Unwraps(Recorded, Protocol):
     def once(self, name: str, work: Callable[[], T]) -> T:
         """Return what ``work()`` returned when it was first asked for by this name."""
 
+    def note(self, name: str, found: object) -> None:
+        """Keep something by a name."""
+
     def settle_frames(self, task: Task) -> None:
         """Unwrap each frame by itself, if that has not been done."""
 
@@ -107,6 +110,7 @@ def prepared(problem: Unwraps, task: Task) -> Field:
     def prepare() -> Field:
         watch = Watch(4, "finding the object", task)
         scene = find_scene(problem, watch)
+        problem.note(LEFT_OUT, scene.frames.lost)
         scene = replace(scene, lifts=lifts_of_changes(scene, problem.store, watch))
         watch.step()
         watch = Watch(1, "weighing the steps", task)

@@ -100,22 +100,32 @@ class Frames:
         What was recorded.
     task : Task, optional
         Who may stop it while the empty field is looked for.
+    outliers : ndarray of int, optional
+        Times that are left out as well, see `outlying_times`.
 
     Attributes
     ----------
     lost : ndarray of bool, shape (time, angle)
-        Frames that say nothing.
+        Frames that say nothing, or are left out.
     kept : ndarray of int
         Times that are not left out. Blocks of `read` count these.
     start : tuple of int
         The kept frame (time, angle) that lies next to the boundary frame.
     """
 
-    def __init__(self, recorded: Recorded, task: Task = UNWATCHED) -> None:
+    def __init__(
+        self,
+        recorded: Recorded,
+        task: Task = UNWATCHED,
+        outliers: NDArray[np.intp] | None = None,
+    ) -> None:
         self.recorded = recorded
         self.background = recorded.background(task)
         lost = recorded.lost()
         self.lost = np.zeros_like(lost) if lost.all() else lost
+        if outliers is not None:
+            self.lost = self.lost.copy()
+            self.lost[outliers] = True
         self.kept = np.flatnonzero(~self.lost.all(axis=1))
         nearest = int(np.argmin(np.abs(self.kept - recorded.first[0])))
         self.start = nearest, recorded.first[1]

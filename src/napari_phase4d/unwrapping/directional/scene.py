@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.unwrapping.directional.outliers import outlying_times
 from napari_phase4d.unwrapping.directional.registration import (
     Frames,
     Recorded,
@@ -222,6 +223,10 @@ def find_scene(recorded: Recorded, watch: Watch) -> Scene:
     frames = Frames(recorded, watch.task)
     watch.step()
     shifts = follow_object(frames, watch)
+    outliers = outlying_times(frames, shifts, watch)
+    if outliers.any():
+        frames = Frames(recorded, watch.task, frames.kept[outliers])
+        shifts = follow_object(frames, watch)
     watch.step()
     box, margins = room_for(frames, shifts, watch)
     scene = Scene(frames, shifts, box, margins=margins)

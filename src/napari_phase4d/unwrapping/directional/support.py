@@ -34,7 +34,8 @@ from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import Given, blocks_within
 from napari_phase4d.unwrapping.light import ViewsOf
-from napari_phase4d.unwrapping.problem import GRAPH, Problem
+from napari_phase4d.unwrapping.problem import Problem
+from napari_phase4d.unwrapping.shared_steps import GRAPH
 
 __all__ = ["Astray", "Judged", "Support", "astray", "supports_by_steps"]
 

@@ -1,0 +1,109 @@
+"""Frames that fit neither the one before nor the one after, while these two fit each other.
+
+As after a lost packet, which leaves half a frame shifted, or a blow to the stage. What changes on
+the way there and back is torn, and as both say the same of the object, with the opposite sign, all
+other frames would follow them.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from napari_phase4d.compiling import compiled
+from napari_phase4d.stack import Block
+from napari_phase4d.task import Watch, in_threads
+from napari_phase4d.unwrapping.directional.registration import Frames, Seen, Shifts
+from napari_phase4d.unwrapping.frames import moved
+from napari_phase4d.unwrapping.given import working_blocks
+
+__all__ = ["outlying_shares", "outlying_times"]
+
+#: Two phases are the same if they differ by less than the first, and others if by more than the
+#: second, in radians; both are larger by so many times the noise.
+SAME, OTHER, NOISES = 0.5, 1.5, 1.5
+#: A frame is an outlier if this share of the object is one in it, and this many times as much as
+#: in nearly all others: what beats, or moves far, is like that in many of them.
+SHARE, TIMES, NEARLY_ALL = 0.05, 4.0, 0.9
+#: With fewer frames nothing tells an outlier from what beats.
+FEWEST = 6
+
+Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
+
+
+def outlying_times(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
+    """Say which of the kept frames are outliers, in all views together.
+
+    Parameters
+    ----------
+    frames : Frames
+        Level with their empty field.
+    shifts : ndarray of int, shape (time, angle, 2)
+        What keeps the object in place.
+    watch : Watch
+        Stops the work.
+    """
+    n = frames.shape[0]
+    found = np.zeros(n, dtype=bool)
+    if n < FEWEST:
+        return found
+    blocks = working_blocks(frames.shape)
+
+    def work(block: Block) -> NDArray[np.float64]:
+        around = block.with_neighbours(n)
+        return outlying_shares(
+            frames.read(around), shifts[around.start : around.stop], frames.background.noise
+        )[block.of(around)]
+
+    shares = np.concatenate(list(in_threads(work, blocks, watch.quiet(len(blocks)))))
+    for time in np.flatnonzero(shares > SHARE):
+        others = np.delete(shares[1:-1], time - 1)
+        usual = float(np.quantile(others, NEARLY_ALL, method="higher"))
+        found[time] = shares[time] > TIMES * usual
+    return found
+
+
+def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.float64]:
+    """Return which share of the object is an outlier in each frame: the least of two.
+
+    Frames are compared as they are and with the object held in place; 0 for the first and last.
+    """
+    same, other = np.float32(SAME + NOISES * noise), np.float32(OTHER + NOISES * noise)
+    ways = [seen]
+    if (shifts != shifts[:1]).any():
+        empty, usable = (moved(part, shifts) for part in (seen.empty, seen.usable))
+        ways.append(Seen(moved(seen.phase, shifts), empty, usable, None))
+    found = np.zeros(len(seen.phase))
+    for time in range(1, len(found) - 1):
+        three = slice(time - 1, time + 2)
+        shares = []
+        for way in ways:
+            object_ = np.asarray(way.free[three].any(axis=0) & way.usable[three].all(axis=0))
+            count = int(np.count_nonzero(object_))
+            shares.append(count_outlying(way.phase[three], object_, same, other) / max(count, 1))
+        found[time] = min(shares)
+    return found
+
+
+@compiled
+def count_outlying(phase: Image, object_: Mask, same: np.float32, other: np.float32) -> int:
+    """Count the pixels in which the first and last of three frames agree, but not the second."""
+    turn = np.float32(2 * np.pi)
+    count = 0
+    before, now, after = phase[0], phase[1], phase[2]
+    for view in range(object_.shape[0]):
+        for y in range(object_.shape[1]):
+            for x in range(object_.shape[2]):
+                if not object_[view, y, x]:
+                    continue
+                apart = after[view, y, x] - before[view, y, x]
+                if abs(apart - turn * np.rint(apart / turn)) >= same:
+                    continue
+                first = now[view, y, x] - before[view, y, x]
+                second = now[view, y, x] - after[view, y, x]
+                count += (
+                    abs(first - turn * np.rint(first / turn)) > other
+                    and abs(second - turn * np.rint(second / turn)) > other
+                )
+    return count

@@ -1,0 +1,117 @@
+"""A frame that fits neither neighbour, while these fit each other, is left out and named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+import napari_phase4d as p4d
+from napari_phase4d.unwrapping.directional.outliers import outlying_shares
+from napari_phase4d.unwrapping.directional.registration import Seen
+
+TURN = 2 * np.pi
+WL1, RGD = "directional-l1", "directional-growing"
+N, BAD = 10, 6
+
+
+def cell(places: np.ndarray, peak: float, views: int = 2) -> np.ndarray:
+    """A thick round cell at these places (time, 2) of a field of 64 x 72 pixels."""
+    y, x = np.mgrid[:64, :72] + 0.5
+    frames = []
+    for t, (cy, cx) in enumerate(places):
+        for view in range(views):
+            far = ((y - cy) ** 2 + (x - cx - view) ** 2) / 22**2
+            frames.append(peak * (1 + 0.02 * t) * np.maximum(1 - far, 0))
+    phase = np.reshape(frames, (len(places), views, 64, 72))
+    return ndimage.gaussian_filter(phase, (0, 0, 1.2, 1.2))
+
+
+def drifting(peak: float, speed: float = 0.6) -> np.ndarray:
+    return cell(np.stack([32 + 0 * np.arange(N), 33 + speed * np.arange(N)], axis=1), peak)
+
+
+def torn(phase: np.ndarray, time: int, by: int) -> np.ndarray:
+    """Move the lower half of a frame sideways, as after a lost packet."""
+    found = phase.copy()
+    found[time, :, 32:] = np.roll(phase[time, :, 32:], by, axis=-1)
+    return found
+
+
+def noisy(phase: np.ndarray, noise: float) -> np.ndarray:
+    return phase + noise * np.random.default_rng(5).standard_normal(phase.shape)
+
+
+def wrapped(phase: np.ndarray) -> np.ndarray:
+    return np.angle(np.exp(1j * phase)).astype(np.float32)
+
+
+@pytest.mark.parametrize("method", [WL1, RGD])
+@pytest.mark.parametrize("noise", [0, 0.3])
+@pytest.mark.parametrize("by", [18, 25])
+@pytest.mark.parametrize("peak", [12.0, 20.0])
+def test_a_torn_frame_spoils_no_other(peak: float, by: int, noise: float, method: str) -> None:
+    """What changes on the way there and back said the same in both, and all frames followed."""
+    exact = noisy(torn(drifting(peak), BAD, by), noise)
+    found = p4d.unwrap(wrapped(exact), method)
+    assert found.attrs["lost_frames"] == [[BAD, 0], [BAD, 1]]
+    off = np.round((found.values - exact) / TURN)
+    assert not off[np.arange(N) != BAD].any()
+    assert np.allclose(wrapped(found.values), wrapped(exact), atol=1e-3)
+
+
+def test_it_is_not_trusted_and_the_verdict_names_it() -> None:
+    found = p4d.compare(wrapped(noisy(torn(drifting(15), BAD, 25), 0.2)), [WL1, "spatial-2d"])
+    assert found.verdict.lost_frames == [(BAD, 0), (BAD, 1)]
+    assert f"What is seen at time {BAD} fits neither the frame before" in found.verdict
+    for method in (WL1, "spatial-2d"):
+        trust = found.confidence(method).values
+        assert (trust[BAD] == 0).all()
+        assert np.median(trust[BAD - 1]) > 0.9
+
+
+def test_two_of_many_are_both_left_out() -> None:
+    phase = np.concatenate([drifting(12, 0.3)] * 3)
+    phase = torn(torn(phase, 4, 25), 17, 20)
+    found = p4d.unwrap(wrapped(noisy(phase, 0.2)), WL1)
+    assert {t for t, _ in found.attrs["lost_frames"]} == {4, 17}
+
+
+def beating(n: int) -> np.ndarray:
+    """A cell that is here in one frame, and there in the next."""
+    return cell(np.stack([32 + 0 * np.arange(n), 30 + 12 * (np.arange(n) % 2)], axis=1), 12)
+
+
+@pytest.mark.parametrize(
+    "phase",
+    [
+        drifting(12),
+        drifting(12, 3),
+        beating(10),
+        beating(3),
+        torn(drifting(12), 0, 25),
+        torn(drifting(12), N - 1, 25),
+        torn(drifting(12)[:5], 2, 25),
+        drifting(12) * (1 + 0.4 * (np.arange(N) >= BAD))[:, None, None, None],
+    ],
+    ids=["drifts", "flows", "beats", "beats, few", "first", "last", "few", "grows at once"],
+)
+def test_what_nothing_tells_from_life_is_kept(phase: np.ndarray) -> None:
+    assert "lost_frames" not in p4d.unwrap(wrapped(noisy(phase, 0.2)), WL1).attrs
+
+
+def test_shares_are_counted_where_the_two_others_agree() -> None:
+    phase = np.zeros((4, 1, 4, 5), dtype=np.float32)
+    phase[1, :, 0] = 3.0  # five pixels that are others once
+    phase[1:, :, 1] = 3.0  # five that have changed for good
+    phase[2, :, 2, :2] = 2 * np.pi - 0.1  # the same but for a turn
+    empty = np.zeros(phase.shape, dtype=bool)
+    empty[:, :, 3] = True
+    seen = Seen(phase, empty, np.ones(phase.shape, dtype=bool), None)
+    still = np.zeros((4, 1, 2), dtype=np.intp)
+    assert outlying_shares(seen, still, 0.0).tolist() == [0, pytest.approx(5 / 15), 0, 0]
+    assert outlying_shares(seen, still, 1.2).tolist() == [0, 0, 0, 0]
+    # Held in place it is not one, as the object has only moved there and back.
+    moved = still.copy()
+    moved[1] = 4, 0
+    assert outlying_shares(seen, moved, 0.0)[1] == pytest.approx(5 / 15)
