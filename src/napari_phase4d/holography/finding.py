@@ -404,7 +404,12 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
 
 def is_among(lobe: Lobe, others: Sequence[Lobe]) -> bool:
     """Say whether one of some lobes is the same view."""
-    return any(pair_distance(lobe.carrier, other.carrier) < lobe.radius for other in others)
+    return distance_to(lobe, others) < lobe.radius
+
+
+def distance_to(lobe: Lobe, others: Sequence[Lobe]) -> float:
+    """Return the distance to the nearest of some lobes, or their conjugates, in cycles/px."""
+    return min((pair_distance(lobe.carrier, o.carrier) for o in others), default=np.inf)
 
 
 def too_few(name: str, found: int, wanted: int | None) -> str:
@@ -435,11 +440,10 @@ def number_doubts(wanted: int | None, likely: int, chances: NDArray[np.float64])
 
 def views_doubt(best: Choice, second: Choice, lobes: list[Lobe], other: list[Lobe]) -> str:
     """Say that other peaks may be the views."""
-    changed = [
-        f"({lobe.carrier[0]:+.3f}, {lobe.carrier[1]:+.3f})"
-        for lobe in other
-        if not is_among(lobe, lobes)
-    ]
+    elsewhere = [lobe for lobe in other if not is_among(lobe, lobes)]
+    if not elsewhere:  # in one of the same circles, at another of its peaks
+        elsewhere = [max(other, key=lambda lobe: distance_to(lobe, lobes))]
+    changed = [f"({lobe.carrier[0]:+.3f}, {lobe.carrier[1]:+.3f})" for lobe in elsewhere]
     return (
         f"Views and their beats look alike here: these circles are right with a chance of "
         f"{100 * best.chance:.0f} %; the next best choice ({100 * second.chance:.0f} %) has a "
