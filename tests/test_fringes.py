@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+import scipy.ndimage
 
 import napari_phase4d as p4d
 from helpers import wrap
@@ -102,3 +103,20 @@ def test_a_small_opening_shows_its_fringes() -> None:
         data = p4d.reconstruct(rec, LOBES)
     seen = fringe_mask(data).values[0, 0]
     assert seen[:, int(0.85 * seen.shape[1]) : -BLUR].all()
+
+
+@pytest.mark.parametrize(("apart", "peak_rad"), [(34, 8.0), (34, 6.0), (26, 5.0)])
+def test_a_dense_layer_of_steep_cells_shows_its_fringes(apart: int, peak_rad: float) -> None:
+    """They are no more alike to themselves some pixels on than noise is, but as bright."""
+    y, x = np.indices(SHAPE)
+    layer = np.zeros(SHAPE)
+    for cy in range(8, SHAPE[0] + 20, apart):
+        for cx in range(8, SHAPE[1] + 20, apart):
+            far = ((y - cy) ** 2 + (x - cx) ** 2) / (0.55 * apart) ** 2
+            layer += peak_rad * np.sqrt(np.maximum(1 - far, 0))
+    layer = scipy.ndimage.gaussian_filter(layer, 2)
+    rec = p4d.open_recording(hologram(np.ones(SHAPE), layer, 1.0)[None])
+    with pytest.warns(UserWarning, match="little empty field is in view"):
+        data = p4d.reconstruct(rec, LOBES)
+    assert data.attrs["without_fringes_percent"][0] < 0.5
+    assert not any("fringes" in words for words in reconstruction_advice(data.attrs))

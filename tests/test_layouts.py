@@ -14,6 +14,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.holography.beams import COUNT_WEIGHTS, Choice, most_likely
+from napari_phase4d.holography.finding import views_doubt
 from napari_phase4d.holography.lobes import pair_distance, wrapped_distance
 from napari_phase4d.holography.peaks import Peak, brightest_near, is_ghost, refined
 from napari_phase4d.holography.signs import evidence_of, sign_doubts, together
@@ -350,3 +351,18 @@ def test_a_cell_at_the_border_has_a_sign_that_is_sure(at: tuple[int, int], side:
     evidence = evidence_of(np.exp(1j * side * cell).astype(np.complex64))
     assert sign_doubts([evidence]) == [""]
     assert np.sign(evidence) == side
+
+
+def test_another_choice_in_the_same_circle_has_a_place() -> None:
+    """Of choices that differ by less than a lobe is wide, the view that differs most is named."""
+    best, second = (
+        Choice((0, 1), (False, False), chance, beats_seen=True, tally=np.zeros(2))
+        for chance in (0.8, 0.2)
+    )
+    lobes = [p4d.Lobe((0.2, 0.1), 0.08), p4d.Lobe((-0.1, 0.25), 0.08)]
+    near = [lobes[0], p4d.Lobe((-0.12, 0.25), 0.08)]
+    assert "has a view at (-0.120, +0.250) cycles/px instead" in views_doubt(
+        best, second, lobes, near
+    )
+    far = [lobes[0], p4d.Lobe((0.3, 0.3), 0.08)]
+    assert "at (+0.300, +0.300) cycles" in views_doubt(best, second, lobes, far)

@@ -364,7 +364,8 @@ def test_median_reference_takes_off_a_static_texture() -> None:
     cells = [ellipsoid(0.05, (-0.5 + t / (n_times - 1), 0.2), 5.0) for t in range(n_times)]
     exact = p4d.reconstruct(recorded(cells, bits=12), [LOBE], background="none")["phase"].values
     video = recorded([cell + texture for cell in cells], drift_rad=0.5)
-    data = p4d.reconstruct(video, [LOBE], "median")
+    with pytest.warns(UserWarning, match="something that stays in 29 % of view 1: if that is the"):
+        data = p4d.reconstruct(video, [LOBE], "median")
     error = wrap(data["phase"].values - exact)[..., 3:-3, 3:-3]
     error = wrap(error - np.median(error, axis=(2, 3), keepdims=True))
     assert np.sqrt(np.mean(error**2)) < 0.1
@@ -373,3 +374,24 @@ def test_median_reference_takes_off_a_static_texture() -> None:
     mean = error.mean(axis=(0, 1))
     for slope in (slope_y[:, None], slope_x[None, :]):
         assert abs((mean * slope).mean() / (slope**2).mean()) < 0.05
+
+
+@pytest.mark.parametrize("stays", [True, False])
+def test_a_median_that_shows_what_stays_is_said(stays: bool) -> None:
+    """A cell that stays is divided away; one that swims off is not in the median."""
+    y, x = np.mgrid[:128, :128] + 0.5
+    frames = []
+    for t in range(7):
+        far = ((y - 40) ** 2 + (x - 20 - (0 if stays else 15 * t)) ** 2) / 18**2
+        phase = 6 * np.exp(-2 * far)
+        frames.append(100 + 60 * np.cos(2 * np.pi * (0.2 * y + 0.15 * x) + phase))
+    rec = p4d.open_recording(np.round(frames).astype(np.uint8))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        data = p4d.reconstruct(rec, [p4d.Lobe((0.2, 0.15), 0.1)], reference="median")
+    said = any("median over time shows something that stays" in str(w.message) for w in told)
+    assert said == stays
+    (percent,) = data.attrs["median_shows_percent"]
+    assert percent > 5 if stays else percent < 0.5
+    peak = float(p4d.unwrap(data.phase, "spatial-2d").max())
+    assert peak < 1 if stays else peak > 5

@@ -523,6 +523,7 @@ def test_limits_that_can_not_be(tmp_path: Path, limits: dict[str, Any]) -> None:
 # ---- what is settled on the first frames -----------------------------------------------------
 
 
+@pytest.mark.filterwarnings("ignore:.*median over time shows:UserWarning")
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "settings",

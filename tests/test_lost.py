@@ -324,6 +324,7 @@ def test_every_method_goes_on_to_the_end(video: Recording) -> None:
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.*median over time shows:UserWarning")
 def test_references_and_fits_leave_it_out(video: Recording) -> None:
     """The median and the tilt are those of the other frames."""
     frames = video.holograms.values.copy()

@@ -231,6 +231,7 @@ def test_script_of_a_video_with_its_microscope_and_a_reference(
     assert_the_same(outcome, saved_by_script(outcome.recipe, folder))
 
 
+@pytest.mark.filterwarnings("ignore:.*median over time shows:UserWarning")
 @pytest.mark.slow
 def test_script_of_one_array_of_a_file(tmp_path: Path, small_video: Recording) -> None:
     frames = small_video.holograms.values

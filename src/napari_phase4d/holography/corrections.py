@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,6 +34,7 @@ __all__ = [
     "Reference",
     "background_surface",
     "corrections",
+    "median_advice",
     "reference_frame",
     "reference_note",
 ]
@@ -47,6 +48,9 @@ BACKGROUND_ORDERS: dict[str, int | None] = {
     "polynomial": None,
     "zernike": None,
 }
+#: Phase that differs from a smooth surface by more radians than this stands out; from so many
+#: percent of a view on it is worth a warning.
+STANDS_OUT_RAD, MUCH_PERCENT = 1.0, 2.0
 #: Below this share of its median the reference's amplitude is not divided by.
 DARKEST_REFERENCE = 0.05
 NO_FRINGES = "the reference shows no fringes in at least one lobe; choose another reference"
@@ -88,12 +92,15 @@ def corrections(
         factor = inverse(divisor)
     tilts = TiltsBetween(demodulate.output_shape, tilt_per_frame)
     each = tilts.seen(static_fields(rec, demodulate, lost, seen, task))
+    shown: list[float] = []
     if by_median:
         static = np.stack(list(each))
-        factor = inverse(median_fields(static))
+        middle = median_fields(static)
+        shown = [percent_not_smooth(field) for field in middle]
+        factor = inverse(middle)
         each = iter(static)
     if not order:
-        return Corrections(factor, [], [], [], [])
+        return Corrections(factor, [], [], [], [], shown)
     means = mean_fields(fields if reference is None else fields * factor for fields in each)
     fits = fitted_views(rec.name, means, background, Surface(kind, order, means.shape[1:]), task)
     surfaces = np.stack([fit.surface for fit, _ in fits])
@@ -104,6 +111,7 @@ def corrections(
         [left for _, left in fits],
         [view for view, (fit, _) in enumerate(fits) if background == "curvature" and fit.unsure],
         [] if tilt_per_frame else tilts.left_rad(),
+        shown,
     )
 
 
@@ -145,6 +153,9 @@ class Corrections:
     tilt_left_rad : list of float
         For each view how far frames tilt against each other, in radians rms; empty if that is
         taken off each of them.
+    median_shows : list of float
+        For each view in how much of the median over time something stands out, in percent; empty
+        if the reference is another.
     """
 
     factor: NDArray[np.complex64]
@@ -152,6 +163,7 @@ class Corrections:
     left_rad: list[float]
     unsure: list[int]
     tilt_left_rad: list[float]
+    median_shows: list[float]
 
     def notes(self) -> dict[str, Any]:
         """Return what to note of what is left and doubted, as far as there is any."""
@@ -159,6 +171,7 @@ class Corrections:
             "background_left_rad": [round(left, 6) for left in self.left_rad],
             "frame_tilt_left_rad": [round(left, 6) for left in self.tilt_left_rad],
             "curvature_unsure": self.unsure,
+            "median_shows_percent": self.median_shows,
         }
         return {name: values for name, values in notes.items() if values}
 
@@ -260,6 +273,35 @@ def median_fields(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:
         for field, common in zip(fields, first, strict=True):
             field *= np.complex64(np.exp(-1j * background_offset(field * common.conj())))
     return median_of_parts(stack)
+
+
+def percent_not_smooth(field: NDArray[np.complex64]) -> float:
+    """Return in how much of a field (y, x) the phase is no smooth surface, in percent.
+
+    That is where it differs from a surface of second degree by more than `STANDS_OUT_RAD`.
+    """
+    surface = Surface("powers", 2, field.shape).fit(field).surface
+    flat = field * np.exp(-1j * surface)
+    flat *= np.conj(np.sum(flat / np.maximum(np.abs(flat), np.finfo(np.float32).tiny)))
+    return round(100 * float((np.abs(np.angle(flat)) > STANDS_OUT_RAD).mean()), 1)
+
+
+def median_advice(attrs: Mapping[str, Any]) -> str:
+    """Say in which views the median over time shows something that stays; empty if in none.
+
+    Parameters
+    ----------
+    attrs : mapping
+        The notes of a reconstruction.
+    """
+    percents = attrs.get("median_shows_percent", ())
+    much = [f"{p:.0f} % of view {i + 1}" for i, p in enumerate(percents) if p > MUCH_PERCENT]
+    if not much:
+        return ""
+    return (
+        f"The median over time shows something that stays in {' and '.join(much)}: if that is the "
+        "object, it is divided away, and its phase is too small; take another reference"
+    )
 
 
 def median_of_parts(stack: NDArray[np.complex64]) -> NDArray[np.complex64]:

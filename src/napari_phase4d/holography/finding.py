@@ -48,7 +48,7 @@ from napari_phase4d.words import (
     warn,
 )
 
-__all__ = ["FoundLobes", "find_lobes"]
+__all__ = ["FoundLobes", "find_lobes", "views_doubt"]
 
 #: Frames that the spectrum is made of at most, and the memory that their transforms may take.
 MAX_FRAMES, MAX_BYTES = 16, 512 * 2**20

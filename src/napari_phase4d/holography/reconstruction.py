@@ -16,6 +16,7 @@ from napari_phase4d.holography.corrections import (
     Reference,
     background_surface,
     corrections,
+    median_advice,
     reference_frame,
     reference_note,
 )
@@ -250,6 +251,7 @@ def reconstruction_advice(
         background_advice(attrs),
         curvature_advice(attrs),
         tilt_advice(attrs),
+        median_advice(attrs),
         fringe_advice(attrs),
         refocus_advice(attrs),
     )
