@@ -342,7 +342,7 @@ def test_islands_are_numbered_by_frame() -> None:
     empty[1, 0] = True
     each = np.stack([ndimage.label(frame[0])[0] - 1 for frame in empty])[:, None]
     known: dict[tuple[int, int], np.ndarray] = {}
-    count, fields = number_islands(each, 5, (5, 0, 1), known, 1)
+    count, fields = number_islands(each, 5, (5, 0, 1), known, 1, each[0, 0].size)
     numbers = islands_by_node(each, 5, known)
     assert (numbers[~empty] == 0).all()
     assert (numbers[0, 0, :, 3:] == 0).all()  # the one that is held
@@ -351,7 +351,7 @@ def test_islands_are_numbered_by_frame() -> None:
     assert own < set(range(1, count))
     # The largest of each other frame is the field.
     assert fields == [int(numbers[1, 0, 0, 0])]
-    assert number_islands(np.full((1, 1, 2, 2), -1), 0, None, {}, 1) == (1, [])
+    assert number_islands(np.full((1, 1, 2, 2), -1), 0, None, {}, 1, 4) == (1, [])
 
 
 def test_a_moving_object_is_followed() -> None:

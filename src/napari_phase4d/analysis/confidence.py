@@ -124,7 +124,8 @@ def confidence(
     Returns
     -------
     xarray.DataArray
-        float32 in the form of the phase; 0 in frames that say nothing of the object.
+        float32 in the form of the phase; 0 in frames that say nothing of the object, or fit
+        neither the one before nor the one after.
 
     Raises
     ------
@@ -222,6 +223,7 @@ def chances_of_right(
                 of_part = reference_on_the_way(part, task)
             into = {name: ViewsOf(stack, views) for name, stack in maps.items()}
             by_steps(part, chosen, of_part, into, task)
+        problem.left_out()  # noted, while the parts know it
     return maps
 
 

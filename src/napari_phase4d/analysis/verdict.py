@@ -301,11 +301,10 @@ def outlier_words(outliers: list[tuple[int, int]], stack: xr.DataArray) -> str:
         return ""
     one_view = stack.isel(angle=0, drop=True) if "angle" in stack.dims else stack
     first = frame_in_words(one_view, times[0], 0)
-    what = f"What is seen at {first} fits neither the frame before nor the one after"
-    if len(times) > 1:
-        what = f"What is seen at {len(times)} times fits neither frame beside it, first at {first}"
+    at = f"At {first}" if len(times) == 1 else f"At {len(times)} times, first {first},"
     return (
-        f"{what}, though these fit each other: it is not to be used; look whether it is damaged."
+        f"{at} what is seen fits neither the frame before nor the one after, though these fit "
+        "each other: it counts for nothing here; look whether it is damaged."
     )
 
 

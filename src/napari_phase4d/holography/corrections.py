@@ -283,7 +283,9 @@ def percent_not_smooth(field: NDArray[np.complex64]) -> float:
     surface = Surface("powers", 2, field.shape).fit(field).surface
     flat = field * np.exp(-1j * surface)
     flat *= np.conj(np.sum(flat / np.maximum(np.abs(flat), np.finfo(np.float32).tiny)))
-    return round(100 * float((np.abs(np.angle(flat)) > STANDS_OUT_RAD).mean()), 1)
+    size = np.abs(field)
+    lit = size > DARKEST_REFERENCE * np.median(size[size > 0])  # what is darker is no phase
+    return round(100 * float((lit & (np.abs(np.angle(flat)) > STANDS_OUT_RAD)).mean()), 1)
 
 
 def median_advice(attrs: Mapping[str, Any]) -> str:

@@ -135,8 +135,9 @@ def is_speckled(size: NDArray[np.float32]) -> bool:
     """
     mean = scipy.ndimage.uniform_filter(size, WINDOW)
     variance = scipy.ndimage.uniform_filter(size * size, WINDOW) - mean * mean
-    contrast = np.sqrt(np.maximum(variance, 0)) / np.maximum(mean, np.finfo(np.float32).tiny)
-    return bool(np.median(contrast) > SPECKLED)
+    lit = mean > 0
+    contrast = np.sqrt(np.maximum(variance[lit], 0)) / mean[lit]
+    return bool(lit.any() and np.median(contrast) > SPECKLED)
 
 
 def is_noise(field: NDArray[np.complex64]) -> bool:

@@ -175,10 +175,9 @@ def together(evidence: Sequence[float]) -> float:
 
     They show the same object, so that several guesses are no more than one.
     """
-    total = sum(evidence)
-    if all(abs(each) <= GUESS for each in evidence):
-        return float(np.clip(total, -GUESS, GUESS))
-    return total
+    guesses = sum(each for each in evidence if abs(each) <= GUESS)
+    others = sum(each for each in evidence if abs(each) > GUESS)
+    return float(np.clip(guesses, -GUESS, GUESS)) + others
 
 
 def sign_doubts(evidence: Sequence[float]) -> list[str]:

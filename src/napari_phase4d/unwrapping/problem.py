@@ -414,14 +414,15 @@ class Problem(SharedSteps):
         """Mark the frames (time, angle) that are not to be relied on.
 
         Those that say nothing, and, once a directional method has looked, those that fit neither
-        the one before nor the one after, see `outlying_times`.
+        the one before nor the one after, see `outlying_frames`.
         """
         found = self.lost().copy()
         if self.knows(LEFT_OUT):
-            found |= self.once(LEFT_OUT, self.lost)
-        if self.knows("parts"):
+            found |= self.once(LEFT_OUT, lambda: found)
+        if self.knows("parts") and self.parts():
             for views, part in self.parts():
                 found[:, list(views)] |= part.left_out()
+            self.note(LEFT_OUT, found)  # as parts may be forgotten
         return found
 
     def background(self, task: Task = UNWATCHED) -> Background:

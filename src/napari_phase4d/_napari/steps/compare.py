@@ -147,7 +147,9 @@ class CompareStep(Step):
         if shares is not None:
             self.agreement.set_frames(shares["time"].values, shares["angle"].values)
             agreement = 1 - shares.values
-            for frame in getattr(self.session.verdict, "lost_frames", []):  # they say nothing
+            for frame in getattr(
+                self.session.verdict, "lost_frames", []
+            ):  # they count for nothing
                 agreement[frame] = np.nan
             self.agreement.set_scores(agreement)
             self.frame_changed()

@@ -19,7 +19,7 @@ from napari_phase4d.unwrapping.given import working_frames
 from napari_phase4d.unwrapping.growing import Workspace, second_differences
 from napari_phase4d.unwrapping.neighbours import ends_along
 
-__all__ = ["Denied", "changes_along", "lifts_of_changes", "turns_of_maps"]
+__all__ = ["Denied", "changes_along", "lifts_of_changes", "turns_above_field", "turns_of_maps"]
 
 TURN = np.float32(2 * np.pi)
 #: Changes that stay below this many radians everywhere can't have passed half a turn unseen.

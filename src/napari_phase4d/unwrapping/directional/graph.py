@@ -234,7 +234,9 @@ def graph_of(
     blocks = blocks_within(around, scene.shape)
     for block in blocks:
         seen = scene.islands(block)
-        n_islands, more = number_islands(seen, block.start, held, islands, n_islands)
+        n_islands, more = number_islands(
+            seen, block.start, held, islands, n_islands, math.prod(scene.frames.shape[2:])
+        )
         of_fields += more
         inside = seen[:, :, *scene.box]
         nodes[block.of(around)] = islands_by_node(inside, block.start, islands)
@@ -332,7 +334,12 @@ def largest_island(numbers: Whole) -> tuple[int, int] | None:
 
 
 def number_islands(
-    islands: Whole, start: int, held: tuple[int, int, int] | None, known: Islands, count: int
+    islands: Whole,
+    start: int,
+    held: tuple[int, int, int] | None,
+    known: Islands,
+    count: int,
+    of_frame: int,
 ) -> tuple[int, list[int]]:
     """Give the islands of the empty field in some frames numbers, beginning with a count.
 
@@ -348,6 +355,8 @@ def number_islands(
         The numbers of each frame's islands; these are put in.
     count : int
         The first number.
+    of_frame : int
+        Pixels of a frame, without what is added round it.
 
     Returns
     -------
@@ -366,7 +375,7 @@ def number_islands(
         count += len(mine)
         if held is not None and frame == held[:2]:
             mine[held[2]] = 0
-        if largest[1] >= FIELD_SHARE * numbers.size and mine[largest[0]]:
+        if largest[1] >= FIELD_SHARE * of_frame and mine[largest[0]]:
             fields.append(int(mine[largest[0]]))
         known[frame] = mine
     return count, fields

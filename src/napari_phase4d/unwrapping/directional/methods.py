@@ -10,10 +10,11 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
 from napari_phase4d.task import Task, Watch, in_threads
 from napari_phase4d.unwrapping.directional.bunches import Bunch, Bunches
-from napari_phase4d.unwrapping.directional.changes import lifts_of_changes
+from napari_phase4d.unwrapping.directional.changes import lifts_of_changes, turns_above_field
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.groups import PARTS, Index, weight_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
@@ -23,7 +24,7 @@ from napari_phase4d.unwrapping.directional.scene import Scene, find_scene
 from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of, noisier
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks
-from napari_phase4d.unwrapping.growing import grow_list
+from napari_phase4d.unwrapping.growing import Workspace, grow_list
 from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.shared_steps import FIELD, LEFT_OUT
 
@@ -40,6 +41,7 @@ T = TypeVar("T")
 
 TURN = np.float32(2 * np.pi)
 Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 Whole = NDArray[np.int32]
 Short = NDArray[np.int16]
 Turns = NDArray[np.signedinteger[Any]]
@@ -160,10 +162,10 @@ def together(
         return bunch, work(bunch)
 
     count = 1
-    for bunch, (part, turned) in in_threads(place, range(len(bunches)), watch):
+    for bunch, (part, own) in in_threads(place, range(len(bunches)), watch):
         held = part == part[bunch.held]
         parts[bunch.regions] = np.where(held, 0, part + count)
-        turns[bunch.regions] = turned
+        turns[bunch.regions] = own
         count += int(part.max()) + 1
     return parts, turns
 
@@ -419,8 +421,23 @@ def lifted(
         return phase + TURN * (turns[region] + relative).astype(np.float32), region
 
     estimate, region = field.scene.put_back(block, of_kept)
-    wrapped, _ = problem.given.read(block)
-    return congruent(estimate + problem.background().ground(level, block), wrapped), region
+    wrapped, usable = problem.given.read(block)
+    ground = problem.background().ground(level, block)
+    found = congruent(estimate + ground, wrapped)
+    for time in set(block.times) & set(field.scene.frames.outliers.tolist()):
+        i = time - block.start
+        empty = problem.background().empty.read(Block(time, time + 1))[0] & usable[i]
+        for angle in np.flatnonzero(empty.any(axis=(1, 2))):
+            at = (i, angle)
+            found[at] = by_itself(wrapped[at], usable[at], empty[angle], ground[at])
+    return found, region
+
+
+def by_itself(wrapped: Image, known: Mask, empty: Mask, ground: Image) -> Image:
+    """Return the unwrapped phase of a frame (y, x) that is like none of the others."""
+    flat = turned(wrapped - ground)
+    turns = turns_above_field(flat, known, empty, Workspace())
+    return congruent(flat + TURN * turns.astype(np.float32) + ground, wrapped)
 
 
 def congruent(estimate: Image, wrapped: Image) -> Image:
@@ -503,7 +520,8 @@ class LooseBlock:
         loose = usable & (part != self.parts[self.field.regions.held])
         flat = self.problem.frame_by_frame(block)
         off = np.round((flat - unwrapped) / TURN).astype(np.int64)
-        time, angle = self.problem.first
+        frames = self.field.scene.frames  # a boundary frame that is left out says nothing
+        time, angle = int(frames.kept[frames.start[0]]), frames.start[1]
         none = np.zeros(loose.shape, dtype=bool)
         of_frame, of_time = none, none.copy()
         if time in block.times:

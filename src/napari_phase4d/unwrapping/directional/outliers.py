@@ -17,14 +17,14 @@ from napari_phase4d.unwrapping.directional.registration import Frames, Seen, Shi
 from napari_phase4d.unwrapping.frames import moved
 from napari_phase4d.unwrapping.given import working_blocks
 
-__all__ = ["outlying_shares", "outlying_times"]
+__all__ = ["outlying_frames", "outlying_shares"]
 
 #: Two phases are the same if they differ by less than the first, and others if by more than the
 #: second, in radians; both are larger by so many times the noise.
 SAME, OTHER, NOISES = 0.5, 1.5, 1.5
 #: A frame is an outlier if this share of the object is one in it, and this many times as much as
 #: in nearly all others: what beats, or moves far, is like that in many of them.
-SHARE, TIMES, NEARLY_ALL = 0.05, 4.0, 0.9
+SHARE, TIMES, NEARLY_ALL = 0.03, 4.0, 0.9
 #: With fewer frames nothing tells an outlier from what beats.
 FEWEST = 6
 
@@ -32,8 +32,8 @@ Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 
 
-def outlying_times(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
-    """Say which of the kept frames are outliers, in all views together.
+def outlying_frames(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
+    """Mark those of the kept frames that are outliers, in all views together.
 
     Parameters
     ----------
@@ -67,7 +67,8 @@ def outlying_times(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
 def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.float64]:
     """Return which share of the object is an outlier in each frame: the least of two.
 
-    Frames are compared as they are and with the object held in place; 0 for the first and last.
+    Frames are compared as they are and with the object held in place; 0 for the first and last,
+    and where no empty field tells what frames are level with.
     """
     same, other = np.float32(SAME + NOISES * noise), np.float32(OTHER + NOISES * noise)
     ways = [seen]
@@ -77,6 +78,8 @@ def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.floa
     found = np.zeros(len(seen.phase))
     for time in range(1, len(found) - 1):
         three = slice(time - 1, time + 2)
+        if not seen.empty[three].any():
+            continue
         shares = []
         for way in ways:
             object_ = np.asarray(way.free[three].any(axis=0) & way.usable[three].all(axis=0))
@@ -87,23 +90,29 @@ def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.floa
 
 
 @compiled
-def count_outlying(phase: Image, object_: Mask, same: np.float32, other: np.float32) -> int:
-    """Count the pixels in which the first and last of three frames agree, but not the second."""
+def count_outlying(phase: Image, object_: Mask, same: np.float32, other: np.float32) -> float:
+    """Count the pixels in which the first and last of three frames agree, but not the second.
+
+    Less what the second frame has more of the object than the two others: what comes for one
+    frame only, as a cell in a fast flow, is no reason to doubt it. A torn frame has as much.
+    """
     turn = np.float32(2 * np.pi)
-    count = 0
+    outlying, more = 0, 0.0
     before, now, after = phase[0], phase[1], phase[2]
     for view in range(object_.shape[0]):
         for y in range(object_.shape[1]):
             for x in range(object_.shape[2]):
                 if not object_[view, y, x]:
                     continue
-                apart = after[view, y, x] - before[view, y, x]
-                if abs(apart - turn * np.rint(apart / turn)) >= same:
+                first, here, last = before[view, y, x], now[view, y, x], after[view, y, x]
+                # Phase is level with the empty field, so that what is else is of the object.
+                more += abs(here - turn * np.rint(here / turn)) > other
+                more -= 0.5 * (abs(first - turn * np.rint(first / turn)) > other)
+                more -= 0.5 * (abs(last - turn * np.rint(last / turn)) > other)
+                if abs(last - first - turn * np.rint((last - first) / turn)) >= same:
                     continue
-                first = now[view, y, x] - before[view, y, x]
-                second = now[view, y, x] - after[view, y, x]
-                count += (
-                    abs(first - turn * np.rint(first / turn)) > other
-                    and abs(second - turn * np.rint(second / turn)) > other
+                outlying += (
+                    abs(here - first - turn * np.rint((here - first) / turn)) > other
+                    and abs(here - last - turn * np.rint((here - last) / turn)) > other
                 )
-    return count
+    return max(outlying - max(more, 0.0), 0.0)

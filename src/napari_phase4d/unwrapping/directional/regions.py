@@ -175,7 +175,7 @@ class Joining:
     def __init__(self, scene: Scene, store: Store) -> None:
         self._store = store
         self._start = scene.frames.start
-        self._pixels = scene.shape[2] * scene.shape[3]
+        self._pixels = scene.frames.shape[2] * scene.frames.shape[3]
         self._parent = np.zeros(0, dtype=np.int32)
         self._offset = np.zeros(0, dtype=np.int32)
         self._sizes: list[Whole] = []

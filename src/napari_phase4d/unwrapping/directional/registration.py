@@ -44,6 +44,8 @@ ADVANTAGE = 0.03
 #: lower by the same factor.
 COST_OF_A_PIXEL = 0.005
 
+NO_TIMES = np.zeros(0, dtype=np.intp)
+
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Shifts = NDArray[np.intp]
@@ -89,9 +91,10 @@ class Seen:
 
 
 class Frames:
-    """The frames of a recording, levelled; those that say nothing are left out or stood in for.
+    """The frames of a recording, levelled; some are left out or stood in for.
 
-    Times at which all views are lost are left out, and the rest solved as if they were adjacent.
+    Times at which all views are lost, say nothing, are left out, and so are outliers; the rest is
+    solved as if they were adjacent.
     A view that is lost by itself is stood in for by what lies half way between its neighbours.
 
     Parameters
@@ -101,12 +104,12 @@ class Frames:
     task : Task, optional
         Who may stop it while the empty field is looked for.
     outliers : ndarray of int, optional
-        Times that are left out as well, see `outlying_times`.
+        Times that are left out as well, see `outlying_frames`. Default none.
 
     Attributes
     ----------
     lost : ndarray of bool, shape (time, angle)
-        Frames that say nothing, or are left out.
+        Frames that say nothing, and outliers.
     kept : ndarray of int
         Times that are not left out. Blocks of `read` count these.
     start : tuple of int
@@ -117,13 +120,14 @@ class Frames:
         self,
         recorded: Recorded,
         task: Task = UNWATCHED,
-        outliers: NDArray[np.intp] | None = None,
+        outliers: NDArray[np.intp] = NO_TIMES,
     ) -> None:
         self.recorded = recorded
         self.background = recorded.background(task)
         lost = recorded.lost()
         self.lost = np.zeros_like(lost) if lost.all() else lost
-        if outliers is not None:
+        self.outliers = outliers
+        if len(outliers):
             self.lost = self.lost.copy()
             self.lost[outliers] = True
         self.kept = np.flatnonzero(~self.lost.all(axis=1))

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block, Stack, Store
 from napari_phase4d.task import Watch, in_threads
-from napari_phase4d.unwrapping.directional.outliers import outlying_times
+from napari_phase4d.unwrapping.directional.outliers import outlying_frames
 from napari_phase4d.unwrapping.directional.registration import (
     Frames,
     Recorded,
@@ -32,6 +32,9 @@ __all__ = ["NOISY", "Box", "Scene", "find_scene", "seams"]
 
 #: Pixels of the empty field that are kept round the object.
 MARGIN = 3
+#: No more than this share of the field is added before or behind it, as it all takes memory. What
+#: goes further comes in at the opposite edge.
+WIDEST = 0.25
 #: From this noise in radians on it is averaged out.
 NOISY = 0.1
 
@@ -223,9 +226,9 @@ def find_scene(recorded: Recorded, watch: Watch) -> Scene:
     frames = Frames(recorded, watch.task)
     watch.step()
     shifts = follow_object(frames, watch)
-    outliers = outlying_times(frames, shifts, watch)
-    if outliers.any():
-        frames = Frames(recorded, watch.task, frames.kept[outliers])
+    outliers = frames.kept[outlying_frames(frames, shifts, watch)]
+    if len(outliers):
+        frames = Frames(recorded, watch.task, outliers)
         shifts = follow_object(frames, watch)
     watch.step()
     box, margins = room_for(frames, shifts, watch)
@@ -279,10 +282,14 @@ def room_for(frames: Frames, shifts: Shifts, watch: Watch) -> tuple[Box, Margins
         first, stop = int(ends[0].min()), int(ends[1].max())
         if first >= stop:  # no object
             first, stop = 0, n
-        before, after = max(-first, 0), max(stop - n, 0)
+        widest = int(WIDEST * n)
+        before, after = (min(max(over, 0), widest) for over in (-first, stop - n))
         margins.append((before, after))
+        whole = before + n + after
         least, most = first + before - MARGIN, stop + before + MARGIN
-        box.append(slice(max(least, 0), min(most, before + n + after)))
+        if least < -MARGIN or most > whole + MARGIN:  # some of it goes round
+            least, most = 0, whole
+        box.append(slice(max(least, 0), min(most, whole)))
     return (box[0], box[1]), Margins(*margins)
 
 
