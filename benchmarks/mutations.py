@@ -116,7 +116,7 @@ MUTATIONS = (
              "return max(outlying - max(more, 0.0), 0.0)", "return float(outlying)",
              ("test_outliers",)),
     Mutation("outliers remembered on disk", "pipeline/streaming.py",
-             '"lost", LEFT_OUT, "brightness"', '"lost", "brightness"', ("test_outliers",)),
+             '"lost", FRAMES_LEFT_OUT, "brightness"', '"lost", "brightness"', ("test_outliers",)),
     Mutation("room for what goes over the edge", "unwrapping/directional/scene.py",
              "WIDEST = 0.25", "WIDEST = 0.0", ("test_directional_edges",)),
     Mutation("several guesses are one", "holography/signs.py",

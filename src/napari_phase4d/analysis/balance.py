@@ -79,7 +79,7 @@ class Balance:
 
 def object_of(problem: Problem, empty: Stack | None, block: Block) -> Mask:
     """Mark what of the usable field of a block is not empty; all of it if nothing is given."""
-    lost = problem.left_out()[block.start : block.stop]
+    lost = problem.frames_left_out()[block.start : block.stop]
     usable = problem.given.read(block)[1] & ~lost[..., None, None]
     return usable if empty is None else usable & ~empty.read(block)
 
@@ -180,7 +180,7 @@ class BalanceBlock:
 
     def __call__(self, block: Block) -> list[list[tuple[int, Objects, Change | None]]]:
         """Return time, objects and change of each frame of the block, by view."""
-        lost = self.problem.left_out()
+        lost = self.problem.frames_left_out()
         views = range(lost.shape[1])
         looks: list[list[Look]] = [[] for _ in views]
         following = [np.flatnonzero(~lost[block.stop :, angle])[:1] for angle in views]
@@ -208,7 +208,7 @@ class BalanceBlock:
         usable = object_of(self.problem, None, block)
         empty = background.empty.read(block)
         clear = CLEAR + NOISES * background.noise
-        kept = ~self.problem.left_out()[block.start : block.stop]
+        kept = ~self.problem.frames_left_out()[block.start : block.stop]
         return [
             [
                 look_at(block.start + t, steady[t, a], usable[t, a], empty[t, a], clear)

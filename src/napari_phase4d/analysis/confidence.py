@@ -223,7 +223,7 @@ def chances_of_right(
                 of_part = reference_on_the_way(part, task)
             into = {name: ViewsOf(stack, views) for name, stack in maps.items()}
             by_steps(part, chosen, of_part, into, task)
-        problem.left_out()  # noted, while the parts know it
+        problem.frames_left_out()  # noted, while the parts know it
     return maps
 
 
@@ -351,7 +351,7 @@ class ChanceBlock:
         chance *= field_known(turns, empty)[..., None, None]
         if not self.rival.anchored:
             chance = np.where(np.isnan(values), ADRIFT, ADRIFT * chance)  # NaN: masked
-        chance[self.problem.left_out()[block.start : block.stop]] = 0
+        chance[self.problem.frames_left_out()[block.start : block.stop]] = 0
         self.found.write(block, chance.astype(np.float32))
 
 
@@ -374,7 +374,7 @@ def by_colour(
             chance[np.isnan(values)] = 1  # masked: taken for empty field
             # What has no partner at another wavelength is not known, and not to be trusted.
             chance[np.isnan(result.values.read(block))] = 0
-            chance[problem.left_out()[block.start : block.stop]] = 0
+            chance[problem.frames_left_out()[block.start : block.stop]] = 0
             maps[name].write(block, chance)
             watch.step()
 

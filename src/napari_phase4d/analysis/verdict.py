@@ -190,7 +190,7 @@ def verdict_on(
     values = tally.disagreement
     lost, outliers = (
         [(int(t), int(a)) for t, a in np.argwhere(mask)]
-        for mask in (problem.lost(), problem.left_out() & ~problem.lost())
+        for mask in (problem.lost(), problem.frames_left_out() & ~problem.lost())
     )
     time, angle = np.unravel_index(int(np.argmax(values)), values.shape)
     frame, most = (int(time), int(angle)), float(values.max(initial=0.0))

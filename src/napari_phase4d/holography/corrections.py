@@ -20,7 +20,7 @@ from napari_phase4d.holography.background import (
 from napari_phase4d.holography.demodulation import Demodulator
 from napari_phase4d.holography.emptyfield import background_offset
 from napari_phase4d.holography.lost import STATIC_FRAMES, LostFrames, usual_fringes
-from napari_phase4d.holography.quality import is_noise
+from napari_phase4d.holography.quality import is_noise, parts_of_views
 from napari_phase4d.holography.tilts import TiltsBetween
 from napari_phase4d.later import xr
 from napari_phase4d.recording import BrokenFrameError, Recording
@@ -282,7 +282,7 @@ def percent_not_smooth(field: NDArray[np.complex64]) -> float:
     """
     surface = Surface("powers", 2, field.shape).fit(field).surface
     flat = field * np.exp(-1j * surface)
-    flat *= np.conj(np.sum(flat / np.maximum(np.abs(flat), np.finfo(np.float32).tiny)))
+    flat *= np.exp(-1j * background_offset(flat))
     size = np.abs(field)
     lit = size > DARKEST_REFERENCE * np.median(size[size > 0])  # what is darker is no phase
     return round(100 * float((lit & (np.abs(np.angle(flat)) > STANDS_OUT_RAD)).mean()), 1)
@@ -296,13 +296,12 @@ def median_advice(attrs: Mapping[str, Any]) -> str:
     attrs : mapping
         The notes of a reconstruction.
     """
-    percents = attrs.get("median_shows_percent", ())
-    much = [f"{p:.0f} % of view {i + 1}" for i, p in enumerate(percents) if p > MUCH_PERCENT]
-    if not much:
+    views, count = parts_of_views(attrs.get("median_shows_percent", ()), MUCH_PERCENT)
+    if not count:
         return ""
     return (
-        f"The median over time shows something that stays in {' and '.join(much)}: if that is the "
-        "object, it is divided away, and its phase is too small; take another reference"
+        f"The median over time shows something that stays in {views}: if that is the object, it "
+        "is divided away, and its phase is too small; take another reference"
     )
 
 

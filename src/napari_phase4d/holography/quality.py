@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ __all__ = [
     "fringe_visibility",
     "is_noise",
     "lost_advice",
+    "parts_of_views",
     "shows_fringes",
 ]
 
@@ -224,14 +225,21 @@ def fringe_advice(attrs: Mapping[str, Any]) -> str:
             f"The visibility of the fringes is next to nothing in {views}, so that its phase is "
             "noise; is its circle on a lobe of the spectrum?"
         )
-    percents = attrs.get("without_fringes_percent", ())
-    much = [(i, percent) for i, percent in enumerate(percents) if percent > MUCH_PERCENT]
-    if not much:
-        return ""
-    parts = [f"{percent:.0f} % of view {i + 1}" for i, percent in much]
-    views = " and ".join(filter(None, [", ".join(parts[:-1]), parts[-1]]))
-    show = "shows" if len(much) == 1 else "show"
-    return f"{views} {show} no fringes: the phase there is noise"
+    views, count = parts_of_views(attrs.get("without_fringes_percent", ()), MUCH_PERCENT)
+    show = "shows" if count == 1 else "show"
+    return f"{views} {show} no fringes: the phase there is noise" if count else ""
+
+
+def parts_of_views(percents: Sequence[float], most: float) -> tuple[str, int]:
+    """Name the views of which more than so many percent are meant, and say how many they are.
+
+    Examples
+    --------
+    >>> parts_of_views([7.2, 0.0, 12.0], 5.0)
+    ('7 % of view 1 and 12 % of view 3', 2)
+    """
+    parts = [f"{part:.0f} % of view {i + 1}" for i, part in enumerate(percents) if part > most]
+    return " and ".join(filter(None, [", ".join(parts[:-1]), *parts[-1:]])), len(parts)
 
 
 def empty_advice(attrs: Mapping[str, Any]) -> str:

@@ -107,11 +107,11 @@ def evidence_of(field: Field) -> float:
         return 0.0
     skewness = float(np.mean(deviation**3)) / scale**3
     small = SKEWNESS * float(np.clip(skewness, -MOST_SKEWNESS, MOST_SKEWNESS))
-    heights = [height_over_border(seen_field[inner]) for seen_field in (flat, field)]
-    small += FLAT_HEIGHT * float(np.arcsinh(2 * heights[0].radians))
-    large = HEIGHT * float(np.arcsinh(2 * heights[1].radians))
+    small += FLAT_HEIGHT * float(np.arcsinh(2 * height_over_border(flat[inner]).radians))
+    height = height_over_border(field[inner])
+    large = HEIGHT * float(np.arcsinh(2 * height.radians))
     if small * large >= 0:
-        uneven = heights[1].spread > SPREAD and heights[1].at_border > AT_BORDER
+        uneven = height.spread > SPREAD and height.at_border > AT_BORDER
         return float(np.clip(small + large, -GUESS, GUESS)) if uneven else small + large
     # A bent field looks like a cell that fills it, and such a cell like a bent field.
     empty = float((np.abs(deviation) < FLAT_RAD).mean())

@@ -21,7 +21,7 @@ from napari_phase4d.pipeline.stored import Shelf, Stored, stored_at
 from napari_phase4d.stack import Block, Limits, Stack, Store, blocks_of, limits_of, widest
 from napari_phase4d.stacks import AXES, KIND
 from napari_phase4d.task import UNWATCHED, Task, Threads, Watch, Workers
-from napari_phase4d.unwrapping import LEFT_OUT, Problem, SharedSteps, is_known
+from napari_phase4d.unwrapping import FRAMES_LEFT_OUT, Problem, SharedSteps, is_known
 from napari_phase4d.unwrapping.alone import ALL_USABLE
 from napari_phase4d.unwrapping.given import (
     Boundary,
@@ -40,7 +40,7 @@ R = TypeVar("R")
 T = TypeVar("T")
 
 #: Beginnings of the names of what stays when the shelf is cleared: maps that are whole, numbers.
-LASTING = ("confidence of", "tally", "lost", LEFT_OUT, "brightness", ALL_USABLE)
+LASTING = ("confidence of", "tally", "lost", FRAMES_LEFT_OUT, "brightness", ALL_USABLE)
 
 
 def reconstruct_to_disk(

@@ -51,12 +51,12 @@ from napari_phase4d.unwrapping.running import (
     unwrap,
     why_unsuited,
 )
-from napari_phase4d.unwrapping.shared_steps import LEFT_OUT, SharedSteps
+from napari_phase4d.unwrapping.shared_steps import FRAMES_LEFT_OUT, SharedSteps
 
 __all__ = [
     "BUILT_IN",
     "CAUSAL",
-    "LEFT_OUT",
+    "FRAMES_LEFT_OUT",
     "METHODS",
     "ONE_OF",
     "ORDERS",

@@ -50,7 +50,7 @@ from napari_phase4d.unwrapping.given import (
     relative_amplitude,
 )
 from napari_phase4d.unwrapping.light import Together, frames_among, views_by_light
-from napari_phase4d.unwrapping.shared_steps import LEFT_OUT, SharedSteps
+from napari_phase4d.unwrapping.shared_steps import FRAMES_LEFT_OUT, SharedSteps
 from napari_phase4d.words import shown
 
 __all__ = ["Problem"]
@@ -410,19 +410,19 @@ class Problem(SharedSteps):
         """Mark the frames (time, angle) that say nothing of the object, see `lost_frames`."""
         return self.once("lost", lambda: lost_of(self.given, task))
 
-    def left_out(self) -> NDArray[np.bool_]:
+    def frames_left_out(self) -> NDArray[np.bool_]:
         """Mark the frames (time, angle) that are not to be relied on.
 
         Those that say nothing, and, once a directional method has looked, those that fit neither
         the one before nor the one after, see `outlying_frames`.
         """
         found = self.lost().copy()
-        if self.knows(LEFT_OUT):
-            found |= self.once(LEFT_OUT, lambda: found)
+        if self.knows(FRAMES_LEFT_OUT):
+            found |= self.once(FRAMES_LEFT_OUT, self.lost)
         if self.knows("parts") and self.parts():
             for views, part in self.parts():
-                found[:, list(views)] |= part.left_out()
-            self.note(LEFT_OUT, found)  # as parts may be forgotten
+                found[:, list(views)] |= part.frames_left_out()
+            self.note(FRAMES_LEFT_OUT, found)  # as parts may be forgotten
         return found
 
     def background(self, task: Task = UNWATCHED) -> Background:

@@ -167,7 +167,7 @@ def run_method(
         amplitude=problem.has_amplitude,
     )
     attrs |= left_out_note(problem.smooth_left_out())
-    if facts.leaves_out and (left_out := problem.left_out()).any():
+    if facts.leaves_out and (left_out := problem.frames_left_out()).any():
         attrs["lost_frames"] = np.argwhere(left_out).tolist()
     return problem.finished(values, method, attrs, limits)
 

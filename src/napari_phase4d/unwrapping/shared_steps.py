@@ -7,12 +7,12 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-__all__ = ["FIELD", "GRAPH", "LEFT_OUT", "RESIDUES", "SharedSteps"]
+__all__ = ["FIELD", "FRAMES_LEFT_OUT", "GRAPH", "RESIDUES", "SharedSteps"]
 
 #: Name of what the directional methods start from.
 FIELD = "field"
 #: What the frames are noted under that a directional method left out.
-LEFT_OUT = "left_out"
+FRAMES_LEFT_OUT = "frames_left_out"
 #: Name of the graph of all pixels, which confidence goes along.
 GRAPH = "graph"
 #: Name of the residues that stand in the way of levels.

@@ -147,10 +147,8 @@ class CompareStep(Step):
         if shares is not None:
             self.agreement.set_frames(shares["time"].values, shares["angle"].values)
             agreement = 1 - shares.values
-            for frame in getattr(
-                self.session.verdict, "lost_frames", []
-            ):  # they count for nothing
-                agreement[frame] = np.nan
+            for frame in getattr(self.session.verdict, "lost_frames", []):
+                agreement[frame] = np.nan  # it counts for nothing
             self.agreement.set_scores(agreement)
             self.frame_changed()
 

@@ -26,7 +26,7 @@ from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import Workspace, grow_list
 from napari_phase4d.unwrapping.objects import object_mask
-from napari_phase4d.unwrapping.shared_steps import FIELD, LEFT_OUT
+from napari_phase4d.unwrapping.shared_steps import FIELD, FRAMES_LEFT_OUT
 
 __all__ = [
     "Field",
@@ -112,7 +112,7 @@ def prepared(problem: Unwraps, task: Task) -> Field:
     def prepare() -> Field:
         watch = Watch(4, "finding the object", task)
         scene = find_scene(problem, watch)
-        problem.note(LEFT_OUT, scene.frames.lost)
+        problem.note(FRAMES_LEFT_OUT, scene.frames.lost)
         scene = replace(scene, lifts=lifts_of_changes(scene, problem.store, watch))
         watch.step()
         watch = Watch(1, "weighing the steps", task)

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
+from napari_phase4d.compiling import compiled, inlined
 from napari_phase4d.stack import Block
 from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.directional.registration import Frames, Seen, Shifts
@@ -76,13 +76,14 @@ def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.floa
         empty, usable = (moved(part, shifts) for part in (seen.empty, seen.usable))
         ways.append(Seen(moved(seen.phase, shifts), empty, usable, None))
     found = np.zeros(len(seen.phase))
+    shows = [way.free for way in ways]
     for time in range(1, len(found) - 1):
         three = slice(time - 1, time + 2)
         if not seen.empty[three].any():
             continue
         shares = []
-        for way in ways:
-            object_ = np.asarray(way.free[three].any(axis=0) & way.usable[three].all(axis=0))
+        for way, free in zip(ways, shows, strict=True):
+            object_ = np.asarray(free[three].any(axis=0) & way.usable[three].all(axis=0))
             count = int(np.count_nonzero(object_))
             shares.append(count_outlying(way.phase[three], object_, same, other) / max(count, 1))
         found[time] = min(shares)
@@ -96,7 +97,6 @@ def count_outlying(phase: Image, object_: Mask, same: np.float32, other: np.floa
     Less what the second frame has more of the object than the two others: what comes for one
     frame only, as a cell in a fast flow, is no reason to doubt it. A torn frame has as much.
     """
-    turn = np.float32(2 * np.pi)
     outlying, more = 0, 0.0
     before, now, after = phase[0], phase[1], phase[2]
     for view in range(object_.shape[0]):
@@ -106,13 +106,18 @@ def count_outlying(phase: Image, object_: Mask, same: np.float32, other: np.floa
                     continue
                 first, here, last = before[view, y, x], now[view, y, x], after[view, y, x]
                 # Phase is level with the empty field, so that what is else is of the object.
-                more += abs(here - turn * np.rint(here / turn)) > other
-                more -= 0.5 * (abs(first - turn * np.rint(first / turn)) > other)
-                more -= 0.5 * (abs(last - turn * np.rint(last / turn)) > other)
-                if abs(last - first - turn * np.rint((last - first) / turn)) >= same:
-                    continue
-                outlying += (
-                    abs(here - first - turn * np.rint((here - first) / turn)) > other
-                    and abs(here - last - turn * np.rint((here - last) / turn)) > other
-                )
+                more += off_turns(here) > other
+                more -= 0.5 * (off_turns(first) > other)
+                more -= 0.5 * (off_turns(last) > other)
+                if off_turns(last - first) < same:
+                    outlying += bool(
+                        off_turns(here - first) > other and off_turns(here - last) > other
+                    )
     return max(outlying - max(more, 0.0), 0.0)
+
+
+@inlined
+def off_turns(phase: np.float32) -> np.float32:
+    """Return how far phase is from whole turns, in radians."""
+    turn = np.float32(2 * np.pi)
+    return abs(phase - turn * np.rint(phase / turn))

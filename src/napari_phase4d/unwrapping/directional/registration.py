@@ -44,11 +44,11 @@ ADVANTAGE = 0.03
 #: lower by the same factor.
 COST_OF_A_PIXEL = 0.005
 
-NO_TIMES = np.zeros(0, dtype=np.intp)
-
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Shifts = NDArray[np.intp]
+
+NO_TIMES: NDArray[np.intp] = np.zeros(0, dtype=np.intp)
 
 
 class Recorded(Framewise, Protocol):
@@ -93,9 +93,9 @@ class Seen:
 class Frames:
     """The frames of a recording, levelled; some are left out or stood in for.
 
-    Times at which all views are lost, say nothing, are left out, and so are outliers; the rest is
-    solved as if they were adjacent.
-    A view that is lost by itself is stood in for by what lies half way between its neighbours.
+    Times at which all views are lost are left out, and so are outliers, and the rest solved as if
+    they were adjacent. A view that is lost by itself is stood in for by what lies half way between
+    its neighbours.
 
     Parameters
     ----------
