@@ -7,9 +7,10 @@ import shutil
 import subprocess
 import sys
 import threading
+import time
 import traceback
 import tracemalloc
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 import xarray as xr
@@ -39,19 +40,24 @@ def pytest_configure(config: pytest.Config) -> None:
     config.add_cleanup(end)
 
 
+def at_work() -> list[threading.Thread]:
+    return [thread for thread in threading.enumerate() if thread.name.startswith(THREADS)]
+
+
 def join_threads() -> None:
-    for thread in threading.enumerate():
-        if thread.name.startswith(THREADS):
-            thread.join(timeout=20)
-            if thread.is_alive():
-                where = traceback.format_stack(sys._current_frames()[thread.ident or 0])
-                pytest.fail(f"{thread.name} goes on after it was cancelled:\n{''.join(where)}")
+    # Looked at rather than joined: one that is being started can't be joined yet.
+    latest = time.monotonic() + 20
+    while (threads := at_work()) and time.monotonic() < latest:
+        time.sleep(0.005)
+    for thread in threads:
+        where = traceback.format_stack(sys._current_frames()[thread.ident or 0])
+        pytest.fail(f"{thread.name} goes on after it was cancelled:\n{''.join(where)}")
 
 
 @pytest.fixture(autouse=True)
-def threads_end() -> Iterator[None]:
+def threads_end() -> Iterator[Callable[[], None]]:
     """Let work that was cancelled come to its end, so that no other test pays for it."""
-    yield
+    yield join_threads
     join_threads()
 
 

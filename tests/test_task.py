@@ -7,7 +7,7 @@ import time
 
 import pytest
 
-from napari_phase4d.task import THREADS, Cancelled, Task, Watch, in_threads
+from napari_phase4d.task import Cancelled, Task, Watch, in_threads
 from napari_phase4d.unwrapping import SharedSteps
 
 
@@ -38,7 +38,7 @@ def test_what_was_done_before_an_error_is_not_lost() -> None:
 
 
 @pytest.mark.slow
-def test_threads_end_soon_after_quick_items_became_slow() -> None:
+def test_threads_end_soon_after_quick_items_became_slow(threads_end) -> None:
     asked = threading.Event()
     threading.Timer(0.5, asked.set).start()
 
@@ -50,9 +50,7 @@ def test_threads_end_soon_after_quick_items_became_slow() -> None:
         for _ in in_threads(work, range(400), Watch(400, "work", Task(None, asked.is_set))):
             pass
     assert time.monotonic() - began < 1
-    for thread in threading.enumerate():
-        if thread.name.startswith(THREADS):
-            thread.join()
+    threads_end()
     assert time.monotonic() - began < 1.5
 
 
