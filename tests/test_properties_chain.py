@@ -53,6 +53,7 @@ def off_by(first: xr.DataArray, second: xr.DataArray) -> float:
     return float(np.abs(np.angle(np.exp(1j * (first.values - second.values)))).max())
 
 
+@pytest.mark.thorough
 @quick
 @given(video=videos)
 def test_holograms_give_the_same_phase_in_any_form(video: np.ndarray) -> None:

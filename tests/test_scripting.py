@@ -248,6 +248,7 @@ def test_script_of_one_array_of_a_file(tmp_path: Path, small_video: Recording) -
     assert_the_same(outcome, saved_by_script(recipe, tmp_path))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_script_of_phase_with_gaps(tmp_path: Path) -> None:
     wrapped = yeast_sample()["wrapped"].values.copy()
@@ -312,6 +313,7 @@ def test_samples_are_opened_by_name(sample: Sample) -> None:
         open_by(Recipe(recording="sample:cat"))
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_outcome_is_written_with_truth_and_trust(tmp_path: Path) -> None:
     data = yeast_sample()

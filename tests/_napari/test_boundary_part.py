@@ -146,6 +146,7 @@ def test_a_chosen_start_is_kept_and_noted_as_chosen(viewer, ready, click, tick_o
     assert ready.session.recipe.boundary == ((4, 1),)
 
 
+@pytest.mark.thorough
 def test_use_current_view(viewer, ready, click) -> None:
     ready.presenter.go_to(4, 1)
     click("use_view")
@@ -162,6 +163,7 @@ def test_frames_are_chosen_by_key(viewer, ready) -> None:
     assert ready.presenter.current_frame()[0] == 2
 
 
+@pytest.mark.thorough
 def test_ticking_a_method_shows_its_path(viewer, ready, click, qtbot) -> None:
     qtbot.waitUntil(lambda: ready.session.scores is not None, timeout=60_000)
     part = ready.unwrap.boundary

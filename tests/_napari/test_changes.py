@@ -75,6 +75,7 @@ def test_regions_and_frame_stay_in_place_when_the_scale_changes(viewer, ready) -
     assert ready.presenter.current_frame() == (3, 1)
 
 
+@pytest.mark.thorough
 def test_unasked_work_that_came_too_late_is_done_again(viewer, ready, qtbot) -> None:
     plan = plan_scores(ready.session, unasked=True)
     found = plan.work(UNWATCHED)

@@ -215,6 +215,7 @@ def test_a_recording_is_on_screen_where_layers_of_another_begin_elsewhere(
     np.testing.assert_array_equal(np.asarray(layer._slice.image.raw), small_video.frame(0))
 
 
+@pytest.mark.thorough
 def test_wheel_does_not_change_a_field_that_is_not_in_use(ready) -> None:
     box = ready.recording.numbers["magnification"].native
     ready.show_step(0)
@@ -240,6 +241,7 @@ def test_thin_frame_stays_with_its_view(ready, click) -> None:
     assert ready.session.recipe.boundary == ((4, 0),)
 
 
+@pytest.mark.thorough
 def test_reference_of_the_last_recording_is_forgotten(ready, small_video) -> None:
     ready.phase.reference.value = "median over time"
     assert ready.session.recipe.reference == "median"
@@ -248,6 +250,7 @@ def test_reference_of_the_last_recording_is_forgotten(ready, small_video) -> Non
     assert ready.session.recipe.reference is None
 
 
+@pytest.mark.thorough
 def test_reference_file_is_used(ready, click, tmp_path, small_video) -> None:
     np.save(tmp_path / "empty.npy", small_video.holograms.values[0])
     ready.phase.reference.value = "hologram in a file"
@@ -259,6 +262,7 @@ def test_reference_file_is_used(ready, click, tmp_path, small_video) -> None:
     assert np.abs(wrap(first)).max() < 0.01  # the first frame divided by itself
 
 
+@pytest.mark.thorough
 def test_current_view_is_read_in_world_coordinates(viewer, ready) -> None:
     for frame in ((0, 0), (3, 1), (5, 0)):
         ready.presenter.go_to(*frame)
@@ -268,6 +272,7 @@ def test_current_view_is_read_in_world_coordinates(viewer, ready) -> None:
         np.testing.assert_array_equal(np.asarray(layer._slice.image.raw), shown)
 
 
+@pytest.mark.thorough
 def test_microscope_changes_the_scale_of_what_follows(viewer, ready) -> None:
     before = {layer.name: np.asarray(layer.scale[2:]) for layer in viewer.layers}
     ready.recording.numbers["magnification"].value = 30.0

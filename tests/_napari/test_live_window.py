@@ -111,6 +111,7 @@ def live_layers(viewer: Any) -> list[Any]:
     return [layer for layer in viewer.layers if layer.name.endswith(", live")]
 
 
+@pytest.mark.thorough
 def test_watched_to_the_end_it_is_what_a_run_gives(
     viewer, dock, qtbot, watching, video, tmp_path
 ) -> None:

@@ -83,6 +83,7 @@ def test_wrong_number_in_the_table_changes_nothing(ready) -> None:
         assert ready.lobes.table.item(0, column).text() != words
 
 
+@pytest.mark.thorough
 def test_flip_and_angle_are_set_in_the_table(ready) -> None:
     table = ready.lobes.table
     assert [table.item(row, 3).text() for row in (0, 1)] == ["?", "?"]  # nobody knows them yet

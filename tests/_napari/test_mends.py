@@ -146,6 +146,7 @@ def test_the_picture_stays_where_another_layer_is_shown(viewer: Any, dock: Any) 
     assert np.allclose(centre, (low + high)[-2:] / 2, atol=2)
 
 
+@pytest.mark.thorough
 def test_settings_read_no_frame_again(dock: Any, small_video: Recording) -> None:
     dock.session.set_recording(small_video)
     dock.session.find_lobes()

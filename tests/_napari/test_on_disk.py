@@ -181,6 +181,7 @@ def test_frames_are_scored_here_and_there(on_disk, monkeypatch: pytest.MonkeyPat
     assert float(scores[time, angle]) == float(scores.max())
 
 
+@pytest.mark.thorough
 def test_results_on_disk_are_judged(viewer, on_disk, click) -> None:
     session = on_disk.session
     session.update(methods=("spatial-2d", "temporal-angular"))

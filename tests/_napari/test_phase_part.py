@@ -110,6 +110,7 @@ def test_focus_is_found_by_a_click(dock, click, defocused, qtbot) -> None:
     )
 
 
+@pytest.mark.thorough
 def test_auto_of_a_recipe_becomes_a_number(dock, defocused) -> None:
     dock.session.set_recording(defocused)
     dock.session.find_lobes(1)
@@ -120,6 +121,7 @@ def test_auto_of_a_recipe_becomes_a_number(dock, defocused) -> None:
     assert dock.phase.refocus.native.text() == f"{found:.2f} µm"
 
 
+@pytest.mark.thorough
 def test_refocused_phase_is_stale_with_another_microscope(dock, defocused) -> None:
     """Plain phase is only scaled; refocused phase would come out different."""
     from napari_phase4d._napari.session import StepState, step_states

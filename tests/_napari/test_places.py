@@ -50,6 +50,7 @@ def run_entry(viewer: Any, qtbot: Any, submenu: str, title: str) -> Any:
     return viewer.layers[-1]
 
 
+@pytest.mark.thorough
 def test_one_shot_from_holograms_to_dry_mass(viewer, qtbot, small_video, tmp_path) -> None:
     path = tmp_path / "video.npy"
     np.save(path, small_video.holograms.values)

@@ -73,6 +73,7 @@ def test_a_plain_video_has_one_view(dock, click) -> None:
     assert dock.session.reconstruction["phase"].shape[1] == 1
 
 
+@pytest.mark.thorough
 def test_another_recording_is_not_refocused_like_the_last(dock, small_video) -> None:
     dock.session.set_recording(small_video)
     dock.session.update(refocus_um=12.5)

@@ -95,6 +95,7 @@ def test_layers_of_results_are_saved_again_as_they_were(
     assert again.attrs == stack.attrs
 
 
+@pytest.mark.thorough
 def test_lazy_layers_of_any_origin_are_saved_a_part_at_a_time(viewer: Any, tmp_path: Path) -> None:
     asked: list[tuple[int, ...]] = []
 

@@ -67,6 +67,7 @@ def test_the_error_of_a_job_stands_there_too(
     assert not dock.beside.isVisible()
 
 
+@pytest.mark.thorough
 def test_what_is_pressed_while_a_job_runs_moves_no_words(ready: Any, qtbot: Any) -> None:
     """A refusal stays while work goes on; the job's own error stands at what it was asked by."""
     stop = threading.Event()

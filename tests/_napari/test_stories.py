@@ -207,6 +207,7 @@ def test_nothing_is_cut_in_a_large_font(viewer, dock, ready, qtbot) -> None:
     qtbot.waitUntil(lambda: dock.minimumWidth() == width, timeout=60_000)
 
 
+@pytest.mark.thorough
 def test_nothing_is_cut_on_a_small_screen(viewer, ready, click, qtbot) -> None:
     ready.session.unwrap(("angular", "directional-l1"))
     ready.session.measure()

@@ -338,6 +338,7 @@ def test_a_recording_comes_up_in_turns(
     assert viewer.dims.current_step[0] == 0
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_phase_is_opened_while_a_recording_comes_up(
     viewer: Any, dock: Any, qtbot: Any, small_video: Any

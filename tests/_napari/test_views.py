@@ -265,6 +265,7 @@ def test_results_appear_as_their_methods_end(dock: Any, qtbot: Any) -> None:
     assert names.count("2-D") == names.count("WL1") == 1
 
 
+@pytest.mark.thorough
 def test_a_heading_is_amber_where_something_needs_a_look(dock: Any, small_video: Any) -> None:
     badge = dock.sections[0].badge
     dock.session.set_recording(small_video)
@@ -284,6 +285,7 @@ def test_an_error_goes_with_its_cause(ready: Any, click: Any, tick_only: Any) ->
     assert "no method" not in ready.status.text()
 
 
+@pytest.mark.thorough
 def test_a_recipe_with_lobes_goes_on_with_phase(dock: Any, ready: Any) -> None:
     recipe = ready.session.recipe
     assert recipe.lobes
@@ -292,6 +294,7 @@ def test_a_recipe_with_lobes_goes_on_with_phase(dock: Any, ready: Any) -> None:
     assert "press Reconstruct" in dock.status.text()
 
 
+@pytest.mark.thorough
 def test_the_others_open_by_a_click(dock: Any, click: Any) -> None:
     dock.show_step(3)
     rest, more = dock.unwrap.list.rest, dock.unwrap.list.more
@@ -305,6 +308,7 @@ def test_the_others_open_by_a_click(dock: Any, click: Any) -> None:
     assert not rest.isVisible()
 
 
+@pytest.mark.thorough
 def test_a_layer_of_napari_is_offered(viewer: Any, dock: Any) -> None:
     viewer.add_image(np.random.default_rng(0).random((64, 64)), name="from the camera")
     assert "“from the camera”, choose it as the layer in step 1" in dock.status.text()
