@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.holography.lobes import MAX_VIEWS, pair_distance
 from napari_phase4d.holography.peaks import PLAIN, Half, Peak, Spectrum
-from napari_phase4d.holography.profiles import EDGES, RING, profiles_of
+from napari_phase4d.holography.profiles import EDGES, RING, Look, profiles_of
 
 __all__ = ["Choice", "Clues", "choices", "clues_of", "most_likely"]
 
@@ -422,16 +422,34 @@ def clues_of(
     shape : tuple of int
         Height and width of the frames.
     """
-    first, *others = (vars(each) for each in profiles_of(peaks, looks, shape))
-    clues = Clues(
-        power=np.log([peak.power for peak in peaks]),
-        wander=np.log(wander([peak.carrier for peak in peaks], spectra, shape)),
-        distance=np.array([[pair_distance(a, b) for b in places] for a in [(0.0, 0.0), *places]]),
-        ghost=np.array([peak.ghost for peak in peaks]),
-        beat=beat_table(places, max(BEAT_PIXELS / min(shape), 0.006)),
-        **first,
-    )
-    return [clues, *(replace(clues, **each) for each in others)]
+    (half, frames), *others = looks
+    carriers = [peak.carrier for peak in peaks]
+    # Each look has its own powers: one hides what lies near the border of the frames.
+    seen = [Look(half, frames, carriers, np.array([peak.power for peak in peaks]))]
+    for half, frames in others:
+        power = np.array([power_at(place, half, shape) for place in places])
+        seen.append(Look(half, frames, places, power))
+    wandering = np.log(wander(carriers, spectra, shape))
+    distance = np.array([[pair_distance(a, b) for b in places] for a in [(0.0, 0.0), *places]])
+    ghost = np.array([peak.ghost for peak in peaks])
+    beat = beat_table(places, max(BEAT_PIXELS / min(shape), 0.006))
+    return [
+        Clues(
+            power=np.log(look.power),
+            wander=wandering,
+            distance=distance,
+            ghost=ghost,
+            beat=beat,
+            **vars(profiles),
+        )
+        for look, profiles in zip(seen, profiles_of(seen, shape), strict=True)
+    ]
+
+
+def power_at(carrier: tuple[float, float], half: Half, shape: tuple[int, int]) -> float:
+    """Return the power of a spectrum at a carrier on its half plane."""
+    row, column = (round(k * n) for k, n in zip(carrier, shape, strict=True))
+    return max(float(half[row, column]), np.finfo(float).tiny)
 
 
 def wander(

@@ -314,7 +314,10 @@ def plane_of(rec: Recording, task: Task) -> Plane:
     frame = rec.frame(seen[len(seen) // 2])
     wide = wide_spectra(rec, seen, frame, watch)
     wide_half = mean_power(wide)
-    places = [brightest_near(peak.carrier, wide_half, rec.frame_shape) for peak in first.peaks]
+    carriers = [peak.carrier for peak in first.peaks]
+    places = [
+        brightest_near(i, carriers, wide_half, rec.frame_shape) for i in range(len(carriers))
+    ]
 
     def frames() -> Iterator[NDArray[np.float32]]:
         yield frame

@@ -350,14 +350,20 @@ def refined(
 
 
 def brightest_near(
-    carrier: tuple[float, float], half: Half, shape: tuple[int, int]
-) -> tuple[float, float]:
-    """Return where the spectrum is brightest near a carrier, to a pixel of it.
+    number: int, carriers: Sequence[Place], half: Half, shape: tuple[int, int]
+) -> Place:
+    """Return where the spectrum is brightest near one of some carriers, to a pixel of it.
+
+    An object that fills the middle of the frames with steep phase has its own peak farther from
+    the light that passes round it than can be looked at in one step, so that the light is followed
+    over the rim once.
 
     Parameters
     ----------
-    carrier : tuple of float
-        (ky, kx) in cycles per pixel.
+    number : int
+        Which of the carriers.
+    carriers : sequence of tuple of float
+        (ky, kx) of all of them, in cycles per pixel.
     half : ndarray of shape (y, x // 2 + 1)
         Mean power on the half plane kx >= 0.
     shape : tuple of int
@@ -368,20 +374,31 @@ def brightest_near(
     tuple of float
         The carrier itself where another peak outshines what is round it.
     """
+    carrier = carriers[number]
+    place, inside = brightest_within(carrier, half, shape)
+    if not inside:
+        place, inside = brightest_within(place, half, shape)
+        nearest = min(range(len(carriers)), key=lambda i: pair_distance(place, carriers[i]))
+        inside &= nearest == number
+    return canonical(place, tolerance=0.5 / shape[1]) if inside else carrier
+
+
+def brightest_within(place: Place, half: Half, shape: tuple[int, int]) -> tuple[Place, bool]:
+    """Return the brightest pixel near a place, and whether it lies well within what is near.
+
+    At the rim of what is near lies the slope of another peak.
+    """
     height, width = shape
     reach = [max(1, round(NEAR * n)) for n in shape]
     rows, columns = (
-        round(k * n) + np.arange(-r, r + 1) for k, n, r in zip(carrier, shape, reach, strict=True)
+        round(k * n) + np.arange(-r, r + 1) for k, n, r in zip(place, shape, reach, strict=True)
     )
     dy, dx = (np.arange(-r, r + 1) for r in reach)
     within = np.hypot(dy[:, None] / reach[0], dx[None, :] / reach[1]) <= 1
     power = np.where(within, np.abs(patch(half, rows, columns, shape)), 0)
     i, j = np.unravel_index(int(power.argmax()), power.shape)
-    # At the rim of what is looked at lies the slope of another peak.
     inside = within[max(i - 1, 0) : i + 2, max(j - 1, 0) : j + 2].all()
-    if not inside:
-        return carrier
-    return canonical((rows[i] / height, columns[j] / width), tolerance=0.5 / width)
+    return (rows[i] / height, columns[j] / width), bool(inside)
 
 
 def patch(
