@@ -74,6 +74,9 @@ CLEAR_NUMBER = 0.9
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
+#: A peak that lies more than so many pixels of the spectrum beside the light round the object is
+#: pulled there by the object. Fringes that the optics bend move it by one.
+PULLED = 1.25
 #: Refining moves a carrier by less than this, in cycles per pixel.
 PLACED = 0.1
 
@@ -375,10 +378,12 @@ def carrier_near(number: int, plane: Plane) -> tuple[float, float]:
     """Return the carrier of a view to a hundredth of a pixel of the spectrum.
 
     Where an object fills the middle of the frames, structure of its lobe may be brighter than the
-    light that nothing scattered. That comes from round the object, so that the wide window tells.
+    light that nothing scattered, or pull at it. That comes from round the object, so that the wide
+    window tells. Where both agree to a pixel it is the middle that counts: fringes that the optics
+    bend have no one carrier.
     """
     peak, place = plane.peaks[number].carrier, plane.places[number]
-    if pair_distance(peak, place) * min(plane.shape) > MAIN_LOBE:
+    if pair_distance(peak, place, plane.shape) > PULLED:
         return refined(place, plane.wide, plane.shape)
     return refined(peak, plane.spectra, plane.shape)
 
