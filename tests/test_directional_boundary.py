@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 import pytest
+import scipy.ndimage
 import xarray as xr
+from numpy.typing import NDArray
 
+import napari_phase4d as p4d
 from napari_phase4d.phasors import turned
 from napari_phase4d.simulation import hard_shape, moving_shape, with_noise
 from napari_phase4d.stack import Block, Memory
@@ -252,6 +255,34 @@ def test_a_cell_that_leaps_is_lifted() -> None:
     assert lifts.max() == 1
     np.testing.assert_array_equal(going_on(turned(change), known, lifts, 0 * change), lifts)
     np.testing.assert_array_equal(going_on(turned(change), known, lifts, change / 20), lifts)
+
+
+def beating(
+    peaks: Sequence[float], noise: float, seed: int
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
+    """Return phase (time, angle, y, x) of a cell that stays where it is, with noise, and exact."""
+    y, x = np.mgrid[-16:16, -24:24]
+    cell = np.clip(1 - (x / 13) ** 2 - (y / 12) ** 2, 0, None) ** 0.7
+    cell = scipy.ndimage.gaussian_filter(cell, 0.8)
+    exact = np.multiply.outer(peaks, cell[None] / cell.max())
+    rng = np.random.default_rng(seed)
+    return (exact + rng.normal(0, noise, exact.shape)).astype(np.float32), exact
+
+
+@pytest.mark.parametrize(
+    ("peaks", "noise", "seed"),
+    [
+        ((19.5, 18.1, 14.6, 18.5), 0.5, 0),
+        ((19.5, 18.1, 14.6, 18.5), 0.3, 0),
+        ((20, 19, 18, 14.5, 18.5, 15, 19, 15.5, 19), 0.3, 1),
+    ],
+)
+def test_what_beats_to_and_fro_by_half_a_turn_does_not_go_on(peaks, noise, seed) -> None:
+    """Put back by a turn, the way up looks like the way down; but no rim of it is steep."""
+    phase, exact = beating(peaks, noise, seed)
+    result = p4d.unwrap(turned(phase), "directional-l1").values
+    turns = np.round((result - phase) / TURN)
+    assert not (turns - np.median(turns[exact < 0.05])).any()
 
 
 @pytest.mark.slow

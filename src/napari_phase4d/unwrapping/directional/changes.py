@@ -29,6 +29,9 @@ SURE = 2.0
 CLEARLY = 0.2
 #: A part is put back if this share of it is then within so many radians of the change before.
 MOST_LIKE, LIKE_BEFORE = 0.75, np.float32(0.6)
+#: ... and if more than this share of the steps at its edge are beyond `SURE`: measured, none of a
+#: smooth change, a fourth to a half round what a steep rim encloses.
+STEEP_RIM = 0.1
 #: Turns that are kept; a map that is lifted by more is not known.
 MOST_TURNS = 127
 #: A part is denied if less than this share of it is lifted between the two frames by themselves.
@@ -248,9 +251,9 @@ def going_on(wrapped: Image, known: Mask, lifts: Lifts, before: Image) -> Whole:
     A rim that grows by more than half a turn within one pixel lifts all that it encloses by a
     turn. Nothing in the map tells, nor do its two frames, if each is a turn off for the same
     reason. But what is enclosed then seems to leap, by just so much that put back by a turn it
-    goes on changing as it did. What truly leaps would have to hit that by chance, all over.
-    Only parts with more pixels than edge are asked. From view to view the same goes for how two
-    views differed before.
+    goes on changing as it did. What truly leaps would have to hit that by chance, all over: what
+    beats to and fro by half a turn does. So only parts with a steep rim are asked, which have
+    more pixels than edge. From view to view the same goes for how two views differed before.
     """
     turns = lifts.astype(np.int32)
     box = box_of_turns(turns)
@@ -260,6 +263,7 @@ def going_on(wrapped: Image, known: Mask, lifts: Lifts, before: Image) -> Whole:
         like = np.abs(off + TURN * (part - np.int32(side)).astype(np.float32)) < LIKE_BEFORE
         count = np.bincount(pieces.labels[like & known], minlength=len(pieces.size))
         goes_on = (count > MOST_LIKE * pieces.size) & (pieces.size > pieces.steps)
+        goes_on &= pieces.steep(wrapped[box]) > STEEP_RIM * pieces.steps
         put_back(part, pieces, goes_on, side)
     return turns
 
