@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy import ndimage
 from tables import heading, line
 
 import napari_phase4d as p4d
@@ -155,6 +156,57 @@ class Outcome:
     doubted: bool
 
 
+def steep_cell(
+    side: int, views: int, peak: float, *, cover: float, power: float, off: tuple[int, int]
+) -> tuple[p4d.Recording, list[Carrier]]:
+    """Return the recording of a large cell with steep flanks, one frame, and its carriers.
+
+    Parameters
+    ----------
+    side, views : int
+        Pixels along a side of the frame, and how many views.
+    peak : float
+        Phase in the middle, in radians.
+    cover : float
+        Share of the view that the cell covers.
+    power : float
+        1 for a parabola; more for flanks that flatten out at the border.
+    off : tuple of int
+        How far beside the middle of the view it lies (y, x), in pixels.
+    """
+    y, x = np.indices((side, side)) - side / 2
+    square = cover / np.pi * side**2
+    phase = [
+        peak * np.maximum(1 - ((y - off[0]) ** 2 + (x - off[1] - shift) ** 2) / square, 0) ** power
+        for shift in (0, 4)[:views]
+    ]
+    smooth = ndimage.gaussian_filter(np.array(phase, dtype=np.float32), (0, 2, 2))
+    carriers: list[Carrier] = [(0.19, 0.21), (-0.21, 0.19)][:views]
+    exact = xr.DataArray(smooth[None], dims=("time", "angle", "y", "x"))
+    return multiplexed_video(exact, carriers=carriers, pupil_radius=0.095, bits=8), carriers
+
+
+def steep_cells(count: int = 90) -> None:
+    """How far lobes lie beside the carriers of steep cells that cover a third of the view or more.
+
+    What is more than 0.03 cycles/px off is another place of the spectrum.
+    """
+    heading("Steep cells: lobes beside their carriers", "cells more-than-0.03-off in-silence")
+    rng = np.random.default_rng(3)
+    off, doubted = [], []
+    for _ in range(count):
+        side, views = int(rng.choice([200, 224, 384])), int(rng.integers(1, 3))
+        cover, power = round(rng.uniform(0.3, 0.6), 2), float(rng.choice([1, 1.5]))
+        peak = round(rng.uniform(0.25, 0.75) * np.sqrt(cover / np.pi) * side / 2)
+        beside = tuple(int(n) for n in rng.normal(0, 0.06 * side, 2))
+        rec, carriers = steep_cell(side, views, peak, cover=cover, power=power, off=beside)
+        lobes = p4d.find_lobes(rec, views)
+        off.append(max(min(pair_distance(lobe.carrier, k) for lobe in lobes) for k in carriers))
+        doubted.append(bool(lobes.doubts_of_views))
+    far = np.array(off) > 0.03
+    line(count, int(far.sum()), int((far & ~np.array(doubted)).sum()))
+
+
 def outcome(case: Layout, n_views: int | None) -> Outcome:
     """Let the finder look for so many views, or count them."""
     try:
@@ -193,6 +245,7 @@ def layouts(first: int = 0, count: int = 450) -> None:
         some = [o for o in counted if o.n_views == n]
         line(n, len(some), share([o.wrong for o in some]))
     doubts(counted)
+    steep_cells()
     signs()
 
 

@@ -169,7 +169,7 @@ MUTATIONS = (
              ("test_directional_boundary",)),
     Mutation("WL1: only what has a steep rim goes on as before",
              "unwrapping/directional/changes.py",
-             "> STEEP_RIM * pieces.steps", ">= 0 * pieces.steps", ("test_directional_boundary",)),
+             ">= STEEP_RIM * pieces.steps", ">= 0 * pieces.steps", ("test_directional_boundary",)),
     Mutation("WL1: changes are followed to both sides", "unwrapping/directional/changes.py",
              "order if forward else reversed(order)", "order",
              ("test_directional_boundary",)),

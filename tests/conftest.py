@@ -50,7 +50,7 @@ def join_threads() -> None:
     while (threads := at_work()) and time.monotonic() < latest:
         time.sleep(0.005)
     for thread in threads:
-        where = traceback.format_stack(sys._current_frames()[thread.ident or 0])
+        where = traceback.format_stack(sys._current_frames().get(thread.ident or 0))
         pytest.fail(f"{thread.name} goes on after it was cancelled:\n{''.join(where)}")
 
 

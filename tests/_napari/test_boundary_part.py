@@ -146,7 +146,6 @@ def test_a_chosen_start_is_kept_and_noted_as_chosen(viewer, ready, click, tick_o
     assert ready.session.recipe.boundary == ((4, 1),)
 
 
-@pytest.mark.thorough
 def test_use_current_view(viewer, ready, click) -> None:
     ready.presenter.go_to(4, 1)
     click("use_view")

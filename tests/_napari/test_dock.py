@@ -250,7 +250,6 @@ def test_reference_of_the_last_recording_is_forgotten(ready, small_video) -> Non
     assert ready.session.recipe.reference is None
 
 
-@pytest.mark.thorough
 def test_reference_file_is_used(ready, click, tmp_path, small_video) -> None:
     np.save(tmp_path / "empty.npy", small_video.holograms.values[0])
     ready.phase.reference.value = "hologram in a file"
@@ -262,7 +261,6 @@ def test_reference_file_is_used(ready, click, tmp_path, small_video) -> None:
     assert np.abs(wrap(first)).max() < 0.01  # the first frame divided by itself
 
 
-@pytest.mark.thorough
 def test_current_view_is_read_in_world_coordinates(viewer, ready) -> None:
     for frame in ((0, 0), (3, 1), (5, 0)):
         ready.presenter.go_to(*frame)

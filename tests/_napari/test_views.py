@@ -308,7 +308,6 @@ def test_the_others_open_by_a_click(dock: Any, click: Any) -> None:
     assert not rest.isVisible()
 
 
-@pytest.mark.thorough
 def test_a_layer_of_napari_is_offered(viewer: Any, dock: Any) -> None:
     viewer.add_image(np.random.default_rng(0).random((64, 64)), name="from the camera")
     assert "“from the camera”, choose it as the layer in step 1" in dock.status.text()

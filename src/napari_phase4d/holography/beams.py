@@ -29,7 +29,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.holography.lobes import MAX_VIEWS, pair_distance
 from napari_phase4d.holography.peaks import PLAIN, Half, Peak, Spectrum
-from napari_phase4d.holography.profiles import EDGES, RING, Look, profiles_of
+from napari_phase4d.holography.profiles import EDGES, RING, profiles_of
 
 __all__ = ["Choice", "Clues", "choices", "clues_of", "most_likely"]
 
@@ -351,9 +351,11 @@ def ranked(
     if others:
         best = np.argsort(-chance)[:LOOKED_AT]
         views, mirrored = views[best], mirrored[best]
-        tables = [table[best], *(look.table(views, mirrored) for look in others)]
-        each = [chance[best], *(softmax(other @ WEIGHTS) for other in tables[1:])]
-        chance, table = np.mean(each, axis=0), np.mean(tables, axis=0)
+        each = [softmax(look.table(views, mirrored) @ WEIGHTS) for look in others]
+        chance = np.mean([chance[best], *each], axis=0)
+        # The number was fitted to the powers of the first look.
+        tables = [replace(look, power=clues.power).table(views, mirrored) for look in others]
+        table = np.mean([table[best], *tables], axis=0)
     _, which = np.unique(views, axis=0, return_inverse=True)
     which = which.ravel()
     chances = np.bincount(which, chance)
@@ -416,34 +418,26 @@ def clues_of(
     places : sequence of tuple of float
         Where light that nothing scattered lies near to each; beats lie at the differences.
     looks : sequence of tuple
-        Each the mean power on the half plane kx >= 0, and of how many frames it is the mean.
+        Each the mean power on the half plane kx >= 0, and of how many frames it is the mean. The
+        first is that in which the peaks were found; in others they are as high as their places.
     spectra : sequence of ndarray of shape (y, x // 2 + 1)
         Complex transforms of the frames of the first look.
     shape : tuple of int
         Height and width of the frames.
     """
-    (half, frames), *others = looks
-    carriers = [peak.carrier for peak in peaks]
+    first, *others = (vars(each) for each in profiles_of(peaks, looks, shape))
+    clues = Clues(
+        power=np.log([peak.power for peak in peaks]),
+        wander=np.log(wander([peak.carrier for peak in peaks], spectra, shape)),
+        distance=np.array([[pair_distance(a, b) for b in places] for a in [(0.0, 0.0), *places]]),
+        ghost=np.array([peak.ghost for peak in peaks]),
+        beat=beat_table(places, max(BEAT_PIXELS / min(shape), 0.006)),
+        **first,
+    )
     # Each look has its own powers: one hides what lies near the border of the frames.
-    seen = [Look(half, frames, carriers, np.array([peak.power for peak in peaks]))]
-    for half, frames in others:
-        power = np.array([power_at(place, half, shape) for place in places])
-        seen.append(Look(half, frames, places, power))
-    wandering = np.log(wander(carriers, spectra, shape))
-    distance = np.array([[pair_distance(a, b) for b in places] for a in [(0.0, 0.0), *places]])
-    ghost = np.array([peak.ghost for peak in peaks])
-    beat = beat_table(places, max(BEAT_PIXELS / min(shape), 0.006))
-    return [
-        Clues(
-            power=np.log(look.power),
-            wander=wandering,
-            distance=distance,
-            ghost=ghost,
-            beat=beat,
-            **vars(profiles),
-        )
-        for look, profiles in zip(seen, profiles_of(seen, shape), strict=True)
-    ]
+    powers = [[power_at(place, half, shape) for place in places] for half, _ in looks[1:]]
+    own = zip(powers, others, strict=True)
+    return [clues, *(replace(clues, power=np.log(power), **each) for power, each in own)]
 
 
 def power_at(carrier: tuple[float, float], half: Half, shape: tuple[int, int]) -> float:

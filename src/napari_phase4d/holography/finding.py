@@ -25,7 +25,7 @@ from napari_phase4d.holography.lobes import MAX_VIEWS, Lobe, pair_distance, wrap
 from napari_phase4d.holography.peaks import (
     MAIN_LOBE,
     Peak,
-    brightest_near,
+    brightest_places,
     half_plane,
     refined,
 )
@@ -55,7 +55,7 @@ MAX_FRAMES, MAX_BYTES = 16, 512 * 2**20
 #: A second look takes so many frames at most, of so many pixels together, or else one.
 MAX_WIDE, WIDE_PIXELS = 4, 2**20
 #: A choice of views, and their number, with less of a chance than this is in doubt. Set on 4,500
-#: recordings that no weight was fitted to and on 3,600 that the other half of was: it finds 38 of
+#: recordings that no weight was fitted to and on 3,600 that the other half of was: it found 38 of
 #: 40 and 18 of 19 wrong ones.
 SURE = SURE_NUMBER = 0.96
 #: Where the views that fit best can't be, and so many were asked for, the next best count with
@@ -74,11 +74,9 @@ CLEAR_NUMBER = 0.9
 #: A lobe larger than this share of its distance from zero would reach into the zero order.
 MAX_RADIUS_SHARE = 0.42
 MIN_RADIUS_SHARE = 1 / 3
-#: A peak that lies more than so many pixels of the spectrum beside the light round the object is
-#: pulled there by the object. Fringes that the optics bend move it by one.
-PULLED = 1.25
-#: Refining moves a carrier by less than this, in cycles per pixel.
-PLACED = 0.1
+#: A peak that lies farther than so many pixels of the spectrum beside the light round the object,
+#: no neighbour of it, is pulled there by the object. Fringes that the optics bend move it by one.
+PULLED = 1.5
 
 
 class FoundLobes(list[Lobe]):
@@ -318,9 +316,7 @@ def plane_of(rec: Recording, task: Task) -> Plane:
     wide = wide_spectra(rec, seen, frame, watch)
     wide_half = mean_power(wide)
     carriers = [peak.carrier for peak in first.peaks]
-    places = [
-        brightest_near(i, carriers, wide_half, rec.frame_shape) for i in range(len(carriers))
-    ]
+    places = brightest_places(carriers, wide_half, rec.frame_shape)
 
     def frames() -> Iterator[NDArray[np.float32]]:
         yield frame
@@ -379,7 +375,7 @@ def carrier_near(number: int, plane: Plane) -> tuple[float, float]:
 
     Where an object fills the middle of the frames, structure of its lobe may be brighter than the
     light that nothing scattered, or pull at it. That comes from round the object, so that the wide
-    window tells. Where both agree to a pixel it is the middle that counts: fringes that the optics
+    window tells. Where they are neighbours it is the middle that counts: fringes that the optics
     bend have no one carrier.
     """
     peak, place = plane.peaks[number].carrier, plane.places[number]
@@ -402,12 +398,17 @@ def bright(choice: Choice, plane: Plane, lobes: Sequence[Lobe]) -> list[float]:
     if not choice.beats_seen:
         return evidence
     sides = [
-        # Refined, a carrier near the ky axis may come out on its other side.
-        -1 if mirrored ^ (wrapped_distance(plane.places[i], lobe.carrier) > PLACED) else 1
+        -1 if mirrored ^ is_conjugate(lobe.carrier, plane.places[i]) else 1
         for i, mirrored, lobe in zip(choice.views, choice.mirrored, lobes, strict=True)
     ]
     total = together([side * each for side, each in zip(sides, evidence, strict=True)])
     return [side * total for side in sides]
+
+
+def is_conjugate(carrier: tuple[float, float], place: tuple[float, float]) -> bool:
+    """Say whether a carrier came out on the other side of zero, as near the ky axis it may."""
+    ky, kx = place
+    return wrapped_distance((-ky, -kx), carrier) < wrapped_distance(place, carrier)
 
 
 def is_among(lobe: Lobe, others: Sequence[Lobe]) -> bool:

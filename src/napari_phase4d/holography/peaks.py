@@ -18,6 +18,7 @@ __all__ = [
     "Peak",
     "Spectrum",
     "brightest_near",
+    "brightest_places",
     "find_peaks",
     "half_plane",
     "is_ghost",
@@ -59,6 +60,8 @@ GHOST_PIXELS, HARMONIC_PIXELS = 0.5, 0.8
 #: view there is doubted.
 SPREAD = 3.0
 ZERO = (0.0, 0.0)
+#: Places on pixels of the spectrum that are less apart than this, in cycles per pixel, are one.
+HERE = 1e-9
 #: A place in the spectrum (ky, kx), cycles per pixel.
 Place = tuple[float, float]
 #: Pixels of the spectrum on either side of a peak from which a carrier is refined.
@@ -349,21 +352,13 @@ def refined(
     return canonical((ky, kx), tolerance=0.5 / width)
 
 
-def brightest_near(
-    number: int, carriers: Sequence[Place], half: Half, shape: tuple[int, int]
-) -> Place:
-    """Return where the spectrum is brightest near one of some carriers, to a pixel of it.
-
-    An object that fills the middle of the frames with steep phase has its own peak farther from
-    the light that passes round it than can be looked at in one step, so that the light is followed
-    over the rim once.
+def brightest_places(carriers: Sequence[Place], half: Half, shape: tuple[int, int]) -> list[Place]:
+    """Return where the spectrum is brightest near each carrier, to a pixel of it.
 
     Parameters
     ----------
-    number : int
-        Which of the carriers.
     carriers : sequence of tuple of float
-        (ky, kx) of all of them, in cycles per pixel.
+        (ky, kx) in cycles per pixel, of the strongest peak first: a place is that of one peak.
     half : ndarray of shape (y, x // 2 + 1)
         Mean power on the half plane kx >= 0.
     shape : tuple of int
@@ -371,15 +366,33 @@ def brightest_near(
 
     Returns
     -------
-    tuple of float
+    list of tuple of float
         The carrier itself where another peak outshines what is round it.
+    """
+    found: list[Place] = []
+    for number, carrier in enumerate(carriers):
+        place = brightest_near(number, carriers, half, shape)
+        taken = any(pair_distance(place, other) < HERE for other in found)
+        found.append(carrier if taken else place)
+    return found
+
+
+def brightest_near(
+    number: int, carriers: Sequence[Place], half: Half, shape: tuple[int, int]
+) -> Place:
+    """Return where the spectrum is brightest near one of some carriers, or that carrier itself.
+
+    An object that fills the middle of the frames with steep phase has its own peak farther from
+    the light that passes round it than can be looked at in one step, so that the light is followed
+    over the rim once. That may lead up the slope of another peak, or of the zero order.
     """
     carrier = carriers[number]
     place, inside = brightest_within(carrier, half, shape)
     if not inside:
         place, inside = brightest_within(place, half, shape)
-        nearest = min(range(len(carriers)), key=lambda i: pair_distance(place, carriers[i]))
-        inside &= nearest == number
+        others = [ZERO, *(k for i, k in enumerate(carriers) if i != number)]
+        off = pair_distance(place, carrier)
+        inside &= all(off < pair_distance(place, other) for other in others)
     return canonical(place, tolerance=0.5 / shape[1]) if inside else carrier
 
 

@@ -14,9 +14,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.holography.peaks import Half, half_plane
+from napari_phase4d.holography.peaks import Half, Peak, half_plane
 
-__all__ = ["EDGES", "RING", "Look", "Profiles", "profiles_of"]
+__all__ = ["EDGES", "RING", "Profiles", "profiles_of"]
 
 #: Lobes are looked at on a spectrum of about so many pixels across.
 COARSE = 256
@@ -57,44 +57,27 @@ class Profiles:
     sharp: Values
 
 
-@dataclass(frozen=True)
-class Look:
-    """One spectrum of a recording, and the peaks in it.
+def profiles_of(
+    peaks: Sequence[Peak], looks: Sequence[tuple[Half, int]], shape: tuple[int, int]
+) -> list[Profiles]:
+    """Measure the lobes round peaks, the strongest first, in each of some looks.
 
     Parameters
     ----------
-    half : ndarray of shape (y, x // 2 + 1)
-        Mean power on the half plane kx >= 0.
-    frames : int
-        Of how many frames it is the mean.
-    carriers : sequence of tuple of float
-        (ky, kx) of the peaks, in cycles per pixel.
-    power : ndarray of shape (peak,)
-        How high they are.
-    """
-
-    half: Half
-    frames: int
-    carriers: Sequence[tuple[float, float]]
-    power: Values
-
-
-def profiles_of(looks: Sequence[Look], shape: tuple[int, int]) -> list[Profiles]:
-    """Measure the lobes round peaks in each of some looks.
-
-    Parameters
-    ----------
-    looks : sequence of Look
-        Spectra of frames of one shape.
+    peaks : sequence of Peak
+        The strongest first.
+    looks : sequence of tuple
+        Each the mean power on the half plane kx >= 0, and of how many frames it is the mean.
     shape : tuple of int
         Height and width of the frames.
     """
-    found = []
-    for look in looks:
-        coarse, frequencies, together = coarser(look.half, shape)
-        own = owned(look.carriers, look.power, *frequencies)
-        found.append(measured(coarse, own, look.frames * together))
-    return found
+    pooled = [coarser(half, shape) for half, _ in looks]
+    ky, kx = pooled[0][1]
+    own = owned(peaks, [peak.carrier for peak in peaks], ky, kx)
+    return [
+        measured(coarse, own, frames * together)
+        for (coarse, _, together), (_, frames) in zip(pooled, looks, strict=True)
+    ]
 
 
 def measured(
@@ -136,20 +119,18 @@ def coarser(half: Half, shape: tuple[int, int]) -> tuple[Half, tuple[Values, Val
 
 
 def owned(
-    carriers: Sequence[tuple[float, float]], power: Values, ky: Values, kx: Values
+    peaks: Sequence[Peak], carriers: Sequence[tuple[float, float]], ky: Values, kx: Values
 ) -> list[tuple[Values, NDArray[np.bool_]]]:
     """Return for each peak the distance of every frequency, and which of them it is nearest to.
 
     Only zero and peaks that are not much weaker compete with it: those are mostly structure of
-    its own lobe, and would cut the lobe off before the pupil's edge.
+    its own lobe, and would cut the lobe off before the pupil's edge. Strongest peaks come first.
     """
     distances = [
         np.minimum(*(distance_to(side, ky, kx) for side in (k, (-k[0], -k[1])))) for k in carriers
     ]
-    strongest_first = np.argsort(-power, kind="stable")
-    by_power = (distances[i] for i in strongest_first)
-    nearest = list(itertools.accumulate([distance_to((0.0, 0.0), ky, kx), *by_power], np.minimum))
-    rivals = (power >= OWN_SHARE * power[:, None]).sum(1)
+    nearest = list(itertools.accumulate([distance_to((0.0, 0.0), ky, kx), *distances], np.minimum))
+    rivals = [sum(other.power >= OWN_SHARE * peak.power for other in peaks) for peak in peaks]
     return [
         (distance, distance <= nearest[count])
         for distance, count in zip(distances, rivals, strict=True)

@@ -29,8 +29,8 @@ SURE = 2.0
 CLEARLY = 0.2
 #: A part is put back if this share of it is then within so many radians of the change before.
 MOST_LIKE, LIKE_BEFORE = 0.75, np.float32(0.6)
-#: ... and if more than this share of the steps at its edge are beyond `SURE`: measured, none of a
-#: smooth change, a fourth to a half round what a steep rim encloses.
+#: ... and if at least this share of the steps at its edge are beyond `SURE`: measured, a fourth to
+#: a half round what a steep rim encloses, none of a smooth change, in noise of up to 0.5 rad.
 STEEP_RIM = 0.1
 #: Turns that are kept; a map that is lifted by more is not known.
 MOST_TURNS = 127
@@ -263,7 +263,7 @@ def going_on(wrapped: Image, known: Mask, lifts: Lifts, before: Image) -> Whole:
         like = np.abs(off + TURN * (part - np.int32(side)).astype(np.float32)) < LIKE_BEFORE
         count = np.bincount(pieces.labels[like & known], minlength=len(pieces.size))
         goes_on = (count > MOST_LIKE * pieces.size) & (pieces.size > pieces.steps)
-        goes_on &= pieces.steep(wrapped[box]) > STEEP_RIM * pieces.steps
+        goes_on &= pieces.steep(wrapped[box]) >= STEEP_RIM * pieces.steps
         put_back(part, pieces, goes_on, side)
     return turns
 
