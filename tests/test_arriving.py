@@ -252,6 +252,7 @@ def zarr_of_pieces(path: Path, frames: Video) -> None:
     array[:] = frames
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "write"),
     [("camera", folder_of), ("camera.tif", tiff_of), ("camera.zarr", zarr_of_pieces)],

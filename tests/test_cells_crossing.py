@@ -60,6 +60,7 @@ def numbers_on(cells: xr.DataArray, way: np.ndarray, frame: int) -> int:
     return int(cells.values[frame, 0, y, x])
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.4])
 @pytest.mark.parametrize("turned", [60, 100, 150, 180])

@@ -295,6 +295,7 @@ def test_an_object_is_judged_above_the_field_of_its_frame(judged) -> None:
     assert np.argwhere(slipped_frames(Problem(phase), doubted)).tolist() == [list(frame)]
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_an_object_above_a_torn_field_is_doubted(judged) -> None:
     """Half of the field is a turn off: above which half is the object to be measured?"""

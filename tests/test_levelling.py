@@ -205,6 +205,7 @@ def test_the_soft_foot_of_an_object_does_not_bend_the_surface() -> None:
     assert np.std(surface - truth(field.shape, 12.0)) < 0.15
 
 
+@pytest.mark.thorough
 def test_curvature_that_is_left_is_measured_and_told() -> None:
     """12 rad at the corner; a tilt leaves 2.6 rad rms of them, less the middle behind the cell."""
     video = recorded([ellipsoid(0.1, (0.2, 0.1), 5.0)], curvature_rad=12.0)

@@ -136,6 +136,7 @@ def same_as_a_run(out: Path, heard: Heard, recording: p4d.Recording | None = Non
 # ---- three ways to grow ----------------------------------------------------------------------
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_a_folder_that_gets_files_in_bursts(video: Video, tmp_path: Path) -> None:
     folder, out, heard = tmp_path / "camera", tmp_path / "out", Heard()

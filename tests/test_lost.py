@@ -308,6 +308,7 @@ def test_scripts_are_warned_of_little_empty_field() -> None:
     assert data.attrs["background_share"] < 0.3
 
 
+@pytest.mark.thorough
 @pytest.mark.slow
 def test_every_method_goes_on_to_the_end(video: Recording) -> None:
     frames = video.holograms.values.copy()

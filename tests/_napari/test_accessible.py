@@ -70,6 +70,7 @@ def test_tab_leaves_every_table(ready, click, qtbot) -> None:
     assert QApplication.focusWidget() is not table
 
 
+@pytest.mark.thorough
 def test_the_dock_grows_with_the_font(dock, qtbot) -> None:
     settings = get_settings().appearance
     before, size = dock.minimumWidth(), settings.font_size
@@ -135,6 +136,7 @@ def test_pictures_and_plots_grow_with_the_font(dock, qtbot) -> None:
     assert letters_in(*made) == before
 
 
+@pytest.mark.thorough
 def test_the_window_is_no_larger_than_the_screen(viewer, qtbot) -> None:
     viewer.window.resize(3000, 2000)
     _, dock = viewer.window.add_plugin_dock_widget("napari-phase4d", "Phase 4D")

@@ -32,6 +32,7 @@ def test_click_sets_the_frame_and_shift_click_adds_one(viewer, ready) -> None:
     assert ready.session.recipe.boundary == ((0, 0),)
 
 
+@pytest.mark.thorough
 def test_hovering_shows_the_frame_and_its_score(viewer, ready, qtbot) -> None:
     qtbot.waitUntil(lambda: ready.session.scores is not None, timeout=60_000)
     part = ready.unwrap.boundary

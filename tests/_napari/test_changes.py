@@ -150,6 +150,7 @@ def has_option() -> bool:
     return "rga_threshold" in names
 
 
+@pytest.mark.thorough
 def test_holograms_are_saved_after_reconstruction(viewer, ready, tmp_path) -> None:
     layer = ready.presenter.holograms
     (path,) = layer.save(str(tmp_path / "video.ome.tif"), plugin="napari-phase4d")
