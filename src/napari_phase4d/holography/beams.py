@@ -353,9 +353,8 @@ def ranked(
         views, mirrored = views[best], mirrored[best]
         each = [softmax(look.table(views, mirrored) @ WEIGHTS) for look in others]
         chance = np.mean([chance[best], *each], axis=0)
-        # The number was fitted to the powers of the first look.
-        tables = [replace(look, power=clues.power).table(views, mirrored) for look in others]
-        table = np.mean([table[best], *tables], axis=0)
+    # The number was fitted to the powers of the first look.
+    counted = [clues, *(replace(look, power=clues.power) for look in others)]
     _, which = np.unique(views, axis=0, return_inverse=True)
     which = which.ravel()
     chances = np.bincount(which, chance)
@@ -363,12 +362,14 @@ def ranked(
     for peaks in np.argsort(-chances)[:2]:
         rows = np.flatnonzero(which == peaks)
         row = rows[int(np.argmax(chance[rows]))]
-        tally = clues.tally(views[row], mirrored[row], table[row], float(chances[peaks]))
+        chosen = views[row : row + 1], mirrored[row : row + 1]
+        mean = np.mean([look.table(*chosen)[0] for look in counted], axis=0)
+        tally = clues.tally(views[row], mirrored[row], mean, float(chances[peaks]))
         sides = tuple(bool(side) for side in mirrored[row])
-        beats = clues.beats_of(views[row][None], mirrored[row][None])[0]
+        beats = clues.beats_of(*chosen)[0]
         seen = bool((~clues.ghost[beats[beats >= 0]]).any())
-        chosen = tuple(int(v) for v in views[row])
-        found.append(Choice(chosen, sides, float(chances[peaks]), seen, tally))
+        numbers = tuple(int(v) for v in views[row])
+        found.append(Choice(numbers, sides, float(chances[peaks]), seen, tally))
     return found
 
 
