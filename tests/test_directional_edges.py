@@ -7,9 +7,9 @@ import pytest
 from scipy import ndimage
 
 import napari_phase4d as p4d
-from napari_phase4d.unwrapping.directional.methods import BIN, bins_of, usual_bins
 from napari_phase4d.unwrapping.directional.registration import Look, kept_in_view
 from napari_phase4d.unwrapping.directional.scene import Margins, ends_of
+from napari_phase4d.unwrapping.directional.sides import BIN, bins_of, usual_bins
 
 TURN = 2 * np.pi
 WL1, RGD = "directional-l1", "directional-growing"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import pairwise
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -13,15 +12,16 @@ from numpy.typing import NDArray
 from napari_phase4d.phasors import turned
 from napari_phase4d.stack import Block, Limits, Stack, limits_of
 from napari_phase4d.task import Task, Watch, in_threads
-from napari_phase4d.unwrapping.directional.bunches import Bunch, Bunches
+from napari_phase4d.unwrapping.directional.bunches import Bunch
 from napari_phase4d.unwrapping.directional.changes import lifts_of_changes, turns_above_field
 from napari_phase4d.unwrapping.directional.following import followed_steps
-from napari_phase4d.unwrapping.directional.groups import PARTS, Index, weight_of
-from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
+from napari_phase4d.unwrapping.directional.groups import PARTS
+from napari_phase4d.unwrapping.directional.least_turns import LeastTurns
 from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
 from napari_phase4d.unwrapping.directional.registration import Recorded
-from napari_phase4d.unwrapping.directional.scene import Scene, find_scene
-from napari_phase4d.unwrapping.directional.steps import Floors, fading, floors_of, noisier
+from napari_phase4d.unwrapping.directional.scene import find_scene
+from napari_phase4d.unwrapping.directional.sides import Field, on_one_side
+from napari_phase4d.unwrapping.directional.steps import floors_of
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks
 from napari_phase4d.unwrapping.growing import Workspace, grow_list
@@ -29,7 +29,6 @@ from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.shared_steps import FIELD, FRAMES_LEFT_OUT
 
 __all__ = [
-    "Field",
     "Unwraps",
     "directional_growing",
     "directional_l1",
@@ -43,28 +42,7 @@ TURN = np.float32(2 * np.pi)
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
 Whole = NDArray[np.int32]
-Short = NDArray[np.int16]
 Turns = NDArray[np.signedinteger[Any]]
-Counts = NDArray[np.int64]
-
-#: A pixel lies beyond the empty field if its phase does so by this many radians and twice its
-#: noise, which is the larger the fainter its light. Each turn beyond costs as much as a step of
-#: so much roughness, in radians, that is off.
-BEYOND, AS_ROUGH_AS = 0.5, 2.0
-#: What many steps hold may lie on the other side as well, as where the empty field sags under the
-#: object. A pixel pays only beyond that, but for this share of it, in bins of so many radians.
-RARE, BIN = 0.003, 0.1
-#: Only regions of so few pixels pay, as many as a cube of three: the price is for rims, not for
-#: what many steps hold.
-RIM = 27
-#: Largest share of the object's pixels that the price may move.
-MOST = 0.5
-#: An object lies on one side of the empty field if this share of what is a turn off does.
-NEARLY_ALL = 0.9
-#: A rim that slipped leaves steps that contradict each other. Where all of them together cost so
-#: many times less than lying on the wrong side would, no rim has slipped, and the object does lie
-#: on both sides: a cell in a channel with thicker walls, say, all of it too steep to be held.
-IN_EARNEST = 12
 
 
 class Unwraps(Recorded, Protocol):
@@ -85,25 +63,6 @@ class Unwraps(Recorded, Protocol):
 
     def frame_by_frame(self, block: Block) -> Image:
         """Return the phase of a block as each frame is unwrapped by itself."""
-
-
-@dataclass(frozen=True)
-class Field:
-    """What both methods start from.
-
-    Parameters
-    ----------
-    scene : Scene
-        The frames, the object held in place.
-    floors : Floors
-        What noise alone makes of the weights.
-    regions : Regions
-        Pixels that certain steps join, and the edges between them.
-    """
-
-    scene: Scene
-    floors: Floors
-    regions: Regions
 
 
 def prepared(problem: Unwraps, task: Task) -> Field:
@@ -227,158 +186,6 @@ def directional_l1(
         turns = on_one_side(field, turns, parts, sum(costs), watch)
     watch.step()
     return finish(problem, field, turns, parts, result, task)
-
-
-# ---- on one side of the empty field ----------------------------------------------------------
-
-
-def on_one_side(field: Field, plain: Turns, parts: Whole, cost: int, watch: Watch) -> Turns:
-    """Return the turns of every region, after lying on the wrong side has had its price.
-
-    Parameters
-    ----------
-    field, plain, parts
-        What was started from; turns and part of every region, as the steps alone have them.
-    cost : int
-        Cost of these turns, see `LeastTurns.cost`.
-    watch : Watch
-        Stops the work.
-    """
-    limit = side_of_object(field, plain, parts, watch)
-    if limit is None or not len(limit.region):
-        return plain
-    if limit.paid(plain, field.regions.n).sum() > IN_EARNEST * cost:
-        return plain
-    bunches = field.regions.bunches
-    of_pixel = bunches.of_region[limit.region]
-    order = np.argsort(of_pixel, kind="stable")
-    numbers, starts = np.unique(of_pixel[order], return_index=True)
-    cuts = [slice(*ends) for ends in pairwise([*starts, len(order)])]
-
-    def least(of_bunch: tuple[int, slice]) -> tuple[Index, Turns]:
-        number, cut = of_bunch
-        bunch = bunches.read(number)
-        solver = LeastTurns(bunch, watch.check)
-        turns = plain[bunch.regions].astype(np.int64)
-        return bunch.regions, solver.descend(turns, limit.some(order[cut]).of(bunch))
-
-    after = plain.copy()
-    work = list(zip(numbers.tolist(), cuts, strict=True))
-    for own, turns in in_threads(least, work, watch.quiet(len(work))):
-        after[own] = turns
-    regions = field.regions
-    object_ = np.where(parts == parts[regions.held], regions.size, 0)
-    moved_ = object_[after != plain].sum() / max(object_.sum(), 1)
-    # If most of it moves, the side was mistaken.
-    return plain if moved_ > MOST else after
-
-
-@dataclass(frozen=True)
-class Rims:
-    """Pixels of the smallest regions, and how much of all others lies on which side.
-
-    Parameters
-    ----------
-    positive, clear : int
-        Pixels that are more than a turn above the empty field; that are above or below it.
-    above, below : ndarray of int
-        How many pixels of larger regions lie so far above the empty field, or below it, in bins
-        up to a turn; the last has all beyond.
-    region : ndarray of int
-        Region of each pixel of small regions.
-    phase : ndarray of float
-        Its phase in radians, where its region has no turns.
-    amplitude : ndarray of float
-        Its amplitude as a share of its view's median; 1 where amplitude is not known.
-    """
-
-    positive: int
-    clear: int
-    above: Counts
-    below: Counts
-    region: Index
-    phase: Image
-    amplitude: Image
-
-    def limit(self, side: int, noise: float, turns: Turns, bunches: Bunches) -> Limit:
-        """Return what pixels pay on the wrong side, of the bunches in which any does.
-
-        In all others the turns are the least already.
-        """
-        other = self.below if side > 0 else self.above
-        usual = BIN * usual_bins(other, self.above.sum())
-        noises = noise * noisier(self.amplitude).astype(np.float64)
-        allowed = BEYOND + np.maximum(2 * noises, usual)
-        steps = np.ceil((-allowed - side * self.phase.astype(np.float64)) / (2 * np.pi))
-        # A region of so few pixels has few turns.
-        whole = (side * steps).astype(np.int16)
-        paying = bunches.of_region[self.region[side * (whole - turns[self.region]) > 0]]
-        mine = np.isin(bunches.of_region[self.region], paying[paying >= 0])
-        rough = np.float32(AS_ROUGH_AS) + fading(self.amplitude[mine])
-        weight = np.round(PARTS * weight_of(rough))
-        return Limit(self.region[mine], whole[mine], weight, side)
-
-
-def usual_bins(other: Counts, all_: int) -> int:
-    """Return how many bins hold all pixels on a side but the rare ones."""
-    further = np.cumsum(other[::-1])[::-1]
-    return int(np.count_nonzero(further[1:] > RARE * all_))
-
-
-def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block) -> Rims:
-    """Look at a block for `side_of_object`."""
-    regions = field.regions
-    seen = field.scene.read(block, amplitude=True)
-    free = seen.free
-    region, relative = (part[free] for part in regions.read(block))
-    phase = seen.phase[free]
-    unwrapped = phase + TURN * (turns[region] + relative).astype(np.float32)
-    known = joined[region]
-    clear = known & (np.abs(unwrapped) > TURN)
-    is_small = regions.size[region] <= RIM
-    small, large = known & is_small, unwrapped[known & ~is_small]
-    above, below = (bins_of(np.maximum(side * large, 0)) for side in (1, -1))
-    own = phase[small] + TURN * relative[small].astype(np.float32)
-    bright = np.ones_like(own) if seen.amplitude is None else seen.amplitude[free][small]
-    positive = int((unwrapped[clear] > 0).sum())
-    return Rims(positive, int(clear.sum()), above, below, region[small], own, bright)
-
-
-def bins_of(beyond: Image) -> Counts:
-    """Count phase by how far it lies on a side, in bins up to a turn; the first has the rest."""
-    last = int(TURN / BIN)
-    numbers = np.minimum(beyond / np.float32(BIN), last).astype(np.intp)
-    return np.bincount(numbers, minlength=last + 1).astype(np.int64)
-
-
-def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Limit | None:
-    """Return the price of lying on the other side of the empty field than nearly all else.
-
-    Nearly all cells are denser than what they lie in, everywhere. At a rim that is steeper than
-    half a turn a pixel, the steps alone can't tell a phase of 5 rad from one of 5 - 2 pi.
-    """
-    joined = parts == parts[field.regions.held]
-    blocks = working_blocks(field.scene.shape)
-
-    def work(block: Block) -> Rims:
-        return rims_of(field, turns, joined, block)
-
-    looks = list(in_threads(work, blocks, watch.quiet(len(blocks))))
-    clear = sum(rims.clear for rims in looks)
-    share = sum(rims.positive for rims in looks) / clear if clear else 0.5
-    if 1 - NEARLY_ALL < share < NEARLY_ALL:
-        return None
-    above, below = (
-        np.stack([getattr(rims, name) for rims in looks]).sum(axis=0)
-        for name in ("above", "below")
-    )
-    region, phase, amplitude = (
-        np.concatenate([getattr(rims, name) for rims in looks])
-        for name in ("region", "phase", "amplitude")
-    )
-    rims = Rims(0, clear, above, below, region, phase, amplitude)
-    side = 1 if share > 0.5 else -1
-    return rims.limit(side, field.scene.noise, turns, field.regions.bunches)
 
 
 # ---- the result ------------------------------------------------------------------------------
