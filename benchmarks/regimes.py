@@ -18,6 +18,7 @@ import numpy as np
 import scipy
 import xarray as xr
 from numpy.typing import NDArray
+from scenes import four_balls_through_a_pupil
 from tables import heading, line
 
 import napari_phase4d as p4d
@@ -51,6 +52,8 @@ FAULTY = ("dividing", "vacuole", "lamella", "ring")
 UNSEEN_FAULTY = ("touching", "returning", "daughters", "ring")
 #: Faults after which the empty field lies elsewhere.
 FIELD_MOVES = ("kick", "pause")
+#: What came through the optics is known if it is no further from the exact phase, in radians.
+KNOWN = 1.3
 #: The phase counts as empty field below so many radians; so many pixels of it give a level.
 EMPTY, ENOUGH = 0.05, 20
 #: The best of the paper's five is better than WL1 if by more than this; a case is bad from ...
@@ -227,6 +230,17 @@ def faded(noise: float) -> Iterator[Case]:
         yield replace(with_added(name, exact, added), amplitude=amplitude)
 
 
+def dark_rims(noise: float) -> Iterator[Case]:
+    """Balls whose rims are steeper than the pupil passes; what came through wrong has no truth."""
+    for seed, steep in product(range(24), (0.9, 1.2)):
+        exact, wrapped, amplitude = four_balls_through_a_pupil(seed, steep, noise)
+        off = np.angle(np.exp(1j * (wrapped - exact)))
+        truth = np.where(np.abs(off) < KNOWN, exact + off, np.nan)
+        recording = with_axes(exact)["wrapped"].copy(data=wrapped)
+        name = f"ball {seed}, {steep} radii high"
+        yield Case(name, recording, truth, np.abs(exact) < EMPTY, amplitude)
+
+
 def shared_noise(noise: float) -> Iterator[Case]:
     """Noise that neighbours share: a Gaussian of 0.8 pixels, as where views are oversampled."""
     for name in (*OWN_PHANTOMS, *HARD_SHAPES):
@@ -383,6 +397,7 @@ def regimes() -> None:
         ("noise that neighbours share", shared_noise, (0.2, 0.5)),
         ("a cell in a channel", channels, (0.2, 0.4)),
         ("light that fades to a quarter", faded, (0.1, 0.2)),
+        ("rims that the pupil cuts off", dark_rims, (0.02, 0.1)),
         ("a fault half way", faults, (0, 0.5)),
         ("a fault half way, other objects", unseen_faults, (0.5,)),
     )

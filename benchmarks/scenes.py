@@ -31,6 +31,41 @@ def phase_of(kind: str, shape: tuple[int, int], seed: int) -> np.ndarray:
     return gaussian_filter(height, blur) + 0.01 * x + rng.normal(0, noise, shape)
 
 
+def four_balls_through_a_pupil(
+    seed: int, steep: float, noise: float = 0.02, side: int = 1
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return exact phase, wrapped phase and amplitude of four balls that grow or shrink.
+
+    The pupil cuts off what is steeper than it passes: rims are dark there.
+
+    Parameters
+    ----------
+    seed : int
+        Decides about sizes, heights, growth and noise.
+    steep : float
+        Height of the highest possible ball as a multiple of its radius, radians a pixel.
+    noise : float, optional
+        Of the light, as a share of it.
+    side : int, optional
+        1 if the balls are denser than the medium, -1 if they are thinner.
+    """
+    rng = np.random.default_rng(seed)
+    y, x = np.mgrid[:64, :64]
+    balls = [(rng.uniform(6, 11), rng.uniform(0.4, 1)) for _ in range(4)]
+    grows = rng.uniform(-0.4, 0.4)
+    phase = np.zeros((9, 1, 64, 64))
+    for place, (radius, part) in zip(np.ndindex(2, 2), balls, strict=True):
+        far = ((y - 14 - 32 * place[0]) ** 2 + (x - 14 - 32 * place[1]) ** 2) / radius**2
+        ball = side * steep * part * radius * np.sqrt(np.maximum(1 - far, 0))
+        phase += ball * (1 + grows * np.arange(9) / 9)[:, None, None, None]
+    phase = gaussian_filter(phase, (0, 0, 0.6, 0.6))
+    ky, kx = np.fft.fftfreq(64)[:, None], np.fft.fftfreq(64)
+    passes = ky**2 + kx**2 <= 0.25**2
+    light = np.fft.ifft2(np.fft.fft2(np.exp(1j * phase)) * passes)
+    light += noise * (rng.standard_normal(light.shape) + 1j * rng.standard_normal(light.shape))
+    return phase, np.angle(light).astype(np.float32), np.abs(light).astype(np.float32)
+
+
 def wrapped(phase: np.ndarray) -> np.ndarray:
     return np.angle(np.exp(1j * phase)).astype(np.float32)
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -10,6 +13,9 @@ import napari_phase4d as p4d
 from napari_phase4d.unwrapping.directional.registration import Look, kept_in_view
 from napari_phase4d.unwrapping.directional.scene import Margins, ends_of
 from napari_phase4d.unwrapping.directional.sides import BIN, bins_of, usual_bins
+
+sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
+from scenes import four_balls_through_a_pupil
 
 TURN = 2 * np.pi
 WL1, RGD = "directional-l1", "directional-growing"
@@ -176,3 +182,14 @@ def test_phase_is_as_noisy_as_light_is_faint() -> None:
     amplitude = np.broadcast_to(amplitude, phase.shape).astype(np.float32)
     noise = 0.2 / amplitude
     assert wrong(phase, empty, noise, WL1, amplitude=amplitude) < 30
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("seed", [1, 6, 12])
+def test_cell_whose_rim_the_pupil_cut_off_does_not_stay_a_turn_low(seed: int, side: int) -> None:
+    """Nothing bright joins it to the empty field, and other cells say on which side it lies."""
+    exact, wrapped, amplitude = four_balls_through_a_pupil(seed, 1.2, side=side)
+    assert amplitude.min() < 0.1  # vortices
+    known = np.abs(np.angle(np.exp(1j * (wrapped - exact)))) < 1.3
+    off = np.round((p4d.unwrap(wrapped, WL1, amplitude=amplitude).values - exact) / TURN)
+    assert np.count_nonzero(off[known]) < 0.005 * np.count_nonzero(np.abs(exact) > 0.5)
