@@ -32,7 +32,7 @@ def phase_of(kind: str, shape: tuple[int, int], seed: int) -> np.ndarray:
 
 
 def four_balls_through_a_pupil(
-    seed: int, steep: float, noise: float = 0.02, side: int = 1
+    seed: int, steep: float, noise: float = 0.02, side: int = 1, bubble: float = 0.0
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return exact phase, wrapped phase and amplitude of four balls that grow or shrink.
 
@@ -48,15 +48,20 @@ def four_balls_through_a_pupil(
         Of the light, as a share of it.
     side : int, optional
         1 if the balls are denser than the medium, -1 if they are thinner.
+    bubble : float, optional
+        If not 0, the first ball is half as large, as steep as this, and lies on the other side.
     """
     rng = np.random.default_rng(seed)
     y, x = np.mgrid[:64, :64]
     balls = [(rng.uniform(6, 11), rng.uniform(0.4, 1)) for _ in range(4)]
+    balls = [(radius, steep * part) for radius, part in balls]
+    if bubble:
+        balls[0] = balls[0][0] / 2, -bubble
     grows = rng.uniform(-0.4, 0.4)
     phase = np.zeros((9, 1, 64, 64))
-    for place, (radius, part) in zip(np.ndindex(2, 2), balls, strict=True):
+    for place, (radius, slope) in zip(np.ndindex(2, 2), balls, strict=True):
         far = ((y - 14 - 32 * place[0]) ** 2 + (x - 14 - 32 * place[1]) ** 2) / radius**2
-        ball = side * steep * part * radius * np.sqrt(np.maximum(1 - far, 0))
+        ball = side * slope * radius * np.sqrt(np.maximum(1 - far, 0))
         phase += ball * (1 + grows * np.arange(9) / 9)[:, None, None, None]
     phase = gaussian_filter(phase, (0, 0, 0.6, 0.6))
     ky, kx = np.fft.fftfreq(64)[:, None], np.fft.fftfreq(64)

@@ -10,9 +10,10 @@ import pytest
 from scipy import ndimage
 
 import napari_phase4d as p4d
+from napari_phase4d.unwrapping import given
 from napari_phase4d.unwrapping.directional.registration import Look, kept_in_view
 from napari_phase4d.unwrapping.directional.scene import Margins, ends_of
-from napari_phase4d.unwrapping.directional.sides import BIN, bins_of, usual_bins
+from napari_phase4d.unwrapping.directional.sides import BIN, bins_of, came_back, usual_bins
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from scenes import four_balls_through_a_pupil
@@ -184,12 +185,44 @@ def test_phase_is_as_noisy_as_light_is_faint() -> None:
     assert wrong(phase, empty, noise, WL1, amplitude=amplitude) < 30
 
 
+def turns_off_through_a_pupil(seed: int, steep: float, **scene: float) -> tuple[np.ndarray, int]:
+    """Return how many turns WL1 is off where light came through, and the pixels of the objects."""
+    exact, wrapped, amplitude = four_balls_through_a_pupil(seed, steep, **scene)
+    assert amplitude.min() < 0.1  # vortices
+    known = np.abs(np.angle(np.exp(1j * (wrapped - exact)))) < 1.3
+    off = np.round((p4d.unwrap(wrapped, WL1, amplitude=amplitude).values - exact) / TURN)
+    return off[known], np.count_nonzero(np.abs(exact) > 0.5)
+
+
 @pytest.mark.parametrize("side", [1, -1])
 @pytest.mark.parametrize("seed", [1, 6, 12])
 def test_cell_whose_rim_the_pupil_cut_off_does_not_stay_a_turn_low(seed: int, side: int) -> None:
     """Nothing bright joins it to the empty field, and other cells say on which side it lies."""
-    exact, wrapped, amplitude = four_balls_through_a_pupil(seed, 1.2, side=side)
-    assert amplitude.min() < 0.1  # vortices
-    known = np.abs(np.angle(np.exp(1j * (wrapped - exact)))) < 1.3
-    off = np.round((p4d.unwrap(wrapped, WL1, amplitude=amplitude).values - exact) / TURN)
-    assert np.count_nonzero(off[known]) < 0.005 * np.count_nonzero(np.abs(exact) > 0.5)
+    off, size = turns_off_through_a_pupil(seed, 1.2, side=side)
+    assert np.count_nonzero(off) < 0.005 * size
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize("seed", [0, 9, 11])
+def test_bubble_whose_rim_the_pupil_cut_off_is_not_taken_for_a_cell(seed: int, side: int) -> None:
+    """It lies on the other side with all of it."""
+    off, _ = turns_off_through_a_pupil(seed, 0.9, side=side, bubble=1.6)
+    assert not off.any()
+
+
+def test_objects_that_come_back_lay_on_both_sides_and_do_so_whole() -> None:
+    size, right, moved, left = np.array(
+        [[100, 30, 80, 2], [100, 0, 80, 2], [100, 30, 20, 2], [100, 30, 80, 20], [0, 0, 0, 0]]
+    ).T
+    np.testing.assert_array_equal(came_back(size, right, moved, left), [1, 0, 0, 0, 0])
+
+
+def test_objects_come_back_whatever_frames_are_looked_at_together(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    _, wrapped, amplitude = four_balls_through_a_pupil(1, 1.2)
+    whole = p4d.unwrap(wrapped, WL1, amplitude=amplitude).values
+    for frames in (1, 4):
+        monkeypatch.setattr(given, "WORKING_FRAMES", frames)
+        found = p4d.unwrap(wrapped, WL1, amplitude=amplitude).values
+        np.testing.assert_array_equal(found, whole)

@@ -17,10 +17,10 @@ from napari_phase4d.unwrapping.directional.changes import lifts_of_changes, turn
 from napari_phase4d.unwrapping.directional.following import followed_steps
 from napari_phase4d.unwrapping.directional.groups import PARTS
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns
-from napari_phase4d.unwrapping.directional.regions import Regions, find_regions
+from napari_phase4d.unwrapping.directional.regions import Field, Regions, find_regions
 from napari_phase4d.unwrapping.directional.registration import Recorded
 from napari_phase4d.unwrapping.directional.scene import find_scene
-from napari_phase4d.unwrapping.directional.sides import Field, on_one_side
+from napari_phase4d.unwrapping.directional.sides import on_one_side
 from napari_phase4d.unwrapping.directional.steps import floors_of
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import working_blocks

@@ -37,9 +37,9 @@ from napari_phase4d.unwrapping.directional.groups import (
     weight_of,
 )
 from napari_phase4d.unwrapping.directional.scene import Scene
-from napari_phase4d.unwrapping.directional.steps import Opinion, Weighed
+from napari_phase4d.unwrapping.directional.steps import Floors, Opinion, Weighed
 
-__all__ = ["FIELD_SHARE", "FIRM", "Regions", "find_regions"]
+__all__ = ["FIELD_SHARE", "FIRM", "Field", "Regions", "find_regions"]
 #: An island of the empty field that takes at least this share of the frame holds its level.
 FIELD_SHARE = 0.05
 #: How firmly: its weight is that of a step of this roughness, which is that of 100 smooth ones.
@@ -130,6 +130,25 @@ def write_regions(
         else:
             here = group[i] + base
             region[i], turns[i] = of_group[here], offset[here] + relative[i]
+
+
+@dataclass(frozen=True)
+class Field:
+    """What both methods start from.
+
+    Parameters
+    ----------
+    scene : Scene
+        The frames, the object held in place.
+    floors : Floors
+        What noise alone makes of the weights.
+    regions : Regions
+        Pixels that certain steps join, and the edges between them.
+    """
+
+    scene: Scene
+    floors: Floors
+    regions: Regions
 
 
 def find_regions(scene: Scene, steps: Iterator[Weighed], store: Store, watch: Watch) -> Regions:

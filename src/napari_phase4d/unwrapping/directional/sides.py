@@ -7,6 +7,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.stack import Block
@@ -14,12 +15,11 @@ from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping.directional.bunches import Bunches
 from napari_phase4d.unwrapping.directional.groups import PARTS, Index, weight_of
 from napari_phase4d.unwrapping.directional.least_turns import LeastTurns, Limit
-from napari_phase4d.unwrapping.directional.regions import Regions
-from napari_phase4d.unwrapping.directional.scene import Scene
-from napari_phase4d.unwrapping.directional.steps import Floors, fading, noisier
+from napari_phase4d.unwrapping.directional.regions import Field
+from napari_phase4d.unwrapping.directional.steps import fading, noisier
 from napari_phase4d.unwrapping.given import working_blocks
 
-__all__ = ["Field", "on_one_side"]
+__all__ = ["on_one_side"]
 
 TURN = np.float32(2 * np.pi)
 Image = NDArray[np.float32]
@@ -27,7 +27,8 @@ Whole = NDArray[np.int32]
 Turns = NDArray[np.signedinteger[Any]]
 Counts = NDArray[np.int64]
 Short = NDArray[np.int16]
-Prices = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+Numbers = NDArray[np.float64]
 
 #: A pixel lies beyond the empty field if its phase does so by this many radians and twice its
 #: noise, which is the larger the fainter its light. Each turn beyond costs as much as a step of
@@ -47,28 +48,15 @@ NEARLY_ALL = 0.9
 #: many times less than lying on the wrong side would, no rim has slipped, and the object does lie
 #: on both sides: a cell in a channel with thicker walls, say, all of it too steep to be held.
 IN_EARNEST = 12
-#: Where at least this share of what would pay has less than half of its light, as round a cell
-#: that is steeper than the optics let pass, nothing holds the cell at its level: all of it pays.
-IN_THE_DARK = 0.5
-
-
-@dataclass(frozen=True)
-class Field:
-    """What both methods start from.
-
-    Parameters
-    ----------
-    scene : Scene
-        The frames, the object held in place.
-    floors : Floors
-        What noise alone makes of the weights.
-    regions : Regions
-        Pixels that certain steps join, and the edges between them.
-    """
-
-    scene: Scene
-    floors: Floors
-    regions: Regions
+#: Where at least this share of what would pay has less than half of the usual light, the pupil has
+#: cut off rims that are too steep for it: nothing holds a cell at its level, and all of it pays.
+IN_THE_DARK, HALF = 0.5, 0.5
+#: An object may come back if at least this share of it lies on the right side already, by so many
+#: radians, if at least this share of it moves, and at most this is left on the other side.
+PARTLY, RIGHT, WHOLE, LEFT = 0.1, np.float32(0.5 * np.pi), 0.5, 0.05
+#: Neighbours of a pixel (time, angle, y, x) in its own frame.
+WITHIN_FRAME = np.zeros((3, 3, 3, 3), dtype=bool)
+WITHIN_FRAME[1, 1] = [[0, 1, 0], [1, 1, 1], [0, 1, 0]]
 
 
 def on_one_side(field: Field, plain: Turns, parts: Whole, cost: int, watch: Watch) -> Turns:
@@ -86,19 +74,23 @@ def on_one_side(field: Field, plain: Turns, parts: Whole, cost: int, watch: Watc
     looked = side_of_object(field, plain, parts, watch)
     if looked is None:
         return plain
-    noise, bunches = field.scene.noise, field.regions.bunches
-    strict = looked.limit(0.0, noise, plain, bunches)
-    if is_dark(strict, strict.paid(plain, field.regions.n)):
-        limit = limit_of_all(field, parts, looked.side, watch)
-        after = pushed_up(field, plain, limit, watch)
-        then = side_of_object(field, after, parts, watch)
-        if then is not None and then.side == looked.side and then.usual() <= BEYOND:
-            return after
-    limit = looked.limit(looked.usual(), noise, plain, bunches)
-    if limit.paid(plain, field.regions.n).sum() > IN_EARNEST * cost:
+    after = with_rims(field, plain, parts, cost, looked, watch)
+    if looked.is_dark(field.scene.noise, plain):
+        back = objects_back(field, plain, parts, looked.side, watch)
+        after = np.where(back.regions, back.turns, after)
+    return after
+
+
+def with_rims(
+    field: Field, plain: Turns, parts: Whole, cost: int, looked: Looked, watch: Watch
+) -> Turns:
+    """Return the turns, after pixels of rims have paid; those that there were if none slipped."""
+    regions = field.regions
+    limit = looked.limit(looked.usual(), field.scene.noise, plain, regions.bunches)
+    if limit.paid(plain, regions.n).sum() > IN_EARNEST * cost:
         return plain
     after = pushed_up(field, plain, limit, watch)
-    size = np.where(parts == parts[field.regions.held], field.regions.size, 0)
+    size = np.where(parts == parts[regions.held], regions.size, 0)
     # If most of it moves, the side was mistaken.
     return plain if size[after != plain].sum() > MOST * size.sum() else after
 
@@ -123,13 +115,6 @@ def pushed_up(field: Field, plain: Turns, limit: Limit, watch: Watch) -> Turns:
     for own, turns in in_threads(least, work, watch.quiet(len(work))):
         after[own] = turns
     return after
-
-
-def is_dark(limit: Limit, paid: Prices) -> bool:
-    """Say whether most of what pays has lost its light."""
-    half = PARTS * weight_of(np.float32(AS_ROUGH_AS) + fading(np.array([0.5], dtype=np.float32)))
-    weights = limit.weight[paid[limit.region] > 0]
-    return len(weights) > 0 and bool((weights < half).mean() >= IN_THE_DARK)
 
 
 @dataclass(frozen=True)
@@ -180,56 +165,47 @@ class Looked:
         other = self.rims.below if self.side > 0 else self.rims.above
         return BIN * usual_bins(other, self.rims.above.sum())
 
+    def is_dark(self, noise: float, turns: Turns) -> bool:
+        """Say whether most pixels that would pay have lost their light."""
+        rims, side = self.rims, self.side
+        faint = rims.amplitude < HALF
+        if not faint.any():
+            return False
+        needed = turns_needed(side, rims.phase, rims.amplitude, noise, 0.0)
+        pays = side * (needed - turns[rims.region]) > 0
+        return bool(pays.any() and faint[pays].mean() >= IN_THE_DARK)
+
     def limit(self, usual: float, noise: float, turns: Turns, bunches: Bunches) -> Limit:
         """Return what pixels pay on the wrong side, of the bunches in which any does.
 
         In all others the turns are the least already.
         """
         rims, side = self.rims, self.side
-        whole = least_turns(side, rims.phase, rims.amplitude, noise, usual)
-        paying = bunches.of_region[rims.region[side * (whole - turns[rims.region]) > 0]]
-        mine = np.isin(bunches.of_region[rims.region], paying[paying >= 0])
-        return Limit(rims.region[mine], whole[mine], price(rims.amplitude[mine]), side)
+        needed = turns_needed(side, rims.phase, rims.amplitude, noise, usual)
+        mine = in_paying_bunches(rims.region, side * (needed - turns[rims.region]) > 0, bunches)
+        return Limit(rims.region[mine], needed[mine], price(rims.amplitude[mine]), side)
 
 
-def least_turns(side: int, phase: Image, amplitude: Image, noise: float, usual: float) -> Short:
-    """Return the turns that pixels need, not to lie further on the other side than they may."""
-    noises = noise * noisier(amplitude).astype(np.float64)
-    allowed = BEYOND + np.maximum(2 * noises, usual)
-    found: Short = (side * np.ceil((-allowed - side * phase.astype(np.float64)) / TURN)).astype(
-        np.int16
-    )
+def in_paying_bunches(region: Index, pays: Mask, bunches: Bunches) -> Mask:
+    """Return which pixels are in a bunch in which any pays."""
+    paying = bunches.of_region[region[pays]]
+    found: Mask = np.isin(bunches.of_region[region], paying[paying >= 0])
     return found
 
 
-def price(amplitude: Image) -> Prices:
+def turns_needed(side: int, phase: Image, amplitude: Image, noise: float, usual: float) -> Short:
+    """Return the turns that pixels need, not to lie further on the other side than they may."""
+    noises = noise * noisier(amplitude).astype(np.float64)
+    allowed = BEYOND + np.maximum(2 * noises, usual)
+    steps = np.ceil((-allowed - side * phase.astype(np.float64)) / (2 * np.pi))
+    # A region has few turns.
+    return (side * steps).astype(np.int16)
+
+
+def price(amplitude: Image) -> Numbers:
     """Return what a turn on the other side costs a pixel."""
     rough = np.float32(AS_ROUGH_AS) + fading(amplitude)
     return np.round(PARTS * weight_of(rough)).astype(np.float64)
-
-
-def limit_of_all(field: Field, parts: Whole, side: int, watch: Watch) -> Limit:
-    """Return what pixels pay if all do but those that certain steps join to the empty field."""
-    regions, noise = field.regions, field.scene.noise
-    pays = parts == parts[regions.held]
-    pays[regions.held] = False
-
-    def work(block: Block) -> tuple[Any, Any, Any]:
-        seen = field.scene.read(block, amplitude=True)
-        region, relative = regions.read(block)
-        mine = seen.free & pays[region]
-        own = seen.phase[mine] + TURN * relative[mine].astype(np.float32)
-        bright = np.ones_like(own) if seen.amplitude is None else seen.amplitude[mine]
-        turns = least_turns(side, own, bright, noise, 0.0)
-        # Most pixels of a region need the same turns: together they are one.
-        pairs = np.stack([region[mine], turns])
-        each, of_pixel = np.unique(pairs, axis=1, return_inverse=True)
-        return each[0], each[1], np.bincount(of_pixel, price(bright))
-
-    blocks = working_blocks(field.scene.shape)
-    found = in_threads(work, blocks, watch.quiet(len(blocks)))
-    region, turns, weight = (np.concatenate(part) for part in zip(*found, strict=True))
-    return Limit(region, turns, weight, side)
 
 
 def usual_bins(other: Counts, all_: int) -> int:
@@ -291,3 +267,143 @@ def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Lo
     )
     rims = Rims(0, clear, above, below, region, phase, amplitude)
     return Looked(1 if share > 0.5 else -1, rims)
+
+
+# ---- whole objects, where their rims are dark ------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Back:
+    """Objects that slipped as a whole and came back.
+
+    Parameters
+    ----------
+    regions : ndarray of bool
+        Which regions are theirs.
+    turns : ndarray of int
+        Their turns.
+    """
+
+    regions: Mask
+    turns: Turns
+
+
+def objects_back(field: Field, plain: Turns, parts: Whole, side: int, watch: Watch) -> Back:
+    """Let all pixels of objects pay, and say which objects came back by it.
+
+    What the pupil cut off leaves a dark rim, and nothing holds the object that it encloses at its
+    level. So all of an object pays for what lies on the other side, whatever the steps of its rim
+    say. A wrong turn leaves the thick part of it on the right side and takes the rest to the
+    other. So an object that lies on the other side with all of it stays, as a bubble beside cells
+    does; and so does one of which a part alone would be moved, as a cell in a channel, or of
+    which much would be left behind.
+    """
+    limit = limit_of_all(field, plain, parts, side, watch)
+    after = pushed_up(field, plain, limit, watch)
+    objects = Objects(field, plain, after, parts, side, watch)
+    return Back(objects.came_back()[objects.of_region], after)
+
+
+def limit_of_all(field: Field, plain: Turns, parts: Whole, side: int, watch: Watch) -> Limit:
+    """Return what all pixels of objects pay that are on the other side, counted by region."""
+    regions, noise = field.regions, field.scene.noise
+    joined = joined_to_field(field, parts)
+
+    def work(block: Block) -> tuple[Counts, Counts, Turns | Numbers]:
+        seen = field.scene.read(block, amplitude=True)
+        region, relative = regions.read(block)
+        mine = seen.free & joined[region]
+        own = seen.phase[mine] + TURN * relative[mine].astype(np.float32)
+        bright = np.ones_like(own) if seen.amplitude is None else seen.amplitude[mine]
+        needed = turns_needed(side, own, bright, noise, 0.0)
+        # Most pixels of a region need the same turns: together they are one.
+        keys = (region[mine].astype(np.int64) << 16) + (needed.astype(np.int64) + 2**15)
+        each, of_pixel = np.unique(keys, return_inverse=True)
+        return each >> 16, (each & 0xFFFF) - 2**15, np.bincount(of_pixel, price(bright))
+
+    blocks = working_blocks(field.scene.shape)
+    found = list(in_threads(work, blocks, watch.quiet(len(blocks))))
+    region, turns, weight = (np.concatenate(part) for part in zip(*found, strict=True))
+    mine = in_paying_bunches(region, side * (turns - plain[region]) > 0, regions.bunches)
+    return Limit(region[mine], turns[mine], weight[mine], side)
+
+
+def joined_to_field(field: Field, parts: Whole) -> Mask:
+    """Return which regions hang together with the empty field, but are no part of it."""
+    joined: Mask = parts == parts[field.regions.held]
+    joined[field.regions.held] = False
+    return joined
+
+
+class Objects:
+    """What hangs together in frames, and by regions from frame to frame, and what became of it.
+
+    Parameters
+    ----------
+    field, plain, parts, side
+        See `with_whole_objects`.
+    after : ndarray of int
+        Turns of every region, after all pixels have paid.
+
+    Attributes
+    ----------
+    of_region : ndarray of int
+        Object of each region.
+    """
+
+    def __init__(
+        self, field: Field, plain: Turns, after: Turns, parts: Whole, side: int, watch: Watch
+    ) -> None:
+        self._field, self._plain, self._after, self._side = field, plain, after, side
+        self._joined = joined_to_field(field, parts)
+        n = field.regions.n
+        blocks = working_blocks(field.scene.shape)
+        counts = np.zeros((4, n), dtype=np.int64)
+        links = []
+        for pairs, region, own in in_threads(self._look, blocks, watch.quiet(len(blocks))):
+            counts[:, region] += own
+            links.append(pairs)
+        first, second = np.concatenate(links, axis=1)
+        graph = scipy.sparse.coo_array((np.ones(len(first), bool), (first, second)), (n, n))
+        count, self.of_region = scipy.sparse.csgraph.connected_components(graph, directed=False)
+        self._sums = np.stack([np.bincount(self.of_region, own, count) for own in counts])
+
+    def _look(self, block: Block) -> tuple[Counts, Index, Counts]:
+        """Return pairs of regions of one object, and what is counted of each region."""
+        seen = self._field.scene.read(block, amplitude=True)
+        region, relative = self._field.regions.read(block)
+        mine = seen.free & self._joined[region]
+        labels, _ = scipy.ndimage.label(mine, WITHIN_FRAME)
+        n = self._field.regions.n
+        keys = np.unique(labels[mine].astype(np.int64) * n + region[mine])
+        same = keys[1:] // n == keys[:-1] // n
+        pairs = np.stack([keys[:-1][same] % n, keys[1:][same] % n])
+        phase = seen.phase[mine] + TURN * relative[mine].astype(np.float32)
+        each, of_pixel = np.unique(region[mine], return_inverse=True)
+        before, then = (
+            self._side * (phase + TURN * turns[each][of_pixel].astype(np.float32))
+            for turns in (self._plain, self._after)
+        )
+        right = before > RIGHT
+        if seen.amplitude is not None:
+            right &= seen.amplitude[mine] >= HALF
+        asked = (np.ones_like(right), right, then > before + RIGHT, then < -RIGHT)
+        counts = [np.bincount(of_pixel[some], minlength=len(each)) for some in asked]
+        return pairs, each, np.stack(counts)
+
+    def came_back(self) -> Mask:
+        """Return which objects lay on both sides and came back whole."""
+        return came_back(*self._sums)
+
+
+def came_back(size: Counts, right: Counts, moved: Counts, left: Counts) -> Mask:
+    """Say of objects whether they lay on both sides and came back whole.
+
+    Parameters
+    ----------
+    size, right, moved, left : ndarray of int
+        Pixels of each object; how many of them were clearly on the right side; how many have
+        moved; how many are on the other side now.
+    """
+    found: Mask = (right >= PARTLY * size) & (moved >= WHOLE * size) & (left <= LEFT * size)
+    return found & (size > 0)

@@ -30,8 +30,8 @@ from napari_phase4d.unwrapping.directional.graph import (
 )
 from napari_phase4d.unwrapping.directional.merging import held_by_steps, smoothest_first
 from napari_phase4d.unwrapping.directional.methods import prepared
+from napari_phase4d.unwrapping.directional.regions import Field
 from napari_phase4d.unwrapping.directional.scene import NOISY, Scene
-from napari_phase4d.unwrapping.directional.sides import Field
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import Given, blocks_within
 from napari_phase4d.unwrapping.light import ViewsOf
