@@ -104,12 +104,12 @@ def touch_memory(gigabytes: float) -> None:
         piece[::1024] = 1
 
 
-def machine(rounds: str = f"Medians of {ROUNDS} or more") -> str:
+def machine(rounds: str = f"Medians of {ROUNDS} or more; all of one row in the same run") -> str:
     """Say what this was measured on."""
     versions = ", ".join(f"{p} {version_of(p)}" for p in PACKAGES)
     return (
         f"{processor()}, {os.cpu_count()} cores; Python {platform.python_version()}, {versions}. "
-        f"{rounds}; all of one row in the same run."
+        f"{rounds}."
     )
 
 

@@ -210,11 +210,19 @@ def test_bubble_whose_rim_the_pupil_cut_off_is_not_taken_for_a_cell(seed: int, s
     assert not off.any()
 
 
-def test_objects_that_come_back_lay_on_both_sides_and_do_so_whole() -> None:
-    size, right, moved, left = np.array(
-        [[100, 30, 80, 2], [100, 0, 80, 2], [100, 30, 20, 2], [100, 30, 80, 20], [0, 0, 0, 0]]
-    ).T
-    np.testing.assert_array_equal(came_back(size, right, moved, left), [1, 0, 0, 0, 0])
+def test_objects_that_come_back_lay_on_both_sides_have_dark_rims_and_do_so_whole() -> None:
+    #        size, moved, right, left, pays, dark
+    objects = [
+        ([100, 80, 30, 2, 20, 15], True),
+        ([100, 20, 15, 2, 20, 15], False),  # a part of it moves
+        ([100, 80, 0, 2, 20, 15], False),  # a bubble
+        ([100, 80, 30, 20, 20, 15], False),  # much is left behind
+        ([100, 80, 30, 2, 20, 5], False),  # its rim is bright
+        ([100, 80, 30, 2, 0, 0], False),
+        ([0, 0, 0, 0, 0, 0], False),
+    ]
+    counts, expected = zip(*objects, strict=True)
+    np.testing.assert_array_equal(came_back(*np.array(counts).T), expected)
 
 
 def test_objects_come_back_whatever_frames_are_looked_at_together(

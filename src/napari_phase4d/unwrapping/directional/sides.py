@@ -48,12 +48,15 @@ NEARLY_ALL = 0.9
 #: many times less than lying on the wrong side would, no rim has slipped, and the object does lie
 #: on both sides: a cell in a channel with thicker walls, say, all of it too steep to be held.
 IN_EARNEST = 12
-#: Where at least this share of what would pay has less than half of the usual light, the pupil has
-#: cut off rims that are too steep for it: nothing holds a cell at its level, and all of it pays.
-IN_THE_DARK, HALF = 0.5, 0.5
-#: An object may come back if at least this share of it lies on the right side already, by so many
-#: radians, if at least this share of it moves, and at most this is left on the other side.
-PARTLY, RIGHT, WHOLE, LEFT = 0.1, np.float32(0.5 * np.pi), 0.5, 0.05
+#: Where at least this share of what a rim has on the other side has less than half of the usual
+#: light, the pupil has cut it off: nothing holds the object at its level, and all of it pays.
+IN_THE_DARK, HALF_LIGHT = 0.5, 0.5
+#: An object comes back if at least this share of it moves, ...
+MOVED = 0.5
+#: ... this share moves though it lay on the right side already by so many radians, in good light,
+PARTLY, CLEARLY = 0.1, np.float32(0.5 * np.pi)
+#: ... and at most this share is left as far on the other side.
+LEFT = 0.05
 #: Neighbours of a pixel (time, angle, y, x) in its own frame.
 WITHIN_FRAME = np.zeros((3, 3, 3, 3), dtype=bool)
 WITHIN_FRAME[1, 1] = [[0, 1, 0], [1, 1, 1], [0, 1, 0]]
@@ -74,19 +77,23 @@ def on_one_side(field: Field, plain: Turns, parts: Whole, cost: int, watch: Watc
     looked = side_of_object(field, plain, parts, watch)
     if looked is None:
         return plain
-    after = with_rims(field, plain, parts, cost, looked, watch)
-    if looked.is_dark(field.scene.noise, plain):
-        back = objects_back(field, plain, parts, looked.side, watch)
-        after = np.where(back.regions, back.turns, after)
+    side, noise = looked.side, field.scene.noise
+    limit = looked.limit(noise, plain, field.regions.bunches)
+    dark = looked.is_dark(noise, plain)
+    del looked  # all pixels of rims
+    after = with_rims(field, plain, parts, cost, limit, watch)
+    if dark:
+        whole = with_objects(field, plain, parts, side, watch)
+        back = objects_back(field, plain, whole, parts, side, watch)
+        after = np.where(back, whole, after)
     return after
 
 
 def with_rims(
-    field: Field, plain: Turns, parts: Whole, cost: int, looked: Looked, watch: Watch
+    field: Field, plain: Turns, parts: Whole, cost: int, limit: Limit, watch: Watch
 ) -> Turns:
     """Return the turns, after pixels of rims have paid; those that there were if none slipped."""
     regions = field.regions
-    limit = looked.limit(looked.usual(), field.scene.noise, plain, regions.bunches)
     if limit.paid(plain, regions.n).sum() > IN_EARNEST * cost:
         return plain
     after = pushed_up(field, plain, limit, watch)
@@ -166,22 +173,25 @@ class Looked:
         return BIN * usual_bins(other, self.rims.above.sum())
 
     def is_dark(self, noise: float, turns: Turns) -> bool:
-        """Say whether most pixels that would pay have lost their light."""
+        """Say whether most pixels that lie on the other side have lost their light.
+
+        What is usual there does not count: an object that slipped as a whole makes it so.
+        """
         rims, side = self.rims, self.side
-        faint = rims.amplitude < HALF
+        faint = rims.amplitude < HALF_LIGHT
         if not faint.any():
             return False
         needed = turns_needed(side, rims.phase, rims.amplitude, noise, 0.0)
         pays = side * (needed - turns[rims.region]) > 0
         return bool(pays.any() and faint[pays].mean() >= IN_THE_DARK)
 
-    def limit(self, usual: float, noise: float, turns: Turns, bunches: Bunches) -> Limit:
+    def limit(self, noise: float, turns: Turns, bunches: Bunches) -> Limit:
         """Return what pixels pay on the wrong side, of the bunches in which any does.
 
         In all others the turns are the least already.
         """
         rims, side = self.rims, self.side
-        needed = turns_needed(side, rims.phase, rims.amplitude, noise, usual)
+        needed = turns_needed(side, rims.phase, rims.amplitude, noise, self.usual())
         mine = in_paying_bunches(rims.region, side * (needed - turns[rims.region]) > 0, bunches)
         return Limit(rims.region[mine], needed[mine], price(rims.amplitude[mine]), side)
 
@@ -272,44 +282,17 @@ def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Lo
 # ---- whole objects, where their rims are dark ------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Back:
-    """Objects that slipped as a whole and came back.
-
-    Parameters
-    ----------
-    regions : ndarray of bool
-        Which regions are theirs.
-    turns : ndarray of int
-        Their turns.
-    """
-
-    regions: Mask
-    turns: Turns
-
-
-def objects_back(field: Field, plain: Turns, parts: Whole, side: int, watch: Watch) -> Back:
-    """Let all pixels of objects pay, and say which objects came back by it.
+def with_objects(field: Field, plain: Turns, parts: Whole, side: int, watch: Watch) -> Turns:
+    """Return the turns, after all pixels of objects have paid for lying on the other side.
 
     What the pupil cut off leaves a dark rim, and nothing holds the object that it encloses at its
-    level. So all of an object pays for what lies on the other side, whatever the steps of its rim
-    say. A wrong turn leaves the thick part of it on the right side and takes the rest to the
-    other. So an object that lies on the other side with all of it stays, as a bubble beside cells
-    does; and so does one of which a part alone would be moved, as a cell in a channel, or of
-    which much would be left behind.
+    level. The steps of such a rim cost next to nothing, so that they can't say that nothing has
+    slipped (`IN_EARNEST`); and most of what is in view may have (`MOST`).
     """
-    limit = limit_of_all(field, plain, parts, side, watch)
-    after = pushed_up(field, plain, limit, watch)
-    objects = Objects(field, plain, after, parts, side, watch)
-    return Back(objects.came_back()[objects.of_region], after)
-
-
-def limit_of_all(field: Field, plain: Turns, parts: Whole, side: int, watch: Watch) -> Limit:
-    """Return what all pixels of objects pay that are on the other side, counted by region."""
     regions, noise = field.regions, field.scene.noise
     joined = joined_to_field(field, parts)
 
-    def work(block: Block) -> tuple[Counts, Counts, Turns | Numbers]:
+    def work(block: Block) -> tuple[Counts, Counts, Numbers]:
         seen = field.scene.read(block, amplitude=True)
         region, relative = regions.read(block)
         mine = seen.free & joined[region]
@@ -319,91 +302,95 @@ def limit_of_all(field: Field, plain: Turns, parts: Whole, side: int, watch: Wat
         # Most pixels of a region need the same turns: together they are one.
         keys = (region[mine].astype(np.int64) << 16) + (needed.astype(np.int64) + 2**15)
         each, of_pixel = np.unique(keys, return_inverse=True)
-        return each >> 16, (each & 0xFFFF) - 2**15, np.bincount(of_pixel, price(bright))
+        weight = np.bincount(of_pixel, price(bright)).astype(np.float64)
+        return each >> 16, (each & 0xFFFF) - 2**15, weight
 
     blocks = working_blocks(field.scene.shape)
     found = list(in_threads(work, blocks, watch.quiet(len(blocks))))
     region, turns, weight = (np.concatenate(part) for part in zip(*found, strict=True))
     mine = in_paying_bunches(region, side * (turns - plain[region]) > 0, regions.bunches)
-    return Limit(region[mine], turns[mine], weight[mine], side)
+    return pushed_up(field, plain, Limit(region[mine], turns[mine], weight[mine], side), watch)
 
 
 def joined_to_field(field: Field, parts: Whole) -> Mask:
-    """Return which regions hang together with the empty field, but are no part of it."""
+    """Return which regions hang together with the one that is held, but for that one."""
     joined: Mask = parts == parts[field.regions.held]
     joined[field.regions.held] = False
     return joined
 
 
-class Objects:
-    """What hangs together in frames, and by regions from frame to frame, and what became of it.
+def objects_back(
+    field: Field, plain: Turns, after: Turns, parts: Whole, side: int, watch: Watch
+) -> Mask:
+    """Return the regions of objects that slipped as a whole and came back.
+
+    An object is what hangs together in a frame, and by its regions from frame to frame.
 
     Parameters
     ----------
     field, plain, parts, side
-        See `with_whole_objects`.
+        See `with_objects`.
     after : ndarray of int
         Turns of every region, after all pixels have paid.
-
-    Attributes
-    ----------
-    of_region : ndarray of int
-        Object of each region.
     """
+    regions, noise = field.regions, field.scene.noise
+    joined = joined_to_field(field, parts)
 
-    def __init__(
-        self, field: Field, plain: Turns, after: Turns, parts: Whole, side: int, watch: Watch
-    ) -> None:
-        self._field, self._plain, self._after, self._side = field, plain, after, side
-        self._joined = joined_to_field(field, parts)
-        n = field.regions.n
-        blocks = working_blocks(field.scene.shape)
-        counts = np.zeros((4, n), dtype=np.int64)
-        links = []
-        for pairs, region, own in in_threads(self._look, blocks, watch.quiet(len(blocks))):
-            counts[:, region] += own
-            links.append(pairs)
-        first, second = np.concatenate(links, axis=1)
-        graph = scipy.sparse.coo_array((np.ones(len(first), bool), (first, second)), (n, n))
-        count, self.of_region = scipy.sparse.csgraph.connected_components(graph, directed=False)
-        self._sums = np.stack([np.bincount(self.of_region, own, count) for own in counts])
-
-    def _look(self, block: Block) -> tuple[Counts, Index, Counts]:
+    def look(block: Block) -> tuple[Counts, Index, Counts]:
         """Return pairs of regions of one object, and what is counted of each region."""
-        seen = self._field.scene.read(block, amplitude=True)
-        region, relative = self._field.regions.read(block)
-        mine = seen.free & self._joined[region]
+        seen = field.scene.read(block, amplitude=True)
+        region, relative = regions.read(block)
+        mine = seen.free & joined[region]
         labels, _ = scipy.ndimage.label(mine, WITHIN_FRAME)
-        n = self._field.regions.n
-        keys = np.unique(labels[mine].astype(np.int64) * n + region[mine])
-        same = keys[1:] // n == keys[:-1] // n
-        pairs = np.stack([keys[:-1][same] % n, keys[1:][same] % n])
-        phase = seen.phase[mine] + TURN * relative[mine].astype(np.float32)
-        each, of_pixel = np.unique(region[mine], return_inverse=True)
-        before, then = (
-            self._side * (phase + TURN * turns[each][of_pixel].astype(np.float32))
-            for turns in (self._plain, self._after)
-        )
-        right = before > RIGHT
-        if seen.amplitude is not None:
-            right &= seen.amplitude[mine] >= HALF
-        asked = (np.ones_like(right), right, then > before + RIGHT, then < -RIGHT)
+        region, phase = region[mine], seen.phase[mine] + TURN * relative[mine].astype(np.float32)
+        keys = np.unique(labels[mine].astype(np.int64) * regions.n + region)
+        of_object, member = np.divmod(keys, regions.n)
+        same = of_object[1:] == of_object[:-1]
+        pairs = np.stack([member[:-1][same], member[1:][same]])
+        each, of_pixel = np.unique(region, return_inverse=True)
+        bright = np.ones_like(phase) if seen.amplitude is None else seen.amplitude[mine]
+        before, then = (side * (phase + TURN * turns[region]) for turns in (plain, after))
+        faint, moved = bright < HALF_LIGHT, then > before + CLEARLY
+        needed = turns_needed(side, phase, bright, noise, 0.0)
+        pays = (regions.size[region] <= RIM) & (side * (needed - plain[region]) > 0)
+        asked = (
+            np.ones_like(moved), moved, moved & ~faint & (before > CLEARLY), then < -CLEARLY,
+            pays, pays & faint,
+        )  # fmt: skip
         counts = [np.bincount(of_pixel[some], minlength=len(each)) for some in asked]
         return pairs, each, np.stack(counts)
 
-    def came_back(self) -> Mask:
-        """Return which objects lay on both sides and came back whole."""
-        return came_back(*self._sums)
+    blocks = working_blocks(field.scene.shape)
+    counts = np.zeros((6, regions.n), dtype=np.int64)
+    links = []
+    for pairs, region, own in in_threads(look, blocks, watch.quiet(len(blocks))):
+        counts[:, region] += own
+        links.append(pairs)
+    first, second = np.concatenate(links, axis=1)
+    shape = regions.n, regions.n
+    graph = scipy.sparse.coo_array((np.ones(len(first), dtype=bool), (first, second)), shape)
+    count, of_region = scipy.sparse.csgraph.connected_components(graph, directed=False)
+    sums = [np.bincount(of_region, own, count).astype(np.int64) for own in counts]
+    found: Mask = came_back(*sums)[of_region]
+    return found
 
 
-def came_back(size: Counts, right: Counts, moved: Counts, left: Counts) -> Mask:
-    """Say of objects whether they lay on both sides and came back whole.
+def came_back(
+    size: Counts, moved: Counts, right: Counts, left: Counts, pays: Counts, dark: Counts
+) -> Mask:
+    """Say of objects whether they slipped as a whole and came back.
+
+    A wrong turn leaves the thick part of an object on the right side and takes the rest to the
+    other. So one that lay on the other side with all of it, as a bubble does, has not slipped;
+    nor has one of which only a part moves.
 
     Parameters
     ----------
-    size, right, moved, left : ndarray of int
-        Pixels of each object; how many of them were clearly on the right side; how many have
-        moved; how many are on the other side now.
+    size, moved, right, left : ndarray of int
+        Pixels of each object; those that moved; those that did though they lay clearly on the
+        right side, in good light; those that are on the other side still.
+    pays, dark : ndarray of int
+        Pixels of its rim on the other side; how many of these have lost their light.
     """
-    found: Mask = (right >= PARTLY * size) & (moved >= WHOLE * size) & (left <= LEFT * size)
-    return found & (size > 0)
+    found: Mask = (pays > 0) & (dark >= IN_THE_DARK * pays) & (moved >= MOVED * size)
+    return found & (right >= PARTLY * size) & (left <= LEFT * size)
