@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Iterator
+from itertools import chain
 from pathlib import Path
 
 import calls
@@ -45,7 +46,7 @@ def printed(part: Iterator[Row] | Iterator[str]) -> str:
     if isinstance(first, Row):
         return table(row for row in (first, *items) if isinstance(row, Row))
     lines = []
-    for line in (first, *items):
+    for line in chain([first], items):
         print(line, flush=True)
         lines.append(str(line))
     return "\n".join(lines)
