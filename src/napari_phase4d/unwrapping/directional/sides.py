@@ -293,14 +293,10 @@ def with_objects(field: Field, plain: Turns, parts: Whole, side: int, watch: Wat
     joined = joined_to_field(field, parts)
 
     def work(block: Block) -> tuple[Counts, Counts, Numbers]:
-        seen = field.scene.read(block, amplitude=True)
-        region, relative = regions.read(block)
-        mine = seen.free & joined[region]
-        own = seen.phase[mine] + TURN * relative[mine].astype(np.float32)
-        bright = np.ones_like(own) if seen.amplitude is None else seen.amplitude[mine]
-        needed = turns_needed(side, own, bright, noise, 0.0)
+        _, region, phase, bright = pixels_of_objects(field, joined, block)
+        needed = turns_needed(side, phase, bright, noise, 0.0)
         # Most pixels of a region need the same turns: together they are one.
-        keys = (region[mine].astype(np.int64) << 16) + (needed.astype(np.int64) + 2**15)
+        keys = (region.astype(np.int64) << 16) + (needed.astype(np.int64) + 2**15)
         each, of_pixel = np.unique(keys, return_inverse=True)
         weight = np.bincount(of_pixel, price(bright)).astype(np.float64)
         return each >> 16, (each & 0xFFFF) - 2**15, weight
@@ -317,6 +313,21 @@ def joined_to_field(field: Field, parts: Whole) -> Mask:
     joined: Mask = parts == parts[field.regions.held]
     joined[field.regions.held] = False
     return joined
+
+
+def pixels_of_objects(
+    field: Field, joined: Mask, block: Block
+) -> tuple[Mask, Index, Image, Image]:
+    """Return where objects are in a block; region, phase and amplitude of each of their pixels.
+
+    The phase is that where its region has no turns; the amplitude is 1 where it is not known.
+    """
+    seen = field.scene.read(block, amplitude=True)
+    region, relative = field.regions.read(block)
+    mine = seen.free & joined[region]
+    phase = seen.phase[mine] + TURN * relative[mine].astype(np.float32)
+    bright = np.ones_like(phase) if seen.amplitude is None else seen.amplitude[mine]
+    return mine, region[mine], phase, bright
 
 
 def objects_back(
@@ -338,17 +349,13 @@ def objects_back(
 
     def look(block: Block) -> tuple[Counts, Index, Counts]:
         """Return pairs of regions of one object, and what is counted of each region."""
-        seen = field.scene.read(block, amplitude=True)
-        region, relative = regions.read(block)
-        mine = seen.free & joined[region]
+        mine, region, phase, bright = pixels_of_objects(field, joined, block)
         labels, _ = scipy.ndimage.label(mine, WITHIN_FRAME)
-        region, phase = region[mine], seen.phase[mine] + TURN * relative[mine].astype(np.float32)
         keys = np.unique(labels[mine].astype(np.int64) * regions.n + region)
         of_object, member = np.divmod(keys, regions.n)
         same = of_object[1:] == of_object[:-1]
         pairs = np.stack([member[:-1][same], member[1:][same]])
         each, of_pixel = np.unique(region, return_inverse=True)
-        bright = np.ones_like(phase) if seen.amplitude is None else seen.amplitude[mine]
         before, then = (side * (phase + TURN * turns[region]) for turns in (plain, after))
         faint, moved = bright < HALF_LIGHT, then > before + CLEARLY
         needed = turns_needed(side, phase, bright, noise, 0.0)
