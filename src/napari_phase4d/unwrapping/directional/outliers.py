@@ -51,10 +51,10 @@ def outlying_frames(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
     blocks = working_blocks(frames.shape)
 
     def work(block: Block) -> NDArray[np.float64]:
-        around = block.with_neighbours(n)
+        wider = block.wider(2, 2, n)
         return outlying_shares(
-            frames.read(around), shifts[around.start : around.stop], frames.background.noise
-        )[block.of(around)]
+            frames.read(wider), shifts[wider.start : wider.stop], frames.background.noise
+        )[block.of(wider)]
 
     shares = np.concatenate(list(in_threads(work, blocks, watch.quiet(len(blocks)))))
     for time in np.flatnonzero(shares > SHARE):
@@ -68,7 +68,8 @@ def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.floa
     """Return which share of the object is an outlier in each frame: the least of two.
 
     Frames are compared as they are and with the object held in place; 0 for the first and last,
-    and where no empty field tells what frames are level with.
+    and where no empty field tells what frames are level with. Two frames on either side of each
+    are needed, where there are as many.
     """
     same, other = np.float32(SAME + NOISES * noise), np.float32(OTHER + NOISES * noise)
     ways = [seen]
@@ -85,20 +86,34 @@ def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.floa
         for way, free in zip(ways, shows, strict=True):
             object_ = np.asarray(free[three].any(axis=0) & way.usable[three].all(axis=0))
             count = int(np.count_nonzero(object_))
-            shares.append(count_outlying(way.phase[three], object_, same, other) / max(count, 1))
+            five = way.phase[around(time, len(found))]
+            shares.append(count_outlying(five, object_, same, other) / max(count, 1))
         found[time] = min(shares)
     return found
 
 
-@compiled
-def count_outlying(phase: Image, object_: Mask, same: np.float32, other: np.float32) -> float:
-    """Count the pixels in which the first and last of three frames agree, but not the second.
+def around(time: int, n: int) -> list[int]:
+    """Return the numbers of a frame and the two on either side of it.
 
-    Less what the second frame has more of the object than the two others: what comes for one
+    In the place of what is beyond the ends the frame itself stands: it agrees with no neighbour
+    where it is an outlier.
+    """
+    return [time + step if 0 <= time + step < n else time for step in (-2, -1, 0, 1, 2)]
+
+
+@compiled
+def count_outlying(five: Image, object_: Mask, same: np.float32, other: np.float32) -> float:
+    """Count the pixels in which both neighbours of the middle of five frames agree, but not that.
+
+    What changes by half a turn a frame looks so too, as two steps of it are a turn. But that has
+    changed nearly as much before and after: one of the neighbours has to agree with the frame
+    beyond it as well.
+
+    Less what the middle frame has more of the object than its neighbours: what comes for one
     frame only, as a cell in a fast flow, is no reason to doubt it. A torn frame has as much.
     """
     outlying, more = 0, 0.0
-    before, now, after = phase[0], phase[1], phase[2]
+    earlier, before, now, after, later = five[0], five[1], five[2], five[3], five[4]
     for view in range(object_.shape[0]):
         for y in range(object_.shape[1]):
             for x in range(object_.shape[2]):
@@ -109,7 +124,10 @@ def count_outlying(phase: Image, object_: Mask, same: np.float32, other: np.floa
                 more += off_turns(here) > other
                 more -= 0.5 * (off_turns(first) > other)
                 more -= 0.5 * (off_turns(last) > other)
-                if off_turns(last - first) < same:
+                if off_turns(last - first) < same and (
+                    off_turns(first - earlier[view, y, x]) < same
+                    or off_turns(last - later[view, y, x]) < same
+                ):
                     outlying += bool(
                         off_turns(here - first) > other and off_turns(here - last) > other
                     )
