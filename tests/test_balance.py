@@ -8,6 +8,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import slipped_frames
+from napari_phase4d.analysis.slips import slip_words
 from napari_phase4d.analysis.balance import balance_of
 from napari_phase4d.simulation import hard_shape, with_noise
 from napari_phase4d.stack import Block, InMemory
@@ -253,3 +254,14 @@ def test_a_cell_that_a_shock_takes_a_turn_off_is_told() -> None:
     told = slipped_frames(compared.problem, trust)
     assert told[wrong.values].all()
     assert not told[~wrong.values].any()
+    said = compared.warnings()["directional-l1"]
+    assert f"in {told.sum()} of them an object has lost as much mass" in said, said
+
+
+def test_it_is_said_of_how_many_doubtful_frames_mass_is_why() -> None:
+    slipped, missing = np.zeros((2, 6, 1), bool)
+    slipped[2:5], missing[4:] = True, True
+    assert "mass" not in slip_words(slipped)
+    assert slip_words(slipped) == slip_words(slipped, np.zeros_like(missing))
+    assert "in 3 of 6 frames" in slip_words(slipped, missing)
+    assert "in 1 of them an object has lost as much mass" in slip_words(slipped, missing)

@@ -19,7 +19,15 @@ from napari_phase4d.stack import Block, Stack
 from napari_phase4d.task import Task, Watch, in_threads
 from napari_phase4d.unwrapping import Judged, Problem, border_medians, shrunk, working_blocks
 
-__all__ = ["Balance", "balance_of", "core_of", "object_of"]
+__all__ = [
+    "BALANCE",
+    "MISSING_MASS",
+    "Balance",
+    "balance_of",
+    "core_of",
+    "frames_missing_mass",
+    "object_of",
+]
 
 TURN = 2 * np.pi
 #: So many pixels are taken off the rim of objects, by which too much is not found empty.
@@ -38,6 +46,10 @@ TIMES, SHARE = 5.0, 0.05
 #: An object may have slipped if a turn over a share of it between the middle two is missing: with
 #: less it is a part of it at most, and more than all of it none can miss.
 NONE_OF_IT, MOST, ALL, TOO_MUCH = 0.4, 0.7, 1.2, 1.5
+#: It is said of a frame if an object there has slipped more likely than not.
+SAID = 0.5
+#: By which names a problem knows the balance of directional L1, and these frames.
+BALANCE, MISSING_MASS = "balance", "missing mass"
 
 Mask = NDArray[np.bool_]
 Labels = NDArray[np.int32]
@@ -60,6 +72,10 @@ class Balance:
 
     problem: Problem
     slipped: list[list[Numbers]]
+
+    def frames(self) -> Mask:
+        """Mark the frames (time, angle) in which an object is more likely to have than not."""
+        return np.array([[(each > SAID).any() for each in views] for views in self.slipped])
 
     def read(self, block: Block) -> NDArray[np.float32]:
         """Return it for every pixel of some times; 0 outside of objects."""
@@ -311,6 +327,18 @@ def balance_of(problem: Problem, result: Judged, task: Task) -> Balance:
         for (time, _, _), likely in zip(line, found, strict=True):
             slipped[time][angle] = likely
     return Balance(problem, slipped)
+
+
+def frames_missing_mass(problem: Problem) -> Mask:
+    """Mark the frames (time, angle) in which an object misses mass as if it had slipped.
+
+    Nothing is computed: only what is known by `BALANCE` of the problem, or its parts, counts.
+    """
+    found = np.zeros(problem.given.shape[:2], dtype=bool)
+    for views, part in problem.parts() or [(tuple(range(found.shape[1])), problem)]:
+        if part.knows(BALANCE):
+            found[:, views] = part.known(BALANCE).frames()
+    return found
 
 
 def nearest(times: list[int], wanted: int) -> int:

@@ -4,11 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.analysis.balance import Balance, balance_of
+from napari_phase4d.analysis.balance import (
+    BALANCE,
+    MISSING_MASS,
+    Balance,
+    balance_of,
+    frames_missing_mass,
+)
 from napari_phase4d.analysis.itoh import larger_step
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
@@ -223,7 +230,8 @@ def chances_of_right(
                 of_part = reference_on_the_way(part, task)
             into = {name: ViewsOf(stack, views) for name, stack in maps.items()}
             by_steps(part, chosen, of_part, into, task)
-        problem.frames_left_out()  # noted, while the parts know it
+        problem.frames_left_out()  # noted, while the parts know it, and so is this
+        problem.once(MISSING_MASS, partial(frames_missing_mass, problem))
     return maps
 
 
@@ -277,7 +285,7 @@ def by_steps(
     supports = supports_by_steps(problem, wanted, task)
     rival = problem.once("support", lambda: supports["reference"])
     noise, residues = astray(problem, task), level_residues(problem, task)
-    balance = problem.once("balance", lambda: balance_of(problem, reference, task))
+    balance = problem.once(BALANCE, lambda: balance_of(problem, reference, task))
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks) * len(results), "weighing the results", task)
     for name, result in results.items():

@@ -32,6 +32,12 @@ SMALLEST_OBJECT = 30
 #: are two then. It may have slipped if at least this share of it is trusted less than so much.
 MOST, FIRM = 0.5, 0.7
 
+#: What is said of frames in which an object misses mass.
+MISSING = (
+    "an object has lost as much mass at once as an error by a cycle takes from it: look whether "
+    "part of it truly went"
+)
+
 Counts = NDArray[np.int64]
 Mask = NDArray[np.bool_]
 
@@ -208,13 +214,23 @@ def slip_warning(problem: Problem, trust: xr.DataArray) -> str:
     return slip_words(slipped_frames(problem, trust))
 
 
-def slip_words(slipped: Mask) -> str:
-    """Say in which of the frames (time, angle) whole objects may have slipped; "" if in none."""
+def slip_words(slipped: Mask, missing: Mask | None = None) -> str:
+    """Say in which of the frames (time, angle) whole objects may have slipped; "" if in none.
+
+    Parameters
+    ----------
+    slipped : ndarray of bool
+        The frames in which they may.
+    missing : ndarray of bool, optional
+        Those in which an object misses mass.
+    """
     count = int(slipped.sum())
     if not count:
         return ""
     time, angle = np.argwhere(slipped)[0]
-    return (
+    said = (
         f"in {count} of {slipped.size} frames most of an object may be off by a cycle, "
         f"first in frame (time {time}, angle {angle}), counted from 0"
     )
+    light = 0 if missing is None else int((slipped & missing).sum())
+    return f"{said}; in {light} of them {MISSING}" if light else said

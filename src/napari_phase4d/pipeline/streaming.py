@@ -40,7 +40,9 @@ R = TypeVar("R")
 T = TypeVar("T")
 
 #: Beginnings of the names of what stays when the shelf is cleared: maps that are whole, numbers.
-LASTING = ("confidence of", "tally", "lost", FRAMES_LEFT_OUT, "brightness", ALL_USABLE)
+LASTING = (
+    "confidence of", "tally", "lost", FRAMES_LEFT_OUT, "brightness", ALL_USABLE, "missing mass",
+)  # fmt: skip
 
 
 def reconstruct_to_disk(

@@ -82,6 +82,10 @@ class SharedSteps:
         """Say whether something has been computed by this name."""
         return name in self._known
 
+    def known(self, name: str) -> Any:
+        """Return what was computed by this name; see `knows`."""
+        return self.once(name, nothing)
+
     def note(self, name: str, found: object) -> None:
         """Keep something by a name, in the place of what was there."""
         self._known[name] = found
@@ -98,3 +102,8 @@ class SharedSteps:
 
     def tidy(self) -> None:
         """Remove what was needed on the way only, where that lies on disk."""
+
+
+def nothing() -> Any:
+    """Return what can't be: what is asked for is known."""
+    raise AssertionError
