@@ -8,8 +8,8 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import slipped_frames
-from napari_phase4d.analysis.slips import slip_words
 from napari_phase4d.analysis.balance import balance_of
+from napari_phase4d.analysis.slips import slip_words
 from napari_phase4d.simulation import hard_shape, with_noise
 from napari_phase4d.stack import Block, InMemory
 from napari_phase4d.task import UNWATCHED
