@@ -13,7 +13,15 @@ import napari_phase4d as p4d
 from napari_phase4d.unwrapping import given
 from napari_phase4d.unwrapping.directional.registration import Look, kept_in_view
 from napari_phase4d.unwrapping.directional.scene import Margins, ends_of
-from napari_phase4d.unwrapping.directional.sides import BIN, bins_of, came_back, usual_bins
+from napari_phase4d.unwrapping.directional.sides import (
+    BIN,
+    FURTHER,
+    Looked,
+    Rims,
+    bins_but_rare,
+    bins_of,
+    came_back,
+)
 
 sys.path.append(str(Path(__file__).parents[1] / "benchmarks"))
 from scenes import four_balls_through_a_pupil
@@ -65,8 +73,30 @@ def test_what_many_steps_hold_tells_how_far_a_pixel_may_lie_on_the_other_side() 
     assert counts.sum() == 1000
     assert counts[0] == 900
     assert counts[-1] == 1
-    assert BIN * usual_bins(counts, 1000) == pytest.approx(2.0)
-    assert usual_bins(bins_of(np.zeros(50, np.float32)), 50) == 0
+    assert BIN * bins_but_rare(counts, 0.003 * 1000) == pytest.approx(2.0)
+    assert bins_but_rare(bins_of(np.zeros(50, np.float32)), 0.15) == 0
+
+
+@pytest.mark.parametrize("side", [1, -1])
+@pytest.mark.parametrize(("sags", "may"), [(0, 0), (2, 2 * FURTHER), (4, 4.4)])
+def test_the_empty_field_tells_how_far_it_sags(sags: float, may: float, side: int) -> None:
+    """Parts that slipped lie on the other side too; they let no pixel lie there."""
+    field = bins_of(np.full(100, sags + 0.04, np.float32))
+    all_ = field + bins_of(np.full(100, 4.44, np.float32))
+    other, none = np.stack([all_, field]), np.zeros((2, len(field)), np.int64)
+    above, below = (none, other) if side > 0 else (other, none)
+    nothing = np.zeros(0, np.float32)
+    rims = Rims(0, 0, above, below, np.zeros(0, np.intp), nothing, nothing)
+    assert Looked(side, rims).usual() == pytest.approx(may)
+
+
+def test_two_thick_cells_that_touch_do_not_let_each_other_slip() -> None:
+    """Steps put parts of a rim a turn below; so might all others lie, and did: 2.3 rad²."""
+    exact = 1.75 * p4d.simulation.moving_shape("touching")["phase"].values[::-1]
+    noise = 0.3 * np.random.default_rng(7).standard_normal(exact.shape)
+    found = p4d.unwrap(np.angle(np.exp(1j * (exact + noise))).astype(np.float32), WL1).values
+    off = np.round((found - exact - noise) / TURN)
+    assert TURN**2 * np.mean(off**2) < 0.5
 
 
 def swimming_in_and_out(views: int) -> tuple[np.ndarray, np.ndarray]:

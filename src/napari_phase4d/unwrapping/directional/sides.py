@@ -37,6 +37,9 @@ BEYOND, AS_ROUGH_AS = 0.5, 2.0
 #: What many steps hold may lie on the other side as well, as where the empty field sags under the
 #: object. A pixel pays only beyond that, but for this share of it, in bins of so many radians.
 RARE, BIN = 0.003, 0.1
+#: It sags so many times as far at most as what smooth steps join to the empty field shows: parts of
+#: a thick object that slipped lie on the other side as well, and would let all others lie there.
+FURTHER = 1.5
 #: Only regions of so few pixels pay, as many as a cube of three: the price is for rims, not for
 #: what many steps hold.
 RIM = 27
@@ -132,9 +135,9 @@ class Rims:
     ----------
     positive, clear : int
         Pixels that are more than a turn above the empty field; that are above or below it.
-    above, below : ndarray of int
-        How many pixels of larger regions lie so far above the empty field, or below it, in bins
-        up to a turn; the last has all beyond.
+    above, below : ndarray of int, shape (2, bins)
+        How many pixels lie so far above the empty field, or below it, in bins up to a turn; the
+        last has all beyond. Of all larger regions, and of that of the empty field.
     region : ndarray of int
         Region of each pixel of small regions.
     phase : ndarray of float
@@ -170,7 +173,9 @@ class Looked:
     def usual(self) -> float:
         """Return by how many radians what many steps hold lies on the other side."""
         other = self.rims.below if self.side > 0 else self.rims.above
-        return BIN * usual_bins(other, self.rims.above.sum())
+        rare = RARE * int(other[0].sum())
+        whole, of_field = (bins_but_rare(bins, rare) for bins in other)
+        return BIN * min(whole, FURTHER * of_field)
 
     def is_dark(self, noise: float, turns: Turns) -> bool:
         """Say whether most pixels that lie on the other side have lost their light.
@@ -218,10 +223,10 @@ def price(amplitude: Image) -> Numbers:
     return np.round(PARTS * weight_of(rough)).astype(np.float64)
 
 
-def usual_bins(other: Counts, all_: int) -> int:
+def bins_but_rare(other: Counts, rare: float) -> int:
     """Return how many bins hold all pixels on a side but the rare ones."""
     further = np.cumsum(other[::-1])[::-1]
-    return int(np.count_nonzero(further[1:] > RARE * all_))
+    return int(np.count_nonzero(further[1:] > rare))
 
 
 def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block) -> Rims:
@@ -235,8 +240,11 @@ def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block)
     known = joined[region]
     clear = known & (np.abs(unwrapped) > TURN)
     is_small = regions.size[region] <= RIM
-    small, large = known & is_small, unwrapped[known & ~is_small]
-    above, below = (bins_of(np.maximum(side * large, 0)) for side in (1, -1))
+    small = known & is_small
+    large = [unwrapped[some] for some in (known & ~is_small, region == regions.held)]
+    above, below = (
+        np.stack([bins_of(np.maximum(side * part, 0)) for part in large]) for side in (1, -1)
+    )
     own = phase[small] + TURN * relative[small].astype(np.float32)
     bright = np.ones_like(own) if seen.amplitude is None else seen.amplitude[free][small]
     positive = int((unwrapped[clear] > 0).sum())
