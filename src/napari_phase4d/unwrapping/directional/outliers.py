@@ -57,26 +57,29 @@ def outlying_frames(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
         )[block.of(wider)]
 
     shares = np.concatenate(list(in_threads(work, blocks, watch.quiet(len(blocks)))))
-    for time in np.flatnonzero(shares > SHARE):
-        others = np.delete(shares[1:-1], time - 1)
+    apart, steady = shares.T
+    for time in np.flatnonzero(steady > SHARE):
+        others = np.delete(apart[1:-1], time - 1)
         usual = float(np.quantile(others, NEARLY_ALL, method="higher"))
-        found[time] = shares[time] > TIMES * usual
+        found[time] = steady[time] > TIMES * usual
     return found
 
 
 def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.float64]:
-    """Return which share of the object is an outlier in each frame: the least of two.
+    """Return which shares of the object are outliers in each frame, shape (time, 2).
 
-    Frames are compared as they are and with the object held in place; 0 for the first and last,
-    and where no empty field tells what frames are level with. Two frames on either side of each
-    are needed, where there are as many.
+    The first is that which differs from both neighbours where these agree; the second that of it
+    which had been as steady before, or is after. Frames are compared as they are and with the
+    object held in place, and the least of both ways counts; 0 for the first and last, and where no
+    empty field tells what frames are level with. Two frames on either side of each are needed,
+    where there are as many.
     """
     same, other = np.float32(SAME + NOISES * noise), np.float32(OTHER + NOISES * noise)
     ways = [seen]
     if (shifts != shifts[:1]).any():
         empty, usable = (moved(part, shifts) for part in (seen.empty, seen.usable))
         ways.append(Seen(moved(seen.phase, shifts), empty, usable, None))
-    found = np.zeros(len(seen.phase))
+    found = np.zeros((len(seen.phase), 2))
     shows = [way.free for way in ways]
     for time in range(1, len(found) - 1):
         three = slice(time - 1, time + 2)
@@ -87,8 +90,9 @@ def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.floa
             object_ = np.asarray(free[three].any(axis=0) & way.usable[three].all(axis=0))
             count = int(np.count_nonzero(object_))
             five = way.phase[around(time, len(found))]
-            shares.append(count_outlying(five, object_, same, other) / max(count, 1))
-        found[time] = min(shares)
+            counts = count_outlying(five, object_, same, other)
+            shares.append(np.array(counts) / max(count, 1))
+        found[time] = np.min(shares, axis=0)
     return found
 
 
@@ -102,17 +106,19 @@ def around(time: int, n: int) -> list[int]:
 
 
 @compiled
-def count_outlying(five: Image, object_: Mask, same: np.float32, other: np.float32) -> float:
+def count_outlying(
+    five: Image, object_: Mask, same: np.float32, other: np.float32
+) -> tuple[float, float]:
     """Count the pixels in which both neighbours of the middle of five frames agree, but not that.
 
     What changes by half a turn a frame looks so too, as two steps of it are a turn. But that has
-    changed nearly as much before and after: one of the neighbours has to agree with the frame
-    beyond it as well.
+    changed nearly as much before and after. So those pixels are counted as well in which one of
+    the neighbours agrees with the frame beyond it.
 
     Less what the middle frame has more of the object than its neighbours: what comes for one
     frame only, as a cell in a fast flow, is no reason to doubt it. A torn frame has as much.
     """
-    outlying, more = 0, 0.0
+    outlying, steady, more = 0, 0, 0.0
     earlier, before, now, after, later = five[0], five[1], five[2], five[3], five[4]
     for view in range(object_.shape[0]):
         for y in range(object_.shape[1]):
@@ -124,14 +130,15 @@ def count_outlying(five: Image, object_: Mask, same: np.float32, other: np.float
                 more += off_turns(here) > other
                 more -= 0.5 * (off_turns(first) > other)
                 more -= 0.5 * (off_turns(last) > other)
-                if off_turns(last - first) < same and (
-                    off_turns(first - earlier[view, y, x]) < same
-                    or off_turns(last - later[view, y, x]) < same
-                ):
-                    outlying += bool(
-                        off_turns(here - first) > other and off_turns(here - last) > other
+                if off_turns(last - first) < same:
+                    apart = off_turns(here - first) > other and off_turns(here - last) > other
+                    outlying += apart
+                    steady += apart and (
+                        off_turns(first - earlier[view, y, x]) < same
+                        or off_turns(last - later[view, y, x]) < same
                     )
-    return max(outlying - max(more, 0.0), 0.0)
+    more = max(more, 0.0)
+    return max(outlying - more, 0.0), max(steady - more, 0.0)
 
 
 @inlined

@@ -38,7 +38,7 @@ BEYOND, AS_ROUGH_AS = 0.5, 2.0
 #: object. A pixel pays only beyond that, but for this share of it, in bins of so many radians.
 RARE, BIN = 0.003, 0.1
 #: It sags so many times as far at most as what smooth steps join to the empty field shows: parts
-#: of a thick object that slipped lie on the other side as well, and would let all others lie there.
+#: of a thick object that slipped lie on the other side too, and would let all others lie there.
 FURTHER = 1.5
 #: Only regions of so few pixels pay, as many as a cube of three: the price is for rims, not for
 #: what many steps hold.
