@@ -164,6 +164,15 @@ def outcomes(
 
 
 @pytest.mark.thorough
+def test_on_disk_it_is_said_too_where_mass_is_why(tmp_path: Path) -> None:
+    exact = hard_shape("shock")
+    data = with_noise(exact.assign(phase=np.float32(1.5) * exact["phase"]), 0.4, seed=4)
+    held, lying = outcomes(tmp_path, data["wrapped"], methods=("directional-l1",), confidence=True)
+    assert "an object has lost as much mass" in held.warnings()["directional-l1"]
+    assert lying.warnings() == held.warnings()
+
+
+@pytest.mark.thorough
 @pytest.mark.parametrize("mask", [None, "auto"])
 def test_on_disk_it_is_the_same(tmp_path: Path, short_spans: None, mask: str | None) -> None:
     held, lying = outcomes(
