@@ -255,7 +255,7 @@ def test_a_cell_that_a_shock_takes_a_turn_off_is_told() -> None:
     assert told[wrong.values].all()
     assert not told[~wrong.values].any()
     said = compared.warnings()["directional-l1"]
-    assert f"in {told.sum()} of them an object has lost as much mass" in said, said
+    assert f"in {told.sum()} of them an object has less mass" in said, said
 
 
 def test_it_is_said_of_how_many_doubtful_frames_mass_is_why() -> None:
@@ -264,4 +264,4 @@ def test_it_is_said_of_how_many_doubtful_frames_mass_is_why() -> None:
     assert "mass" not in slip_words(slipped)
     assert slip_words(slipped) == slip_words(slipped, np.zeros_like(missing))
     assert "in 3 of 6 frames" in slip_words(slipped, missing)
-    assert "in 1 of them an object has lost as much mass" in slip_words(slipped, missing)
+    assert "in 1 of them an object has less mass" in slip_words(slipped, missing)

@@ -90,6 +90,7 @@ def test_the_empty_field_tells_how_far_it_sags(sags: float, may: float, side: in
     assert Looked(side, rims).usual() == pytest.approx(may)
 
 
+@pytest.mark.slow
 def test_two_thick_cells_that_touch_do_not_let_each_other_slip() -> None:
     """Steps put parts of a rim a turn below; so might all others lie, and did: 2.3 rad²."""
     exact = 1.75 * p4d.simulation.moving_shape("touching")["phase"].values[::-1]

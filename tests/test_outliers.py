@@ -13,9 +13,13 @@ import napari_phase4d as p4d
 from napari_phase4d.analysis.comparison import compare_on
 from napari_phase4d.pipeline.stored import Shelf
 from napari_phase4d.pipeline.streaming import ProblemOnDisk
-from napari_phase4d.stack import InMemory
-from napari_phase4d.unwrapping.directional.outliers import outlying_shares
-from napari_phase4d.unwrapping.directional.registration import Seen
+from napari_phase4d.stack import Block, InMemory
+from napari_phase4d.stacks import wrapped_stack
+from napari_phase4d.task import Watch
+from napari_phase4d.unwrapping import Problem
+from napari_phase4d.unwrapping.directional import outliers
+from napari_phase4d.unwrapping.directional.outliers import outlying_frames, outlying_shares
+from napari_phase4d.unwrapping.directional.registration import Frames, Seen
 
 TURN = 2 * np.pi
 WL1, RGD = "directional-l1", "directional-growing"
@@ -86,6 +90,27 @@ def test_two_of_many_are_both_left_out() -> None:
     assert {t for t, _ in found.attrs["lost_frames"]} == {4, 17}
 
 
+@pytest.mark.parametrize("times", [(1, 3), (4, 6, 8), (56, 58)])
+def test_two_apart_are_no_witnesses_of_each_other(times: tuple[int, ...]) -> None:
+    phase = np.concatenate([drifting(12, 0.3)[:1]] * 60)
+    for number, time in enumerate(times):
+        phase = torn(phase, time, 20 + 3 * number)
+    found = p4d.unwrap(wrapped(noisy(phase, 0.2)), WL1)
+    assert {t for t, _ in found.attrs["lost_frames"]} == set(times)
+
+
+@pytest.mark.parametrize("each", [1, 2, 4])
+def test_blocks_do_not_matter(each: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    phase = torn(drifting(12, 1.5), BAD, 18)
+    still = np.zeros((N, 2, 2), dtype=np.intp)
+    frames = Frames(Problem(wrapped_stack(wrapped(noisy(phase, 0.3)))))
+    whole = outlying_frames(frames, still, Watch(1, ""))
+    assert whole.tolist() == [time == BAD for time in range(N)]
+    blocks = [Block(t, min(t + each, N)) for t in range(0, N, each)]
+    monkeypatch.setattr(outliers, "working_blocks", lambda _: blocks)
+    assert outlying_frames(frames, still, Watch(1, "")).tolist() == whole.tolist()
+
+
 def beating(n: int) -> np.ndarray:
     """A cell that is here in one frame, and there in the next."""
     return cell(np.stack([32 + 0 * np.arange(n), 30 + 12 * (np.arange(n) % 2)], axis=1), 12)
@@ -151,6 +176,7 @@ def test_what_changes_by_half_a_turn_a_frame_is_no_outlier() -> None:
     assert (outlying_shares(seen, still, 0.0)[2] > 0.5).all()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "factor", "times", "noise"),
     [

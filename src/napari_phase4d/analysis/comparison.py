@@ -246,7 +246,7 @@ class Comparison:
     def warnings(self) -> dict[str, str]:
         """Say of which methods whole objects may be a cycle off, and in how many frames.
 
-        Of directional L1, whose mass is added up, it is said where that is why.
+        Of directional L1, whose mass is added up, also in how many of these an object misses mass.
         """
         slipped, problem = self.tally().slipped, self.problem
         missing = problem.known(MISSING_MASS) if problem.knows(MISSING_MASS) else None

@@ -34,8 +34,8 @@ MOST, FIRM = 0.5, 0.7
 
 #: What is said of frames in which an object misses mass.
 MISSING = (
-    "an object has lost as much mass at once as an error by a cycle takes from it: look whether "
-    "part of it truly went"
+    "an object has less mass than nearer to the boundary frame, by what an error of a cycle takes "
+    "from it: look whether part of it truly came or went"
 )
 
 Counts = NDArray[np.int64]
@@ -205,6 +205,8 @@ def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
 
 def slip_warning(problem: Problem, trust: xr.DataArray) -> str:
     """Say in one sentence in which frames whole objects may have slipped; "" if in none.
+
+    `Comparison.warnings` says of directional L1 as well in how many of them mass is missing.
 
     Parameters
     ----------

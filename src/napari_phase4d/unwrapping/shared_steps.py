@@ -84,6 +84,11 @@ class SharedSteps:
 
     def known(self, name: str) -> Any:
         """Return what was computed by this name; see `knows`."""
+
+        def nothing() -> Any:
+            msg = f"nothing is known by the name {name!r}"
+            raise AssertionError(msg)
+
         return self.once(name, nothing)
 
     def note(self, name: str, found: object) -> None:
@@ -102,8 +107,3 @@ class SharedSteps:
 
     def tidy(self) -> None:
         """Remove what was needed on the way only, where that lies on disk."""
-
-
-def nothing() -> Any:
-    """Return what can't be: what is asked for is known."""
-    raise AssertionError

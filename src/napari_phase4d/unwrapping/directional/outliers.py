@@ -22,14 +22,16 @@ __all__ = ["outlying_frames", "outlying_shares"]
 #: Two phases are the same if they differ by less than the first, and others if by more than the
 #: second, in radians; both are larger by so many times the noise.
 SAME, OTHER, NOISES = 0.5, 1.5, 1.5
-#: A frame is an outlier if this share of the object is one in it, and this many times as much as
-#: in nearly all others: what beats, or moves far, is like that in many of them.
+#: A frame is an outlier if this share of the object is one in it and had been steady before, or is
+#: after; and this many times as much as seems to be one in nearly all others: what beats, or moves
+#: far, does so in many of them.
 SHARE, TIMES, NEARLY_ALL = 0.03, 4.0, 0.9
 #: With fewer frames nothing tells an outlier from what beats.
 FEWEST = 6
 
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
+Shares = NDArray[np.float64]
 
 
 def outlying_frames(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
@@ -50,7 +52,7 @@ def outlying_frames(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
         return found
     blocks = working_blocks(frames.shape)
 
-    def work(block: Block) -> NDArray[np.float64]:
+    def work(block: Block) -> Shares:
         wider = block.wider(2, 2, n)
         return outlying_shares(
             frames.read(wider), shifts[wider.start : wider.stop], frames.background.noise
@@ -58,14 +60,45 @@ def outlying_frames(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
 
     shares = np.concatenate(list(in_threads(work, blocks, watch.quiet(len(blocks)))))
     apart, steady = shares.T
-    for time in np.flatnonzero(steady > SHARE):
-        others = np.delete(apart[1:-1], time - 1)
-        usual = float(np.quantile(others, NEARLY_ALL, method="higher"))
-        found[time] = steady[time] > TIMES * usual
+    usual = usual_of_others(apart)
+    more = outliers_among(steady, usual)
+    while (more & ~found).any():
+        found |= more
+        # A damaged frame is no witness that another one is damaged: the next one beyond it is.
+        beside = np.append(found[2:], [False] * 2) | np.append([False] * 2, found[:-2])
+        for time in np.flatnonzero((apart > SHARE) & beside & ~found):
+            watch.check()
+            five = with_witnesses(int(time), found)
+            block = Block(five[0], five[-1] + 1)
+            seen, own = frames.read(block), [k - five[0] for k in five]
+            some = Seen(seen.phase[own], seen.empty[own], seen.usable[own], None)
+            share = outlying_shares(some, shifts[five], frames.background.noise)
+            steady[time] = share[five.index(time), 1]
+        more = outliers_among(steady, usual)
     return found
 
 
-def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> NDArray[np.float64]:
+def usual_of_others(apart: Shares) -> Shares:
+    """Return below which share nearly all frames but this one, the first and the last lie."""
+    ordered = np.sort(apart[1:-1])
+    last = int(np.ceil(NEARLY_ALL * (len(ordered) - 2)))
+    # Where the frame itself is among those below, there is one more of the others.
+    return np.where(apart > ordered[last], ordered[last], ordered[last + 1])
+
+
+def outliers_among(steady: Shares, usual: Shares) -> Mask:
+    """Return which frames are outliers, by shares of their objects and what is usual in others."""
+    return (steady > SHARE) & (steady > TIMES * usual)
+
+
+def with_witnesses(time: int, found: Mask) -> list[int]:
+    """Return a frame, its neighbours, and the nearest beyond these that are no known outliers."""
+    before = [k for k in range(time - 1) if not found[k]][-1:]
+    after = [k for k in range(time + 2, len(found)) if not found[k]][:1]
+    return [*before, time - 1, time, time + 1, *after]
+
+
+def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> Shares:
     """Return which shares of the object are outliers in each frame, shape (time, 2).
 
     The first is that which differs from both neighbours where these agree; the second that of it

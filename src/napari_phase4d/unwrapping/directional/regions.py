@@ -78,6 +78,8 @@ class Regions:
         Turns of every pixel relative to its group.
     base : ndarray of int, shape (kept time,)
         Number of the first group of every time.
+    fields : ndarray of int
+        Regions that an island of the empty field belongs to, that which is held among them.
     """
 
     n: int
@@ -90,6 +92,7 @@ class Regions:
     groups: Stack
     relative: Stack
     base: Whole
+    fields: Index
 
     def read(self, block: Block) -> tuple[Index, Index]:
         """Return region and relative turns of every pixel of some frames.
@@ -264,6 +267,7 @@ class Joining:
             groups,
             relative,
             self._base,
+            np.unique(np.append(region[others[:, 0]], at)),
         )
 
     def _put_away(self) -> None:

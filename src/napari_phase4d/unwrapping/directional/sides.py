@@ -137,7 +137,7 @@ class Rims:
         Pixels that are more than a turn above the empty field; that are above or below it.
     above, below : ndarray of int, shape (2, bins)
         How many pixels lie so far above the empty field, or below it, in bins up to a turn; the
-        last has all beyond. Of all larger regions, and of that of the empty field.
+        last has all beyond. Of all larger regions, and of those of the empty field.
     region : ndarray of int
         Region of each pixel of small regions.
     phase : ndarray of float
@@ -173,7 +173,7 @@ class Looked:
     def usual(self) -> float:
         """Return by how many radians what many steps hold lies on the other side."""
         other = self.rims.below if self.side > 0 else self.rims.above
-        rare = RARE * int(other[0].sum())
+        rare = RARE * int(other[0].sum())  # few pixels show nothing, of the field either
         whole, of_field = (bins_but_rare(bins, rare) for bins in other)
         return BIN * min(whole, FURTHER * of_field)
 
@@ -241,7 +241,9 @@ def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block)
     clear = known & (np.abs(unwrapped) > TURN)
     is_small = regions.size[region] <= RIM
     small = known & is_small
-    large = [unwrapped[some] for some in (known & ~is_small, region == regions.held)]
+    of_field = np.zeros(regions.n, dtype=bool)
+    of_field[regions.fields] = True
+    large = [unwrapped[some] for some in (known & ~is_small, known & of_field[region])]
     above, below = (
         np.stack([bins_of(np.maximum(side * part, 0)) for part in large]) for side in (1, -1)
     )
