@@ -66,9 +66,9 @@ def outlying_frames(frames: Frames, shifts: Shifts, watch: Watch) -> Mask:
         found |= more
         # A damaged frame is no witness that another one is damaged: the next one beyond it is.
         beside = np.append(found[2:], [False] * 2) | np.append([False] * 2, found[:-2])
-        for time in np.flatnonzero((apart > SHARE) & beside & ~found):
+        for time in np.flatnonzero((apart > SHARE) & beside & ~found).tolist():
             watch.check()
-            five = with_witnesses(int(time), found)
+            five = with_witnesses(time, found)
             block = Block(five[0], five[-1] + 1)
             seen, own = frames.read(block), [k - five[0] for k in five]
             some = Seen(seen.phase[own], seen.empty[own], seen.usable[own], None)
@@ -83,7 +83,8 @@ def usual_of_others(apart: Shares) -> Shares:
     ordered = np.sort(apart[1:-1])
     last = int(np.ceil(NEARLY_ALL * (len(ordered) - 2)))
     # Where the frame itself is among those below, there is one more of the others.
-    return np.where(apart > ordered[last], ordered[last], ordered[last + 1])
+    usual: Shares = np.where(apart > ordered[last], ordered[last], ordered[last + 1])
+    return usual
 
 
 def outliers_among(steady: Shares, usual: Shares) -> Mask:
@@ -165,11 +166,10 @@ def count_outlying(
                 more -= 0.5 * (off_turns(last) > other)
                 if off_turns(last - first) < same:
                     apart = off_turns(here - first) > other and off_turns(here - last) > other
-                    outlying += apart
-                    steady += apart and (
-                        off_turns(first - earlier[view, y, x]) < same
-                        or off_turns(last - later[view, y, x]) < same
-                    )
+                    was_steady = off_turns(first - earlier[view, y, x]) < same
+                    stays_so = off_turns(last - later[view, y, x]) < same
+                    outlying += bool(apart)
+                    steady += bool(apart and (was_steady or stays_so))
     more = max(more, 0.0)
     return max(outlying - more, 0.0), max(steady - more, 0.0)
 
