@@ -74,7 +74,7 @@ class Balance:
     slipped: list[list[Numbers]]
 
     def frames(self) -> Mask:
-        """Mark the frames (time, angle) in which an object is more likely to have than not."""
+        """Mark the frames (time, angle) in which an object has slipped more likely than not."""
         return np.array([[(each > SAID).any() for each in views] for views in self.slipped])
 
     def read(self, block: Block) -> NDArray[np.float32]:

@@ -234,5 +234,5 @@ def slip_words(slipped: Mask, missing: Mask | None = None) -> str:
         f"in {count} of {slipped.size} frames most of an object may be off by a cycle, "
         f"first in frame (time {time}, angle {angle}), counted from 0"
     )
-    light = 0 if missing is None else int((slipped & missing).sum())
-    return f"{said}; in {light} of them {MISSING}" if light else said
+    short = 0 if missing is None else int((slipped & missing).sum())
+    return f"{said}; in {short} of them {MISSING}" if short else said

@@ -123,7 +123,7 @@ def outlying_shares(seen: Seen, shifts: Shifts, noise: float) -> Shares:
         for way, free in zip(ways, shows, strict=True):
             object_ = np.asarray(free[three].any(axis=0) & way.usable[three].all(axis=0))
             count = int(np.count_nonzero(object_))
-            five = way.phase[around(time, len(found))]
+            five = tuple(way.phase[k] for k in around(time, len(found)))  # views, no copies
             counts = count_outlying(five, object_, same, other)
             shares.append(np.array(counts) / max(count, 1))
         found[time] = np.min(shares, axis=0)
@@ -141,7 +141,7 @@ def around(time: int, n: int) -> list[int]:
 
 @compiled
 def count_outlying(
-    five: Image, object_: Mask, same: np.float32, other: np.float32
+    five: tuple[Image, ...], object_: Mask, same: np.float32, other: np.float32
 ) -> tuple[float, float]:
     """Count the pixels in which both neighbours of the middle of five frames agree, but not that.
 
@@ -153,7 +153,7 @@ def count_outlying(
     frame only, as a cell in a fast flow, is no reason to doubt it. A torn frame has as much.
     """
     outlying, steady, more = 0, 0, 0.0
-    earlier, before, now, after, later = five[0], five[1], five[2], five[3], five[4]
+    earlier, before, now, after, later = five
     for view in range(object_.shape[0]):
         for y in range(object_.shape[1]):
             for x in range(object_.shape[2]):

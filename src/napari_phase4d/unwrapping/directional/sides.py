@@ -229,7 +229,7 @@ def bins_but_rare(other: Counts, rare: float) -> int:
     return int(np.count_nonzero(further[1:] > rare))
 
 
-def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block) -> Rims:
+def rims_of(field: Field, turns: Turns, joined: Mask, of_field: Mask, block: Block) -> Rims:
     """Look at a block for `side_of_object`."""
     regions = field.regions
     seen = field.scene.read(block, amplitude=True)
@@ -241,8 +241,6 @@ def rims_of(field: Field, turns: Turns, joined: NDArray[np.bool_], block: Block)
     clear = known & (np.abs(unwrapped) > TURN)
     is_small = regions.size[region] <= RIM
     small = known & is_small
-    of_field = np.zeros(regions.n, dtype=bool)
-    of_field[regions.fields] = True
     large = [unwrapped[some] for some in (known & ~is_small, known & of_field[region])]
     above, below = (
         np.stack([bins_of(np.maximum(side * part, 0)) for part in large]) for side in (1, -1)
@@ -267,10 +265,11 @@ def side_of_object(field: Field, turns: Turns, parts: Whole, watch: Watch) -> Lo
     half a turn a pixel, the steps alone can't tell a phase of 5 rad from one of 5 - 2 pi.
     """
     joined = parts == parts[field.regions.held]
+    of_field = np.isin(np.arange(field.regions.n), field.regions.fields)
     blocks = working_blocks(field.scene.shape)
 
     def work(block: Block) -> Rims:
-        return rims_of(field, turns, joined, block)
+        return rims_of(field, turns, joined, of_field, block)
 
     looks = list(in_threads(work, blocks, watch.quiet(len(blocks))))
     clear = sum(rims.clear for rims in looks)
