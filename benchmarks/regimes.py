@@ -274,6 +274,22 @@ def unseen_faults(noise: float) -> Iterator[Case]:
     return faults(noise, UNSEEN_FAULTY)
 
 
+def view_away(noise: float) -> Iterator[Case]:
+    """One of several views is noise for a third of the recording, as where a beam is blocked."""
+    for number, name in enumerate((*OWN_PHANTOMS, *HARD_SHAPES)):
+        exact = object_(name)
+        if exact.sizes["angle"] == 1:
+            continue
+        case = noisy(name, exact, noise, f"away{name}{noise}")
+        third, view = exact.sizes["time"] // 3, number % exact.sizes["angle"]
+        wrapped, truth = case.wrapped.copy(deep=True), case.truth.copy()
+        away = wrapped.values[third : 2 * third, view]
+        draw = np.random.default_rng(zlib.crc32(f"away{name}".encode()))
+        away[:] = draw.uniform(-np.pi, np.pi, away.shape)
+        truth[third : 2 * third, view] = np.nan
+        yield replace(case, wrapped=wrapped, truth=truth)
+
+
 def sparse(seed: int) -> tuple[xr.Dataset, float]:
     """Return three cells in a time lapse with large gaps, and its noise.
 
@@ -400,6 +416,7 @@ def regimes() -> None:
         ("rims that the pupil cuts off", dark_rims, (0.02, 0.1)),
         ("a fault half way", faults, (0, 0.5)),
         ("a fault half way, other objects", unseen_faults, (0.5,)),
+        ("one view lost for a third of the time", view_away, (0, 0.5)),
     )
     for words, cases, noises in by_noise:
         for noise in noises:

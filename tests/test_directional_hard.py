@@ -15,7 +15,6 @@ import xarray as xr
 from scipy import ndimage
 
 import napari_phase4d as p4d
-from helpers import measured
 from napari_phase4d.phasors import turned
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
 from napari_phase4d.stack import Block
@@ -33,7 +32,6 @@ from napari_phase4d.unwrapping.directional.residues import (
     torn_views,
 )
 from napari_phase4d.unwrapping.directional.steps import Along, Floors, courses_of
-from napari_phase4d.unwrapping.given import lost_frames
 from napari_phase4d.unwrapping.neighbours import (
     along_slope,
     box_mean,
@@ -233,38 +231,6 @@ def test_one_noisy_frame_is_no_pause() -> None:
     assert error_of(data, empty_of(exact)) <= 0.05
 
 
-LOST = {
-    "black frame": [[10, 0], [10, 1]],
-    "constant frame": [[10, 0], [10, 1]],
-    "noise-only frame": [[10, 0], [10, 1]],
-    "two black frames": [[10, 0], [10, 1], [11, 0], [11, 1]],
-    "black view": [[10, 1]],
-    "noise-only view": [[10, 1]],
-}
-
-
-@pytest.mark.parametrize("fault", LOST)
-def test_a_lost_frame_is_named_and_spoils_no_other(fault: str) -> None:
-    exact = object_("vacuole")
-    data = with_fault(exact, fault, 0.3, seed=RNG_SEED)
-    found = p4d.unwrap(data["wrapped"], WL1)
-    assert found.attrs["lost_frames"] == LOST[fault]
-    assert error(found, data["phase"], empty_of(exact)) <= 0.001
-
-
-def test_a_frame_without_numbers_stays_without() -> None:
-    exact = object_("vacuole")
-    data = with_noise(exact, 0.3, seed=RNG_SEED)
-    data["wrapped"].values[7] = np.nan
-    found = p4d.unwrap(data["wrapped"], WL1)
-    assert found.attrs["lost_frames"] == [[7, 0], [7, 1]]
-    assert np.isnan(found.values[7]).all()
-    others = np.arange(20) != 7
-    assert np.isfinite(found.values[others]).all()
-    kept = data["phase"].isel(time=others)
-    assert error(found.isel(time=others), kept, empty_of(exact)[others]) <= 0.001
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("noise", [0.0, 0.3])
 def test_a_wall_that_grows_through_a_turn(noise: float) -> None:
@@ -347,34 +313,6 @@ def test_a_recording_turned_round_gives_the_same_turned_round() -> None:
 
 
 # ---- lost frames, level and tilt ------------------------------------------------------------
-
-
-@pytest.mark.parametrize("name", ["vacuole", "ring"])
-@pytest.mark.parametrize("noise", [0.0, 0.02, 0.7])
-def test_no_honest_frame_counts_as_lost(name: str, noise: float) -> None:
-    assert not lost_frames(with_noise(object_(name), noise, seed=1)["wrapped"].values).any()
-
-
-def test_empty_frames_without_noise_before_and_after_a_cell_are_none_of_the_lost() -> None:
-    values = object_("vacuole")["wrapped"].values.copy()
-    values[:4] = 0
-    values[-2:] = 0
-    assert not lost_frames(values).any()
-    values[8] = 0
-    assert lost_frames(values).any(axis=1).nonzero()[0].tolist() == [8]
-
-
-def test_noise_everywhere_loses_no_frame() -> None:
-    rng = np.random.default_rng(0)
-    assert not lost_frames(rng.uniform(-np.pi, np.pi, (4, 2, 32, 32)).astype(np.float32)).any()
-
-
-@pytest.mark.measured
-def test_no_measured_frame_counts_as_lost() -> None:
-    rec = p4d.open_recording(measured("multiplexed/mux2_timelapse_t00-29.npz"))
-    wrapped = p4d.reconstruct(rec, p4d.find_lobes(rec, 2))["phase"].values
-    assert len(wrapped) == 30
-    assert not lost_frames(wrapped).any()
 
 
 @pytest.mark.parametrize("rises", [(0.0, 0.0), (1.3, -0.7), (-5.1, 3.3)])

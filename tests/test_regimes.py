@@ -46,6 +46,7 @@ MEASURED: list[tuple[Callable[[float], Iterator[Case]], float, float, int]] = [
     (regimes.dark_rims, 0.02, 0.2310, 5),
     (regimes.faults, 0.5, 0.1145, 3),
     (regimes.unseen_faults, 0.5, 0.1295, 3),
+    (regimes.view_away, 0.5, 0.0105, 1),
 ]
 #: The same of `trusting.ELSEWHERE`, on which nothing was chosen.
 ELSEWHERE = [(0.7394, 10), (0.8826, 14), (0.2506, 6), (0.0006, 0)]

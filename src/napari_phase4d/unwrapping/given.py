@@ -237,7 +237,7 @@ SAME_SHARE, SAME = 0.98, 1e-3
 #: ... which no camera does that sees anything, if other frames have more noise than this.
 SOME_NOISE = 1e-3
 #: A frame is nothing but noise if that is larger than this in radians, and larger than that of
-#: the others by so much. Pure noise measures 0.95.
+#: clearer frames by so much. Pure noise measures 0.95.
 NOISE_ONLY, NOISIER = 0.85, 0.15
 
 
@@ -285,7 +285,8 @@ def lost_of(given: Given, task: Task = UNWATCHED) -> Mask:
     seen = ~blind & ~same
     if not seen.any():
         return blind
-    typical = float(np.median(noise[seen]))
+    clear = seen & (noise <= NOISE_ONLY)  # of all frames, more than half may be nothing but noise
+    typical = float(np.median(noise[clear])) if clear.any() else math.inf
     noisy = seen & (noise > NOISE_ONLY) & (noise > typical + NOISIER)
     if typical < SOME_NOISE:  # free of noise, as simulated phase is: it may show an empty field
         good = seen & ~noisy

@@ -95,7 +95,7 @@ class Frames:
 
     Times at which all views are lost are left out, and so are outliers, and the rest solved as if
     they were adjacent. A view that is lost by itself is stood in for by what lies half way between
-    its neighbours.
+    its neighbours; where these are lost as well, its pixels don't count.
 
     Parameters
     ----------
@@ -183,16 +183,21 @@ class Frames:
         return Seen(levelled, empty, usable, bright)
 
     def _stand_in(self, seen: Seen, i: int, angle: int, time: int) -> None:
-        """Fill the lost frame of a view in place from the frames round it."""
+        """Fill the lost frame of a view in place from the frames next to it, or leave it out."""
         good = self.kept[~self.lost[self.kept, angle]]
         if not len(good):
             seen.usable[i, angle] = False
             return
         before, after = good[good < time], good[good > time]
         times = [before[-1] if len(before) else after[0], after[0] if len(after) else before[-1]]
-        one, other = (self._seen(np.array([t])) for t in times)
         # Numbers of kept frames, as times that are left out don't count.
         now, first, last = np.searchsorted(self.kept, [time, *times])
+        if max(abs(now - first), abs(last - now)) > 1:
+            # Half way between frames that lie further apart nothing is known of the view, and what
+            # is made up there would mislead the others.
+            seen.usable[i, angle] = False
+            return
+        one, other = (self._seen(np.array([t])) for t in times)
         share = np.float32((now - first) / (last - first) if first != last else 0)
         change = turned(other.phase[0, angle] - one.phase[0, angle])
         seen.phase[i, angle] = turned(one.phase[0, angle] + share * change)
