@@ -308,6 +308,22 @@ def test_scripts_are_warned_of_little_empty_field() -> None:
     assert data.attrs["background_share"] < 0.3
 
 
+@pytest.mark.filterwarnings("ignore:.*left out in view 2, which shows no fringes")
+def test_a_blocked_beam_loses_its_own_view_alone() -> None:
+    exact = swimming_euglena((256, 256), 9, pixel_um=5.2 / 30)["phase"]
+    frames = multiplexed_video(exact, carriers=CARRIERS).holograms.values.copy()
+    blocked = multiplexed_video(exact, carriers=CARRIERS, beam_amplitudes=(1.0, 1e-6))
+    frames[3:6] = blocked.holograms.values[3:6]
+    lobes = [p4d.Lobe(carrier, 0.08) for carrier in CARRIERS]
+    data = p4d.reconstruct(p4d.open_recording(frames), lobes)
+    assert data.attrs["lost_times"] == []
+    assert data.attrs["lost_views"] == [[3, 1], [4, 1], [5, 1]]
+    lost = np.zeros((9, 2), dtype=bool)
+    lost[3:6, 1] = True
+    assert (np.isnan(data["phase"].values).all(axis=(2, 3)) == lost).all()
+    assert np.isfinite(data["phase"].values[~lost]).all()
+
+
 @pytest.mark.thorough
 @pytest.mark.slow
 def test_every_method_goes_on_to_the_end(video: Recording) -> None:

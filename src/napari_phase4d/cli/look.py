@@ -10,6 +10,7 @@ from typing import Annotated
 
 import numpy as np
 import typer
+from numpy.typing import NDArray
 from rich.markup import escape
 from rich.table import Table
 
@@ -223,7 +224,7 @@ def look(
     with bar() as progress:
         lobes = find_lobes(recording, views, progress=progress)
         data = reconstruct_by(recipe, recording, lobes, progress)
-        seen = np.setdiff1d(np.arange(data.sizes["time"]), data.attrs["lost_times"])
+        seen = frames_seen(data)
         shown = data.isel(time=seen)
         unwrapped = unwrap(shown["phase"][:1], method="spatial-2d", boundary=(0, 0))
         figures = noise_figures(shown.isel(time=slice(NOISE_FRAMES)))
@@ -243,6 +244,14 @@ def look(
     )
     write_figure(out, figure)
     console.print(f"The picture is [bold]{escape(str(out.resolve()))}[/bold]")
+
+
+def frames_seen(data: xr.Dataset) -> NDArray[np.intp]:
+    """Return the times at which all views are seen, or any where never all are."""
+    times, whole = np.arange(data.sizes["time"]), data.attrs["lost_times"]
+    some = np.setdiff1d(times, whole)
+    every = np.setdiff1d(some, [time for time, _ in data.attrs["lost_views"]])
+    return every if len(every) else some
 
 
 def circles_of(lobes: Sequence[Lobe], data: xr.Dataset) -> list[Circle]:

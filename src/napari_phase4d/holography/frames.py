@@ -6,6 +6,7 @@ units and notes of what is made of all frames.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
@@ -126,21 +127,27 @@ class FrameReconstructor:
         frame: NDArray[np.generic],
         phase: NDArray[np.float32],
         amplitude: NDArray[np.float32],
-    ) -> float:
+    ) -> tuple[float, ...]:
         """Write the phase and amplitude of a frame, each (view, y, x).
 
         Returns
         -------
-        float
-            Smallest share, of all views, of pixels that look like background; 1 if not looked at,
-            NaN if the camera lost the frame, whose phase and amplitude are NaN then.
+        tuple of float
+            Of each view, the share of pixels that look like background; 1 if not looked at, NaN
+            if the view is lost, whose phase and amplitude are NaN then.
         """
         fields = self.demodulate(frame)
-        if self.lost is not None and self.lost.reason(frame, fields):
+        lost = [""] * len(fields) if self.lost is None else self.lost.reasons(frame, fields)
+        if all(lost):
             return nothing_seen(phase, amplitude)
         fields = self.corrected(fields)
-        views = zip(fields, amplitude, phase, strict=True)
-        return min(write_levelled(parts_of(f), a, p, self.drift) for f, a, p in views)
+        for view in np.flatnonzero(lost):
+            nothing_seen(phase[view : view + 1], amplitude[view : view + 1])
+        views = zip(fields, amplitude, phase, lost, strict=True)
+        return tuple(
+            math.nan if gone else write_levelled(parts_of(f), a, p, self.drift)
+            for f, a, p, gone in views
+        )
 
     def fields(self, frame: NDArray[np.generic]) -> NDArray[np.complex64]:
         """Return the corrected and refocused fields of all views of a frame, (view, y, x)."""
@@ -171,7 +178,7 @@ class FrameReconstructor:
         index: int,
         phase: NDArray[np.float32],
         amplitude: NDArray[np.float32],
-    ) -> float:
+    ) -> tuple[float, ...]:
         """Do the same for a frame of a recording by its number; it may hold NaN."""
         try:
             frame = source.raw_frame(index)
@@ -185,23 +192,29 @@ class FrameReconstructor:
         return (n_frames, len(self.angles), height, width)
 
     def as_dataset(
-        self, rec: Recording, phase: Any, amplitude: Any, shares: Sequence[float]
+        self, rec: Recording, phase: Any, amplitude: Any, shares: Sequence[Sequence[float]]
     ) -> xr.Dataset:
         """Return all frames' phase and amplitude, in memory or lazy, with axes and notes.
 
         The shares are what the work gave for each frame.
         """
-        lost = [time for time, share in enumerate(shares) if np.isnan(share)]
-        lowest = min((share for share in shares if not np.isnan(share)), default=0.0)
-        attrs = {**self.attrs, "background_share": lowest, "lost_times": lost}
+        each = np.asarray(shares, dtype=np.float64)
+        lost = np.isnan(each)
+        whole = np.asarray(lost.all(axis=1))
+        attrs = {
+            **self.attrs,
+            "background_share": 0.0 if lost.all() else float(np.nanmin(each)),
+            "lost_times": np.flatnonzero(whole).tolist(),
+            "lost_views": np.argwhere(lost & ~whole[:, None]).tolist(),
+        }
         ratio = self.demodulate.pixel_ratio
         return as_dataset(rec, (self.angles, self.light), ratio, phase, amplitude, attrs)
 
 
-def nothing_seen(phase: NDArray[np.float32], amplitude: NDArray[np.float32]) -> float:
-    """Leave a lost frame's phase and amplitude unknown."""
+def nothing_seen(phase: NDArray[np.float32], amplitude: NDArray[np.float32]) -> tuple[float, ...]:
+    """Leave phase and amplitude of lost views (view, y, x) unknown."""
     phase[...] = amplitude[...] = np.nan
-    return float("nan")
+    return (math.nan,) * len(phase)
 
 
 def propagator_for(

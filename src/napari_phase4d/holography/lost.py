@@ -52,6 +52,8 @@ ALIKE, NEARLY = 0.35, 0.7
 #: A tile tells nothing if it is usually that dark, as a share of the brightest one's power.
 DARK = 1e-3
 TINY = float(np.finfo(np.float64).tiny)
+#: What is said where no fringes are seen, as where a beam is blocked; other views may show theirs.
+WITHOUT_FRINGES = "without fringes"
 #: Frames from which what all have in common is measured, and some of them that tell what is usual.
 STATIC_FRAMES, SAMPLE = 32, 9
 
@@ -190,27 +192,33 @@ class Fringes:
         return found
 
     def reason(self, usual: Fringes) -> str:
-        """Say why a frame is lost where others are as usual; "" if it is not."""
+        """Say why any view of a frame is lost where others are as usual; "" if none is."""
+        return next(filter(None, self.reasons(usual)), "")
+
+    def reasons(self, usual: Fringes) -> list[str]:
+        """Say of each view why it is lost where others are as usual; "" if it is not."""
         if are_usual(self.power, self.coherence, usual.power, usual.coherence, usual.lit):
-            return ""  # as most are: what follows takes ten times as long
-        for view, lit in enumerate(usual.lit):
-            if not lit.any():
-                continue
-            likely = np.maximum(usual.coherence[view][lit], TINY)
-            alike = self.coherence[view][lit] / likely
-            # Where the least is not below a limit, no median is, which takes longest of all.
-            if alike.min() < NOISE and float(np.median(alike)) < NOISE:
-                return "without fringes"
-            # Where noise is usual, or rough phase, one frame is as good as another.
-            if float(((alike < INCOHERENT) & (likely > ALIKE)).mean()) > BAD_TILES:
-                return "damaged"
-            power, usually = self.power[view][lit], usual.power[view][lit]
-            # Strength alone does not say so, as there may be more light or less, nor does
-            # contrast, as light without fringes may come with it.
-            said = difference(power / usually)
-            if said and difference(power / usually / self.brighter(usual, power, usually)):
-                return said
-        return ""
+            return [""] * len(self.power)  # as most are: what follows takes ten times as long
+        return [self._reason(usual, view) for view in range(len(self.power))]
+
+    def _reason(self, usual: Fringes, view: int) -> str:
+        lit = usual.lit[view]
+        if not lit.any():
+            return ""
+        likely = np.maximum(usual.coherence[view][lit], TINY)
+        alike = self.coherence[view][lit] / likely
+        # Where the least is not below a limit, no median is, which takes longest of all.
+        if alike.min() < NOISE and float(np.median(alike)) < NOISE:
+            return WITHOUT_FRINGES
+        # Where noise is usual, or rough phase, one frame is as good as another.
+        if float(((alike < INCOHERENT) & (likely > ALIKE)).mean()) > BAD_TILES:
+            return "damaged"
+        power, usually = self.power[view][lit], usual.power[view][lit]
+        # Strength alone does not say so, as there may be more light or less, nor does
+        # contrast, as light without fringes may come with it.
+        said = difference(power / usually)
+        brighter = self.brighter(usual, power, usually)
+        return said if said and difference(power / usually / brighter) else ""
 
     def brighter(self, usual: Fringes, power: Tiles, usually: Tiles) -> float:
         """Return by how much the squares of grey values are more than usual, as the light is.
@@ -252,7 +260,7 @@ def are_usual(
 def difference(relative: Tiles) -> str:
     """Say how fringes differ whose power is so much of the usual one in tiles; "" if hardly."""
     if relative.min() < COLLAPSED and float(np.median(relative)) < COLLAPSED:
-        return "without fringes"
+        return WITHOUT_FRINGES
     bad = (relative < WEAK) | (relative > STRONG)
     return "damaged" if float(bad.mean()) > BAD_TILES else ""
 
@@ -324,9 +332,21 @@ class LostFrames:
     usual: Fringes
 
     def reason(self, frame: NDArray[np.generic], fields: NDArray[np.complex64]) -> str:
-        """Say why a frame with some fields (view, y, x) is lost; "" if it is not."""
+        """Say why any view of a frame with some fields (view, y, x) is lost; "" if none is."""
+        return next(filter(None, self.reasons(frame, fields)), "")
+
+    def reasons(self, frame: NDArray[np.generic], fields: NDArray[np.complex64]) -> list[str]:
+        """Say of each view why it is lost; "" if it is not.
+
+        A view without fringes is lost by itself: its beam may be blocked. What is damaged is the
+        frame, with all views that it holds.
+        """
         some = some_rows(frame)
-        return reason_by(some) or fringes_of(some, fields).reason(self.usual)
+        if alone := reason_by(some):
+            return [alone] * len(fields)
+        found = fringes_of(some, fields).reasons(self.usual)
+        damaged = next((each for each in found if each not in ("", WITHOUT_FRINGES)), "")
+        return [damaged] * len(fields) if damaged else found
 
 
 def usual_fringes(

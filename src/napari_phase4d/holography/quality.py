@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -258,7 +258,7 @@ def empty_advice(attrs: Mapping[str, Any]) -> str:
 
 
 def lost_advice(attrs: Mapping[str, Any], n_frames: int, most: float = 0.0) -> str:
-    """Say how many frames of a reconstruction are lost; "" if none is.
+    """Say how many frames of a reconstruction are lost, and how many views; "" if none is.
 
     Parameters
     ----------
@@ -273,8 +273,26 @@ def lost_advice(attrs: Mapping[str, Any], n_frames: int, most: float = 0.0) -> s
     --------
     >>> lost_advice({"lost_times": [1]}, 3)
     '1 frame of 3 left out as lost, first at time 1'
+    >>> lost_advice({"lost_views": [(1, 0), (2, 0)]}, 3)
+    '2 frames of 3 left out in view 1, which shows no fringes there, first at time 1'
     """
-    lost = attrs.get("lost_times", ())
-    if len(lost) <= most * n_frames:
-        return ""
-    return f"{counted(len(lost), 'frame')} of {n_frames} left out as lost, first at time {lost[0]}"
+    said, of_views = [], attrs.get("lost_views", ())
+    for words, lost in [
+        ("left out as lost", attrs.get("lost_times", ())),
+        *(
+            (f"left out in view {view + 1}, which shows no fringes there", times)
+            for view, times in times_of_views(of_views).items()
+        ),
+    ]:
+        if len(lost) > most * n_frames:
+            number = counted(len(lost), "frame")
+            said.append(f"{number} of {n_frames} {words}, first at time {lost[0]}")
+    return "; ".join(said)
+
+
+def times_of_views(lost: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
+    """Return the times at which each view is lost, of pairs (time, view)."""
+    found: dict[int, list[int]] = {}
+    for time, view in lost:
+        found.setdefault(view, []).append(time)
+    return dict(sorted(found.items()))

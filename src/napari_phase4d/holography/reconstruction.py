@@ -160,7 +160,9 @@ def reconstruct(
         coordinate ``wavelength`` along the angle holds that of each view in micrometres;
         elsewhere ``attrs["wavelength_um"]`` holds that of all.
 
-        Frames that the camera lost are NaN in both; ``attrs["lost_times"]`` lists them.
+        Frames that the camera lost are NaN in both; ``attrs["lost_times"]`` lists them, and
+        ``attrs["lost_views"]`` those (time, view) of which other views show fringes, as where one
+        beam is blocked.
         ``attrs["background_share"]`` is the smallest share of pixels near the level of the empty
         field in the views of all other frames, 1 if ``drift`` is off. It is 0.25 where phases of
         all turns are as frequent; below 0.15 a view keeps its drift.
@@ -279,7 +281,7 @@ def reconstruct_frames(
     phase = np.empty(work.stack_shape(rec.n_frames), dtype=np.float32)
     amplitude = np.empty_like(phase)
 
-    def into_place(index: int) -> float:
+    def into_place(index: int) -> tuple[float, ...]:
         return work.read(rec, index, phase[index], amplitude[index])
 
     watch = Watch(rec.n_frames, "reconstruct", task)

@@ -351,12 +351,13 @@ class Live:
         shape = settled.work.stack_shape(1)[1:]
         names = ("wrapped", "amplitude", *chosen)
         self._stacks: dict[str, GrowingStack] = {n: shelf.growing(n, shape) for n in names}
-        self._shares: list[float] = []
+        self._shares: list[tuple[float, ...]] = []
 
     def like(self) -> xr.DataArray:
         """Return a frame of phase whose axes and notes are those of all; no values."""
         first = self._settled.first
-        return self._axes(first, [0.0] * first.n_frames)["phase"].isel(time=[0])
+        shares = [(0.0,) * len(self._settled.work.angles)] * first.n_frames
+        return self._axes(first, shares)["phase"].isel(time=[0])
 
     def follow(self, gathered: Sequence[Arrival], feed: Feed) -> None:
         """Work on the frames that are there, and on all that come."""
@@ -393,14 +394,14 @@ class Live:
 
     def _reconstructed(
         self, arrivals: Sequence[Arrival]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], list[float]]:
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], list[tuple[float, ...]]]:
         """Return phase and amplitude (time, angle, y, x), NaN where a frame is lost."""
         work = self._settled.work
         frames = Recording.from_frames(stacked(arrivals, self._arriving))
         phase = np.empty(work.stack_shape(len(arrivals)), dtype=np.float32)
         amplitude = np.empty_like(phase)
 
-        def into_place(index: int) -> float:
+        def into_place(index: int) -> tuple[float, ...]:
             return work.read(frames, index, phase[index], amplitude[index])
 
         if len(arrivals) == 1:
@@ -444,7 +445,7 @@ class Live:
         plan["amplitude"] = self._put("amplitude", plan["amplitude"])
         return plan
 
-    def _axes(self, recording: Recording, shares: Sequence[float]) -> xr.Dataset:
+    def _axes(self, recording: Recording, shares: Sequence[Sequence[float]]) -> xr.Dataset:
         """Return phase and amplitude whose axes and notes alone count."""
         import dask.array as da  # which takes a tenth of a second
 

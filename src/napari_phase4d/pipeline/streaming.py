@@ -113,12 +113,12 @@ class ReconstructBlock:
     phase: Stored
     amplitude: Stored
 
-    def __call__(self, block: Block) -> tuple[list[float], Limits]:
+    def __call__(self, block: Block) -> tuple[list[tuple[float, ...]], Limits]:
         """Do a block.
 
         Returns
         -------
-        list of float, Limits
+        list of tuple of float, Limits
             What `FrameReconstructor` tells of each frame; smallest and largest amplitude.
         """
         phase = np.empty((len(block), *self.phase.shape[1:]), dtype=np.float32)
