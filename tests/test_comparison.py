@@ -246,3 +246,12 @@ def test_confidence_of_what_was_not_run_is_refused(
     """It gave that of directional L1, under another name."""
     with pytest.raises(ValueError, match="there is no result of|method must be one of"):
         compared.confidence(method)
+
+
+def test_it_is_shown_in_few_lines() -> None:
+    wrapped = np.zeros((2, 2, 16, 16), dtype=np.float32)
+    found = p4d.compare(wrapped, methods=("temporal", "angular"))
+    first, *rows = repr(found).splitlines()
+    assert first == "<Comparison of 2 methods on time 2, angle 2, y 16, x 16>"
+    assert len(rows) < 6
+    assert "Temporal" in repr(found)

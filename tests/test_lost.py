@@ -324,6 +324,20 @@ def test_a_blocked_beam_loses_its_own_view_alone() -> None:
     assert np.isfinite(data["phase"].values[~lost]).all()
 
 
+def test_a_blocked_beam_is_said_before_the_lobes_are_known() -> None:
+    lost = {3: "blank", 5: "without fringes in some views"}
+    assert lost_sentence(lost, 9) == (
+        "1 frame of 9 is lost and left out: 3 (blank). "
+        "1 frame of 9 shows no fringes in some views: 5."
+    )
+    exact = swimming_euglena((256, 256), 9, pixel_um=5.2 / 30)["phase"]
+    frames = multiplexed_video(exact, carriers=CARRIERS).holograms.values.copy()
+    blocked = multiplexed_video(exact, carriers=CARRIERS, beam_amplitudes=(1.0, 1e-6))
+    frames[5] = blocked.holograms.values[5]
+    frames[3] = 0
+    assert lost_frames(p4d.open_recording(frames)) == lost
+
+
 @pytest.mark.thorough
 @pytest.mark.slow
 def test_every_method_goes_on_to_the_end(video: Recording) -> None:

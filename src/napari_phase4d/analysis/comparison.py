@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
 
@@ -46,7 +46,7 @@ T = TypeVar("T")
 OF_REFERENCE = "tally of the reference"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Comparison:
     """Results of several methods on one problem.
 
@@ -67,8 +67,12 @@ class Comparison:
 
     results: Mapping[str, xr.DataArray]
     table: pd.DataFrame
-    problem: Problem = field(repr=False)
-    phase: xr.DataArray = field(repr=False)
+    problem: Problem
+    phase: xr.DataArray
+
+    def __repr__(self) -> str:
+        sizes = ", ".join(f"{name} {size}" for name, size in self.phase.sizes.items())
+        return f"<Comparison of {len(self.results)} methods on {sizes}>\n{self.table}"
 
     @property
     def held(self) -> bool:
@@ -113,9 +117,8 @@ class Comparison:
         cancelled: CancelledCall | None = None,
     ) -> xr.DataArray | None:
         """Return `confidence` of a method; of results on disk, None unless it is known already."""
-        if not self.held and not self.knows_confidence(method):
-            return None
-        return self.confidence(method, progress, cancelled)
+        known = self.held or self.knows_confidence(method)
+        return self.confidence(method, progress, cancelled) if known else None
 
     def knows_confidence(self, method: str) -> bool:
         """Say whether `confidence` of a method has been computed."""
@@ -155,11 +158,7 @@ class Comparison:
             self.problem.note(map_name(method), placed)
         return placed
 
-    def _judge(
-        self,
-        methods: Sequence[str],
-        task: Task = UNWATCHED,
-    ) -> None:
+    def _judge(self, methods: Sequence[str], task: Task = UNWATCHED) -> None:
         """Make maps of confidence of methods, one thread at a time: it ends with tidying up.
 
         Of directional L1, if it was not run, no more is kept than how much of it is in doubt: the
@@ -574,9 +573,8 @@ def compare_on(
         report = task.reworded(partial("{}: {}".format, head))
         cost = cost_of(problem, method, report, own_options)
         rows[method] = row_of(label, cost, exact)
-        so_far = replace(
-            so_far, results={**so_far.results, method: cost.result}, table=table_of(rows)
-        )
+        results = {**so_far.results, method: cost.result}
+        so_far = replace(so_far, results=results, table=table_of(rows))
         if finished is not None:
             finished(method, so_far)
     return so_far

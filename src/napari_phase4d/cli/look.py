@@ -26,6 +26,7 @@ from napari_phase4d.holography import (
     lost_sentence,
     power_spectrum,
     reconstruct,
+    times_of_views,
 )
 from napari_phase4d.io import check_figure, write_figure
 from napari_phase4d.later import pd, xr
@@ -273,6 +274,12 @@ def sentences(recording: Recording, data: xr.Dataset, figures: pd.DataFrame) -> 
     if lost:
         listed = ", ".join(str(time) for time in lost)
         lines.append(f"Lost and left out: {counted(len(lost), 'frame')}, {listed}.")
+    for view, times in times_of_views(data.attrs["lost_views"]).items():
+        listed = ", ".join(str(time) for time in times)
+        lines.append(
+            f"Left out in view {view + 1}, without fringes there: "
+            f"{counted(len(times), 'frame')}, {listed}."
+        )
     for number, (note, visibility) in enumerate(
         zip(data.attrs["lobes"], figures["fringe_visibility"], strict=True), start=1
     ):

@@ -27,6 +27,7 @@ from napari_phase4d.holography.quality import (
     fringe_contrast,
     fringe_mask,
     fringe_visibility,
+    times_of_views,
 )
 from napari_phase4d.holography.reconstruction import (
     PhaseSettings,
@@ -81,4 +82,5 @@ __all__ = [
     "reconstruction_advice",
     "refocused",
     "stray_terms",
+    "times_of_views",
 ]

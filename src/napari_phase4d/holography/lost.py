@@ -54,6 +54,8 @@ DARK = 1e-3
 TINY = float(np.finfo(np.float64).tiny)
 #: What is said where no fringes are seen, as where a beam is blocked; other views may show theirs.
 WITHOUT_FRINGES = "without fringes"
+#: What is said of a frame of which that holds for some views only; the others are kept.
+VIEWS_WITHOUT_FRINGES = "without fringes in some views"
 #: Frames from which what all have in common is measured, and some of them that tell what is usual.
 STATIC_FRAMES, SAMPLE = 32, 9
 
@@ -145,14 +147,30 @@ def lost_sentence(lost: Mapping[int, str], looked_at: int) -> str:
     --------
     >>> lost_sentence({2: "blank"}, 4)
     '1 frame of 4 is lost and left out: 2 (blank).'
+    >>> lost_sentence({2: "without fringes in some views"}, 4)
+    '1 frame of 4 shows no fringes in some views: 2.'
     """
-    if not lost:
-        return ""
-    named = [f"{index} ({reason})" for index, reason in list(lost.items())[:5]]
-    more = f" and {len(lost) - 5} more" if len(lost) > 5 else ""
-    number = counted(len(lost), "frame")
-    verb = "is" if len(lost) == 1 else "are"
-    return f"{number} of {looked_at} {verb} lost and left out: {', '.join(named)}{more}."
+    whole = {i: reason for i, reason in lost.items() if reason != VIEWS_WITHOUT_FRINGES}
+    return " ".join(
+        f"{counted(len(named), 'frame')} of {looked_at} {verb[len(named) != 1]}: {listed(named)}."
+        for named, verb in [
+            (
+                [f"{index} ({reason})" for index, reason in whole.items()],
+                ("is lost and left out", "are lost and left out"),
+            ),
+            (
+                [str(index) for index in lost if index not in whole],
+                ("shows no fringes in some views", "show no fringes in some views"),
+            ),
+        ]
+        if named
+    )
+
+
+def listed(named: Sequence[str]) -> str:
+    """Return the first few names, and how many more there are."""
+    more = f" and {len(named) - 5} more" if len(named) > 5 else ""
+    return ", ".join(named[:5]) + more
 
 
 @dataclass(frozen=True)
@@ -333,7 +351,10 @@ class LostFrames:
 
     def reason(self, frame: NDArray[np.generic], fields: NDArray[np.complex64]) -> str:
         """Say why any view of a frame with some fields (view, y, x) is lost; "" if none is."""
-        return next(filter(None, self.reasons(frame, fields)), "")
+        found = self.reasons(frame, fields)
+        if WITHOUT_FRINGES in found and "" in found:
+            return VIEWS_WITHOUT_FRINGES
+        return next(filter(None, found), "")
 
     def reasons(self, frame: NDArray[np.generic], fields: NDArray[np.complex64]) -> list[str]:
         """Say of each view why it is lost; "" if it is not.

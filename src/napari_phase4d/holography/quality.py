@@ -25,6 +25,7 @@ __all__ = [
     "lost_advice",
     "parts_of_views",
     "shows_fringes",
+    "times_of_views",
 ]
 
 #: Fringes are looked at in squares of so many pixels, so that uneven light does not count.
@@ -291,7 +292,23 @@ def lost_advice(attrs: Mapping[str, Any], n_frames: int, most: float = 0.0) -> s
 
 
 def times_of_views(lost: Iterable[tuple[int, int]]) -> dict[int, list[int]]:
-    """Return the times at which each view is lost, of pairs (time, view)."""
+    """Return the times at which each view is lost.
+
+    Parameters
+    ----------
+    lost : iterable of tuple of int
+        Pairs (time, view), counted from 0, as in ``attrs["lost_views"]``.
+
+    Returns
+    -------
+    dict of int to list of int
+        Times of each view that is lost at any.
+
+    Examples
+    --------
+    >>> times_of_views([(1, 0), (2, 1), (2, 0)])
+    {0: [1, 2], 1: [2]}
+    """
     found: dict[int, list[int]] = {}
     for time, view in lost:
         found.setdefault(view, []).append(time)

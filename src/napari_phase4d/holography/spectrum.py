@@ -337,7 +337,8 @@ def lost_frames(
     Returns
     -------
     dict of int to str
-        Frame number: "blank", "saturated", "without fringes", "damaged" or "NaN".
+        Frame number: "blank", "saturated", "without fringes", "damaged" or "NaN"; or "without
+        fringes in some views", as where one of several beams is blocked.
 
     See Also
     --------
