@@ -172,7 +172,7 @@ def first_frames(recording: Recording, lobes: list[Lobe]) -> xr.Dataset:
     """Reconstruct so many frames that their noise can be told."""
     with warnings.catch_warnings():
         # Those that are lost have been told, of the whole recording.
-        warnings.filterwarnings("ignore", message=".* left out as lost")
+        warnings.filterwarnings("ignore", message=".* left out (as lost|in view)")
         return reconstruct(recording.first(NOISE_FRAMES), lobes)
 
 
@@ -277,7 +277,7 @@ def sentences(recording: Recording, data: xr.Dataset, figures: pd.DataFrame) -> 
     for view, times in times_of_views(data.attrs["lost_views"]).items():
         listed = ", ".join(str(time) for time in times)
         lines.append(
-            f"Left out in view {view + 1}, without fringes there: "
+            f"Left out in view {view + 1}, as its fringes are gone or weak: "
             f"{counted(len(times), 'frame')}, {listed}."
         )
     for number, (note, visibility) in enumerate(

@@ -56,6 +56,10 @@ TINY = float(np.finfo(np.float64).tiny)
 WITHOUT_FRINGES = "without fringes"
 #: What is said of a frame of which that holds for some views only; the others are kept.
 VIEWS_WITHOUT_FRINGES = "without fringes in some views"
+NEVER_ALL = (
+    "no frame of {} shows the fringes of all views at once; where beams are on in turn, save the "
+    "frames of each beam as a recording of their own, and look for one view there"
+)
 #: Frames from which what all have in common is measured, and some of them that tell what is usual.
 STATIC_FRAMES, SAMPLE = 32, 9
 
@@ -223,20 +227,22 @@ class Fringes:
         lit = usual.lit[view]
         if not lit.any():
             return ""
+        power, usually = self.power[view][lit], usual.power[view][lit]
+        # Strength alone does not say so, as there may be more light or less, nor does
+        # contrast, as light without fringes may come with it.
+        said = difference(power / usually)
+        brighter = self.brighter(usual, power, usually)
+        said = said if said and difference(power / usually / brighter) else ""
+        if said == WITHOUT_FRINGES:  # asked first, as noise in a narrow lobe hangs together, too
+            return said
         likely = np.maximum(usual.coherence[view][lit], TINY)
         alike = self.coherence[view][lit] / likely
         # Where the least is not below a limit, no median is, which takes longest of all.
         if alike.min() < NOISE and float(np.median(alike)) < NOISE:
             return WITHOUT_FRINGES
         # Where noise is usual, or rough phase, one frame is as good as another.
-        if float(((alike < INCOHERENT) & (likely > ALIKE)).mean()) > BAD_TILES:
-            return "damaged"
-        power, usually = self.power[view][lit], usual.power[view][lit]
-        # Strength alone does not say so, as there may be more light or less, nor does
-        # contrast, as light without fringes may come with it.
-        said = difference(power / usually)
-        brighter = self.brighter(usual, power, usually)
-        return said if said and difference(power / usually / brighter) else ""
+        incoherent = float(((alike < INCOHERENT) & (likely > ALIKE)).mean()) > BAD_TILES
+        return "damaged" if incoherent else said
 
     def brighter(self, usual: Fringes, power: Tiles, usually: Tiles) -> float:
         """Return by how much the squares of grey values are more than usual, as the light is.
@@ -277,9 +283,11 @@ def are_usual(
 
 def difference(relative: Tiles) -> str:
     """Say how fringes differ whose power is so much of the usual one in tiles; "" if hardly."""
-    if relative.min() < COLLAPSED and float(np.median(relative)) < COLLAPSED:
+    middle = float(np.median(relative))
+    if middle < COLLAPSED:
         return WITHOUT_FRINGES
-    bad = (relative < WEAK) | (relative > STRONG)
+    # Stronger as a whole is a brighter beam.
+    bad = (relative < WEAK) | (relative > STRONG * max(1.0, middle))
     return "damaged" if float(bad.mean()) > BAD_TILES else ""
 
 
@@ -417,28 +425,40 @@ def usual_fringes(
         look_at_all([i + 1 for i in indices if i + 1 < rec.n_frames and i + 1 not in looked_at])
     if not known:
         raise ValueError(all_lost(rec.name, unseen))
-    # Where most frames are dark, they are not what is usual.
-    good = seen_among(list(fringes.values())) or list(fringes.values())
-    usual = Fringes(
-        np.median([each.power for each in good], axis=0),
-        np.median([each.coherence for each in good], axis=0),
-        float(np.median([each.light for each in good])),
-    )
+    usual = usual_among(list(fringes.values()))
     kept = {i: known[i] for i in sorted(known) if not fringes[i].reason(usual)}
     if not kept:
-        reasons = {i: each.reason(usual) for i, each in fringes.items()}
-        raise ValueError(all_lost(rec.name, reasons))
+        raise ValueError(never_all(rec.name, {i: f.reasons(usual) for i, f in fringes.items()}))
     return LostFrames(usual), kept
 
 
-def seen_among(fringes: Sequence[Fringes]) -> list[Fringes]:
-    """Return those of some frames of which every view shows more than noise.
+def usual_among(fringes: Sequence[Fringes]) -> Fringes:
+    """Return what some frames usually show of each view: the median of those that show it.
 
-    Weak fringes are hardly more alike than noise; what is nearly as good as the best is none.
+    So where most frames are dark, or a beam is blocked in most of them, that is not usual. Weak
+    fringes are hardly more alike than noise, but what is nearly as good as the best is none; and
+    noise in a narrow lobe is as alike as fringes, but weaker. One frame may be bright by accident.
     """
-    best = np.max([each.alike for each in fringes], axis=0) if fringes else np.zeros(1)
-    least = np.minimum(ALIKE, NEARLY * best)
-    return [each for each in fringes if (each.alike > least).all()]
+    alike = np.array([each.alike for each in fringes])
+    strength = np.array([np.median(each.power, axis=(1, 2)) for each in fringes])
+    least = np.minimum(ALIKE, NEARLY * alike.max(axis=0))
+    strong = np.sort(strength, axis=0)[-min(2, len(fringes))]
+    shown = (alike > least) & (strength >= COLLAPSED * strong)
+    shown[:, ~shown.any(axis=0)] = True
+    every = shown.all(axis=1) if shown.all(axis=1).any() else np.ones(len(fringes), dtype=bool)
+    power, coherence = (
+        np.nanmedian(np.where(shown[..., None, None], each, np.nan), axis=0)
+        for each in ([each.power for each in fringes], [each.coherence for each in fringes])
+    )
+    light = np.array([each.light for each in fringes])
+    return Fringes(power, coherence, float(np.median(light[every])))
+
+
+def never_all(name: str, lost: Mapping[int, Sequence[str]]) -> str:
+    """Say that no frame shows all views, by why each frame's views are lost."""
+    if any("" in reasons for reasons in lost.values()):
+        return NEVER_ALL.format(name)
+    return all_lost(name, {index: reasons[0] for index, reasons in lost.items()})
 
 
 def all_lost(name: str, lost: Mapping[int, str]) -> str:

@@ -275,17 +275,17 @@ def lost_advice(attrs: Mapping[str, Any], n_frames: int, most: float = 0.0) -> s
     >>> lost_advice({"lost_times": [1]}, 3)
     '1 frame of 3 left out as lost, first at time 1'
     >>> lost_advice({"lost_views": [(1, 0), (2, 0)]}, 3)
-    '2 frames of 3 left out in view 1, which shows no fringes there, first at time 1'
+    '2 frames of 3 left out in view 1, as its fringes are gone or weak, first at time 1'
     """
-    said, of_views = [], attrs.get("lost_views", ())
-    for words, lost in [
-        ("left out as lost", attrs.get("lost_times", ())),
+    said, whole = [], attrs.get("lost_times", ())
+    for words, lost, more in [
+        ("left out as lost", whole, 0),
         *(
-            (f"left out in view {view + 1}, which shows no fringes there", times)
-            for view, times in times_of_views(of_views).items()
+            (f"left out in view {view + 1}, as its fringes are gone or weak", times, len(whole))
+            for view, times in times_of_views(attrs.get("lost_views", ())).items()
         ),
     ]:
-        if len(lost) > most * n_frames:
+        if len(lost) + more > most * n_frames and len(lost):
             number = counted(len(lost), "frame")
             said.append(f"{number} of {n_frames} {words}, first at time {lost[0]}")
     return "; ".join(said)
