@@ -119,6 +119,14 @@ def test_empty_frames_without_noise_before_and_after_a_cell_are_none_of_the_lost
     assert lost_frames(values).any(axis=1).nonzero()[0].tolist() == [8]
 
 
+@pytest.mark.parametrize("clear", [1, 7])
+def test_few_clear_frames_make_no_others_lost(clear: int) -> None:
+    exact = object_("vacuole")
+    values = with_noise(exact, 1.0, seed=1)["wrapped"].values.copy()
+    values[:clear] = with_noise(exact, 0.3, seed=2)["wrapped"].values[:clear]
+    assert not lost_frames(values).any()
+
+
 def test_noise_everywhere_loses_no_frame() -> None:
     rng = np.random.default_rng(0)
     assert not lost_frames(rng.uniform(-np.pi, np.pi, (4, 2, 32, 32)).astype(np.float32)).any()

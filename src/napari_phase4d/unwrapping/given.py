@@ -237,8 +237,8 @@ SAME_SHARE, SAME = 0.98, 1e-3
 #: ... which no camera does that sees anything, if other frames have more noise than this.
 SOME_NOISE = 1e-3
 #: A frame is nothing but noise if that is larger than this in radians, and larger than that of
-#: clearer frames by so much. Pure noise measures 0.95.
-NOISE_ONLY, NOISIER = 0.85, 0.15
+#: clearer frames by so much. Pure noise measures 0.95, and noise of 1 rad 0.89.
+NOISE_ONLY, NOISIER, PURE = 0.85, 0.15, 0.93
 
 
 def lost_frames(wrapped: Image, usable: Mask | None = None) -> Mask:
@@ -285,9 +285,12 @@ def lost_of(given: Given, task: Task = UNWATCHED) -> Mask:
     seen = ~blind & ~same
     if not seen.any():
         return blind
-    clear = seen & (noise <= NOISE_ONLY)  # of all frames, more than half may be nothing but noise
+    clear = seen & (noise <= NOISE_ONLY)
     typical = float(np.median(noise[clear])) if clear.any() else math.inf
     noisy = seen & (noise > NOISE_ONLY) & (noise > typical + NOISIER)
+    # More than half of all frames may be nothing but noise, but not because a few are clearer.
+    if 2 * noisy.sum() > seen.sum() and float(np.median(noise[noisy])) < PURE:
+        noisy[:] = False
     if typical < SOME_NOISE:  # free of noise, as simulated phase is: it may show an empty field
         good = seen & ~noisy
         before = np.logical_or.accumulate(good, axis=0)
