@@ -69,12 +69,20 @@ def noise_only(exact: xr.Dataset, lost: NDArray[np.bool_]) -> xr.Dataset:
     return data
 
 
-@pytest.mark.parametrize("name", ["swelling", "vacuole"])
-def test_a_view_that_is_lost_for_long_spoils_no_other(name: str) -> None:
-    """What is made up half way between frames that lie far apart would mislead the others."""
+@pytest.mark.parametrize(
+    ("name", "times"),
+    [
+        ("swelling", slice(7, 14)),
+        ("vacuole", slice(7, 14)),
+        ("crossing", slice(0, None, 2)),
+        ("shock", slice(10, 11)),
+    ],
+)
+def test_a_view_that_is_lost_spoils_no_other(name: str, times: slice) -> None:
+    """What is made up half way between the frames next to it would mislead the others."""
     exact = object_(name)
     lost = np.zeros(exact["phase"].shape[:2], dtype=bool)
-    lost[7:14, 0] = True
+    lost[times, 0] = True
     data = noise_only(exact, lost)
     found = p4d.unwrap(data["wrapped"], WL1)
     assert found.attrs["lost_frames"] == np.argwhere(lost).tolist()

@@ -91,11 +91,10 @@ class Seen:
 
 
 class Frames:
-    """The frames of a recording, levelled; some are left out or stood in for.
+    """The frames of a recording, levelled; some are left out.
 
     Times at which all views are lost are left out, and so are outliers, and the rest solved as if
-    they were adjacent. A view that is lost by itself is stood in for by what lies half way between
-    its neighbours; where these are lost as well, its pixels don't count.
+    they were adjacent. Where a view is lost by itself, its pixels don't count.
 
     Parameters
     ----------
@@ -140,9 +139,10 @@ class Frames:
         times = self.kept[block.start : block.stop]
         seen = self._seen(times, amplitude=amplitude)
         if self.lost[times].any():
-            seen = Seen(seen.phase, seen.empty.copy(), seen.usable.copy(), seen.amplitude)
-            for i, angle in np.argwhere(self.lost[times]):
-                self._stand_in(seen, int(i), int(angle), int(times[i]))
+            # What is made up half way between the frames next to it would mislead other views.
+            usable = seen.usable.copy()
+            usable[self.lost[times]] = False
+            seen = Seen(seen.phase, seen.empty, usable, seen.amplitude)
         return seen
 
     def read_free(self, block: Block) -> Mask:
@@ -158,8 +158,6 @@ class Frames:
     def read_empty(self, block: Block) -> Mask:
         """Return the empty field of some of the kept frames."""
         times = self.kept[block.start : block.stop]
-        if self.lost[times].any():
-            return self.read(block).empty
         around = Block(int(times[0]), int(times[-1]) + 1)
         return self.background.empty.read(around)[times - around.start]
 
@@ -181,28 +179,6 @@ class Frames:
         level, tilt = self.background.level[times], self.background.tilt[times]
         levelled = turned(wrapped - self.background.ground_of(level, tilt))
         return Seen(levelled, empty, usable, bright)
-
-    def _stand_in(self, seen: Seen, i: int, angle: int, time: int) -> None:
-        """Fill the lost frame of a view in place from the frames next to it, or leave it out."""
-        good = self.kept[~self.lost[self.kept, angle]]
-        if not len(good):
-            seen.usable[i, angle] = False
-            return
-        before, after = good[good < time], good[good > time]
-        times = [before[-1] if len(before) else after[0], after[0] if len(after) else before[-1]]
-        # Numbers of kept frames, as times that are left out don't count.
-        now, first, last = np.searchsorted(self.kept, [time, *times])
-        if max(abs(now - first), abs(last - now)) > 1:
-            # Half way between frames that lie further apart nothing is known of the view, and what
-            # is made up there would mislead the others.
-            seen.usable[i, angle] = False
-            return
-        one, other = (self._seen(np.array([t])) for t in times)
-        share = np.float32((now - first) / (last - first) if first != last else 0)
-        change = turned(other.phase[0, angle] - one.phase[0, angle])
-        seen.phase[i, angle] = turned(one.phase[0, angle] + share * change)
-        seen.empty[i, angle] = one.empty[0, angle] & other.empty[0, angle]
-        seen.usable[i, angle] = one.usable[0, angle] & other.usable[0, angle]
 
 
 # ---- registration ----------------------------------------------------------------------------
