@@ -282,12 +282,33 @@ def view_away(noise: float) -> Iterator[Case]:
             continue
         case = noisy(name, exact, noise, f"away{name}{noise}")
         third, view = exact.sizes["time"] // 3, number % exact.sizes["angle"]
-        wrapped, truth = case.wrapped.copy(deep=True), case.truth.copy()
-        away = wrapped.values[third : 2 * third, view]
-        draw = np.random.default_rng(zlib.crc32(f"away{name}".encode()))
-        away[:] = draw.uniform(-np.pi, np.pi, away.shape)
-        truth[third : 2 * third, view] = np.nan
-        yield replace(case, wrapped=wrapped, truth=truth)
+        lost = np.zeros((exact.sizes["time"], exact.sizes["angle"]), dtype=bool)
+        lost[third : 2 * third, view] = True
+        yield with_lost(case, lost, draw_of(f"away{name}"))
+
+
+def views_by_chance(noise: float) -> Iterator[Case]:
+    """A third of all frames (time, view) are noise, drawn by chance, but not the first."""
+    for name in (*OWN_PHANTOMS, *HARD_SHAPES):
+        exact = object_(name)
+        if exact.sizes["angle"] == 1:
+            continue
+        draw = draw_of(f"chance{name}")
+        lost = draw.random((exact.sizes["time"], exact.sizes["angle"])) < 1 / 3
+        lost[0, 0] = False
+        yield with_lost(noisy(name, exact, noise, f"chance{name}{noise}"), lost, draw)
+
+
+def draw_of(words: str) -> np.random.Generator:
+    return np.random.default_rng(zlib.crc32(words.encode()))
+
+
+def with_lost(case: Case, lost: Mask, draw: np.random.Generator) -> Case:
+    """Make some frames (time, view) noise, whose truth nobody asks for."""
+    wrapped, truth = case.wrapped.copy(deep=True), case.truth.copy()
+    wrapped.values[lost] = draw.uniform(-np.pi, np.pi, wrapped.values[lost].shape)
+    truth[lost] = np.nan
+    return replace(case, wrapped=wrapped, truth=truth)
 
 
 def sparse(seed: int) -> tuple[xr.Dataset, float]:
@@ -417,6 +438,7 @@ def regimes() -> None:
         ("a fault half way", faults, (0, 0.5)),
         ("a fault half way, other objects", unseen_faults, (0.5,)),
         ("one view lost for a third of the time", view_away, (0, 0.5)),
+        ("a third of all frames of views lost", views_by_chance, (0, 0.5)),
     )
     for words, cases, noises in by_noise:
         for noise in noises:

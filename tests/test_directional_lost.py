@@ -89,6 +89,17 @@ def test_a_view_that_is_lost_spoils_no_other(name: str, times: slice) -> None:
     assert error(found, data["phase"], empty_of(exact)) <= 0.005
 
 
+def test_a_view_that_is_dark_every_second_time_spoils_no_other() -> None:
+    exact = object_("crossing")
+    lost = np.zeros(exact["phase"].shape[:2], dtype=bool)
+    lost[::2, 0] = True
+    data = noise_only(exact, lost)
+    data["wrapped"].values[lost] = 0
+    found = p4d.unwrap(data["wrapped"], WL1)
+    assert found.attrs["lost_frames"] == np.argwhere(lost).tolist()
+    assert error(found, data["phase"], empty_of(exact)) <= 0.005
+
+
 def test_most_frames_may_be_lost() -> None:
     exact = object_("vacuole")
     lost = np.ones(exact["phase"].shape[:2], dtype=bool)

@@ -194,8 +194,8 @@ def reconstruct(
         `napari_phase4d.holography.fringe_mask` marks them.
         ``attrs["without_fringes_percent"]`` has the share.
     UserWarning
-        If more than a tenth of the frames are lost, or less than 0.3 of a view of any other frame
-        looks like empty field.
+        If more than a tenth of the frames are lost, or of those of a view, or less than 0.3 of a
+        view of any other frame looks like empty field.
 
     See Also
     --------
