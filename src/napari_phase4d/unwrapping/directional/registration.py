@@ -27,6 +27,7 @@ from napari_phase4d.unwrapping.alone import Framewise
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.frames import centre
 from napari_phase4d.unwrapping.given import working_blocks
+from napari_phase4d.unwrapping.neighbours import ends_along
 
 __all__ = ["Frames", "Recorded", "Seen", "Shifts", "follow_object"]
 
@@ -76,12 +77,24 @@ class Seen:
         Empty field; pixels that count.
     amplitude : ndarray of float, same shape, or None
         Amplitude as a share of its view's median; None too where it was not asked for.
+    held : ndarray of bool, shape (time, angle), optional
+        Frames of views that are lost, in which that of the time before or after is held: it leads
+        on in time, but tells nothing of other views.
     """
 
     phase: Image
     empty: Mask
     usable: Mask
     amplitude: Image | None
+    held: Mask | None = None
+
+    def joined(self, axis: int) -> Mask:
+        """Pixels that count at both ends of the steps along an axis, and may be held together."""
+        head, tail = ends_along(axis, 4)
+        found: Mask = self.usable[head] & self.usable[tail]
+        if axis == 1 and self.held is not None:
+            found[(self.held[:, :-1] | self.held[:, 1:])] = False
+        return found
 
     @property
     def free(self) -> Mask:
@@ -139,10 +152,10 @@ class Frames:
         times = self.kept[block.start : block.stop]
         seen = self._seen(times, amplitude=amplitude)
         if self.lost[times].any():
-            # What is made up half way between the frames next to it would mislead other views.
-            usable = seen.usable.copy()
-            usable[self.lost[times]] = False
-            seen = Seen(seen.phase, seen.empty, usable, seen.amplitude)
+            held = self.lost[times]
+            seen = Seen(seen.phase, seen.empty.copy(), seen.usable.copy(), seen.amplitude, held)
+            for i, angle in np.argwhere(held):
+                self._hold(seen, int(i), int(angle), int(times[i]))
         return seen
 
     def read_free(self, block: Block) -> Mask:
@@ -158,6 +171,8 @@ class Frames:
     def read_empty(self, block: Block) -> Mask:
         """Return the empty field of some of the kept frames."""
         times = self.kept[block.start : block.stop]
+        if self.lost[times].any():
+            return self.read(block).empty
         around = Block(int(times[0]), int(times[-1]) + 1)
         return self.background.empty.read(around)[times - around.start]
 
@@ -179,6 +194,19 @@ class Frames:
         level, tilt = self.background.level[times], self.background.tilt[times]
         levelled = turned(wrapped - self.background.ground_of(level, tilt))
         return Seen(levelled, empty, usable, bright)
+
+
+    def _hold(self, seen: Seen, i: int, angle: int, time: int) -> None:
+        """Hold the frame before a lost one of a view, or leave it out if either side is lost."""
+        now = int(np.searchsorted(self.kept, time))
+        next_to_it = [self.kept[k] for k in (now - 1, now + 1) if 0 <= k < len(self.kept)]
+        good = [t for t in next_to_it if not self.lost[t, angle]]
+        if len(good) < 2:
+            seen.usable[i, angle] = False
+            return
+        one = self._seen(np.array(good[:1]))
+        seen.phase[i, angle], seen.empty[i, angle] = one.phase[0, angle], one.empty[0, angle]
+        seen.usable[i, angle] = one.usable[0, angle]
 
 
 # ---- registration ----------------------------------------------------------------------------
