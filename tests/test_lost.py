@@ -324,6 +324,43 @@ def test_a_blocked_beam_loses_its_own_view_alone() -> None:
     assert np.isfinite(data["phase"].values[~lost]).all()
 
 
+@pytest.mark.filterwarnings("ignore:.*as its fringes are gone or weak")
+@pytest.mark.parametrize(
+    ("size", "radius", "off", "amplitude"),
+    [
+        (128, 0.04, slice(4, 8), 1e-6),  # where noise in a narrow lobe hangs together
+        (128, 0.06, slice(2, 20), 1e-6),
+        (128, 0.08, slice(0, 22), 1e-6),
+        (256, 0.08, slice(2, 20), 0.05),
+        (256, 0.08, slice(4, 8), 0.01),
+    ],
+)
+def test_a_beam_off_for_long_costs_no_other_view(
+    size: int, radius: float, off: slice, amplitude: float
+) -> None:
+    exact = swimming_euglena((size, size), 24, pixel_um=5.2 / 30 * 256 / size)["phase"]
+    frames = multiplexed_video(exact, carriers=CARRIERS).holograms.values.copy()
+    dim = multiplexed_video(exact, carriers=CARRIERS, beam_amplitudes=(1.0, amplitude))
+    frames[off] = dim.holograms.values[off]
+    lobes = [p4d.Lobe(carrier, radius) for carrier in CARRIERS]
+    data = p4d.reconstruct(p4d.open_recording(frames), lobes)
+    assert data.attrs["lost_times"] == []
+    assert data.attrs["lost_views"] == [[time, 1] for time in range(24)[off]]
+
+
+def test_beams_that_are_on_in_turn_are_refused_in_words() -> None:
+    exact = swimming_euglena((128, 128), 8, pixel_um=5.2 / 15)["phase"]
+    one, other = (
+        multiplexed_video(exact, carriers=CARRIERS, beam_amplitudes=beams).holograms.values
+        for beams in ((1.0, 1e-6), (1e-6, 1.0))
+    )
+    frames = one.copy()
+    frames[::2] = other[::2]
+    lobes = [p4d.Lobe(carrier, 0.08) for carrier in CARRIERS]
+    with pytest.raises(ValueError, match="the fringes of all views at once; where beams are on"):
+        p4d.reconstruct(p4d.open_recording(frames), lobes)
+
+
 def test_a_blocked_beam_is_said_before_the_lobes_are_known() -> None:
     lost = {3: "blank", 5: "without fringes in some views"}
     assert lost_sentence(lost, 9) == (

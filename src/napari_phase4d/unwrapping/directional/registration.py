@@ -89,11 +89,11 @@ class Seen:
     held: Mask | None = None
 
     def joined(self, axis: int) -> Mask:
-        """Pixels that count at both ends of the steps along an axis, and may be held together."""
+        """Pixels that count at both ends of steps along an axis, but not from view to view."""
         head, tail = ends_along(axis, 4)
         found: Mask = self.usable[head] & self.usable[tail]
         if axis == 1 and self.held is not None:
-            found[(self.held[:, :-1] | self.held[:, 1:])] = False
+            found[self.held[:, :-1] | self.held[:, 1:]] = False
         return found
 
     @property
@@ -107,7 +107,9 @@ class Frames:
     """The frames of a recording, levelled; some are left out.
 
     Times at which all views are lost are left out, and so are outliers, and the rest solved as if
-    they were adjacent. Where a view is lost by itself, its pixels don't count.
+    they were adjacent. Where a view is lost by itself at one time, its frame before is held: so
+    what changes from there to the frame after is one step. What would be made up half way between
+    them would mislead other views. Where it is lost for longer, its pixels don't count.
 
     Parameters
     ----------
@@ -195,16 +197,14 @@ class Frames:
         levelled = turned(wrapped - self.background.ground_of(level, tilt))
         return Seen(levelled, empty, usable, bright)
 
-
     def _hold(self, seen: Seen, i: int, angle: int, time: int) -> None:
         """Hold the frame before a lost one of a view, or leave it out if either side is lost."""
         now = int(np.searchsorted(self.kept, time))
-        next_to_it = [self.kept[k] for k in (now - 1, now + 1) if 0 <= k < len(self.kept)]
-        good = [t for t in next_to_it if not self.lost[t, angle]]
-        if len(good) < 2:
+        next_to_it = self.kept[max(now - 1, 0) : now + 2 : 2]
+        if now == 0 or len(next_to_it) < 2 or self.lost[next_to_it, angle].any():
             seen.usable[i, angle] = False
             return
-        one = self._seen(np.array(good[:1]))
+        one = self._seen(next_to_it[:1])
         seen.phase[i, angle], seen.empty[i, angle] = one.phase[0, angle], one.empty[0, angle]
         seen.usable[i, angle] = one.usable[0, angle]
 
