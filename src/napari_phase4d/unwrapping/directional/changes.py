@@ -50,7 +50,7 @@ Lifts = NDArray[np.int8]
 def changes_along(axis: int, seen: Seen, seams: NDArray[np.int8]) -> tuple[Image, Mask, Mask]:
     """Return what changes along time or angle; where it is known; where both are empty field."""
     head, tail = ends_along(axis, 4)
-    known = seen.joined(axis) & (seams[head] == seams[tail])
+    known = seen.usable[head] & seen.usable[tail] & (seams[head] == seams[tail])
     return seen.phase[tail] - seen.phase[head], known, seen.empty[head] & seen.empty[tail]
 
 
@@ -309,10 +309,10 @@ def maps_of(scene: Scene, block: Block) -> dict[int, Maps]:
     seen = scene.read_box(block.wider(0, 1, scene.shape[0]))
     found = {}
     for axis, frames in ((0, slice(None)), (1, slice(0, len(block)))):
-        phase, empty = seen.phase[frames], seen.empty[frames]
+        phase, usable, empty = seen.phase[frames], seen.usable[frames], seen.empty[frames]
         if phase.shape[axis] > 1:
             head, tail = ends_along(axis, 4)
-            wrapped, inside = turned(phase[tail] - phase[head]), seen.joined(axis)[frames]
+            wrapped, inside = turned(phase[tail] - phase[head]), usable[head] & usable[tail]
             bare = empty[head] & empty[tail]
             turns = turns_of_maps(wrapped, inside, bare)
             ground = (inside & bare).any(axis=(2, 3), keepdims=True)

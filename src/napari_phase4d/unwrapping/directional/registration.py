@@ -27,7 +27,6 @@ from napari_phase4d.unwrapping.alone import Framewise
 from napari_phase4d.unwrapping.background import Background
 from napari_phase4d.unwrapping.frames import centre
 from napari_phase4d.unwrapping.given import working_blocks
-from napari_phase4d.unwrapping.neighbours import ends_along
 
 __all__ = ["Frames", "Recorded", "Seen", "Shifts", "follow_object"]
 
@@ -77,24 +76,12 @@ class Seen:
         Empty field; pixels that count.
     amplitude : ndarray of float, same shape, or None
         Amplitude as a share of its view's median; None too where it was not asked for.
-    held : ndarray of bool, shape (time, angle), optional
-        Frames of views that are lost, in which that of the time before or after is held: it leads
-        on in time, but tells nothing of other views.
     """
 
     phase: Image
     empty: Mask
     usable: Mask
     amplitude: Image | None
-    held: Mask | None = None
-
-    def joined(self, axis: int) -> Mask:
-        """Pixels that count at both ends of steps along an axis, but not from view to view."""
-        head, tail = ends_along(axis, 4)
-        found: Mask = self.usable[head] & self.usable[tail]
-        if axis == 1 and self.held is not None:
-            found[self.held[:, :-1] | self.held[:, 1:]] = False
-        return found
 
     @property
     def free(self) -> Mask:
@@ -154,9 +141,8 @@ class Frames:
         times = self.kept[block.start : block.stop]
         seen = self._seen(times, amplitude=amplitude)
         if self.lost[times].any():
-            held = self.lost[times]
-            seen = Seen(seen.phase, seen.empty.copy(), seen.usable.copy(), seen.amplitude, held)
-            for i, angle in np.argwhere(held):
+            seen = Seen(seen.phase, seen.empty.copy(), seen.usable.copy(), seen.amplitude)
+            for i, angle in np.argwhere(self.lost[times]):
                 self._hold(seen, int(i), int(angle), int(times[i]))
         return seen
 

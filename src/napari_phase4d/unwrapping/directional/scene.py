@@ -128,7 +128,6 @@ class Scene:
             self.placed(seen.empty, block, False),
             self.placed(seen.usable, block, False),
             None if seen.amplitude is None else self.placed(seen.amplitude, block, 1),
-            seen.held,
         )
 
     def placed(self, stack: NDArray[Scalar], block: Block, outside: float) -> NDArray[Scalar]:
@@ -153,12 +152,7 @@ class Scene:
             for name in ("phase", "empty", "usable")
         )
         bright = [part.amplitude for part in parts if part.amplitude is not None]
-        held = [
-            np.zeros(part.phase.shape[:2], bool) if part.held is None else part.held
-            for part in parts
-        ]
-        amplitude_ = np.concatenate(bright) if bright else None
-        return Seen(phase, empty, usable, amplitude_, np.concatenate(held))
+        return Seen(phase, empty, usable, np.concatenate(bright) if bright else None)
 
     def _box_of(self, block: Block, amplitude: bool) -> Seen:
         """Do `read_box`, all frames at once."""
@@ -169,7 +163,6 @@ class Scene:
             seen.empty[inside].copy(),
             seen.usable[inside].copy(),
             None if seen.amplitude is None else seen.amplitude[inside].copy(),
-            seen.held,
         )
 
     def boxed(

@@ -164,7 +164,7 @@ def along(
     """Return the steps along an axis, with the turns that their maps are lifted by."""
     head, tail = ends_along(axis, 4)
     difference = seen.phase[tail] - seen.phase[head]
-    inside = seen.joined(axis)
+    inside = seen.usable[head] & seen.usable[tail]
     valid = inside & (seams[head] == seams[tail])
     bare = seen.empty[head] & seen.empty[tail]
     step = turned(difference)
@@ -176,8 +176,7 @@ def along(
 def part_of(seen: Seen, frames: slice) -> Seen:
     """Return some of the frames."""
     amplitude = None if seen.amplitude is None else seen.amplitude[frames]
-    held = None if seen.held is None else seen.held[frames]
-    return Seen(seen.phase[frames], seen.empty[frames], seen.usable[frames], amplitude, held)
+    return Seen(seen.phase[frames], seen.empty[frames], seen.usable[frames], amplitude)
 
 
 # ---- noise floors ----------------------------------------------------------------------------
