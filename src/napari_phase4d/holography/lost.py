@@ -154,27 +154,24 @@ def lost_sentence(lost: Mapping[int, str], looked_at: int) -> str:
     >>> lost_sentence({2: "without fringes in some views"}, 4)
     '1 frame of 4 shows no fringes in some views: 2.'
     """
-    whole = {i: reason for i, reason in lost.items() if reason != VIEWS_WITHOUT_FRINGES}
+    partly = [str(index) for index, why in lost.items() if why == VIEWS_WITHOUT_FRINGES]
+    whole = [f"{index} ({why})" for index, why in lost.items() if why != VIEWS_WITHOUT_FRINGES]
+    verbs = (
+        (whole, "is lost and left out", "are lost and left out"),
+        (partly, "shows no fringes in some views", "show no fringes in some views"),
+    )
     return " ".join(
-        f"{counted(len(named), 'frame')} of {looked_at} {verb[len(named) != 1]}: {listed(named)}."
-        for named, verb in [
-            (
-                [f"{index} ({reason})" for index, reason in whole.items()],
-                ("is lost and left out", "are lost and left out"),
-            ),
-            (
-                [str(index) for index in lost if index not in whole],
-                ("shows no fringes in some views", "show no fringes in some views"),
-            ),
-        ]
-        if named
+        f"{counted(len(frames), 'frame')} of {looked_at} {one if len(frames) == 1 else more}: "
+        f"{first_few(frames)}."
+        for frames, one, more in verbs
+        if frames
     )
 
 
-def listed(named: Sequence[str]) -> str:
-    """Return the first few names, and how many more there are."""
-    more = f" and {len(named) - 5} more" if len(named) > 5 else ""
-    return ", ".join(named[:5]) + more
+def first_few(frames: Sequence[str]) -> str:
+    """Return the first few frames, and how many more there are."""
+    more = f" and {len(frames) - 5} more" if len(frames) > 5 else ""
+    return ", ".join(frames[:5]) + more
 
 
 @dataclass(frozen=True)
