@@ -55,6 +55,17 @@ def test_plain_video_has_one_view_and_gets_its_picture(plain_video: Path, tmp_pa
     assert not (tmp_path / "two.png").exists()
 
 
+@pytest.mark.filterwarnings("ignore:.*left out as lost")
+def test_no_words_below_the_picture_are_cut_off(plain_video: Path, tmp_path: Path) -> None:
+    frames = np.load(plain_video)
+    frames[2] = 0
+    np.save(plain_video, frames)
+    code, words = run_look(plain_video, "--out", tmp_path / "look.png")
+    assert code == 0
+    assert "Left out as lost" in words  # the end of the longest sentence
+    assert (iio.imread(tmp_path / "look.png")[:, -10:, :3] == 255).all()
+
+
 def test_a_wrong_ending_is_said_before_the_work(plain_video: Path, tmp_path: Path) -> None:
     result = CliRunner().invoke(app, ["look", str(plain_video), "--out", str(tmp_path / "look")])
     assert "look can't be written as a figure; use one of .png" in str(result.exception)

@@ -414,8 +414,8 @@ def time_label(stack: xr.DataArray, t: int) -> str:
     return f"t = {seconds:.3g} s"
 
 
-#: Inches of one picture, and of the words below them, a line.
-LOOK_CELL, LOOK_LINE = 3.0, 0.2
+#: Inches of one picture, and of the words below them, a line; letters that fit in one.
+LOOK_CELL, LOOK_LINE, LOOK_LETTERS = 3.0, 0.2, 140
 #: Inches that stay empty on the left and on the right.
 MARGIN = 0.1
 #: Rows and columns of a hologram that are shown at the camera's own resolution, so that the
@@ -474,7 +474,8 @@ def look_figure(
     n_views = data.sizes["angle"]
     height, width = hologram.shape
     cell = LOOK_CELL * min(height / width, 1.4)
-    foot = LOOK_LINE * (len(words) + 1)
+    lines = [line for each in words for line in textwrap.wrap(each, LOOK_LETTERS)]
+    foot = LOOK_LINE * (len(lines) + 1)
     size = (3 * (LOOK_CELL + 0.7), (1 + n_views) * (cell + 0.35) + foot + 0.3)
     figure = Figure(figsize=size)
     bottom = foot / size[1]
@@ -489,7 +490,7 @@ def look_figure(
     for view, row in enumerate(axes[1:]):
         show_view(figure, row, data, unwrapped, view)
     figure.suptitle(title, fontsize=11)
-    figure.text(0.02, 0.3 * LOOK_LINE / size[1], "\n".join(words), fontsize=9, va="bottom")
+    figure.text(0.02, 0.3 * LOOK_LINE / size[1], "\n".join(lines), fontsize=9, va="bottom")
     return figure
 
 
