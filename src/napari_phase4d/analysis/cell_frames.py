@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.unwrapping import median_of, noise_of
 
-__all__ = ["SMALLEST_PIXELS", "Labels", "Rule", "level_of", "risen"]
+__all__ = ["SMALLEST_PIXELS", "Labels", "Rule", "level_of", "parts_between_necks", "risen"]
 
 #: A cell rises by so many radians above the empty field somewhere, if the noise allows it; with
 #: noise, by so many of its standard deviations after smoothing over a pixel.
@@ -150,32 +150,38 @@ def without_holes(mask: Mask) -> Mask:
 
 def cut_at_necks(labels: Labels, height: Image, smallest: float) -> Labels:
     """Cut blobs in two where they are narrow, or phase is low, between two wide parts."""
-    from skimage.morphology import h_maxima  # which takes a tenth of a second
-
     found = labels.copy()
     count = int(labels.max())
     for number, box in enumerate(scipy.ndimage.find_objects(labels), 1):
-        if box is None:
+        divided = None if box is None else parts_between_necks(labels[box] == number, smallest)
+        if divided is None:  # most of them: one cell, for sure
             continue
-        blob = np.pad(labels[box] == number, 1)
-        depth = (
-            scipy.ndimage.gaussian_filter(scipy.ndimage.distance_transform_edt(blob), 1.0) * blob
-        )
-        if peaks_of(depth, blob) < 2:  # most of them: one cell, for sure
-            continue
-        deepest = float(depth.max())
-        markers, n = scipy.ndimage.label(h_maxima(depth, 0.1 * deepest))
-        if n < 2:
-            continue
-        parts = skimage.segmentation.watershed(-depth, markers, mask=blob)
-        widest = scipy.ndimage.maximum(depth, parts, np.arange(n + 1))
-        parts = joined_over_wide_necks(parts, depth, widest, smallest, NECK)
-        parts = cut_at_valleys(parts, markers, np.pad(height[box], 1), smallest)
-        inner = parts[1:-1, 1:-1]
+        parts = cut_at_valleys(*divided, height[box], smallest)
         for extra in range(2, int(parts.max()) + 1):
             count += 1
-            found[box][inner == extra] = count
+            found[box][parts == extra] = count
     return found
+
+
+def parts_between_necks(blob: Mask, smallest: float) -> tuple[Labels, Labels] | None:
+    """Return the wide parts of a blob (y, x), and the places where it is widest, from 1.
+
+    None if there is but one such place; there may be several in one part, between which the blob
+    is not narrow. Parts are the basins of the distance to its end (watershed).
+    """
+    from skimage.morphology import h_maxima  # which takes a tenth of a second
+
+    blob = np.pad(blob, 1)
+    depth = scipy.ndimage.gaussian_filter(scipy.ndimage.distance_transform_edt(blob), 1.0) * blob
+    if peaks_of(depth, blob) < 2:
+        return None
+    markers, n = scipy.ndimage.label(h_maxima(depth, 0.1 * float(depth.max())))
+    if n < 2:
+        return None
+    parts = skimage.segmentation.watershed(-depth, markers, mask=blob)
+    widest = scipy.ndimage.maximum(depth, parts, np.arange(n + 1))
+    parts = joined_over_wide_necks(parts, depth, widest, smallest, NECK)
+    return parts[1:-1, 1:-1], markers[1:-1, 1:-1]
 
 
 def peaks_of(depth: Image, blob: Mask) -> int:

@@ -10,6 +10,7 @@ import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.balance import core_of, object_of
+from napari_phase4d.analysis.cell_frames import parts_between_necks
 from napari_phase4d.analysis.confidence import above_field, whole_turns
 from napari_phase4d.analysis.differences import DOUBTFUL
 from napari_phase4d.later import xr
@@ -39,6 +40,7 @@ MISSING = (
 )
 
 Counts = NDArray[np.int64]
+Labels = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 
@@ -153,7 +155,7 @@ class Count:
         slipped = np.zeros((*inside.shape[:2], len(maps)), dtype=bool)
         for frame in np.ndindex(*inside.shape[:2]):
             objects = objects_in(inside[frame], empty[frame])
-            slipped[frame] = slips(objects, [m[frame] < FIRM for m in maps])
+            slipped[frame] = slips(objects, empty[frame], [m[frame] < FIRM for m in maps])
         return in_object, in_field, slipped, np.asarray(empty.any(axis=(1, 2, 3)))
 
     def _differ(self, block: Block, empty: Mask) -> Mask:
@@ -166,28 +168,58 @@ class Count:
         return found
 
 
-def objects_in(inside: Mask, empty: Mask) -> Mask:
-    """Mark the objects of a frame: what is not empty field, less its rim where enough is left."""
+def objects_in(inside: Mask, empty: Mask) -> Labels:
+    """Return the objects of a frame: what is not empty field, less its rim where it is wide."""
     cores, count = scipy.ndimage.label(core_of(~empty) & inside)
     large = np.bincount(cores.ravel(), minlength=count + 1) >= SMALLEST_OBJECT
     large[0] = False
     pieces, count = scipy.ndimage.label(inside)
     whole = np.bincount(pieces[large[cores]], minlength=count + 1) == 0
-    found: Mask = inside & (large[cores] | whole[pieces])
+    found: Labels = scipy.ndimage.label(inside & (large[cores] | whole[pieces]))[0]
     return found
 
 
-def slips(objects: Mask, wrong: list[Mask]) -> list[bool]:
-    """Say for each mask of doubt whether most of an object of the frame lies in it."""
-    labels, count = scipy.ndimage.label(objects)
-    if not count:
-        return [False] * len(wrong)
-    size = np.bincount(labels.ravel(), minlength=count + 1)[1:]
-    found = []
-    for mask in wrong:
-        bad = np.bincount(labels[mask], minlength=count + 1)[1:]
-        found.append(bool(((size >= SMALLEST_OBJECT) & (bad >= MOST * size)).any()))
+def slips(objects: Labels, empty: Mask, wrong: list[Mask]) -> list[bool]:
+    """Say for each mask of doubt whether most of an object of the frame lies in it.
+
+    Cells that touch are one object. They are told apart by their necks, as `find_cells` does it,
+    where most of one of them might lie in it.
+    """
+    found = [mostly_in(objects, mask) for mask in wrong]
+    unsure = [i for i, mask in enumerate(wrong) if not found[i] and mask.any()]
+    if unsure:
+        cells = apart(objects, empty, [wrong[i] for i in unsure])
+        for i in unsure:
+            found[i] = mostly_in(cells, wrong[i])
     return found
+
+
+def mostly_in(objects: Labels, mask: Mask) -> bool:
+    """Say whether most of any numbered object of a frame lies in a mask."""
+    size = np.bincount(objects.ravel())
+    bad = np.bincount(objects[mask], minlength=size.size)
+    return bool(((size >= SMALLEST_OBJECT) & (bad >= MOST * size))[1:].any())
+
+
+def apart(objects: Labels, empty: Mask, wrong: list[Mask]) -> Labels:
+    """Return objects with cells that touch counted one by one, where it may matter to a mask."""
+    cells = objects.copy()
+    pieces = scipy.ndimage.label(~empty)[0]
+    within = np.where(objects > 0, pieces, 0)
+    large = np.bincount(within.ravel()) >= 2 * SMALLEST_OBJECT
+    asked = np.any(
+        [np.bincount(within[m], minlength=large.size) >= MOST * SMALLEST_OBJECT for m in wrong],
+        axis=0,
+    )
+    places = scipy.ndimage.find_objects(pieces)
+    for number in np.flatnonzero((large & asked)[1:]) + 1:
+        place = places[number - 1]
+        parts = parts_between_necks(pieces[place] == number, SMALLEST_OBJECT)
+        if parts is not None:
+            here, several = cells[place], int(parts[0].max()) + 1
+            inside = (here > 0) & (parts[0] > 0)
+            here[inside] = cells.max() + here[inside] * several + parts[0][inside]
+    return cells
 
 
 def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
