@@ -8,6 +8,7 @@ that truly loses as much, as a cell that bursts: the two can't be told apart by 
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,7 +16,9 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.stack import Block, Stack
+from napari_phase4d.analysis.cell_frames import Labels
+from napari_phase4d.analysis.objects import object_of, solid_pieces
+from napari_phase4d.stack import Block
 from napari_phase4d.task import Task, Watch, in_threads
 from napari_phase4d.unwrapping import Judged, Problem, border_medians, shrunk, working_blocks
 
@@ -24,14 +27,10 @@ __all__ = [
     "MISSING_MASS",
     "Balance",
     "balance_of",
-    "core_of",
     "frames_missing_mass",
-    "object_of",
 ]
 
 TURN = 2 * np.pi
-#: So many pixels are taken off the rim of objects, by which too much is not found empty.
-SPARE = 3
 #: Pixels are clearly no empty field that differ from it by so many radians and so many times the
 #: noise.
 CLEAR, NOISES = 0.3, 3.0
@@ -52,7 +51,6 @@ SAID = 0.5
 BALANCE, MISSING_MASS = "balance", "missing mass"
 
 Mask = NDArray[np.bool_]
-Labels = NDArray[np.int32]
 Index = NDArray[np.intp]
 Numbers = NDArray[np.float64]
 
@@ -67,11 +65,14 @@ class Balance:
         What was unwrapped.
     slipped : list of list of ndarray
         From 0 to 1 for the objects of each frame, by time and the problem's angle, see
-        `objects_in_frame`.
+        `solid_pieces`.
+    apart : bool
+        Whether cells that touch are told apart.
     """
 
     problem: Problem
     slipped: list[list[Numbers]]
+    apart: bool
 
     def frames(self) -> Mask:
         """Mark the frames (time, angle) in which an object has slipped more likely than not."""
@@ -88,32 +89,9 @@ class Balance:
         for frame in np.ndindex(*inside.shape[:2]):
             each = here[frame[0]][frame[1]]
             if each.any():
-                labels = objects_in_frame(inside[frame])
+                labels = solid_pieces(inside[frame], self.apart)
                 found[frame] = np.concatenate([[0], each])[labels]
         return found
-
-
-def object_of(problem: Problem, empty: Stack | None, block: Block) -> Mask:
-    """Mark what of the usable field of a block is not empty; all of it if nothing is given."""
-    lost = problem.frames_left_out()[block.start : block.stop]
-    usable = problem.given.read(block)[1] & ~lost[..., None, None]
-    return usable if empty is None else usable & ~empty.read(block)
-
-
-def core_of(mask: Mask) -> Mask:
-    """Return a mask without its rim of `SPARE` pixels; what lies beyond the view has none."""
-    for _ in range(SPARE):
-        mask = shrunk(mask, beyond=True)
-    return mask
-
-
-def objects_in_frame(inside: Mask) -> Labels:
-    """Return numbers from 1 for the pieces of a frame (y, x) that are more than a rim, else 0."""
-    labels, count = scipy.ndimage.label(inside)
-    solid = np.bincount(labels[core_of(inside)], minlength=count + 1) > 0
-    solid[0] = False
-    found: Labels = np.where(solid, np.cumsum(solid), 0).astype(np.int32)[labels]
-    return found
 
 
 # ---- what is looked at -----------------------------------------------------------------------
@@ -188,11 +166,14 @@ class BalanceBlock:
         The result that is looked at.
     level : ndarray of float, shape (time, angle)
         Phase of the empty field, radians.
+    apart : bool
+        Whether cells that touch are told apart.
     """
 
     problem: Problem
     result: Judged
     level: Numbers
+    apart: bool
 
     def __call__(self, block: Block) -> list[list[tuple[int, Objects, Change | None]]]:
         """Return time, objects and change of each frame of the block, by view."""
@@ -227,7 +208,9 @@ class BalanceBlock:
         kept = ~self.problem.frames_left_out()[block.start : block.stop]
         return [
             [
-                look_at(block.start + t, steady[t, a], usable[t, a], empty[t, a], clear)
+                look_at(
+                    block.start + t, steady[t, a], usable[t, a], empty[t, a], clear, self.apart
+                )
                 for t in np.flatnonzero(kept[:, a]).tolist()
             ]
             for a in range(kept.shape[1])
@@ -235,7 +218,7 @@ class BalanceBlock:
 
 
 def look_at(
-    time: int, phase: NDArray[np.float32], usable: Mask, empty: Mask, clear: float
+    time: int, phase: NDArray[np.float32], usable: Mask, empty: Mask, clear: float, apart: bool
 ) -> Look:
     """Look at the objects of a frame.
 
@@ -249,8 +232,10 @@ def look_at(
         What is known; the empty field.
     clear : float
         What differs from the empty field by so many radians is clearly something else.
+    apart : bool
+        Whether cells that touch are told apart.
     """
-    labels = objects_in_frame(usable & ~empty)
+    labels = solid_pieces(usable & ~empty, apart)
     count = int(labels.max()) + 1
     ground = phase[empty & np.isfinite(phase)]
     level = np.median(ground) if ground.size else 0.0
@@ -297,7 +282,8 @@ def balance_of(problem: Problem, result: Judged, task: Task) -> Balance:
 
     An object that grows from the first boundary frame on does not lose mass at once, unless part
     of it is taken for a turn less. What an object, or what it came from, lost at once is counted
-    on the way out from there, until it comes back or is not known.
+    on the way out from there, until it comes back or is not known. Where any did, it is asked once
+    more with cells that touch told apart: what one of them lost is not missed by the other.
 
     Parameters
     ----------
@@ -308,25 +294,32 @@ def balance_of(problem: Problem, result: Judged, task: Task) -> Balance:
     task : Task
         Who is told of it, and may stop it.
     """
+    found, whole = added_up(problem, result, False, task)
+    return found if whole else added_up(problem, result, True, task)[0]
+
+
+def added_up(problem: Problem, result: Judged, apart: bool, task: Task) -> tuple[Balance, bool]:
+    """Return the balance of cells that touch, or of each, and whether no object lost or gained."""
     level = border_medians(problem.background(task).level, problem.first)
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks), "adding up the mass", task)
-    look = BalanceBlock(problem, result, level)
+    look = BalanceBlock(problem, result, level, apart)
     times, angles = problem.given.shape[:2]
     lines: list[list[tuple[int, Objects, Change | None]]] = [[] for _ in range(angles)]
     for views in in_threads(look, blocks, watch, wait=True):
         for line, more in zip(lines, views, strict=True):
             line += more
-    slipped = [[np.zeros(0)] * angles for _ in range(times)]
+    slipped, whole = [[np.zeros(0)] * angles for _ in range(times)], True
     for angle, line in enumerate(lines):
         changes = [change for _, _, change in line if change is not None]
         jumps = sudden(changes, watch)
+        whole &= not any(jump.any() for jump in jumps)
         objects = [seen for _, seen, _ in line]
         start = nearest([time for time, _, _ in line], problem.first[0])
         found = missing_turns(changes, jumps, objects, start, watch)
         for (time, _, _), likely in zip(line, found, strict=True):
             slipped[time][angle] = likely
-    return Balance(problem, slipped)
+    return Balance(problem, slipped, apart), whole
 
 
 def frames_missing_mass(problem: Problem) -> Mask:
@@ -433,7 +426,7 @@ def median_of_known(values: Numbers) -> Numbers:
 
 #: What an object may have lost, by the change and the group that did: turns times pixels, and over
 #: how many pixels; both are negative if it lies below the empty field.
-Claims = dict[tuple[int, int], tuple[float, float]]
+Claims = dict[tuple[int, ...], tuple[float, float]]
 
 
 def missing_turns(
@@ -475,6 +468,7 @@ def missing_turns(
             groups = claims_of_groups(claims, gained, near, objects[at], sizes, number)
             claims = [groups[g] if change.known[g] else {} for g in far]
             found[to] = likely_slipped(claims, objects[to])
+            claims = shared_out(claims, objects[to])
             if not any(claims):
                 claims = []
     return found
@@ -543,18 +537,58 @@ def likely_slipped(claims: list[Claims], objects: Objects) -> Numbers:
     Of each object alone, or of all of those that one loss may be of.
     """
     found = np.zeros(len(claims))
-    area: dict[tuple[int, int], float] = {}
-    for i, own in enumerate(claims):
-        for loss in own:
-            area[loss] = area.get(loss, 0.0) + float(objects.area[i])
+    alone = turns_alone(claims, objects)
     for i, own in enumerate(claims):
         if own and objects.intact[i]:
             together = sum(lost / over for lost, over in own.values())
-            alone = sum(
-                lost / (over * objects.area[i] / area[loss]) for loss, (lost, over) in own.items()
-            )
-            found[i] = max(a_turn_off(together), a_turn_off(alone))
+            found[i] = max(a_turn_off(together), a_turn_off(float(alone[i])))
     return found
+
+
+def turns_alone(claims: list[Claims], objects: Objects) -> Numbers:
+    """Return how many turns each object misses if it has lost alone all that it may have lost."""
+    area = areas_of_losses(claims, objects)
+    return np.array(
+        [
+            sum(lost / (over * objects.area[i] / area[loss]) for loss, (lost, over) in own.items())
+            for i, own in enumerate(claims)
+        ],
+        dtype=float,
+    )
+
+
+def areas_of_losses(claims: list[Claims], objects: Objects) -> dict[tuple[int, ...], float]:
+    """Return over how many pixels the objects extend that each loss may be of."""
+    area: dict[tuple[int, ...], float] = {}
+    for i, own in enumerate(claims):
+        for loss in own:
+            area[loss] = area.get(loss, 0.0) + float(objects.area[i])
+    return area
+
+
+def shared_out(claims: list[Claims], objects: Objects) -> list[Claims]:
+    """Return claims with those losses parted among their objects that none can have had alone.
+
+    Where two daughters miss two turns between them, none misses two. So each misses one, also when
+    the other one's has come back.
+    """
+    area, alone = areas_of_losses(claims, objects), turns_alone(claims, objects)
+    holders = Counter(loss for own in claims for loss in own)
+    parted = {loss for loss, count in holders.items() if count > 1}
+    for i, own in enumerate(claims):
+        if alone[i] <= TOO_MUCH:
+            parted -= set(own)
+    return [
+        {
+            (*loss, i) if loss in parted else loss: (
+                (lost * objects.area[i] / area[loss], over * objects.area[i] / area[loss])
+                if loss in parted
+                else (lost, over)
+            )
+            for loss, (lost, over) in own.items()
+        }
+        for i, own in enumerate(claims)
+    ]
 
 
 def a_turn_off(missing: float) -> float:

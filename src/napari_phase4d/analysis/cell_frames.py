@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.unwrapping import median_of, noise_of
 
-__all__ = ["SMALLEST_PIXELS", "Labels", "Rule", "level_of", "parts_between_necks", "risen"]
+__all__ = ["SMALLEST_PIXELS", "Labels", "Rule", "cells_that_touch", "level_of", "risen"]
 
 #: A cell rises by so many radians above the empty field somewhere, if the noise allows it; with
 #: noise, by so many of its standard deviations after smoothing over a pixel.
@@ -31,6 +31,8 @@ NECK = 0.72
 #: They also are where phase between them falls below this share of what the lower one has inside:
 #: of its upper quartile, since its rim is blurred and its summit noise.
 VALLEY, INNER = 0.82, 0.75
+#: Where nothing but the form of a blob counts, it is looked at with about so many pixels a side.
+FORM = 64
 
 Image = NDArray[np.float32]
 Labels = NDArray[np.int32]
@@ -182,6 +184,25 @@ def parts_between_necks(blob: Mask, smallest: float) -> tuple[Labels, Labels] | 
     widest = scipy.ndimage.maximum(depth, parts, np.arange(n + 1))
     parts = joined_over_wide_necks(parts, depth, widest, smallest, NECK)
     return parts[1:-1, 1:-1], markers[1:-1, 1:-1]
+
+
+def cells_that_touch(blob: Mask) -> Labels | None:
+    """Return the cells that a blob (y, x) is made of by its form, from 1; None if it is but one.
+
+    In a large blob distances take long to find: it is looked at with fewer pixels.
+    """
+    step = max(1, max(blob.shape) // FORM)
+    whole = np.pad(blob, [(0, -n % step) for n in blob.shape])
+    rows, columns = whole.shape[0] // step, whole.shape[1] // step
+    most = whole.reshape(rows, step, columns, step).mean(axis=(1, 3)) >= 0.5
+    divided = parts_between_necks(most, SMALLEST_PIXELS / step**2)
+    if divided is None or divided[0].max() < 2:
+        return None
+    parts, beside = divided[0], scipy.ndimage.maximum_filter(divided[0], 3)
+    parts = np.where(parts > 0, parts, np.maximum(beside, 1))
+    parts = parts.repeat(step, axis=0).repeat(step, axis=1)[: blob.shape[0], : blob.shape[1]]
+    found: Labels = np.where(blob, parts, 0).astype(np.int32)
+    return found
 
 
 def peaks_of(depth: Image, blob: Mask) -> int:

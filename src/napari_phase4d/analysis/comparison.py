@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.analysis.balance import MISSING_MASS, object_of
+from napari_phase4d.analysis.balance import MISSING_MASS
 from napari_phase4d.analysis.confidence import (
     REFERENCE,
     chances_of_right,
@@ -19,6 +19,7 @@ from napari_phase4d.analysis.confidence import (
     trust_map,
 )
 from napari_phase4d.analysis.differences import OF_TRUTH, as_truth, errors, in_order, table_of
+from napari_phase4d.analysis.objects import object_of
 from napari_phase4d.analysis.slips import Tally, slip_words, tally_of
 from napari_phase4d.analysis.verdict import Verdict, counting_turns, verdict_on
 from napari_phase4d.later import pd, xr

@@ -84,7 +84,7 @@ PER_MISSING = 3.5
 ADRIFT = np.float32(0.9)
 #: The empty field of a frame counts as so many patches, which slip independently of each other.
 #: Chosen on the same half.
-PATCHES = 16
+PATCHES = 8
 #: Levels that are more turns off are counted as this.
 FURTHEST = 100
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.

@@ -6,13 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.balance import core_of, object_of
-from napari_phase4d.analysis.cell_frames import parts_between_necks
+from napari_phase4d.analysis.cell_frames import Labels
 from napari_phase4d.analysis.confidence import above_field, whole_turns
 from napari_phase4d.analysis.differences import DOUBTFUL
+from napari_phase4d.analysis.objects import (
+    SMALLEST_OBJECT,
+    object_of,
+    told_apart,
+    without_rims,
+)
 from napari_phase4d.later import xr
 from napari_phase4d.stack import Block, Stack, stack_of
 from napari_phase4d.task import UNWATCHED, Task, Watch, in_threads
@@ -27,10 +31,7 @@ __all__ = [
     "tally_of",
 ]
 
-#: An object is one piece of a frame of at least so many pixels ...
-SMALLEST_OBJECT = 30
-#: ... without its rim, or with it where nothing as large is left. Two cells that lie side by side
-#: are two then. It may have slipped if at least this share of it is trusted less than so much.
+#: An object may have slipped if at least this share of it is trusted less than so much.
 MOST, FIRM = 0.5, 0.7
 
 #: What is said of frames in which an object misses mass.
@@ -40,7 +41,6 @@ MISSING = (
 )
 
 Counts = NDArray[np.int64]
-Labels = NDArray[np.int32]
 Mask = NDArray[np.bool_]
 
 
@@ -154,7 +154,7 @@ class Count:
         )
         slipped = np.zeros((*inside.shape[:2], len(maps)), dtype=bool)
         for frame in np.ndindex(*inside.shape[:2]):
-            objects = objects_in(inside[frame], empty[frame])
+            objects = without_rims(inside[frame], empty[frame])
             slipped[frame] = slips(objects, empty[frame], [m[frame] < FIRM for m in maps])
         return in_object, in_field, slipped, np.asarray(empty.any(axis=(1, 2, 3)))
 
@@ -168,17 +168,6 @@ class Count:
         return found
 
 
-def objects_in(inside: Mask, empty: Mask) -> Labels:
-    """Return the objects of a frame: what is not empty field, less its rim where it is wide."""
-    cores, count = scipy.ndimage.label(core_of(~empty) & inside)
-    large = np.bincount(cores.ravel(), minlength=count + 1) >= SMALLEST_OBJECT
-    large[0] = False
-    pieces, count = scipy.ndimage.label(inside)
-    whole = np.bincount(pieces[large[cores]], minlength=count + 1) == 0
-    found: Labels = scipy.ndimage.label(inside & (large[cores] | whole[pieces]))[0]
-    return found
-
-
 def slips(objects: Labels, empty: Mask, wrong: list[Mask]) -> list[bool]:
     """Say for each mask of doubt whether most of an object of the frame lies in it.
 
@@ -188,7 +177,7 @@ def slips(objects: Labels, empty: Mask, wrong: list[Mask]) -> list[bool]:
     found = [mostly_in(objects, mask) for mask in wrong]
     unsure = [i for i, mask in enumerate(wrong) if not found[i] and mask.any()]
     if unsure:
-        cells = apart(objects, empty, [wrong[i] for i in unsure])
+        cells = told_apart(objects, empty, [wrong[i] for i in unsure], MOST * SMALLEST_OBJECT)
         for i in unsure:
             found[i] = mostly_in(cells, wrong[i])
     return found
@@ -199,27 +188,6 @@ def mostly_in(objects: Labels, mask: Mask) -> bool:
     size = np.bincount(objects.ravel())
     bad = np.bincount(objects[mask], minlength=size.size)
     return bool(((size >= SMALLEST_OBJECT) & (bad >= MOST * size))[1:].any())
-
-
-def apart(objects: Labels, empty: Mask, wrong: list[Mask]) -> Labels:
-    """Return objects with cells that touch counted one by one, where it may matter to a mask."""
-    cells = objects.copy()
-    pieces = scipy.ndimage.label(~empty)[0]
-    within = np.where(objects > 0, pieces, 0)
-    large = np.bincount(within.ravel()) >= 2 * SMALLEST_OBJECT
-    asked = np.any(
-        [np.bincount(within[m], minlength=large.size) >= MOST * SMALLEST_OBJECT for m in wrong],
-        axis=0,
-    )
-    places = scipy.ndimage.find_objects(pieces)
-    for number in np.flatnonzero((large & asked)[1:]) + 1:
-        place = places[number - 1]
-        parts = parts_between_necks(pieces[place] == number, SMALLEST_OBJECT)
-        if parts is not None:
-            here, several = cells[place], int(parts[0].max()) + 1
-            inside = (here > 0) & (parts[0] > 0)
-            here[inside] = cells.max() + here[inside] * several + parts[0][inside]
-    return cells
 
 
 def slipped_frames(problem: Problem, trust: xr.DataArray) -> Mask:
