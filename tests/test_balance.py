@@ -9,6 +9,7 @@ import xarray as xr
 import napari_phase4d as p4d
 from napari_phase4d.analysis import slipped_frames
 from napari_phase4d.analysis.balance import balance_of
+from napari_phase4d.analysis.cell_frames import cells_that_touch
 from napari_phase4d.analysis.slips import slip_words
 from napari_phase4d.simulation import hard_shape, with_noise
 from napari_phase4d.stack import Block, InMemory
@@ -192,16 +193,61 @@ def test_of_two_turns_one_may_come_back() -> None:
     assert not found[4:7].any()  # two turns are not a turn
 
 
-def test_both_daughters_of_what_slipped_are_told() -> None:
-    frames = [dome(3.0, 32, 48, 16)] * 6
-    for t in range(6, N):
-        apart, radius = 5 * (t - 5), 16 / 2**0.5
+def daughters(before: int = 6) -> np.ndarray:
+    """Return a cell that divides after so many frames; its daughters part."""
+    frames = [dome(3.0, 32, 48, 16)] * before
+    for t in range(6):
+        apart, radius = 5 * (t + 1), 16 / 2**0.5
         frames.append(dome(3.0, 32, 48 - apart, radius) + dome(3.0, 32, 48 + apart, radius))
-    phase = np.stack(frames)[:, None].astype(np.float32)
+    return np.stack(frames)[:, None].astype(np.float32)
+
+
+def test_both_daughters_of_what_slipped_are_told() -> None:
+    phase = daughters()
     off = slip(phase, slice(3, None), slice(None))
     found = likely(phase, off)
     assert (found[-1][off[-1] != 0] > 0.9).all()
     assert not found[:3].any()
+
+
+def test_a_daughter_that_comes_back_leaves_the_other_one_behind() -> None:
+    """Neither misses two turns. So each missed one, and the other one still does."""
+    phase = daughters(12)
+    off = slip(phase, slice(7, 15), slice(0, 48)) + slip(phase, slice(3, None), slice(48, 96))
+    found = likely(phase, off)
+    assert (found[14][off[14] != 0] > 0.7).all()
+    assert (found[15:][off[15:] != 0] > 0.7).all()
+    assert not found[15:, ..., :48].any()
+
+
+@pytest.mark.parametrize("columns", [slice(0, 46), slice(46, 96)])
+def test_cells_that_touch_are_told_apart(columns: slice) -> None:
+    cells = dome(1.5, 32, 34, 12) + dome(1.5, 32, 58, 10)
+    phase = np.stack([cells] * N)[:, None].astype(np.float32)
+    off = slip(phase, slice(5, None), columns)
+    found = likely(phase, off)
+    assert (found[off != 0] > 0.9).all()
+    other = phase[0, 0] > 0.3
+    other[:, columns] = False
+    assert other.sum() > 200
+    assert not found[..., other].any()
+
+
+@pytest.mark.parametrize("scale", [1, 7])
+def test_cells_that_touch_are_known_by_their_form(scale: int) -> None:
+    """Also where there are so many pixels that it is looked at with fewer."""
+    y, x = np.mgrid[: 40 * scale, : 64 * scale] / scale
+    one, other = np.hypot(y - 18, x - 20) < 13, np.hypot(y - 22, x - 43) < 11
+    found = cells_that_touch(one | other)
+    assert found is not None
+    assert found.max() == 2
+    assert not found[~(one | other)].any()
+    for cell, beyond in ((one & ~other, other & ~one), (other & ~one, one & ~other)):
+        number = np.bincount(found[cell]).argmax()
+        assert (found[cell] == number).mean() > 0.98
+        assert (found[beyond] == number).mean() < 0.02
+    for single in (one, np.hypot(y - 20, (x - 32) / 2) < 15):
+        assert cells_that_touch(single) is None
 
 
 def test_a_plateau_that_seems_empty_after_its_slip_is_told() -> None:

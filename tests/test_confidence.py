@@ -374,11 +374,12 @@ def two_cells(gap: int) -> xr.Dataset:
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
-def test_a_cell_that_slipped_beside_another_is_said(noise: float) -> None:
-    """The field between the two is narrow, so that they are one piece of what is not empty."""
-    data = with_noise(two_cells(4), noise, seed=6)
+@pytest.mark.parametrize("gap", [4, 2])
+def test_a_cell_that_slipped_beside_another_is_said(gap: int, noise: float) -> None:
+    """The field between the two is narrow, or there is none: one piece of what is not empty."""
+    data = with_noise(two_cells(gap), noise, seed=6)
     problem, small = Problem(data["wrapped"]), np.arange(64) > 24 + 11
-    inside = two_cells(4)["phase"].values > 0
+    inside = two_cells(gap)["phase"].values > 0
     slipped = data["phase"].copy(data=data["phase"].values + TURN * (inside & small))
     slipped[[0, 1, 2, 4, 5]] = data["phase"][[0, 1, 2, 4, 5]]
     trust = p4d.confidence(slipped, data["wrapped"])

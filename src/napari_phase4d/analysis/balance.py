@@ -578,17 +578,13 @@ def shared_out(claims: list[Claims], objects: Objects) -> list[Claims]:
     for i, own in enumerate(claims):
         if alone[i] <= TOO_MUCH:
             parted -= set(own)
-    return [
-        {
-            (*loss, i) if loss in parted else loss: (
-                (lost * objects.area[i] / area[loss], over * objects.area[i] / area[loss])
-                if loss in parted
-                else (lost, over)
-            )
-            for loss, (lost, over) in own.items()
-        }
-        for i, own in enumerate(claims)
-    ]
+    found: list[Claims] = []
+    for i, own in enumerate(claims):
+        share = {loss: float(objects.area[i]) / area[loss] for loss in parted & own.keys()}
+        rest = {loss: claim for loss, claim in own.items() if loss not in parted}
+        ours = {(*loss, i): (own[loss][0] * s, own[loss][1] * s) for loss, s in share.items()}
+        found.append(rest | ours)
+    return found
 
 
 def a_turn_off(missing: float) -> float:
