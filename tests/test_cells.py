@@ -178,6 +178,36 @@ def test_pixels_in_doubt_make_the_error_larger() -> None:
     np.testing.assert_allclose(extra, 0.4 * area * pixel, rtol=1e-3)
 
 
+@pytest.mark.parametrize("views", [[0], [0, 1]])
+def test_cells_keep_their_numbers_over_frames_that_are_lost(views: list[int]) -> None:
+    """More of them than a cell may be missing in otherwise, as when a beam is blocked."""
+    sample = swimming_cells((96, 128), 14, 3, divisions=0, leaving=0, entering=0, seed=3)
+    phase = sample["phase"].copy(deep=True)
+    whole = p4d.find_cells(phase)
+    phase[4:9, views] = np.nan
+    found = p4d.find_cells(phase)
+    seen = np.isfinite(phase.values)
+    assert found.values.max() == whole.values.max() == 3
+    assert not found.values[~seen].any()
+    np.testing.assert_array_equal(found.values[seen], whole.values[seen])
+
+
+def test_cells_that_touch_are_kept_apart_over_a_lost_frame() -> None:
+    """They have no neck then: they are known by the frame before the one that is lost."""
+    y, x = np.mgrid[:48, :72]
+    frames = [
+        4.0 * ((np.hypot(y - 24, x - 36 + d) < 10) | (np.hypot(y - 24, x - 36 - d) < 10))
+        for d in (13, np.nan, 7)
+    ]
+    frames[1][:] = np.nan
+    phase = xr.DataArray(np.float32(frames)[:, None], dims=("time", "angle", "y", "x"))
+    assert p4d.find_cells(phase[2]).values.max() == 1
+    found = p4d.find_cells(phase).values[:, 0, 24]
+    assert found[2, 25] == found[0, 20] > 0
+    assert found[2, 47] == found[0, 52] > 0
+    assert found.max() == 2
+
+
 @pytest.mark.slow
 def test_labels_of_another_program_are_followed() -> None:
     data, _ = recording("some", 0.0)

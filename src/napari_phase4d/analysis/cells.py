@@ -25,6 +25,8 @@ from napari_phase4d.stacks import AXES, check_rising, checked_labels, unwrapped_
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 
+Mask = NDArray[np.bool_]
+
 __all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
 
 #: A cell of the frame before takes part in a blob where this share of it lies in the blob.
@@ -54,8 +56,8 @@ def find_cells(
     """Find the cells of every frame, and give each one the same number everywhere.
 
     What rises out of the empty field is a cell; blobs with a neck are cut at it, and where several
-    cells of the frame before have come together they are kept apart. Cells are then followed by
-    `follow_cells`.
+    cells of the frame before have come together they are kept apart. Cells are then followed as by
+    `follow_cells`. Frames of which nothing is known are passed over, however many there are.
 
     Parameters
     ----------
@@ -126,21 +128,19 @@ def find_cells(
             f"({largest_um2:g}), so that no cell fits"
         )
         raise ValueError(msg)
-    labels = no_labels(stack)
+    labels, known = no_labels(stack), np.zeros(stack.shape[:2], dtype=bool)
     watch = Watch(math.prod(stack.shape[:2]), "finding cells", task)
     for part, values in parts_over_time(stack):
         frames = [values[place] for place in np.ndindex(*values.shape[:2])]
+        known[part] = [[np.isfinite(view).any() for view in views] for views in values]
         found = labels[part].reshape(-1, *stack.shape[2:])
         for target, of_frame in zip(found, in_threads(rule.found_in, frames, watch), strict=True):
             target[:] = of_frame
     for angle in range(labels.shape[1]):
-        keep_apart(labels[:, angle])
+        keep_apart([labels[time, angle] for time in np.flatnonzero(known[:, angle])])
     full = xr.DataArray(labels, dims=AXES, coords=stack.coords)
-    followed = follow_cells(full, progress=progress, cancelled=cancelled)
-    missing = [d for d in AXES if d not in phase.dims]
-    result = followed.isel(dict.fromkeys(missing, 0), drop=True).transpose(*phase.dims)
-    named: xr.DataArray = result.rename("cells")
-    return named
+    named: xr.DataArray = followed(full, known, None, GAP, task).rename("cells")
+    return in_dims_of(named, phase)
 
 
 def no_labels(like: xr.DataArray) -> Labels:
@@ -215,9 +215,9 @@ def pixel_sides(stack: xr.DataArray) -> tuple[float, float]:
 # ---- from frame to frame ---------------------------------------------------------------------
 
 
-def keep_apart(labels: Labels) -> None:
-    """Cut blobs of a view (time, y, x) that several cells of the time before make up, in place."""
-    for before, now in pairwise(labels):
+def keep_apart(frames: list[Labels]) -> None:
+    """Cut blobs of a view's frames that several cells of the one before make up, in place."""
+    for before, now in pairwise(frames):
         both = (before > 0) & (now > 0)
         if not both.any():
             continue
@@ -304,15 +304,44 @@ def follow_cells(
         msg = f"gap must be a number of frames from 0 to {MOST_GAP}, but is {shown(gap)}"
         raise ValueError(msg)
     stack = given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES)
+    known = np.ones(stack.shape[:2], dtype=bool)
+    return in_dims_of(followed(stack, known, reach_um, gap, task), given)
+
+
+def in_dims_of(stack: xr.DataArray, given: xr.DataArray) -> xr.DataArray:
+    """Return a stack (time, angle, y, x) in the form of what it was made of."""
+    missing = [d for d in AXES if d not in given.dims]
+    found: xr.DataArray = stack.isel(dict.fromkeys(missing, 0), drop=True)
+    return found.transpose(*given.dims)
+
+
+def followed(
+    stack: xr.DataArray, known: Mask, reach_um: float | None, gap: int, task: Task
+) -> xr.DataArray:
+    """Return labels (time, angle, y, x) as `follow_cells` gives them.
+
+    Parameters
+    ----------
+    stack : DataArray of int
+        The labels of each frame.
+    known : ndarray of bool, shape (time, angle)
+        The frames of which anything is known: what may be missing in `gap` of them is passed over
+        in the others.
+    reach_um, gap
+        See `follow_cells`.
+    task : Task
+        Who is told of it, and may stop it.
+    """
     sides = pixel_sides(stack)
     watch = Watch(stack.sizes["angle"], "following cells", task)
     views = []
     for angle in range(stack.sizes["angle"]):
         watch.check()
-        views.append(tracks_of(*spots_of(stack[:, angle], sides, watch), reach_um, gap))
+        spots, touching = spots_of(stack[:, angle], sides, watch)
+        views.append(tracks_of(spots, touching, reach_um, gap, known[:, angle]))
         watch.step()
     parents = joined_views(views)
-    followed = no_labels(stack)
+    numbered = no_labels(stack)
     for angle, spots in enumerate(views):
         of_spot = spots[["frame", "label", "cell"]].to_numpy(np.int64)
         for time in np.unique(of_spot[:, 0]):
@@ -321,10 +350,8 @@ def follow_cells(
             here = of_spot[of_spot[:, 0] == time]
             number = np.zeros(max(int(frame.max()), int(here[:, 1].max())) + 1, dtype=np.int32)
             number[here[:, 1]] = here[:, 2]
-            followed[time, angle] = number[frame]
-    missing = [d for d in AXES if d not in given.dims]
-    full = xr.DataArray(followed, dims=AXES, coords=stack.coords)
-    result = full.isel(dict.fromkeys(missing, 0), drop=True).transpose(*given.dims)
+            numbered[time, angle] = number[frame]
+    result = xr.DataArray(numbered, dims=AXES, coords=stack.coords)
     result.attrs = {"kind": "cells", "parents": [list(pair) for pair in parents]}
     result.attrs |= {"overlaps": overlaps_in(views, stack)}
     return result
@@ -379,7 +406,11 @@ def check_follower() -> None:
 
 
 def tracks_of(
-    spots: pd.DataFrame, touching: list[tuple[int, int]], reach_um: float | None, gap: int
+    spots: pd.DataFrame,
+    touching: list[tuple[int, int]],
+    reach_um: float | None,
+    gap: int,
+    known: Mask,
 ) -> pd.DataFrame:
     """Add to the cells of a view their "track" and its "parent", -1 where there is none."""
     if spots.empty:
@@ -403,7 +434,9 @@ def tracks_of(
         segment_end_cost=COSTLIER * (1.5 * reach) ** 2,
         no_splitting_cost=COSTLIER * diameter**2,
     )  # fmt: skip
-    frames, places = spots["frame"].to_numpy(), spots[["y", "x", "size"]].to_numpy()
+    # Counted in those that are known, so that cells are followed over what is not.
+    frames = (np.cumsum(known) - 1)[spots["frame"].to_numpy()]
+    places = spots[["y", "x", "size"]].to_numpy()
     starts = np.searchsorted(frames, np.arange(frames[0], frames[-1] + 2))
     tree = tracker.predict([places[a:b] for a, b in pairwise(starts.tolist())])
     links = [(starts[a] + i, starts[b] + j) for (a, i), (b, j) in tree.edges]
