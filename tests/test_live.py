@@ -27,6 +27,7 @@ from helpers import hear_signals
 from napari_phase4d.io import read_results
 from napari_phase4d.io.sequences import Numbering, pattern_of
 from napari_phase4d.pipeline import LiveStatus, Outcome, watch
+from napari_phase4d.pipeline.live import Fringes
 from napari_phase4d.task import Cancelled
 
 N = 14
@@ -182,7 +183,44 @@ def test_a_tiff_whose_bytes_come_in_any_portion(video: Video, tmp_path: Path) ->
         watch(growing, RECIPE, tmp_path / "out", frames=N, **LONG, **heard.calls())
     same_as_a_run(tmp_path / "out", heard)
     assert len(heard.frames) == N
-    assert len(heard.lines) == 2  # what was found, and what is run at the end
+    found, gone, back, end = heard.lines
+    assert found.startswith("found on the first 5 frames: 2 views")
+    assert gone == "frame 10: the fringes of all views are gone or weak"
+    assert back == "frame 11: the fringes of all views are back"
+    assert end == "all frames are there; unwrapping by WL1"
+
+
+@pytest.mark.slow
+def test_a_beam_that_is_blocked_is_said_at_once(tmp_path: Path) -> None:
+    """While it can be mended; the others go on."""
+    phase = p4d.simulation.swimming_euglena((64, 64), N, pixel_um=0.7, peak_rad=9)["phase"]
+    frames = p4d.simulation.multiplexed_video(phase).holograms.values.copy()
+    blocked = p4d.simulation.multiplexed_video(phase, beam_amplitudes=[1.0, 1e-6]).holograms
+    frames[6:9] = blocked.values[6:9]
+    folder, heard = tmp_path / "camera", Heard()
+    for number, frame in enumerate(frames):
+        put(folder, number, frame)
+    outcome = watch(folder, RECIPE, tmp_path / "out", frames=N, **LONG, **heard.calls())
+    assert "frame 6: the fringes of view 2 are gone or weak" in heard.lines
+    assert "frame 9: the fringes of view 2 are back" in heard.lines
+    assert sum("fringes of" in line for line in heard.lines) == 2
+    lost = np.isnan(outcome.comparison.results["temporal-angular"]).all(["y", "x"]).values
+    assert np.argwhere(lost).tolist() == [[6, 1], [7, 1], [8, 1]]
+    same_as_a_run(tmp_path / "out", heard)
+
+
+def test_what_flickers_is_not_said_for_ever() -> None:
+    fringes, known = Fringes(2), np.zeros((2, 4, 4), np.float32)
+    gone = known.copy()
+    gone[1] = np.nan
+    said = [fringes.changed(frame) for _ in range(50) for frame in (known, gone)]
+    assert said[:3] == [
+        "",
+        "the fringes of view 2 are gone or weak",
+        "the fringes of view 2 are back",
+    ]
+    assert sum(map(bool, said)) == 20
+    assert Fringes(1).changed(gone[1:]) == "the fringes of the view are gone or weak"
 
 
 @pytest.mark.slow

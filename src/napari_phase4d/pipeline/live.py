@@ -51,6 +51,8 @@ PATIENCE_S = 30.0
 FRAME_PATIENCE_S = 5.0
 #: The same of a camera, whose files are whole, and in order.
 DROPPED_S = 0.5
+#: So often it is said that fringes are gone, or back: a beam may flicker.
+MOST_TOLD = 20
 #: Methods whose phase is told, the first that is run.
 SHOWN = ("temporal-angular", "angular-temporal", "temporal", "angular", "spatial-2d")
 
@@ -309,6 +311,39 @@ def fingerprint_of(arriving: Arriving, listener: Listener, task: Task) -> Finger
     return Fingerprint(arriving.path.name)
 
 
+class Fringes:
+    """Says when the fringes of a view are gone, while a blocked beam can still be mended.
+
+    Parameters
+    ----------
+    n_views : int
+        Views of every frame.
+    """
+
+    def __init__(self, n_views: int) -> None:
+        self._gone: frozenset[int] = frozenset()
+        self._every, self._told = frozenset(range(n_views)), 0
+
+    def changed(self, phase: NDArray[np.float32]) -> str:
+        """Say what is other than before in the next frame (angle, y, x); "" if nothing is."""
+        gone = frozenset(np.flatnonzero(np.isnan(phase).all(axis=(1, 2))).tolist())
+        went, came = gone - self._gone, self._gone - gone
+        self._gone = gone
+        said = [
+            f"the fringes of {self._views(views)} are {what}"
+            for views, what in ((went, "gone or weak"), (came, "back"))
+            if views
+        ]
+        self._told += bool(said)
+        return ", ".join(said) if self._told <= MOST_TOLD else ""
+
+    def _views(self, views: frozenset[int]) -> str:
+        if views == self._every:
+            return "all views" if len(views) > 1 else "the view"
+        numbers = " and ".join(str(view + 1) for view in sorted(views))
+        return f"view{'s' if len(views) > 1 else ''} {numbers}"
+
+
 class Live:
     """The work on frames that come.
 
@@ -352,6 +387,7 @@ class Live:
         names = ("wrapped", "amplitude", *chosen)
         self._stacks: dict[str, GrowingStack] = {n: shelf.growing(n, shape) for n in names}
         self._shares: list[tuple[float, ...]] = []
+        self._fringes = Fringes(n_views)
 
     def like(self) -> xr.DataArray:
         """Return a frame of phase whose axes and notes are those of all; no values."""
@@ -378,6 +414,9 @@ class Live:
         for name, values in found.items():
             self._stacks[name].add(values)
         self._shares += shares
+        for arrival, frame in zip(arrivals, phase, strict=True):
+            if arrival.frame is not None and (said := self._fringes.changed(frame)):
+                self._listener.tell(f"frame {self._arriving.label(arrival.index)}: {said}")
         shown = found[self._shown]
         known = shown[np.isfinite(shown)]
         late = time.monotonic() - arrivals[-1].since
