@@ -173,3 +173,23 @@ def test_red_blood_cells_are_found_and_nothing_else() -> None:
     # differ as much. The scale of these cells is not known.
     masses = p4d.measure(unwrapped, cells, p4d.Optics())["dry mass (pg)"]
     assert 0.08 < masses.std() / masses.mean() < 0.25
+
+
+@pytest.mark.parametrize("blocked", [0, 1])
+def test_a_blocked_beam_in_a_measured_multiplex(blocked: int) -> None:
+    """The view of the other channel goes on as it was, and the one that is gone is left out."""
+    with np.load(measured("multiplexed/mux2_timelapse_t00-29.npz")) as file:
+        mux, other = file["mux"].copy(), file["chA" if blocked else "chB"]
+    whole = p4d.open_recording(mux.copy())
+    lobes = p4d.find_lobes(whole, 2)
+    mux[10:20] = other[10:20]
+    rec = p4d.open_recording(mux)
+    for found, lobe in zip(p4d.find_lobes(rec, 2), lobes, strict=True):
+        np.testing.assert_allclose(found.carrier, lobe.carrier, atol=0.002)
+    with pytest.warns(UserWarning, match=f"10 frames of 30 left out in view {blocked + 1}"):
+        phase = p4d.reconstruct(rec, lobes)["phase"].values
+    gone = np.isnan(phase).all(axis=(2, 3))
+    assert np.argwhere(gone).tolist() == [[time, blocked] for time in range(10, 20)]
+    off = np.angle(np.exp(1j * (phase - p4d.reconstruct(whole, lobes)["phase"].values)))
+    assert np.median(np.abs(off[~gone])) < 0.002
+    assert rms(off[~gone]) < 0.05
