@@ -8,7 +8,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import slipped_frames
-from napari_phase4d.analysis.balance import balance_of
+from napari_phase4d.analysis.balance import Claims, Objects, balance_of, likely_slipped
 from napari_phase4d.analysis.cell_frames import cells_that_touch
 from napari_phase4d.analysis.slips import slip_words
 from napari_phase4d.simulation import hard_shape, with_noise
@@ -248,6 +248,47 @@ def test_cells_that_touch_are_known_by_their_form(scale: int) -> None:
         assert (found[beyond] == number).mean() < 0.02
     for single in (one, np.hypot(y - 20, (x - 32) / 2) < 15):
         assert cells_that_touch(single) is None
+
+
+@pytest.mark.parametrize(("radius", "count"), [(10, 9), (10, 16), (30, 8)])
+def test_many_cells_that_touch_are_all_known(radius: int, count: int) -> None:
+    apart = round(1.72 * radius)
+    y, x = np.mgrid[: 2 * radius + 12, : count * apart + 2 * radius]
+    places = [(radius + 5, radius + 5 + apart * i) for i in range(count)]
+    found = cells_that_touch(
+        np.any([np.hypot(y - cy, x - cx) < radius for cy, cx in places], axis=0)
+    )
+    assert found is not None
+    assert len({int(found[place]) for place in places}) == count == found.max()
+
+
+def test_a_thin_tail_belongs_to_the_cell_that_it_is_of() -> None:
+    y, x = np.mgrid[:100, :300]
+    cells = (np.hypot(y - 50, x - 50) < 40) | (np.hypot(y - 50, x - 122) < 40)
+    found = cells_that_touch(cells | ((y == 50) & (x > 160) & (x < 290)))
+    assert found is not None
+    assert found[50, 50] != found[50, 122]
+    assert (found[50, 165:289] == found[50, 122]).all()
+
+
+def test_what_two_cells_that_meet_again_and_again_miss_is_counted_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Losses that are parted at every meeting would be twice as many each time."""
+    apart = [8 if t % 2 else 14 for t in range(20)]
+    frames = [np.maximum(dome(1.5, 32, 48 - d, 12), dome(1.5, 32, 48 + d, 12)) for d in apart]
+    phase = np.stack(frames)[:, None].astype(np.float32)
+    off = np.where(phase > 0.3, -1, 0) * (np.arange(20) >= 3)[:, None, None, None]
+    held: list[int] = []
+
+    def counted(claims: list[Claims], objects: Objects) -> np.ndarray:
+        held.append(max((len(own) for own in claims), default=0))
+        return likely_slipped(claims, objects)
+
+    monkeypatch.setattr("napari_phase4d.analysis.balance.likely_slipped", counted)
+    found = likely(phase, off)
+    assert found[3:].max() > 0.9
+    assert 0 < max(held) < 60
 
 
 def test_a_plateau_that_seems_empty_after_its_slip_is_told() -> None:

@@ -14,6 +14,7 @@ import xarray as xr
 from scipy.optimize import linear_sum_assignment
 
 import napari_phase4d as p4d
+from napari_phase4d.analysis import cells_in
 from napari_phase4d.analysis.cell_table import perimeters_um
 from napari_phase4d.simulation import Ellipsoid, phase_stack, swimming_cells
 
@@ -206,6 +207,43 @@ def test_cells_that_touch_are_kept_apart_over_a_lost_frame() -> None:
     assert found[2, 25] == found[0, 20] > 0
     assert found[2, 47] == found[0, 52] > 0
     assert found.max() == 2
+
+
+def discs(places: Sequence[Sequence[tuple[float, float, float]]]) -> xr.DataArray:
+    """Return frames with discs (y, x, radius); one without any is lost."""
+    y, x = np.mgrid[:64, :160]
+    frames = [
+        4.0 * np.any([np.hypot(y - cy, x - cx) < r for cy, cx, r in frame], axis=0)
+        if frame
+        else np.full(y.shape, np.nan)
+        for frame in places
+    ]
+    return xr.DataArray(np.float32(frames)[:, None], dims=("time", "angle", "y", "x"))
+
+
+def test_what_flows_is_not_taken_for_what_was_ahead_of_it() -> None:
+    """Where the next cell has come to after lost frames, another one was before."""
+    flow = [[(32, x + 5 * t, 9) for x in (15, 45, 75)] for t in range(4)]
+    flow += [[]] * 5 + [[(32, x + 5 * t, 9) for x in (15, 45, 75)] for t in range(9, 13)]
+    found = p4d.find_cells(discs(flow)).values[:, 0]
+    assert set(np.unique(found[:4])) == {0, 1, 2, 3}
+    assert not set(np.unique(found[9:])) & {1, 2, 3}
+
+
+def test_one_cell_is_not_cut_by_two_of_long_ago() -> None:
+    two, one = [(32, 60, 9), (32, 84, 9)], [(32, 72, 18)]
+    for lost, cells in ((1, 2), (9, 1)):
+        phase = discs([two] * 3 + [[]] * lost + [one] * 3)
+        assert len(np.unique(p4d.find_cells(phase).values[-1])) == 1 + cells
+
+
+def test_cells_that_were_corrected_are_followed_over_lost_frames_too() -> None:
+    phase = discs([[(32, 40, 9), (32, 100, 9)]] * 4 + [[]] * 6 + [[(32, 41, 9), (32, 99, 9)]] * 4)
+    phase = phase.assign_coords({dim: np.arange(n) * 1.0 for dim, n in phase.sizes.items()})
+    cells = p4d.find_cells(phase)
+    assert cells.values.max() == 2
+    again = cells_in(phase, OPTICS, labels=cells).labels
+    np.testing.assert_array_equal(again, cells)
 
 
 @pytest.mark.slow

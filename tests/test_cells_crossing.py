@@ -280,5 +280,5 @@ def test_splinters_of_a_covered_cell_are_not_kept_apart(width: int, kept: int) -
     labels = np.zeros((2, 48, 64), dtype=np.int32)
     labels[0, 12:36, 10:34], labels[0, 12:36, 34 : 34 + width] = 1, 2
     labels[1] = labels[0] > 0
-    keep_apart(labels)
+    keep_apart(labels, np.arange(len(labels)))
     assert labels[1].max() == kept

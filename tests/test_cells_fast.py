@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from napari_phase4d.analysis.cell_frames import opened, without_holes
-from napari_phase4d.analysis.cells import tracks_by_links
+from napari_phase4d.analysis.cell_tracks import tracks_by_links
 from napari_phase4d.unwrapping import median_of
 
 

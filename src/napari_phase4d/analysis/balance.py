@@ -66,13 +66,10 @@ class Balance:
     slipped : list of list of ndarray
         From 0 to 1 for the objects of each frame, by time and the problem's angle, see
         `solid_pieces`.
-    apart : bool
-        Whether cells that touch are told apart.
     """
 
     problem: Problem
     slipped: list[list[Numbers]]
-    apart: bool
 
     def frames(self) -> Mask:
         """Mark the frames (time, angle) in which an object has slipped more likely than not."""
@@ -89,7 +86,7 @@ class Balance:
         for frame in np.ndindex(*inside.shape[:2]):
             each = here[frame[0]][frame[1]]
             if each.any():
-                labels = solid_pieces(inside[frame], self.apart)
+                labels = solid_pieces(inside[frame])
                 found[frame] = np.concatenate([[0], each])[labels]
         return found
 
@@ -166,14 +163,11 @@ class BalanceBlock:
         The result that is looked at.
     level : ndarray of float, shape (time, angle)
         Phase of the empty field, radians.
-    apart : bool
-        Whether cells that touch are told apart.
     """
 
     problem: Problem
     result: Judged
     level: Numbers
-    apart: bool
 
     def __call__(self, block: Block) -> list[list[tuple[int, Objects, Change | None]]]:
         """Return time, objects and change of each frame of the block, by view."""
@@ -208,9 +202,7 @@ class BalanceBlock:
         kept = ~self.problem.frames_left_out()[block.start : block.stop]
         return [
             [
-                look_at(
-                    block.start + t, steady[t, a], usable[t, a], empty[t, a], clear, self.apart
-                )
+                look_at(block.start + t, steady[t, a], usable[t, a], empty[t, a], clear)
                 for t in np.flatnonzero(kept[:, a]).tolist()
             ]
             for a in range(kept.shape[1])
@@ -218,7 +210,7 @@ class BalanceBlock:
 
 
 def look_at(
-    time: int, phase: NDArray[np.float32], usable: Mask, empty: Mask, clear: float, apart: bool
+    time: int, phase: NDArray[np.float32], usable: Mask, empty: Mask, clear: float
 ) -> Look:
     """Look at the objects of a frame.
 
@@ -232,10 +224,8 @@ def look_at(
         What is known; the empty field.
     clear : float
         What differs from the empty field by so many radians is clearly something else.
-    apart : bool
-        Whether cells that touch are told apart.
     """
-    labels = solid_pieces(usable & ~empty, apart)
+    labels = solid_pieces(usable & ~empty)
     count = int(labels.max()) + 1
     ground = phase[empty & np.isfinite(phase)]
     level = np.median(ground) if ground.size else 0.0
@@ -282,8 +272,8 @@ def balance_of(problem: Problem, result: Judged, task: Task) -> Balance:
 
     An object that grows from the first boundary frame on does not lose mass at once, unless part
     of it is taken for a turn less. What an object, or what it came from, lost at once is counted
-    on the way out from there, until it comes back or is not known. Where any did, it is asked once
-    more with cells that touch told apart: what one of them lost is not missed by the other.
+    on the way out from there, until it comes back or is not known. Cells that touch are told
+    apart: what one of them lost is not missed by the other.
 
     Parameters
     ----------
@@ -294,32 +284,25 @@ def balance_of(problem: Problem, result: Judged, task: Task) -> Balance:
     task : Task
         Who is told of it, and may stop it.
     """
-    found, whole = added_up(problem, result, False, task)
-    return found if whole else added_up(problem, result, True, task)[0]
-
-
-def added_up(problem: Problem, result: Judged, apart: bool, task: Task) -> tuple[Balance, bool]:
-    """Return the balance of cells that touch, or of each, and whether no object lost or gained."""
     level = border_medians(problem.background(task).level, problem.first)
     blocks = working_blocks(problem.given.shape)
     watch = Watch(len(blocks), "adding up the mass", task)
-    look = BalanceBlock(problem, result, level, apart)
+    look = BalanceBlock(problem, result, level)
     times, angles = problem.given.shape[:2]
     lines: list[list[tuple[int, Objects, Change | None]]] = [[] for _ in range(angles)]
     for views in in_threads(look, blocks, watch, wait=True):
         for line, more in zip(lines, views, strict=True):
             line += more
-    slipped, whole = [[np.zeros(0)] * angles for _ in range(times)], True
+    slipped = [[np.zeros(0)] * angles for _ in range(times)]
     for angle, line in enumerate(lines):
         changes = [change for _, _, change in line if change is not None]
         jumps = sudden(changes, watch)
-        whole &= not any(jump.any() for jump in jumps)
         objects = [seen for _, seen, _ in line]
         start = nearest([time for time, _, _ in line], problem.first[0])
         found = missing_turns(changes, jumps, objects, start, watch)
         for (time, _, _), likely in zip(line, found, strict=True):
             slipped[time][angle] = likely
-    return Balance(problem, slipped, apart), whole
+    return Balance(problem, slipped)
 
 
 def frames_missing_mass(problem: Problem) -> Mask:
@@ -427,6 +410,8 @@ def median_of_known(values: Numbers) -> Numbers:
 #: What an object may have lost, by the change and the group that did: turns times pixels, and over
 #: how many pixels; both are negative if it lies below the empty field.
 Claims = dict[tuple[int, ...], tuple[float, float]]
+#: The name of a loss that is not parted has so many numbers.
+WHOLE = 2
 
 
 def missing_turns(
@@ -570,11 +555,12 @@ def shared_out(claims: list[Claims], objects: Objects) -> list[Claims]:
     """Return claims with those losses parted among their objects that none can have had alone.
 
     Where two daughters miss two turns between them, none misses two. So each misses one, also when
-    the other one's has come back.
+    the other one's has come back. A part of a loss is not parted again: cells that meet and part
+    time after time would hold ever more of them.
     """
     area, alone = areas_of_losses(claims, objects), turns_alone(claims, objects)
     holders = Counter(loss for own in claims for loss in own)
-    parted = {loss for loss, count in holders.items() if count > 1}
+    parted = {loss for loss, count in holders.items() if count > 1 and len(loss) == WHOLE}
     for i, own in enumerate(claims):
         if alone[i] <= TOO_MUCH:
             parted -= set(own)

@@ -31,8 +31,9 @@ NECK = 0.72
 #: They also are where phase between them falls below this share of what the lower one has inside:
 #: of its upper quartile, since its rim is blurred and its summit noise.
 VALLEY, INNER = 0.82, 0.75
-#: Where nothing but the form of a blob counts, it is looked at with about so many pixels a side.
-FORM = 64
+#: Where nothing but the form of a blob counts, it is looked at with fewer pixels: about so many a
+#: side, or more if its widest place is narrower than so many on each side.
+FORM, HALF_WIDTH = 64, 12
 
 Image = NDArray[np.float32]
 Labels = NDArray[np.int32]
@@ -189,19 +190,33 @@ def parts_between_necks(blob: Mask, smallest: float) -> tuple[Labels, Labels] | 
 def cells_that_touch(blob: Mask) -> Labels | None:
     """Return the cells that a blob (y, x) is made of by its form, from 1; None if it is but one.
 
-    In a large blob distances take long to find: it is looked at with fewer pixels.
+    In a large blob distances take long to find: it is looked at with fewer pixels, unless it is
+    made of cells that are small.
     """
     step = max(1, max(blob.shape) // FORM)
-    whole = np.pad(blob, [(0, -n % step) for n in blob.shape])
-    rows, columns = whole.shape[0] // step, whole.shape[1] // step
-    most = whole.reshape(rows, step, columns, step).mean(axis=(1, 3)) >= 0.5
-    divided = parts_between_necks(most, SMALLEST_PIXELS / step**2)
+    if step > 1:
+        deepest = float(scipy.ndimage.distance_transform_edt(np.pad(coarse(blob, step), 1)).max())
+        step = max(1, min(step, int(deepest * step / HALF_WIDTH)))
+    divided = parts_between_necks(coarse(blob, step), SMALLEST_PIXELS / step**2)
     if divided is None or divided[0].max() < 2:
         return None
-    parts, beside = divided[0], scipy.ndimage.maximum_filter(divided[0], 3)
-    parts = np.where(parts > 0, parts, np.maximum(beside, 1))
-    parts = parts.repeat(step, axis=0).repeat(step, axis=1)[: blob.shape[0], : blob.shape[1]]
-    found: Labels = np.where(blob, parts, 0).astype(np.int32)
+    parts = divided[0]
+    if step > 1:  # what is too thin to be seen so goes with what is nearest
+        near = scipy.ndimage.distance_transform_edt(
+            parts == 0, return_distances=False, return_indices=True
+        )
+        parts = parts[tuple(near)].repeat(step, axis=0).repeat(step, axis=1)
+    found: Labels = np.where(blob, parts[: blob.shape[0], : blob.shape[1]], 0).astype(np.int32)
+    return found
+
+
+def coarse(blob: Mask, step: int) -> Mask:
+    """Return a blob in pixels so many times as long: those of which half belongs to it."""
+    if step == 1:
+        return blob
+    whole = np.pad(blob, [(0, -n % step) for n in blob.shape])
+    rows, columns = whole.shape[0] // step, whole.shape[1] // step
+    found: Mask = whole.reshape(rows, step, columns, step).mean(axis=(1, 3)) >= 0.5
     return found
 
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.cells import find_cells, follow_cells
+from napari_phase4d.analysis.cells import find_cells, follow_cells_of
 from napari_phase4d.analysis.measures import measure
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
@@ -184,7 +184,7 @@ def cells_in(
     if labels is None:
         found = find_cells(unwrapped, **how.finding, progress=progress, cancelled=cancelled)
     else:
-        found = follow_cells(labels, progress=progress, cancelled=cancelled)
+        found = follow_cells_of(unwrapped, labels, Task(progress, cancelled))
     found.attrs["method"] = method
     if not any(frame.any() for frame in each_frame(found)):
         return Cells(found, pd.DataFrame({name: [] for name in NO_CELLS}), method)

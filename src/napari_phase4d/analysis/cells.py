@@ -7,8 +7,6 @@ import mmap
 import os
 import shutil
 import tempfile
-from collections.abc import Iterable
-from importlib.util import find_spec
 from itertools import pairwise
 from typing import Any
 
@@ -17,29 +15,23 @@ import scipy
 import skimage
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.analysis.cell_crossings import DAUGHTER, LEAST_PART, Ways, touching_pairs
+from napari_phase4d.analysis.cell_crossings import LEAST_PART
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
+from napari_phase4d.analysis.cell_tracks import GAP, joined_views, spots_of, tracks_of
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
 from napari_phase4d.stacks import AXES, check_rising, checked_labels, unwrapped_stack
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 
-Mask = NDArray[np.bool_]
-
-__all__ = ["check_follower", "copied_labels", "find_cells", "follow_cells"]
+__all__ = ["copied_labels", "find_cells", "follow_cells", "follow_cells_of"]
 
 #: A cell of the frame before takes part in a blob where this share of it lies in the blob.
 OVERLAP = 0.35
-#: Cells are looked for within so many of their diameters from frame to frame, also after as many
-#: frames without them as here.
-REACH, GAP, MOST_GAP = 1.0, 2, 1000
-#: To begin or end is dearer than any link that is allowed, by this factor.
-COSTLIER = 1.05
-#: Tracks of two views are one cell's where they stay within so many diameters.
-REACH_ACROSS = 1.5
-#: ... and are seen together in this share of the frames of the shorter one.
-TOGETHER = 0.3
+#: So many frames may be asked for in which a cell is not found.
+MOST_GAP = 1000
+
+Mask = NDArray[np.bool_]
 
 
 def find_cells(
@@ -57,7 +49,8 @@ def find_cells(
 
     What rises out of the empty field is a cell; blobs with a neck are cut at it, and where several
     cells of the frame before have come together they are kept apart. Cells are then followed as by
-    `follow_cells`. Frames of which nothing is known are passed over, however many there are.
+    `follow_cells`. Frames of which nothing is known are passed over where cells move too little,
+    by their usual steps, to be taken for others after it: by less than half a diameter in all.
 
     Parameters
     ----------
@@ -111,7 +104,7 @@ def find_cells(
     check_rising(phase, "phase")
     check_bool("at_border", at_border)
     check_bool("split", split)
-    stack = phase.expand_dims([d for d in AXES if d not in phase.dims]).transpose(*AXES)
+    stack = with_all_dims(phase)
     area = math.prod(pixel_sides(stack))
     rule = Rule(
         None if threshold_rad is None else check_positive("threshold_rad", threshold_rad),
@@ -132,15 +125,20 @@ def find_cells(
     watch = Watch(math.prod(stack.shape[:2]), "finding cells", task)
     for part, values in parts_over_time(stack):
         frames = [values[place] for place in np.ndindex(*values.shape[:2])]
-        known[part] = [[np.isfinite(view).any() for view in views] for views in values]
+        known[part] = anything_known(values)
         found = labels[part].reshape(-1, *stack.shape[2:])
         for target, of_frame in zip(found, in_threads(rule.found_in, frames, watch), strict=True):
             target[:] = of_frame
     for angle in range(labels.shape[1]):
-        keep_apart([labels[time, angle] for time in np.flatnonzero(known[:, angle])])
+        keep_apart(labels[:, angle], np.flatnonzero(known[:, angle]))
     full = xr.DataArray(labels, dims=AXES, coords=stack.coords)
     named: xr.DataArray = followed(full, known, None, GAP, task).rename("cells")
     return in_dims_of(named, phase)
+
+
+def anything_known(values: NDArray[np.floating]) -> list[list[bool]]:
+    """Say of frames (time, angle, y, x) whether any of their pixels is known."""
+    return [[bool(np.isfinite(view).any()) for view in views] for views in values]
 
 
 def no_labels(like: xr.DataArray) -> Labels:
@@ -215,9 +213,15 @@ def pixel_sides(stack: xr.DataArray) -> tuple[float, float]:
 # ---- from frame to frame ---------------------------------------------------------------------
 
 
-def keep_apart(frames: list[Labels]) -> None:
-    """Cut blobs of a view's frames that several cells of the one before make up, in place."""
-    for before, now in pairwise(frames):
+def keep_apart(labels: Labels, known: NDArray[np.intp]) -> None:
+    """Cut blobs of a view (time, y, x) that several cells of the time before make up, in place.
+
+    Times that are not known are passed over, if they are few.
+    """
+    for earlier, later in pairwise(known.tolist()):
+        if later - earlier > GAP + 1:
+            continue
+        before, now = labels[earlier], labels[later]
         both = (before > 0) & (now > 0)
         if not both.any():
             continue
@@ -303,9 +307,38 @@ def follow_cells(
     if isinstance(gap, bool) or not isinstance(gap, int | np.integer) or not 0 <= gap <= MOST_GAP:
         msg = f"gap must be a number of frames from 0 to {MOST_GAP}, but is {shown(gap)}"
         raise ValueError(msg)
-    stack = given.expand_dims([d for d in AXES if d not in given.dims]).transpose(*AXES)
+    stack = with_all_dims(given)
     known = np.ones(stack.shape[:2], dtype=bool)
     return in_dims_of(followed(stack, known, reach_um, gap, task), given)
+
+
+def follow_cells_of(
+    unwrapped: xr.DataArray, labels: xr.DataArray | ArrayLike, task: Task
+) -> xr.DataArray:
+    """Follow cells that are found already over frames of which nothing is known, as `find_cells`.
+
+    Parameters
+    ----------
+    unwrapped : DataArray
+        The phase in which they lie.
+    labels : DataArray or array_like of int
+        See `follow_cells`.
+    task : Task
+        Who is told of it, and may stop it.
+    """
+    given, phase = checked_labels(labels), with_all_dims(unwrapped)
+    if set(given.dims) - set(AXES) or with_all_dims(given).shape != phase.shape:
+        return follow_cells(given, progress=task.progress, cancelled=task.cancelled)
+    known = np.zeros(phase.shape[:2], dtype=bool)
+    for part, values in parts_over_time(phase):
+        known[part] = anything_known(values)
+    return in_dims_of(followed(with_all_dims(given), known, None, GAP, task), given)
+
+
+def with_all_dims(given: xr.DataArray) -> xr.DataArray:
+    """Return a stack of any of the four dims as (time, angle, y, x)."""
+    found: xr.DataArray = given.expand_dims([d for d in AXES if d not in given.dims])
+    return found.transpose(*AXES)
 
 
 def in_dims_of(stack: xr.DataArray, given: xr.DataArray) -> xr.DataArray:
@@ -325,8 +358,7 @@ def followed(
     stack : DataArray of int
         The labels of each frame.
     known : ndarray of bool, shape (time, angle)
-        The frames of which anything is known: what may be missing in `gap` of them is passed over
-        in the others.
+        The frames of which anything is known; others are passed over, see `clock_of`.
     reach_um, gap
         See `follow_cells`.
     task : Task
@@ -370,179 +402,3 @@ def overlaps_in(views: list[pd.DataFrame], stack: xr.DataArray) -> list[list[flo
             runs = np.split(seen, np.flatnonzero(np.diff(seen) > 1) + 1)
             found += [[cell, angle, float(times[r[0]]), float(times[r[-1]])] for r in runs]
     return found
-
-
-def spots_of(
-    labels: xr.DataArray, sides: tuple[float, float], watch: Watch
-) -> tuple[pd.DataFrame, list[tuple[int, int]]]:
-    """Return place (um) and size of every cell of a view (time, y, x), and rows that touch."""
-    rows: list[tuple[float, ...]] = []
-    touching: list[tuple[int, int]] = []
-    for time in range(labels.sizes["time"]):
-        watch.check()
-        frame = np.asarray(labels.data[time]).astype(np.int64)
-        sizes = np.bincount(frame.ravel())
-        numbers = np.flatnonzero(sizes[1:]) + 1
-        if not len(numbers):
-            continue
-        places = np.nonzero(frame)
-        owners = frame[places]
-        centres = [np.bincount(owners, part)[numbers] / sizes[numbers] for part in places]
-        row = dict(zip(numbers.tolist(), range(len(rows), len(rows) + len(numbers)), strict=True))
-        touching += [(row[a], row[b]) for a, b in touching_pairs(frame)]
-        edge = set(np.concatenate([frame[0], frame[-1], frame[:, 0], frame[:, -1]]).tolist())
-        for number, y, x in zip(numbers.tolist(), *centres, strict=True):
-            area = sizes[number] * sides[0] * sides[1]
-            rows.append((time, number, y * sides[0], x * sides[1], area, number in edge))
-    found = pd.DataFrame(rows, columns=["frame", "label", "y", "x", "area", "at edge"])
-    return found.astype({"frame": int, "label": int, "at edge": bool}), touching
-
-
-def check_follower() -> None:
-    """Raise ImportError if the package that follows cells is missing: before long work."""
-    if find_spec("laptrack") is None:
-        msg = 'following cells needs one more package; run: pip install "napari-phase4d[cells]"'
-        raise ImportError(msg)
-
-
-def tracks_of(
-    spots: pd.DataFrame,
-    touching: list[tuple[int, int]],
-    reach_um: float | None,
-    gap: int,
-    known: Mask,
-) -> pd.DataFrame:
-    """Add to the cells of a view their "track" and its "parent", -1 where there is none."""
-    if spots.empty:
-        none = pd.Series(dtype=int)
-        return spots.assign(track=none, parent=none, mixed=none.astype(bool))
-    check_follower()
-    from laptrack import LapTrack
-
-    diameter = 2 * math.sqrt(float(spots["area"].median()) / math.pi)
-    reach = REACH * diameter if reach_um is None else check_positive("reach_um", reach_um)
-
-    # A change of the area counts as a way, so that a small cell is not taken for a large one.
-    spots = spots.assign(size=0.5 * diameter * np.log(spots["area"]))
-    tracker = LapTrack(
-        cutoff=reach**2,
-        gap_closing_cutoff=(1.5 * reach) ** 2, gap_closing_max_frame_count=gap,
-        splitting_cutoff=diameter**2,
-        # Else what a new cell costs would hang on what the others cost.
-        track_start_cost=COSTLIER * reach**2, track_end_cost=COSTLIER * reach**2,
-        segment_start_cost=COSTLIER * (1.5 * reach) ** 2,
-        segment_end_cost=COSTLIER * (1.5 * reach) ** 2,
-        no_splitting_cost=COSTLIER * diameter**2,
-    )  # fmt: skip
-    # Counted in those that are known, so that cells are followed over what is not.
-    frames = (np.cumsum(known) - 1)[spots["frame"].to_numpy()]
-    places = spots[["y", "x", "size"]].to_numpy()
-    starts = np.searchsorted(frames, np.arange(frames[0], frames[-1] + 2))
-    tree = tracker.predict([places[a:b] for a, b in pairwise(starts.tolist())])
-    links = [(starts[a] + i, starts[b] + j) for (a, i), (b, j) in tree.edges]
-    track, divisions = tracks_by_links(len(spots), links)
-    areas, at_edge = spots["area"].to_numpy(), spots["at edge"].to_numpy()
-    ways = Ways(frames, places, areas, at_edge, track, divisions, touching, reach)
-    divisions = ways.untangle()
-    found = spots.assign(track=track, mixed=ways.mixed)
-    ends = found.groupby("track")["area"].agg(["first", "last"])
-    parent = dict.fromkeys(track.tolist(), -1)
-    for child, mother in divisions:
-        if child != mother and ends["first"][child] <= DAUGHTER * ends["last"][mother]:
-            parent[child] = mother
-    return found.assign(parent=[parent[t] for t in track.tolist()])
-
-
-def tracks_by_links(
-    count: int, links: Iterable[tuple[int, int]]
-) -> tuple[NDArray[np.int64], list[tuple[int, int]]]:
-    """Return the track of so many spots, by rising frame, and (daughter, parent) of divisions.
-
-    laptrack can tell this too, in a table that takes longer than all of its tracking.
-
-    Parameters
-    ----------
-    count : int
-        Of spots.
-    links : iterable of (int, int)
-        Numbers of spots that follow each other.
-    """
-    before = np.full(count, -1)
-    for earlier, later in links:
-        before[later] = earlier
-    followers = np.bincount(before[before >= 0], minlength=count)
-    track, divisions = np.zeros(count, dtype=np.int64), []
-    tracks = 0
-    for spot, last in enumerate(before.tolist()):
-        if last >= 0 and followers[last] == 1:
-            track[spot] = track[last]
-            continue
-        track[spot] = tracks
-        if last >= 0:
-            divisions.append((tracks, int(track[last])))
-        tracks += 1
-    return track, divisions
-
-
-def joined_views(views: list[pd.DataFrame]) -> list[tuple[int, int]]:
-    """Give tracks of all views the numbers of cells, as "cell"; return (daughter, parent)."""
-    first = next((view for view in views if not view.empty), views[0])
-    keys: list[dict[int, int]] = []  # of every view, track -> group
-    count = 0
-    for view in views:
-        same = {} if view is first or view.empty else across(first, view)
-        base = next((k for v, k in zip(views, keys, strict=False) if v is first), {})
-        groups: dict[int, int] = {}
-        for track in view["track"].unique().tolist():
-            if track in same and same[track] in base:
-                groups[track] = base[same[track]]
-            else:
-                groups[track] = count
-                count += 1
-        keys.append(groups)
-    began: dict[int, tuple[float, ...]] = {}
-    for number, (view, groups) in enumerate(zip(views, keys, strict=True)):
-        for track, *place in view[["track", "frame", "y", "x"]].to_numpy(np.float64).tolist():
-            here = (place[0], number, *place[1:])
-            group = groups[int(track)]
-            began[group] = min(began.get(group, here), here)
-    order = {group: i for i, group in enumerate(sorted(began, key=began.__getitem__), 1)}
-    parents: dict[int, int] = {}
-    for view, groups in zip(views, keys, strict=True):
-        view["cell"] = [order[groups[track]] for track in view["track"].tolist()]
-        for track, parent in set(map(tuple, view[["track", "parent"]].to_numpy(int).tolist())):
-            if parent >= 0:
-                parents.setdefault(order[groups[track]], order[groups[parent]])
-    return sorted((child, parent) for child, parent in parents.items() if child != parent)
-
-
-def across(first: pd.DataFrame, other: pd.DataFrame) -> dict[int, int]:
-    """Return for tracks of a view those of the first one that run beside them."""
-    columns = ["track", "y", "x", "area"]
-    diameter = 2 * math.sqrt(float(first["area"].median()) / math.pi)
-    both = first.merge(other, on="frame", suffixes=("", "_2"))
-    one = both[columns].to_numpy(np.float64)
-    two = both[[f"{name}_2" for name in columns]].to_numpy(np.float64)
-    way = two[:, 1:3] - one[:, 1:3]
-    near = np.hypot(*way.T) < 2 * REACH_ACROSS * diameter
-    shift = np.median(way[near], axis=0) if near.any() else np.zeros(2)
-    off = np.hypot(*(way - shift).T)
-    grown = 0.5 * diameter * np.abs(np.log(two[:, 3] / one[:, 3]))
-    tracks = [np.unique(part[:, 0]).astype(int) for part in (one, two)]
-    lengths = [np.bincount(view["track"].to_numpy(int)) for view in (first, other)]
-    limit = REACH_ACROSS * diameter
-    cost = np.full((len(tracks[0]), len(tracks[1])), 10 * limit)
-    for i, j in np.ndindex(*cost.shape):
-        of_pair = (one[:, 0] == tracks[0][i]) & (two[:, 0] == tracks[1][j])
-        if not of_pair.any():
-            continue
-        share = of_pair.sum() / min(lengths[0][tracks[0][i]], lengths[1][tracks[1][j]])
-        apart = float(np.median(off[of_pair]))
-        if apart < limit and share > TOGETHER:
-            cost[i, j] = apart + float(np.median(grown[of_pair])) - 0.1 * limit * share
-    rows, found = scipy.optimize.linear_sum_assignment(cost)
-    return {
-        int(tracks[1][j]): int(tracks[0][i])
-        for i, j in zip(rows, found, strict=True)
-        if cost[i, j] < 2 * limit
-    }

@@ -83,7 +83,7 @@ PER_MISSING = 3.5
 #: of cells, parts slip against each other in 10.
 ADRIFT = np.float32(0.9)
 #: The empty field of a frame counts as so many patches, which slip independently of each other.
-#: Chosen on the same half.
+#: Chosen with both halves in view.
 PATCHES = 8
 #: Levels that are more turns off are counted as this.
 FURTHEST = 100

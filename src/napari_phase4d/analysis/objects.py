@@ -41,17 +41,17 @@ def core_of(mask: Mask) -> Mask:
     return mask
 
 
-def solid_pieces(inside: Mask, apart: bool) -> Labels:
+def solid_pieces(inside: Mask) -> Labels:
     """Return numbers from 1 for the pieces of a frame (y, x) that are more than a rim, else 0.
 
-    Cells that touch are one piece, or are told apart by their necks.
+    Cells that touch are told apart by their necks.
     """
     labels, count = scipy.ndimage.label(inside)
     solid = np.bincount(labels[core_of(inside)], minlength=count + 1) > 0
     solid[0] = False
     found: Labels = np.where(solid, np.cumsum(solid), 0).astype(np.int32)[labels]
     count = int(solid.sum())
-    for number, place in enumerate(scipy.ndimage.find_objects(found) if apart else [], 1):
+    for number, place in enumerate(scipy.ndimage.find_objects(found), 1):
         cells = cells_that_touch(found[place] == number)
         if cells is not None:
             more = cells > 1
@@ -82,12 +82,15 @@ def told_apart(objects: Labels, empty: Mask, masks: list[Mask], least: float) ->
     large = np.bincount(within.ravel()) >= 2 * SMALLEST_OBJECT
     counts = [np.bincount(within[mask], minlength=large.size) for mask in masks]
     asked = large & np.any([count >= least for count in counts], axis=0)
-    places = scipy.ndimage.find_objects(pieces)
+    places, count = scipy.ndimage.find_objects(pieces), int(cells.max())
     for number in np.flatnonzero(asked[1:]) + 1:
         place = places[number - 1]
         parts = cells_that_touch(pieces[place] == number)
         if parts is not None:
             here = cells[place]
             inside = (here > 0) & (parts > 0)
-            here[inside] = cells.max() + here[inside] * (parts.max() + 1) + parts[inside]
+            pairs = here[inside].astype(np.int64) * (int(parts.max()) + 1) + parts[inside]
+            found, new = np.unique(pairs, return_inverse=True)
+            here[inside] = count + 1 + new
+            count += found.size
     return cells

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import nullcontext, suppress
 from dataclasses import replace
@@ -12,7 +13,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.analysis.cells import check_follower
+from napari_phase4d.analysis.cell_tracks import check_follower
 from napari_phase4d.holography.lobes import lobe_doubts, with_wavelengths
 from napari_phase4d.holography.reconstruction import FEW_LOST
 from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
@@ -51,8 +52,8 @@ PATIENCE_S = 30.0
 FRAME_PATIENCE_S = 5.0
 #: The same of a camera, whose files are whole, and in order.
 DROPPED_S = 0.5
-#: So often it is said that fringes are gone, or back: a beam may flicker.
-MOST_TOLD = 20
+#: So often it is said of a view that its fringes are gone, or back: a beam may flicker.
+MOST_TOLD = 10
 #: Methods whose phase is told, the first that is run.
 SHOWN = ("temporal-angular", "angular-temporal", "temporal", "angular", "spatial-2d")
 
@@ -322,20 +323,26 @@ class Fringes:
 
     def __init__(self, n_views: int) -> None:
         self._gone: frozenset[int] = frozenset()
-        self._every, self._told = frozenset(range(n_views)), 0
+        self._every = frozenset(range(n_views))
+        self._told = Counter[int]()
 
     def changed(self, phase: NDArray[np.float32]) -> str:
         """Say what is other than before in the next frame (angle, y, x); "" if nothing is."""
         gone = frozenset(np.flatnonzero(np.isnan(phase).all(axis=(1, 2))).tolist())
-        went, came = gone - self._gone, self._gone - gone
-        self._gone = gone
+        self._told.update(gone ^ self._gone)
+        told = frozenset(view for view in self._every if self._told[view] <= MOST_TOLD)
+        last = frozenset(view for view in gone ^ self._gone if self._told[view] == MOST_TOLD)
+        changes = (
+            ((gone - self._gone) & told, "gone or weak"),
+            ((self._gone - gone) & told, "back"),
+        )
         said = [
-            f"the fringes of {self._views(views)} are {what}"
-            for views, what in ((went, "gone or weak"), (came, "back"))
-            if views
+            f"the fringes of {self._views(views)} are {what}" for views, what in changes if views
         ]
-        self._told += bool(said)
-        return ", ".join(said) if self._told <= MOST_TOLD else ""
+        if last:
+            said.append(f"and so on: of {self._views(last)} no more is said")
+        self._gone = gone
+        return ", ".join(said)
 
     def _views(self, views: frozenset[int]) -> str:
         if views == self._every:
@@ -414,9 +421,6 @@ class Live:
         for name, values in found.items():
             self._stacks[name].add(values)
         self._shares += shares
-        for arrival, frame in zip(arrivals, phase, strict=True):
-            if arrival.frame is not None and (said := self._fringes.changed(frame)):
-                self._listener.tell(f"frame {self._arriving.label(arrival.index)}: {said}")
         shown = found[self._shown]
         known = shown[np.isfinite(shown)]
         late = time.monotonic() - arrivals[-1].since
@@ -430,6 +434,9 @@ class Live:
             for place, arrival in enumerate(arrivals):
                 self._arrived(arrival.index, {n: values[place] for n, values in found.items()})
         self._listener.heed(self._arriving)
+        for arrival, frame in zip(arrivals, phase, strict=True):
+            if arrival.frame is not None and (said := self._fringes.changed(frame)):
+                self._listener.tell(f"frame {self._arriving.label(arrival.index)}: {said}")
 
     def _reconstructed(
         self, arrivals: Sequence[Arrival]

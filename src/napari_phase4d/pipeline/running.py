@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Cells, Comparison, cells_in, compare, most_trusted
-from napari_phase4d.analysis.cells import check_follower
+from napari_phase4d.analysis.cell_tracks import check_follower
 from napari_phase4d.compiling import is_on_disk
 from napari_phase4d.holography import (
     Focus,

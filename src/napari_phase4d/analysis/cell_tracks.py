@@ -1,0 +1,249 @@
+"""Which cells of following frames, and of several views, are one."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from importlib.util import find_spec
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from napari_phase4d.analysis.cell_crossings import DAUGHTER, Ways, touching_pairs
+from napari_phase4d.later import pd, xr
+from napari_phase4d.task import Watch
+from napari_phase4d.words import check_positive
+
+__all__ = ["GAP", "check_follower", "joined_views", "spots_of", "tracks_of"]
+
+#: Cells are looked for within so many of their diameters from frame to frame, also after as many
+#: frames without them as here.
+REACH, GAP = 1.0, 2
+#: To begin or end is dearer than any link that is allowed, by this factor.
+COSTLIER = 1.05
+#: Tracks of two views are one cell's where they stay within so many diameters.
+REACH_ACROSS = 1.5
+#: ... and are seen together in this share of the frames of the shorter one.
+TOGETHER = 0.3
+
+Mask = NDArray[np.bool_]
+
+
+def spots_of(
+    labels: xr.DataArray, sides: tuple[float, float], watch: Watch
+) -> tuple[pd.DataFrame, list[tuple[int, int]]]:
+    """Return place (um) and size of every cell of a view (time, y, x), and rows that touch."""
+    rows: list[tuple[float, ...]] = []
+    touching: list[tuple[int, int]] = []
+    for time in range(labels.sizes["time"]):
+        watch.check()
+        frame = np.asarray(labels.data[time]).astype(np.int64)
+        sizes = np.bincount(frame.ravel())
+        numbers = np.flatnonzero(sizes[1:]) + 1
+        if not len(numbers):
+            continue
+        places = np.nonzero(frame)
+        owners = frame[places]
+        centres = [np.bincount(owners, part)[numbers] / sizes[numbers] for part in places]
+        row = dict(zip(numbers.tolist(), range(len(rows), len(rows) + len(numbers)), strict=True))
+        touching += [(row[a], row[b]) for a, b in touching_pairs(frame)]
+        edge = set(np.concatenate([frame[0], frame[-1], frame[:, 0], frame[:, -1]]).tolist())
+        for number, y, x in zip(numbers.tolist(), *centres, strict=True):
+            area = sizes[number] * sides[0] * sides[1]
+            rows.append((time, number, y * sides[0], x * sides[1], area, number in edge))
+    found = pd.DataFrame(rows, columns=["frame", "label", "y", "x", "area", "at edge"])
+    return found.astype({"frame": int, "label": int, "at edge": bool}), touching
+
+
+def check_follower() -> None:
+    """Raise ImportError if the package that follows cells is missing: before long work."""
+    if find_spec("laptrack") is None:
+        msg = 'following cells needs one more package; run: pip install "napari-phase4d[cells]"'
+        raise ImportError(msg)
+
+
+def tracks_of(
+    spots: pd.DataFrame,
+    touching: list[tuple[int, int]],
+    reach_um: float | None,
+    gap: int,
+    known: Mask,
+) -> pd.DataFrame:
+    """Add to the cells of a view their "track" and its "parent", -1 where there is none."""
+    if spots.empty:
+        none = pd.Series(dtype=int)
+        return spots.assign(track=none, parent=none, mixed=none.astype(bool))
+    check_follower()
+    from laptrack import LapTrack
+
+    diameter = 2 * math.sqrt(float(spots["area"].median()) / math.pi)
+    reach = REACH * diameter if reach_um is None else check_positive("reach_um", reach_um)
+
+    # A change of the area counts as a way, so that a small cell is not taken for a large one.
+    spots = spots.assign(size=0.5 * diameter * np.log(spots["area"]))
+    tracker = LapTrack(
+        cutoff=reach**2,
+        gap_closing_cutoff=(1.5 * reach) ** 2, gap_closing_max_frame_count=gap,
+        splitting_cutoff=diameter**2,
+        # Else what a new cell costs would hang on what the others cost.
+        track_start_cost=COSTLIER * reach**2, track_end_cost=COSTLIER * reach**2,
+        segment_start_cost=COSTLIER * (1.5 * reach) ** 2,
+        segment_end_cost=COSTLIER * (1.5 * reach) ** 2,
+        no_splitting_cost=COSTLIER * diameter**2,
+    )  # fmt: skip
+    frames, places = spots["frame"].to_numpy(), spots[["y", "x", "size"]].to_numpy()
+    links = links_of(tracker, frames, places)
+    clock = clock_of(known, usual_step(links, frames, places), reach)
+    if (clock[frames] != frames).any():
+        frames = clock[frames]
+        links = links_of(tracker, frames, places)
+    track, divisions = tracks_by_links(len(spots), links)
+    areas, at_edge = spots["area"].to_numpy(), spots["at edge"].to_numpy()
+    ways = Ways(frames, places, areas, at_edge, track, divisions, touching, reach)
+    divisions = ways.untangle()
+    found = spots.assign(track=track, mixed=ways.mixed)
+    ends = found.groupby("track")["area"].agg(["first", "last"])
+    parent = dict.fromkeys(track.tolist(), -1)
+    for child, mother in divisions:
+        if child != mother and ends["first"][child] <= DAUGHTER * ends["last"][mother]:
+            parent[child] = mother
+    return found.assign(parent=[parent[t] for t in track.tolist()])
+
+
+def links_of(
+    tracker: Any, frames: NDArray[np.int64], places: NDArray[np.float64]
+) -> list[tuple[int, int]]:
+    """Return which spots, by rising frame, follow each other by a tracker of laptrack."""
+    starts = np.searchsorted(frames, np.arange(frames[0], frames[-1] + 2)).tolist()
+    tree = tracker.predict([places[a:b] for a, b in pairwise(starts)])
+    return [(starts[a] + i, starts[b] + j) for (a, i), (b, j) in tree.edges]
+
+
+def usual_step(
+    links: list[tuple[int, int]], frames: NDArray[np.int64], places: NDArray[np.float64]
+) -> float:
+    """Return how far nine in ten cells move at most from a frame to the next; inf if unknown."""
+    one, other = np.array(links, dtype=np.int64).reshape(-1, 2).T
+    way = np.hypot(*(places[other, :2] - places[one, :2]).T)[frames[other] == frames[one] + 1]
+    return float(np.quantile(way, 0.9)) if way.size else math.inf
+
+
+def clock_of(known: Mask, step: float, reach: float) -> NDArray[np.int64]:
+    """Return the number of each frame by which cells are followed.
+
+    Frames of which nothing is known don't count, however many there are, where cells move by less
+    than half their reach meanwhile: what is nearest after it is the same cell then. Where they may
+    have moved further, it may be another one.
+
+    Parameters
+    ----------
+    known : ndarray of bool, shape (time,)
+        The frames of which anything is known.
+    step : float
+        How far cells move from frame to frame.
+    reach : float
+        How far they move at most.
+    """
+    clock, times = np.arange(len(known)), np.flatnonzero(known)
+    for earlier, later in pairwise(times.tolist()):
+        if later > earlier + 1 and (later - earlier) * step < 0.5 * reach:
+            clock[later:] -= later - earlier - 1
+    return clock
+
+
+def tracks_by_links(
+    count: int, links: Iterable[tuple[int, int]]
+) -> tuple[NDArray[np.int64], list[tuple[int, int]]]:
+    """Return the track of so many spots, by rising frame, and (daughter, parent) of divisions.
+
+    laptrack can tell this too, in a table that takes longer than all of its tracking.
+
+    Parameters
+    ----------
+    count : int
+        Of spots.
+    links : iterable of (int, int)
+        Numbers of spots that follow each other.
+    """
+    before = np.full(count, -1)
+    for earlier, later in links:
+        before[later] = earlier
+    followers = np.bincount(before[before >= 0], minlength=count)
+    track, divisions = np.zeros(count, dtype=np.int64), []
+    tracks = 0
+    for spot, last in enumerate(before.tolist()):
+        if last >= 0 and followers[last] == 1:
+            track[spot] = track[last]
+            continue
+        track[spot] = tracks
+        if last >= 0:
+            divisions.append((tracks, int(track[last])))
+        tracks += 1
+    return track, divisions
+
+
+def joined_views(views: list[pd.DataFrame]) -> list[tuple[int, int]]:
+    """Give tracks of all views the numbers of cells, as "cell"; return (daughter, parent)."""
+    first = next((view for view in views if not view.empty), views[0])
+    keys: list[dict[int, int]] = []  # of every view, track -> group
+    count = 0
+    for view in views:
+        same = {} if view is first or view.empty else across(first, view)
+        base = next((k for v, k in zip(views, keys, strict=False) if v is first), {})
+        groups: dict[int, int] = {}
+        for track in view["track"].unique().tolist():
+            if track in same and same[track] in base:
+                groups[track] = base[same[track]]
+            else:
+                groups[track] = count
+                count += 1
+        keys.append(groups)
+    began: dict[int, tuple[float, ...]] = {}
+    for number, (view, groups) in enumerate(zip(views, keys, strict=True)):
+        for track, *place in view[["track", "frame", "y", "x"]].to_numpy(np.float64).tolist():
+            here = (place[0], number, *place[1:])
+            group = groups[int(track)]
+            began[group] = min(began.get(group, here), here)
+    order = {group: i for i, group in enumerate(sorted(began, key=began.__getitem__), 1)}
+    parents: dict[int, int] = {}
+    for view, groups in zip(views, keys, strict=True):
+        view["cell"] = [order[groups[track]] for track in view["track"].tolist()]
+        for track, parent in set(map(tuple, view[["track", "parent"]].to_numpy(int).tolist())):
+            if parent >= 0:
+                parents.setdefault(order[groups[track]], order[groups[parent]])
+    return sorted((child, parent) for child, parent in parents.items() if child != parent)
+
+
+def across(first: pd.DataFrame, other: pd.DataFrame) -> dict[int, int]:
+    """Return for tracks of a view those of the first one that run beside them."""
+    columns = ["track", "y", "x", "area"]
+    diameter = 2 * math.sqrt(float(first["area"].median()) / math.pi)
+    both = first.merge(other, on="frame", suffixes=("", "_2"))
+    one = both[columns].to_numpy(np.float64)
+    two = both[[f"{name}_2" for name in columns]].to_numpy(np.float64)
+    way = two[:, 1:3] - one[:, 1:3]
+    near = np.hypot(*way.T) < 2 * REACH_ACROSS * diameter
+    shift = np.median(way[near], axis=0) if near.any() else np.zeros(2)
+    off = np.hypot(*(way - shift).T)
+    grown = 0.5 * diameter * np.abs(np.log(two[:, 3] / one[:, 3]))
+    tracks = [np.unique(part[:, 0]).astype(int) for part in (one, two)]
+    lengths = [np.bincount(view["track"].to_numpy(int)) for view in (first, other)]
+    limit = REACH_ACROSS * diameter
+    cost = np.full((len(tracks[0]), len(tracks[1])), 10 * limit)
+    for i, j in np.ndindex(*cost.shape):
+        of_pair = (one[:, 0] == tracks[0][i]) & (two[:, 0] == tracks[1][j])
+        if not of_pair.any():
+            continue
+        share = of_pair.sum() / min(lengths[0][tracks[0][i]], lengths[1][tracks[1][j]])
+        apart = float(np.median(off[of_pair]))
+        if apart < limit and share > TOGETHER:
+            cost[i, j] = apart + float(np.median(grown[of_pair])) - 0.1 * limit * share
+    rows, found = scipy.optimize.linear_sum_assignment(cost)
+    return {
+        int(tracks[1][j]): int(tracks[0][i])
+        for i, j in zip(rows, found, strict=True)
+        if cost[i, j] < 2 * limit
+    }
