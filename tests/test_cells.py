@@ -239,7 +239,7 @@ def test_one_cell_is_not_cut_by_two_of_long_ago() -> None:
 
 def test_cells_that_were_corrected_are_followed_over_lost_frames_too() -> None:
     phase = discs([[(32, 40, 9), (32, 100, 9)]] * 4 + [[]] * 6 + [[(32, 41, 9), (32, 99, 9)]] * 4)
-    phase = phase.assign_coords({dim: np.arange(n) * 1.0 for dim, n in phase.sizes.items()})
+    phase = phase.assign_coords({dim: np.arange(n) * 0.5 for dim, n in phase.sizes.items()})
     cells = p4d.find_cells(phase)
     assert cells.values.max() == 2
     again = cells_in(phase, OPTICS, labels=cells).labels
