@@ -250,11 +250,17 @@ def test_cells_that_touch_are_known_by_their_form(scale: int) -> None:
         assert cells_that_touch(single) is None
 
 
-@pytest.mark.parametrize(("radius", "count"), [(10, 9), (10, 16), (30, 8)])
-def test_many_cells_that_touch_are_all_known(radius: int, count: int) -> None:
-    apart = round(1.72 * radius)
-    y, x = np.mgrid[: 2 * radius + 12, : count * apart + 2 * radius]
-    places = [(radius + 5, radius + 5 + apart * i) for i in range(count)]
+@pytest.mark.parametrize(
+    ("radius", "rows", "columns"), [(10, 1, 9), (10, 1, 16), (30, 1, 8), (10, 6, 12)]
+)
+def test_many_cells_that_touch_are_all_known(radius: int, rows: int, columns: int) -> None:
+    apart, count = round(1.8 * radius), rows * columns
+    y, x = np.mgrid[: rows * apart + 2 * radius, : columns * apart + 2 * radius]
+    places = [
+        (radius + 5 + apart * i, radius + 5 + apart * j)
+        for i in range(rows)
+        for j in range(columns)
+    ]
     found = cells_that_touch(
         np.any([np.hypot(y - cy, x - cx) < radius for cy, cx in places], axis=0)
     )
@@ -269,6 +275,17 @@ def test_a_thin_tail_belongs_to_the_cell_that_it_is_of() -> None:
     assert found is not None
     assert found[50, 50] != found[50, 122]
     assert (found[50, 165:289] == found[50, 122]).all()
+
+
+def test_what_comes_back_after_a_second_meeting_is_told() -> None:
+    places = [7] * 11 + [14] * 3 + [7] * 3 + [14] * 6
+    frames = [dome(2.0, 32, 48 - d, 11) + dome(2.0, 32, 48 + d, 11) for d in places]
+    phase = np.stack(frames)[:, None].astype(np.float32)
+    off = slip(phase, slice(7, 20), slice(0, 48)) + slip(phase, slice(3, None), slice(48, 96))
+    found = likely(phase, off)
+    assert (found[12:20][off[12:20] != 0] > 0.7).all()
+    assert (found[20:][off[20:] != 0] > 0.7).all()
+    assert not found[20:, ..., :46].any()
 
 
 def test_what_two_cells_that_meet_again_and_again_miss_is_counted_once(

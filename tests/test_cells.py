@@ -230,6 +230,46 @@ def test_what_flows_is_not_taken_for_what_was_ahead_of_it() -> None:
     assert not set(np.unique(found[9:])) & {1, 2, 3}
 
 
+def test_a_few_that_flow_among_many_that_stand_are_known_by_their_own_steps() -> None:
+    stand = [(12, x, 5) for x in range(8, 156, 14)] + [(52, x, 5) for x in range(8, 156, 14)]
+    flow = [[(32, x + 5 * t, 9) for x in (15, 45)] for t in range(15)]
+    frames = [stand + moved for moved in flow]
+    frames[4:9] = [[]] * 5
+    found = p4d.find_cells(discs(frames)).values[:, 0]
+    before, after = (set(np.unique(found[part, 32])) - {0} for part in (slice(4), slice(9, 15)))
+    assert len(before) == len(after) == 2
+    assert not before & after
+    for row in (12, 52):
+        assert set(np.unique(found[:4, row])) == set(np.unique(found[9:, row]))
+
+
+def test_cells_that_stand_are_followed_where_few_frames_are_known() -> None:
+    cells = [(32, 40, 9), (32, 100, 9)]
+    frames = [cells if t % 4 == 0 else [] for t in range(21)]
+    assert p4d.find_cells(discs(frames)).values.max() == 2
+
+
+@pytest.mark.parametrize("painted", [[7], list(range(4, 10))])
+def test_labels_in_frames_that_are_lost_are_followed(painted: list[int]) -> None:
+    cells = [(32, 40, 9), (32, 100, 9)]
+    phase = discs([[] if 4 <= t < 10 else cells for t in range(14)])
+    phase = phase.assign_coords({dim: np.arange(n) * 0.5 for dim, n in phase.sizes.items()})
+    labels = p4d.find_cells(phase)
+    labels[painted] = labels[0]
+    again = cells_in(phase, OPTICS, labels=labels).labels
+    np.testing.assert_array_equal(again, labels)
+
+
+@pytest.mark.parametrize("gap", [0, 1, 2, 5])
+def test_a_cell_may_be_missing_for_as_many_frames_as_the_gap_has(gap: int) -> None:
+    cell = discs([[(32, 40, 9)]])[0] > 0
+    for missing in range(1, 8):
+        there = np.array([True] * 3 + [False] * missing + [True] * 3)
+        labels = there[:, None, None, None] * cell.values[None].astype(np.int32)
+        found = p4d.follow_cells(labels, gap=gap)
+        assert found.values.max() == (1 if missing <= gap else 2)
+
+
 def test_one_cell_is_not_cut_by_two_of_long_ago() -> None:
     two, one = [(32, 60, 9), (32, 84, 9)], [(32, 72, 18)]
     for lost, cells in ((1, 2), (9, 1)):

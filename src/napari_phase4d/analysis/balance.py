@@ -410,8 +410,6 @@ def median_of_known(values: Numbers) -> Numbers:
 #: What an object may have lost, by the change and the group that did: turns times pixels, and over
 #: how many pixels; both are negative if it lies below the empty field.
 Claims = dict[tuple[int, ...], tuple[float, float]]
-#: The name of a loss that is not parted has so many numbers.
-WHOLE = 2
 
 
 def missing_turns(
@@ -453,7 +451,7 @@ def missing_turns(
             groups = claims_of_groups(claims, gained, near, objects[at], sizes, number)
             claims = [groups[g] if change.known[g] else {} for g in far]
             found[to] = likely_slipped(claims, objects[to])
-            claims = shared_out(claims, objects[to])
+            claims = shared_out(claims, objects[to], number)
             if not any(claims):
                 claims = []
     return found
@@ -502,11 +500,17 @@ def claims_of_groups(
     area = np.bincount(near, objects.area, minlength=len(gained))
     for group in {int(near[i]) for i, own in enumerate(claims) if own}:
         inside = np.flatnonzero(near == group)
-        for loss in {key for i in inside for key in claims[i]}:
-            holders = [i for i in inside if loss in claims[i]]
-            lost, over = claims[holders[0]][loss]
+        parts: dict[tuple[int, ...], Claims] = {}
+        for i in inside:
+            for loss, claim in claims[i].items():
+                parts.setdefault(loss[:2], {})[loss] = claim
+        for first, own in parts.items():
+            holders = [i for i in inside if own.keys() & claims[i].keys()]
+            lost, over = (sum(numbers) for numbers in zip(*own.values(), strict=True))
             # What joins them may as well be what lost it.
             share = objects.area[holders].sum() / area[group]
+            # Parts of a loss that are together again are one.
+            loss = next(iter(own)) if len(own) == 1 else (*first, number, -1 - group)
             found[group][loss] = lost, over / float(share)
     for group in np.flatnonzero(gained).tolist():
         own = near == group
@@ -551,16 +555,16 @@ def areas_of_losses(claims: list[Claims], objects: Objects) -> dict[tuple[int, .
     return area
 
 
-def shared_out(claims: list[Claims], objects: Objects) -> list[Claims]:
+def shared_out(claims: list[Claims], objects: Objects, number: int) -> list[Claims]:
     """Return claims with those losses parted among their objects that none can have had alone.
 
     Where two daughters miss two turns between them, none misses two. So each misses one, also when
-    the other one's has come back. A part of a loss is not parted again: cells that meet and part
-    time after time would hold ever more of them.
+    the other one's has come back. Parts have names of their own, which begin as that of the loss,
+    and the number of this change.
     """
     area, alone = areas_of_losses(claims, objects), turns_alone(claims, objects)
     holders = Counter(loss for own in claims for loss in own)
-    parted = {loss for loss, count in holders.items() if count > 1 and len(loss) == WHOLE}
+    parted = {loss for loss, count in holders.items() if count > 1}
     for i, own in enumerate(claims):
         if alone[i] <= TOO_MUCH:
             parted -= set(own)
@@ -568,7 +572,10 @@ def shared_out(claims: list[Claims], objects: Objects) -> list[Claims]:
     for i, own in enumerate(claims):
         share = {loss: float(objects.area[i]) / area[loss] for loss in parted & own.keys()}
         rest = {loss: claim for loss, claim in own.items() if loss not in parted}
-        ours = {(*loss, i): (own[loss][0] * s, own[loss][1] * s) for loss, s in share.items()}
+        ours = {
+            (*loss[:2], number, i): (own[loss][0] * s, own[loss][1] * s)
+            for loss, s in share.items()
+        }
         found.append(rest | ours)
     return found
 

@@ -195,28 +195,26 @@ def cells_that_touch(blob: Mask) -> Labels | None:
     """
     step = max(1, max(blob.shape) // FORM)
     if step > 1:
-        deepest = float(scipy.ndimage.distance_transform_edt(np.pad(coarse(blob, step), 1)).max())
+        filled = np.pad(coarse(blob, step, 1.0), 1)  # else gaps between small cells count as well
+        deepest = float(scipy.ndimage.distance_transform_edt(filled).max())
         step = max(1, min(step, int(deepest * step / HALF_WIDTH)))
-    divided = parts_between_necks(coarse(blob, step), SMALLEST_PIXELS / step**2)
+    divided = parts_between_necks(coarse(blob, step, 0.5), SMALLEST_PIXELS / step**2)
     if divided is None or divided[0].max() < 2:
         return None
-    parts = divided[0]
-    if step > 1:  # what is too thin to be seen so goes with what is nearest
-        near = scipy.ndimage.distance_transform_edt(
-            parts == 0, return_distances=False, return_indices=True
-        )
-        parts = parts[tuple(near)].repeat(step, axis=0).repeat(step, axis=1)
+    parts = divided[0].repeat(step, axis=0).repeat(step, axis=1)
     found: Labels = np.where(blob, parts[: blob.shape[0], : blob.shape[1]], 0).astype(np.int32)
+    if (blob & (found == 0)).any():  # what is thin goes with what it is joined to
+        found = skimage.segmentation.watershed(np.zeros(blob.shape), found, mask=blob)
     return found
 
 
-def coarse(blob: Mask, step: int) -> Mask:
-    """Return a blob in pixels so many times as long: those of which half belongs to it."""
+def coarse(blob: Mask, step: int, share: float) -> Mask:
+    """Return a blob in pixels so many times as long: those of which a share belongs to it."""
     if step == 1:
         return blob
     whole = np.pad(blob, [(0, -n % step) for n in blob.shape])
     rows, columns = whole.shape[0] // step, whole.shape[1] // step
-    found: Mask = whole.reshape(rows, step, columns, step).mean(axis=(1, 3)) >= 0.5
+    found: Mask = whole.reshape(rows, step, columns, step).mean(axis=(1, 3)) >= share
     return found
 
 

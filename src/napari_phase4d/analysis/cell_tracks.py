@@ -21,7 +21,7 @@ __all__ = ["GAP", "check_follower", "joined_views", "spots_of", "tracks_of"]
 
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
 #: frames without them as here.
-REACH, GAP = 1.0, 2
+REACH, GAP = 1.0, 1
 #: To begin or end is dearer than any link that is allowed, by this factor.
 COSTLIER = 1.05
 #: Tracks of two views are one cell's where they stay within so many diameters.
@@ -86,7 +86,7 @@ def tracks_of(
     spots = spots.assign(size=0.5 * diameter * np.log(spots["area"]))
     tracker = LapTrack(
         cutoff=reach**2,
-        gap_closing_cutoff=(1.5 * reach) ** 2, gap_closing_max_frame_count=gap,
+        gap_closing_cutoff=(1.5 * reach) ** 2, gap_closing_max_frame_count=gap + 1 if gap else 0,
         splitting_cutoff=diameter**2,
         # Else what a new cell costs would hang on what the others cost.
         track_start_cost=COSTLIER * reach**2, track_end_cost=COSTLIER * reach**2,
@@ -95,11 +95,10 @@ def tracks_of(
         no_splitting_cost=COSTLIER * diameter**2,
     )  # fmt: skip
     frames, places = spots["frame"].to_numpy(), spots[["y", "x", "size"]].to_numpy()
-    links = links_of(tracker, frames, places)
-    clock = clock_of(known, usual_step(links, frames, places), reach)
-    if (clock[frames] != frames).any():
-        frames = clock[frames]
-        links = links_of(tracker, frames, places)
+    known = known.copy()
+    known[frames] = True  # labels of another program may lie where no phase is known
+    seen, frames = frames, clock_of(known, gap)[frames]
+    links = sure_links(links_of(tracker, frames, places), seen, frames, places, reach)
     track, divisions = tracks_by_links(len(spots), links)
     areas, at_edge = spots["area"].to_numpy(), spots["at edge"].to_numpy()
     ways = Ways(frames, places, areas, at_edge, track, divisions, touching, reach)
@@ -122,36 +121,61 @@ def links_of(
     return [(starts[a] + i, starts[b] + j) for (a, i), (b, j) in tree.edges]
 
 
-def usual_step(
-    links: list[tuple[int, int]], frames: NDArray[np.int64], places: NDArray[np.float64]
-) -> float:
-    """Return how far nine in ten cells move at most from a frame to the next; inf if unknown."""
-    one, other = np.array(links, dtype=np.int64).reshape(-1, 2).T
-    way = np.hypot(*(places[other, :2] - places[one, :2]).T)[frames[other] == frames[one] + 1]
-    return float(np.quantile(way, 0.9)) if way.size else math.inf
-
-
-def clock_of(known: Mask, step: float, reach: float) -> NDArray[np.int64]:
+def clock_of(known: Mask, gap: int) -> NDArray[np.int64]:
     """Return the number of each frame by which cells are followed.
 
-    Frames of which nothing is known don't count, however many there are, where cells move by less
-    than half their reach meanwhile: what is nearest after it is the same cell then. Where they may
-    have moved further, it may be another one.
+    Frames of which nothing is known don't count where there are more than gaps are closed over.
 
     Parameters
     ----------
     known : ndarray of bool, shape (time,)
         The frames of which anything is known.
-    step : float
-        How far cells move from frame to frame.
-    reach : float
-        How far they move at most.
+    gap : int
+        For how many frames a cell may not be found.
     """
-    clock, times = np.arange(len(known)), np.flatnonzero(known)
-    for earlier, later in pairwise(times.tolist()):
-        if later > earlier + 1 and (later - earlier) * step < 0.5 * reach:
+    clock = np.arange(len(known))
+    for earlier, later in pairwise(np.flatnonzero(known).tolist()):
+        if later - earlier - 1 > gap:
             clock[later:] -= later - earlier - 1
     return clock
+
+
+def sure_links(
+    links: list[tuple[int, int]],
+    seen: NDArray[np.int64],
+    clock: NDArray[np.int64],
+    places: NDArray[np.float64],
+    reach: float,
+) -> list[tuple[int, int]]:
+    """Return links without those over lost frames in which another cell may have come there.
+
+    What is nearest after lost frames is the same cell if it moves, by its usual steps before and
+    after, by less than half its reach meanwhile. Else it may be the one that was behind it.
+
+    Parameters
+    ----------
+    links : list of (int, int)
+        Spots that follow each other.
+    seen, clock : ndarray of int
+        The frame of every spot, and the number of it by which it was followed, see `clock_of`.
+    places : ndarray, shape (spots, 3)
+        Where they are: y, x, and a length for the size.
+    reach : float
+        How far a cell moves from frame to frame at most.
+    """
+    one, other = np.array(links, dtype=np.int64).reshape(-1, 2).T
+    frames = seen[other] - seen[one]
+    over = frames > clock[other] - clock[one]
+    if not over.any():
+        return links
+    within = [link for link, lost in zip(links, over.tolist(), strict=True) if not lost]
+    track, _ = tracks_by_links(len(seen), within)
+    next_one = frames == 1
+    ways = np.hypot(*(places[other, :2] - places[one, :2]).T)[next_one]
+    usual = pd.Series(ways).groupby(track[one[next_one]]).quantile(0.9)
+    step = np.fmax(*(usual.reindex(track[ends]).fillna(0).to_numpy() for ends in (one, other)))
+    kept = ~over | (frames * step < 0.5 * reach)
+    return [link for link, keep in zip(links, kept.tolist(), strict=True) if keep]
 
 
 def tracks_by_links(

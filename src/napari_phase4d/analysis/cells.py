@@ -49,7 +49,7 @@ def find_cells(
 
     What rises out of the empty field is a cell; blobs with a neck are cut at it, and where several
     cells of the frame before have come together they are kept apart. Cells are then followed as by
-    `follow_cells`. Frames of which nothing is known are passed over where cells move too little,
+    `follow_cells`. Frames of which nothing is known are passed over by cells that move too little,
     by their usual steps, to be taken for others after it: by less than half a diameter in all.
 
     Parameters
@@ -281,7 +281,7 @@ def follow_cells(
     reach_um : float, optional
         How far a cell moves from frame to frame at most. Default one diameter.
     gap : int, optional
-        For how many frames a cell may not be found and still be the same one.
+        For how many frames a cell may not be found and still be the same one. Default 1.
     progress, cancelled : callable, optional
         See `unwrap`.
 
@@ -358,7 +358,7 @@ def followed(
     stack : DataArray of int
         The labels of each frame.
     known : ndarray of bool, shape (time, angle)
-        The frames of which anything is known; others are passed over, see `clock_of`.
+        The frames of which anything is known; others are passed over, see `sure_links`.
     reach_um, gap
         See `follow_cells`.
     task : Task
