@@ -119,7 +119,7 @@ MUTATIONS = (
     Mutation("two turns of one daughter", "analysis/balance.py",
              "items() if count > 1}", "items() if count > 9}", ("test_balance",)),
     Mutation("slips of cells that touch for one", "analysis/slips.py",
-             "if not found[i] and mask.any()]", "if found[i]]", ("test_confidence",)),
+             ">= least", "< 0", ("test_confidence",)),
     Mutation("a coarse form where nothing is", "analysis/cell_frames.py",
              "if (blob & (found == 0)).any():", "if False:", ("test_balance",)),
     Mutation("a gap for one step", "analysis/balance.py",

@@ -451,9 +451,7 @@ def missing_turns(
             groups = claims_of_groups(claims, gained, near, objects[at], sizes, number)
             claims = [groups[g] if change.known[g] else {} for g in far]
             found[to] = likely_slipped(claims, objects[to])
-            claims = shared_out(claims, objects[to], number)
-            if not any(claims):
-                claims = []
+            claims = shared_out(claims, objects[to], number) if any(claims) else []
     return found
 
 

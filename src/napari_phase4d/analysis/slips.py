@@ -175,9 +175,14 @@ def slips(objects: Labels, empty: Mask, wrong: list[Mask]) -> list[bool]:
     where most of one of them might lie in it.
     """
     found = [mostly_in(objects, mask) for mask in wrong]
-    unsure = [i for i, mask in enumerate(wrong) if not found[i] and mask.any()]
+    inside, least = objects > 0, MOST * SMALLEST_OBJECT
+    unsure = [
+        i
+        for i, mask in enumerate(wrong)
+        if not found[i] and np.count_nonzero(mask & inside) >= least
+    ]
     if unsure:
-        cells = told_apart(objects, empty, [wrong[i] for i in unsure], MOST * SMALLEST_OBJECT)
+        cells = told_apart(objects, empty, [wrong[i] for i in unsure], least)
         for i in unsure:
             found[i] = mostly_in(cells, wrong[i])
     return found
