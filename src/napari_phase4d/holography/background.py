@@ -43,7 +43,6 @@ __all__ = [
     "aligned_to",
     "background_advice",
     "curvature_advice",
-    "fit_background",
     "fitted_surface",
 ]
 
@@ -62,15 +61,17 @@ CLEARLY_MORE = 1.1
 RIVAL_SHARE, RIVAL_RAD = 0.7, 0.5
 
 
-def fit_background(
+def fitted_surface(
     fields: NDArray[np.complex64], order: int, kind: str = "powers"
-) -> NDArray[np.float32]:
+) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
     """Fit a surface to the phase of the background.
 
     The background is what most frames have in common: the fields are averaged after their
     constant phases have been aligned, a first surface is guessed from the wrapped differences of
     neighbours, and the surface is fitted to the pixels near the most frequent phase, again and
-    again with a tighter limit.
+    again with a tighter limit. A plain tilt begins with the median difference of neighbours. All
+    else begins with a robust fit of the slopes, since strong curvature or coma leaves no one tilt
+    to begin with.
 
     Parameters
     ----------
@@ -79,23 +80,14 @@ def fit_background(
     order : int
         Degree of the surface: 1 for tilt, 2 for tilt and curvature, up to 8; 0 for nothing.
     kind : str, optional
-        "powers" (default, up to order 2), "polynomial" or "zernike"; see `fitted_surface`.
+        "powers" (default, up to order 2), "polynomial" or "zernike"; see `Surface`.
 
     Returns
     -------
     ndarray of shape (y, x)
         Phase in radians with mean 0, to be subtracted.
-    """
-    return fitted_surface(fields, order, kind)[0]
-
-
-def fitted_surface(
-    fields: NDArray[np.complex64], order: int, kind: str
-) -> tuple[NDArray[np.float32], NDArray[np.float64]]:
-    """Return what `fit_background` does, and the coefficients of the terms in radians.
-
-    A plain tilt begins with the median difference of neighbours. All else begins with a robust
-    fit of the slopes, since strong curvature or coma leaves no one tilt to begin with.
+    ndarray of float
+        The coefficients of the surface's terms in radians.
     """
     mean = aligned_mean(fields)
     return Surface(kind, order, mean.shape).fitted_to(mean)

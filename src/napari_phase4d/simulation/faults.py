@@ -12,7 +12,7 @@ from napari_phase4d.later import xr
 from napari_phase4d.simulation.ellipsoids import wrap
 from napari_phase4d.words import advised_call, check_finite, shown
 
-__all__ = ["FAULTS", "LOSES_FRAME", "with_fault", "with_noise"]
+__all__ = ["FAULTS", "with_fault", "with_noise"]
 
 Stack = NDArray[np.float32]
 Random = np.random.Generator
@@ -132,8 +132,6 @@ OF_CAMERA: Mapping[str, Callable[[Stack, int, Random], None]] = MappingProxyType
 )
 #: All faults by name.
 FAULTS = (*OF_PHASE, *OF_CAMERA)
-#: Faults that lose whole frames: what they show has no truth.
-LOSES_FRAME = tuple(name for name in OF_CAMERA if "pixels" not in name)
 
 
 @advised_call(data='give one with "phase", as budding_yeast() does')

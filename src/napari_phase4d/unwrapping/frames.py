@@ -537,11 +537,6 @@ def roll_row(row: NDArray[Any], ahead: int, out: NDArray[Any]) -> None:
         last[x] = row[x]
 
 
-def rolled(frame: NDArray[Scalar], shift: Shifts) -> NDArray[Scalar]:
-    """Return a frame moved by whole pixels, round the edges."""
-    return np.roll(frame, (int(shift[0]), int(shift[1])), axis=(0, 1))
-
-
 def moved(stack: NDArray[Scalar], shifts: Shifts) -> NDArray[Scalar]:
     """Return a stack (time, angle, y, x) with every frame moved; undo with ``-shifts``."""
     if not shifts.any():

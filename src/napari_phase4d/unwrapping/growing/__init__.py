@@ -15,14 +15,13 @@ from napari_phase4d.unwrapping.growing.growth import (
     grow_through_residues,
     smooth_turns,
 )
-from napari_phase4d.unwrapping.growing.rows import PerThread, Workspace, integrated
+from napari_phase4d.unwrapping.growing.rows import Workspace, integrated
 
 __all__ = [
     "Contracted",
     "Costs",
     "CostsOf",
     "Joining",
-    "PerThread",
     "Workspace",
     "closed",
     "coherence",

@@ -16,7 +16,6 @@ the dearest step in the loop. Below it, the steps of no such loop are complete (
 from __future__ import annotations
 
 import math
-import threading
 from typing import Any
 
 import numpy as np
@@ -27,7 +26,6 @@ from napari_phase4d.compiling import compiled
 __all__ = [
     "BORDER",
     "Floats",
-    "PerThread",
     "Phase",
     "Shape",
     "Whole",
@@ -143,13 +141,6 @@ class Workspace:
     def clear(self) -> None:
         """Let go of all arrays."""
         self._held.clear()
-
-
-class PerThread(threading.local):
-    """A workspace of each thread's own."""
-
-    def __init__(self) -> None:
-        self.workspace = Workspace()
 
 
 @compiled
