@@ -1,21 +1,26 @@
 """Wrong cycles and phase error against noise, with one, two and three wavelengths.
 
 ``python benchmarks/wavelengths.py`` prints the tables of `docs/how-to/wavelengths.md`; give names
-of cases to print only these.
+of cases, or "optics" or "confidence", to print only these.
 """
 
 from __future__ import annotations
 
+import statistics
 import sys
 import time
+from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
+from regimes import OWN_PHANTOMS, object_
 from scipy import ndimage
 from tables import heading, line
+from trusting import Tally, slips
 
 import napari_phase4d as p4d
 from napari_phase4d import simulation
+from napari_phase4d.analysis import slipped_frames
 from napari_phase4d.unwrapping import methods_for
 
 METHOD = "synthetic-wavelength"
@@ -141,6 +146,78 @@ def seen(exact: np.ndarray, shape: tuple[int, ...]) -> tuple[np.ndarray, np.ndar
     return truth, flat
 
 
+#: What is asked how far it is trusted, and what goes wrong in recordings of cells.
+TRUSTED = ("spatial-2d", "temporal-angular", "directional-l1", METHOD)
+AFTER = (None, "pause", "kick", "doubling")
+#: A pixel with so much phase in radians belongs to the object.
+THICK = 0.3
+
+
+def cells(fault: str | None) -> Iterator[tuple[xr.Dataset, np.ndarray]]:
+    """Yield cells seen at two wavelengths, from one angle, and where they are."""
+    for seed, name in enumerate(OWN_PHANTOMS):
+        own = object_(name).isel(angle=[0])
+        own = own if fault is None else simulation.with_fault(own, fault, seed=seed)
+        own["phase"].attrs["wavelength_um"] = 0.6328
+        data = simulation.with_noise(simulation.at_wavelengths(own, TWO), 0.3, seed=seed)
+        yield data, np.abs(data["phase"].values) > THICK
+
+
+def walls(noise: float) -> Iterator[tuple[xr.Dataset, np.ndarray]]:
+    """Yield plates whose steps the wavelengths tell, and where they are."""
+    for seed, (paths, lights) in enumerate(((LOW, TWO), (LOW, THREE), (HIGH, LONG))):
+        data = simulation.with_noise(
+            simulation.at_wavelengths(steps(paths), lights), noise, 0.2, seed
+        )
+        yield data, np.abs(data["phase"].values) > THICK
+
+
+def confidence() -> None:
+    """Print how well confidence finds wrong pixels and slipped objects at several wavelengths."""
+    heading(
+        "Confidence at several wavelengths: area under the curve, mean and worst; wrong of the "
+        "pixels that are given less than 1 %; frames in which most of an object is wrong that are "
+        "warned of, and false alarms",
+        "recordings method mean worst wrong(%) found slipped false-alarms right-frames",
+    )
+    every = {f"cells, {fault or 'no fault'}, 0.3 rad": cells(fault) for fault in AFTER}
+    every |= {f"plates, {noise} rad": walls(noise) for noise in (0.2, 0.3)}
+    for words, recordings in every.items():
+        tallies: dict[str, Tally] = {}
+        for data, inside in recordings:
+            compared = p4d.compare(data["wrapped"], list(TRUSTED))
+            for method, trust in compared.confidences().items():
+                turns = np.round((compared.results[method] - data["phase"]).values / (2 * np.pi))
+                wrong = above_empty(turns, inside) != 0
+                tally = tallies.setdefault(method, Tally())
+                tally.add(1 - trust.values[inside], wrong[inside])
+                said = slipped_frames(compared.problem, trust)
+                tally.add_frames(said, slips(wrong, inside))
+        for method, tally in tallies.items():
+            chance, wrong = np.concatenate(tally.chances), np.concatenate(tally.outcomes)
+            safe = chance < 0.01
+            line(
+                words,
+                p4d.METHODS[method].label,
+                statistics.mean(tally.areas) if tally.areas else "",
+                min(tally.areas, default=""),
+                f"{100 * wrong[safe].mean():.3f}" if safe.any() else "",
+                tally.found,
+                tally.slipped,
+                tally.false,
+                tally.right,
+            )
+
+
+def above_empty(turns: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """Return turns (time, view, y, x) above the median of each frame outside the object."""
+    found = turns.copy()
+    for frame in np.ndindex(*turns.shape[:2]):
+        if not inside[frame].all():
+            found[frame] -= np.median(turns[frame][~inside[frame]])
+    return found
+
+
 def main() -> None:
     """Print the tables."""
     began = time.perf_counter()
@@ -149,6 +226,8 @@ def main() -> None:
         against_noise(name)
     if not sys.argv[1:] or "optics" in sys.argv[1:]:
         through_the_optics()
+    if not sys.argv[1:] or "confidence" in sys.argv[1:]:
+        confidence()
     print(f"\n{time.perf_counter() - began:.0f} s")
 
 

@@ -14,6 +14,7 @@ from unittest.mock import patch
 
 import numpy as np
 import pytest
+from scipy.stats import rankdata
 
 from napari_phase4d.cli import main
 
@@ -43,6 +44,12 @@ def hear_signals() -> None:
 
 def wrap(phase: np.ndarray) -> np.ndarray:
     return np.angle(np.exp(1j * np.asarray(phase)))
+
+
+def area_under_curve(score: np.ndarray, wrong: np.ndarray) -> float:
+    """Return how often what is wrong scores higher than what is right."""
+    n = wrong.sum()
+    return float((rankdata(score)[wrong].sum() - n * (n + 1) / 2) / (n * (~wrong).sum()))
 
 
 @dataclass(frozen=True)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 import xarray as xr
 from scipy.ndimage import median_filter
-from scipy.stats import rankdata
 
 import napari_phase4d as p4d
+from helpers import area_under_curve
 from napari_phase4d.analysis import Verdict, residues, slip_warning, slipped_frames
 from napari_phase4d.analysis.confidence import median_of_nine, odds_in_line
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
@@ -44,11 +44,6 @@ def support(problem: Problem, result: np.ndarray) -> tuple[np.ndarray, np.ndarra
 
 def noise_astray(wrapped: xr.DataArray) -> np.ndarray:
     return astray(Problem(wrapped)).read(Block(0, len(wrapped)))
-
-
-def area_under_curve(score: np.ndarray, wrong: np.ndarray) -> float:
-    n = wrong.sum()
-    return float((rankdata(score)[wrong].sum() - n * (n + 1) / 2) / (n * (~wrong).sum()))
 
 
 @pytest.mark.slow

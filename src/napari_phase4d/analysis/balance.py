@@ -311,7 +311,7 @@ def frames_missing_mass(problem: Problem) -> Mask:
     Nothing is computed: only what is known by `BALANCE` of the problem, or its parts, counts.
     """
     found = np.zeros(problem.given.shape[:2], dtype=bool)
-    for views, part in problem.parts() or [(tuple(range(found.shape[1])), problem)]:
+    for views, part in problem.by_wavelength():
         if part.knows(BALANCE):
             found[:, views] = part.known(BALANCE).frames()
     return found

@@ -87,6 +87,8 @@ ADRIFT = np.float32(0.9)
 PATCHES = 8
 #: Levels that are more turns off are counted as this.
 FURTHEST = 100
+#: No chance of an error is less than this where wavelengths tell it: single precision ends there.
+LEAST_DOUBT = np.float32(1e-7)
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
@@ -115,7 +117,8 @@ def confidence(
     that would know it, the empty field itself is torn in two, or its dry mass drops at once by
     what a turn over its area comes to, as in a slip. Few pixels that stand out from those round
     them are trusted less. Where every angle has several wavelengths, it is judged by how far these
-    agree instead: sheer walls have no smooth way, and need none then.
+    agree, on this result and on that of directional L1, instead of by ways: sheer walls have no
+    smooth one, and need none then.
 
     Parameters
     ----------
@@ -218,12 +221,10 @@ def chances_of_right(
     }
     own = None if reference is None else judged_of(reference, problem)
     if problem.parts() and all_wavelengths_known(problem):
-        both = {n: j or own or reference_on_the_way(problem, task)
-                for n, j in judged.items()}  # fmt: skip
-        by_colour(problem, both, maps, task)
+        own = own or reference_on_the_way(problem, task)
+        by_wavelengths(problem, {n: j or own for n, j in judged.items()}, own, maps, task)
     else:
-        every = tuple(range(problem.given.shape[1]))
-        for views, part in problem.parts() or [(every, problem)]:
+        for views, part in problem.by_wavelength():
             chosen = {n: None if j is None else j.of_views(views) for n, j in judged.items()}
             of_part = None if own is None else own.of_views(views)
             if of_part is None:
@@ -264,7 +265,11 @@ def reference_on_the_way(problem: Problem, task: Task) -> Judged:
 
     def unwrapped() -> Judged:
         found = problem.store.temporary("reference", problem.given.shape, "float32")
-        METHODS[REFERENCE].function(problem, found, task)
+        for (
+            views,
+            part,
+        ) in problem.by_wavelength():  # wavelengths say nothing of each other's steps
+            METHODS[REFERENCE].function(part, ViewsOf(found, views), task)
         masked = problem.finds_mask or not problem.all_usable
         return Judged(found, problem.given if masked else None)
 
@@ -363,9 +368,10 @@ class ChanceBlock:
         self.found.write(block, chance.astype(np.float32))
 
 
-def by_colour(
+def by_wavelengths(
     problem: Problem,
     results: Mapping[str, Judged],
+    reference: Judged,
     maps: Mapping[str, Stack],
     task: Task,
 ) -> None:
@@ -373,18 +379,62 @@ def by_colour(
 
     That tells sheer walls too.
     """
+    # Asked for once, not by every thread.
+    problem.background(), problem.frames_left_out()
     blocks = working_blocks(problem.given.shape)
-    watch = Watch(len(blocks) * len(results), "weighing the results", task)
-    for name, result in results.items():
-        for block in blocks:
-            values = result.read(block)
-            chance = chance_by_wavelengths(problem, values, block)
+    watch = Watch(len(blocks), "weighing the results", task)
+    work = AgreementBlock(problem, results, reference, maps)
+    for _ in in_threads(work, blocks, watch, wait=True):
+        pass
+
+
+@dataclass(frozen=True)
+class AgreementBlock:
+    """Writes the chance that the wrap counts of a block are right, where wavelengths tell it.
+
+    A method that makes the wavelengths agree may choose wrong counts on which they do, at rims
+    that are steep and noisy. There few pixels stand out, or directional L1 has other counts, on
+    which they agree as well.
+
+    Parameters
+    ----------
+    problem : Problem
+        What was unwrapped; every angle has several wavelengths.
+    results : mapping of str to Judged
+        The results, by method.
+    reference : Judged
+        The result of directional L1.
+    maps : mapping of str to Stack
+        Where the chance of each goes.
+    """
+
+    problem: Problem
+    results: Mapping[str, Judged]
+    reference: Judged
+    maps: Mapping[str, Stack]
+
+    def __call__(self, block: Block) -> None:
+        """Do a block."""
+        left_out = self.problem.frames_left_out()[block.start : block.stop]
+        empty = self.problem.background().empty.read(block)
+        others = self.reference.read(block)
+        rival = self.odds(others, block)
+        for name, result in self.results.items():
+            own = result is self.reference
+            values = others if own else result.read(block)
+            odds = rival if own else self.odds(values, block)
+            differs = above_field(whole_turns(values, others), empty) != 0
+            chance = odds / (1 + odds + np.where(differs, rival, 0))
             chance[np.isnan(values)] = 1  # masked: taken for empty field
             # What has no partner at another wavelength is not known, and not to be trusted.
             chance[np.isnan(result.values.read(block))] = 0
-            chance[problem.frames_left_out()[block.start : block.stop]] = 0
-            maps[name].write(block, chance)
-            watch.step()
+            chance[left_out] = 0
+            self.maps[name].write(block, chance.astype(np.float32))
+
+    def odds(self, values: Image, block: Block) -> NDArray[np.float64]:
+        """Return the odds, right to wrong, of phase on which wavelengths agree so far."""
+        agree = chance_by_wavelengths(self.problem, values, block).astype(np.float64)
+        return agree / np.maximum(1 - agree, LEAST_DOUBT) * odds_in_line(values)
 
 
 def odds_of_right(support: Support, block: Block) -> Image:

@@ -282,6 +282,10 @@ class Problem(SharedSteps):
 
         return self.once("parts", divide)
 
+    def by_wavelength(self) -> list[tuple[tuple[int, ...], Problem]]:
+        """Return `parts`; if all views have one wavelength, all of them and the problem itself."""
+        return self.parts() or [(tuple(range(self.given.shape[1])), self)]
+
     def _part(self, number: int, views: tuple[int, ...]) -> Problem:
         """Return the problem of some views."""
         chosen = list(views)

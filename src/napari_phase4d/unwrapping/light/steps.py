@@ -331,14 +331,17 @@ def unwrapped_where_smooth(wrapped: Image, steps: Steps, known: Mask) -> Image:
 
 
 def smooth_pixels(steps: Steps, known: Mask) -> Mask:
-    """Mark the pixels all of whose steps are smooth."""
+    """Mark the pixels all of whose steps are smooth, in squares of four at least."""
     smooth = known.copy()
     for axis, along in enumerate((steps.down, steps.right)):
         rough = along.off > SMOOTH
         before, after = ([(0, 0), (0, 0)] for _ in range(2))
         before[axis], after[axis] = (1, 0), (0, 1)
         smooth &= ~np.pad(rough, before) & ~np.pad(rough, after)
-    return smooth
+    # Now and then noise makes a step over a wall look smooth: a single one is not to join what
+    # lies on either side.
+    found: Mask = scipy.ndimage.binary_opening(smooth, np.ones((2, 2)))
+    return found
 
 
 def joined_parts(
