@@ -508,6 +508,23 @@ def test_trust_goes_by_how_far_wavelengths_agree() -> None:
     xr.testing.assert_allclose(alone, found.confidence(METHOD))
 
 
+def test_without_an_empty_field_wavelengths_tell_no_level() -> None:
+    """As each drifts by itself: Synthetic was trusted, whose frames are turns off each other."""
+    t, y, x = np.mgrid[:8, -40:40, -40:40].astype(float)
+    hills = 14 + 6 * np.cos(0.22 * y + 0.3 * t) * np.cos(0.19 * x - 0.2 * t)
+    layer = step_phantom((80, 80), (0.1,), 8, angles_deg=(0.0,))
+    layer["phase"] = layer["phase"].copy(data=hills[:, None])
+    data = with_noise(at_wavelengths(layer, TWO), 0.15, 0.2, seed=2)
+    found = p4d.compare(data["wrapped"], [METHOD, "directional-l1"])
+    turns = np.round((found.results["directional-l1"] - data["phase"]) / TURN).values
+    for view in range(2):
+        assert np.unique(turns[:, view]).size == 1
+    assert found.confidence("directional-l1").mean() > 0.85
+    assert found.confidence(METHOD).mean() < 0.2
+    assert found.verdict.startswith("Use WL1")
+    assert "No empty field is in view" in found.verdict
+
+
 def test_counts_on_which_wavelengths_agree_by_accident_are_doubted() -> None:
     """At steep rims Synthetic makes them agree a turn off; such pixels were trusted to 97 %."""
     cell = moving_shape("vacuole", n_times=9).isel(angle=[0])

@@ -220,7 +220,7 @@ def chances_of_right(
         for name, result in results.items()
     }
     own = None if reference is None else judged_of(reference, problem)
-    if problem.parts() and all_wavelengths_known(problem):
+    if wavelengths_tell(problem, task):
         own = own or reference_on_the_way(problem, task)
         by_wavelengths(problem, {n: j or own for n, j in judged.items()}, own, maps, task)
     else:
@@ -366,6 +366,18 @@ class ChanceBlock:
             chance = np.where(np.isnan(values), ADRIFT, ADRIFT * chance)  # NaN: masked
         chance[self.problem.frames_left_out()[block.start : block.stop]] = 0
         self.found.write(block, chance.astype(np.float32))
+
+
+def wavelengths_tell(problem: Problem, task: Task) -> bool:
+    """Say whether wavelengths can be held against each other: at every angle, by their level.
+
+    Without an empty field in view the phase of each wavelength has a level of its own. A view that
+    says nothing in any frame has none, and its partners nothing that they could be held against.
+    """
+    if not problem.parts() or not all_wavelengths_known(problem):
+        return False
+    shown = problem.background(task).shown.any(axis=0)
+    return bool((shown | problem.lost().all(axis=0)).all())
 
 
 def by_wavelengths(

@@ -79,12 +79,15 @@ class Background:
     tilt : ndarray of float, shape (time, angle, 2)
         By how many radians the empty field of every frame rises from pixel to pixel along y and
         x, about the middle of the frame.
+    shown : ndarray of bool, shape (time, angle)
+        Frames whose own empty field gave their level; others have that of the nearest.
     """
 
     empty: Stack
     level: NDArray[np.float64]
     noise: float
     tilt: NDArray[np.float64]
+    shown: Mask
 
     @property
     def mask(self) -> Mask:
@@ -161,8 +164,8 @@ def background_of(given: Given, lost: Mask, store: Store, task: Task = UNWATCHED
     shown = levels.found & views
     level = np.where(views, filled(levels.level, shown), 0) if shown.any() else 0 * levels.level
     tilt = levels.tilt * views[..., None]
-    found = Background(store.temporary("empty", given.shape, "bool"), level, noise, tilt)
-    mark = MarkBlock(looked_at, found, shown, limits)
+    found = Background(store.temporary("empty", given.shape, "bool"), level, noise, tilt, shown)
+    mark = MarkBlock(looked_at, found, limits)
     on_all_cores(mark, working_blocks(given.shape), task, FINDING)
     return found
 
@@ -295,23 +298,21 @@ class MarkBlock:
     given : WithoutLost
         Wrapped phase, and the pixels that count.
     found : Background
-        Level and tilt; where the empty field goes.
-    shown : ndarray of bool, shape (time, angle)
-        Frames that show one.
+        Level and tilt, and which frames show one; where the empty field goes.
     limits : Limits
         What counts as empty.
     """
 
     given: WithoutLost
     found: Background
-    shown: Mask
     limits: Limits
 
     def __call__(self, block: Block) -> None:
         """Do a block."""
         n_times, n_angles = self.given.shape[:2]
         limits, mask = self.limits, np.zeros((len(block), *self.given.shape[1:]), dtype=bool)
-        if self.shown[block.start : block.stop].any():
+        shown = self.found.shown[block.start : block.stop]
+        if shown.any():
             around = block if limits.quiet else block.with_neighbours(n_times)
             wrapped, usable = self.given.read(around)
             field = self._levelled(around, wrapped, usable)
@@ -326,7 +327,7 @@ class MarkBlock:
                 shortest = math.exp(-(limits.noise**2) / 2) - 2 * left
             own = block.of(around)
             flat = is_flat(field[own], FLAT + 2 * left, shortest)
-            for i, angle in zip(*np.nonzero(self.shown[block.start : block.stop]), strict=True):
+            for i, angle in zip(*np.nonzero(shown), strict=True):
                 inside = usable[own][i, angle]
                 mask[i, angle] = joined_to_border(
                     flat[i, angle], None if inside.all() else inside, quiet=limits.quiet

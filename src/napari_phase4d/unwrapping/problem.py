@@ -444,10 +444,12 @@ class Problem(SharedSteps):
         found = [(views, part.background(task)) for views, part in parts]
         shape = self.given.shape[:2]
         level, tilt = np.zeros(shape), np.zeros((*shape, 2))
+        shown = np.zeros(shape, dtype=bool)
         for views, own in found:
             level[:, list(views)], tilt[:, list(views)] = own.level, own.tilt
+            shown[:, list(views)] = own.shown
         empty = Together(tuple((views, own.empty) for views, own in found))
-        return Background(empty, level, max(own.noise for _, own in found), tilt)
+        return Background(empty, level, max(own.noise for _, own in found), tilt, shown)
 
     # ---- all frames in memory, for methods that look at them at once ----
 
