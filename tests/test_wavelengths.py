@@ -350,6 +350,24 @@ def test_through_the_optics(plates: xr.Dataset, reconstruction: xr.Dataset) -> N
         assert (np.abs(others[raised]) > np.pi).mean() > 0.6, method
 
 
+def test_through_the_optics_the_edges_of_views_are_right_too() -> None:
+    """A transform mixes opposite edges: whole columns were a turn off, and taken for an object."""
+    cell = swimming_euglena((512, 512), 5, peak_rad=14, pixel_um=0.09, angles_deg=ANGLES)
+    exact = at_wavelengths(cell, TWO)
+    rec = multiplexed_video(
+        exact["phase"], carriers=CARRIERS, pupil_radius=PUPIL, bits=12, drift_rad=0.3
+    )
+    data = p4d.reconstruct(rec, lobes_of())
+    rows, columns = (
+        np.round((np.arange(n) + 0.5) * 512 / n - 0.5).astype(int) for n in data["phase"].shape[2:]
+    )
+    truth = exact["phase"].values[:, :, rows][..., columns]
+    found = p4d.unwrap(data["phase"], METHOD)
+    assert not (np.abs(found.values - truth) > np.pi).any()
+    by_itself = p4d.unwrap(data["phase"], METHOD, settle=False).values
+    assert (np.abs(by_itself - truth)[..., -1] > np.pi).mean() > 0.05  # there is what to mend
+
+
 def test_dispersion_is_taken_off() -> None:
     """Where the index depends on the wavelength, the wavelengths are effectively others."""
     cauchy = 0.06

@@ -430,11 +430,13 @@ class AgreementBlock:
         left_out = self.problem.frames_left_out()[block.start : block.stop]
         empty = self.problem.background().empty.read(block)
         others = self.reference.read(block)
-        rival = self.odds(others, block)
+        masked = np.isnan(others)
+        rival = np.where(masked, 1, self.odds(others, block))
+        # Whose object is smaller has empty field there.
+        others = np.where(masked, np.float32(0), others)
         for name, result in self.results.items():
-            own = result is self.reference
-            values = others if own else result.read(block)
-            odds = rival if own else self.odds(values, block)
+            values = result.read(block)
+            odds = rival if result is self.reference else self.odds(values, block)
             differs = above_field(whole_turns(values, others), empty) != 0
             chance = odds / (1 + odds + np.where(differs, rival, 0))
             chance[np.isnan(values)] = 1  # masked: taken for empty field

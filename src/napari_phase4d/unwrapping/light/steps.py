@@ -31,6 +31,7 @@ from napari_phase4d.unwrapping.neighbours import ends_along
 __all__ = [
     "SHARED",
     "STAYS",
+    "led_to_edges",
     "settled_turns",
     "steps_between",
     "unwrapped_where_smooth",
@@ -38,6 +39,7 @@ __all__ = [
 ]
 
 Image = NDArray[np.float32]
+Mask = NDArray[np.bool_]
 
 TURN = np.float32(2 * np.pi)
 #: A step may be a turn more or less, at the shortest wavelength, than the least that is possible,
@@ -144,6 +146,30 @@ def agreed(least: Image, turns: np.float32, lengths: Image) -> tuple[Image, Imag
     return np.asarray(mean, dtype=np.float32), np.asarray(off, dtype=np.float32)
 
 
+def led_to_edges(path: Image, known: Mask) -> Image:
+    """Return paths of which the outermost pixels are those of the pixels beside them.
+
+    A transform mixes the outermost rows and columns of a view with those of the opposite edge, so
+    that the wavelengths disagree there by more than noise, all along the edge: as at a wall. To
+    choose whole turns by, the path next to it is near enough.
+
+    Parameters
+    ----------
+    path : ndarray of shape (y, x)
+        2 pi times the path in micrometres.
+    known : ndarray of bool, shape (y, x)
+        Pixels that count; others stay as they are, and lead nowhere.
+    """
+    found = path.copy()
+    for axis in (0, 1):
+        # Views, so that what is written to them is written to the paths.
+        lines, seen = (np.moveaxis(of_all, axis, 0) for of_all in (found, known))
+        for edge, beside in ((0, 1), (-1, -2)):
+            led = seen[edge] & seen[beside]
+            lines[edge][led] = lines[beside][led]
+    return found
+
+
 def wrapped_to_turn(phase: NDArray[np.floating]) -> Image:
     """Return phase within half a turn of zero."""
     found: Image = (phase - TURN * np.rint(phase / TURN)).astype(np.float32)
@@ -153,7 +179,6 @@ def wrapped_to_turn(phase: NDArray[np.floating]) -> Image:
 # ---- whole turns settled together -----------------------------------------------------------
 
 
-Mask = NDArray[np.bool_]
 Whole = NDArray[np.int32]
 
 #: Pixels that share their noise, since the pupil cuts the spectrum off.

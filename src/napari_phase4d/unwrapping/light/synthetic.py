@@ -25,6 +25,7 @@ from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.light.steps import (
     SHARED,
     STAYS,
+    led_to_edges,
     settled_turns,
     steps_between,
     unwrapped_where_smooth,
@@ -429,7 +430,7 @@ class FinishBlock:
                 turns = settled_turns(estimate, shorter, noise, known).astype(np.float32)
             coarse = fine + TURN * turns
         path: Image = coarse * np.float32(ladder[-1].wavelength_um)
-        return path
+        return led_to_edges(path, known) if settings.settle else path
 
     def wanted(self, about_zero: Image, known: Mask) -> Mask:
         """Return the pixels that are to be unwrapped: the object, where it is to be found."""
