@@ -365,7 +365,9 @@ def test_through_the_optics_the_edges_of_views_are_right_too() -> None:
     found = p4d.unwrap(data["phase"], METHOD)
     assert not (np.abs(found.values - truth) > np.pi).any()
     by_itself = p4d.unwrap(data["phase"], METHOD, settle=False).values
-    assert (np.abs(by_itself - truth)[..., -1] > np.pi).mean() > 0.05  # there is what to mend
+    off = np.abs(by_itself - truth) > np.pi  # at edges alone there is what to mend
+    assert off[..., -1].mean() > 0.02
+    assert not off[..., 1:-1, 1:-1].any()
 
 
 def test_dispersion_is_taken_off() -> None:
