@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis import Comparison, frame_of, in_memory
 from napari_phase4d.later import xr
-from napari_phase4d.words import checked_call, view_in_words
+from napari_phase4d.words import checked_call, view_of
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -185,7 +185,7 @@ def comparison_figure(
             if row == 0:
                 axis.set_title(title, fontsize=9)
             if column == 0:
-                view = view_in_words(first["angle"].values.tolist(), a)
+                view = view_of(first, a)
                 label = f"{view}\n{time_label(first, t)}"
                 axis.set_ylabel(label, fontsize=8)
     add_scale_bar(axes[0, 0], first)
@@ -372,7 +372,7 @@ def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
 
 def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
     """Return the angle of a row, or nothing where the stacks have different ones."""
-    found = {view_in_words(stack["angle"].values.tolist(), row) for stack in stacks}
+    found = {view_of(stack, row) for stack in stacks}
     return found.pop() if len(found) == 1 else ""
 
 
@@ -554,7 +554,7 @@ def show_view(
         shown = axis.imshow(image, **scale)
         axis.set_title(name, fontsize=9)
         figure.colorbar(shown, ax=axis, shrink=0.8)
-    called = view_in_words(data["angle"].values.tolist(), view, f"view {view + 1}, ")
+    called = view_of(data, view, f"view {view + 1}, ")
     row[0].set_ylabel(called, fontsize=9)
 
 

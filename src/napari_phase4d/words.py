@@ -46,8 +46,10 @@ __all__ = [
     "size_in_words",
     "time_in_words",
     "view_in_words",
+    "view_of",
     "views_are_numbered",
     "warn",
+    "wavelengths_of_views",
 ]
 
 
@@ -88,10 +90,15 @@ def views_are_numbered(angles_deg: Sequence[float]) -> bool:
     return len(angles_deg) > 1 and list(angles_deg) == list(range(len(angles_deg)))
 
 
-def view_in_words(angles_deg: Sequence[float], number: int, what: str = "") -> str:
+def view_in_words(
+    angles_deg: Sequence[float],
+    number: int,
+    what: str = "",
+    wavelengths_um: Sequence[float] | None = None,
+) -> str:
     """Return a view's angle, or its number, counted from 1, where nobody has given angles.
 
-    ``what`` is said before an angle only.
+    ``what`` is said before an angle only. Views of several wavelengths are told apart by these.
 
     Examples
     --------
@@ -99,10 +106,43 @@ def view_in_words(angles_deg: Sequence[float], number: int, what: str = "") -> s
     ('21°', 'view 2')
     >>> view_in_words([-7, 21], 0, "angle "), view_in_words([0, 1], 0, "angle ")
     ('angle -7°', 'view 1')
+    >>> view_in_words([21, 21], 1, "angle ", [0.532, 0.6328])
+    'angle 21°, 632.8 nm'
     """
+    light = "" if wavelengths_um is None else f", {1000 * wavelengths_um[number]:.4g} nm"
     if views_are_numbered(angles_deg):
+        return f"view {number + 1}{light}"
+    return f"{what}{angles_deg[number]:.4g}°{light}"
+
+
+def view_of(stack: Any, number: int, what: str = "") -> str:
+    """Return what is said of a view of a stack by its number, see `view_in_words`.
+
+    Parameters
+    ----------
+    stack : xarray.DataArray
+        With or without the coordinates "angle" and, where there are several, "wavelength".
+    number : int
+        From 0.
+    what : str, optional
+        Said before an angle.
+
+    Examples
+    --------
+    >>> import numpy as np, xarray as xr
+    >>> view_of(xr.DataArray(np.zeros(2), dims="angle"), 1)
+    'view 2'
+    """
+    if "angle" not in stack.coords:
         return f"view {number + 1}"
-    return f"{what}{angles_deg[number]:.4g}°"
+    angles = np.atleast_1d(stack["angle"].values).tolist()
+    return view_in_words(angles, number, what, wavelengths_of_views(stack))
+
+
+def wavelengths_of_views(stack: Any) -> list[float] | None:
+    """Return the wavelength of each view in micrometres where they have several; else None."""
+    lights = stack.coords.get("wavelength")
+    return lights.values.tolist() if lights is not None and lights.ndim else None
 
 
 def frame_in_words(stack: Any, time: int, angle: int) -> str:
@@ -128,10 +168,8 @@ def frame_in_words(stack: Any, time: int, angle: int) -> str:
         parts.append(f"time {seconds:.0f} s" if abs(seconds) >= 1000 else f"time {seconds:.3g} s")
     elif "time" in stack.dims:
         parts.append(f"time {time}")
-    if "angle" in placed:
-        parts.append(view_in_words(stack["angle"].values.tolist(), angle, "angle "))
-    elif "angle" in stack.dims:
-        parts.append(f"view {angle + 1}")
+    if "angle" in stack.dims:
+        parts.append(view_of(stack, angle, "angle "))
     return ", ".join(parts)
 
 

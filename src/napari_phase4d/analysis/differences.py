@@ -23,7 +23,7 @@ from napari_phase4d.stacks import (
 )
 from napari_phase4d.task import CancelledCall, Task, Watch
 from napari_phase4d.unwrapping import METHODS, label_of
-from napari_phase4d.words import as_numbers, check_type, is_list, shown
+from napari_phase4d.words import as_numbers, check_type, is_list, shown, wavelengths_of_views
 
 __all__ = [
     "DOUBTFUL",
@@ -192,6 +192,8 @@ class Traces:
         Radians from all angles at one time, for each method.
     frame : tuple of int
         (time, angle) numbers of that time and that angle.
+    wavelengths_um : list of float or None
+        Of each view in micrometres, where they have several.
     """
 
     times_s: NDArray[np.float64]
@@ -199,6 +201,7 @@ class Traces:
     over_time: Mapping[str, NDArray[np.float64]]
     over_angle: Mapping[str, NDArray[np.float64]]
     frame: tuple[int, int]
+    wavelengths_um: list[float] | None = None
 
 
 def traces(results: Mapping[str, xr.DataArray], frame: tuple[int, int], where: Any) -> Traces:
@@ -291,6 +294,7 @@ def traces_of(
         over_time,
         over_angle,
         (time, angle),
+        wavelengths_of_views(any_result),
     )
 
 

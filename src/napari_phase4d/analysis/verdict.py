@@ -14,7 +14,7 @@ from napari_phase4d.analysis.itoh import order_shares
 from napari_phase4d.analysis.slips import Counts, Tally
 from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import METHODS, Problem
-from napari_phase4d.words import checked_call, frame_in_words, view_in_words
+from napari_phase4d.words import checked_call, frame_in_words, view_of
 
 __all__ = [
     "Verdict",
@@ -271,8 +271,7 @@ def view_words(doubtful: Counts, inside: Counts, stack: xr.DataArray) -> str:
     rest = int(every[~bad].sum())
     if not bad.any() or not rest or each[~bad].sum() > SAFE * rest:
         return ""
-    angles = stack["angle"].values.tolist() if "angle" in stack.coords else range(len(bad))
-    names = " and ".join(view_in_words(angles, int(v), "angle ") for v in np.flatnonzero(bad))
+    names = " and ".join(view_of(stack, int(v), "angle ") for v in np.flatnonzero(bad))
     share = percent(float(each[~bad].sum() / rest))
     return f"This is {names} above all; of what else was seen {share} is in doubt."
 

@@ -24,7 +24,7 @@ from napari_phase4d.later import pd
 from napari_phase4d.plotting import colour_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS
-from napari_phase4d.words import counted, view_in_words
+from napari_phase4d.words import counted, view_of
 
 __all__ = ["CellsPart"]
 
@@ -380,7 +380,7 @@ class CellsPart(Step):
             return
         frame = self.presenter.current_frame()
         angle = float(cells.labels["angle"].values[frame[1]])
-        where = view_in_words(cells.labels["angle"].values.tolist(), frame[1])
+        where = view_of(cells.labels, frame[1])
         now = float(cells.labels["time"].values[frame[0]])
         times = np.asarray(cells.labels["time"].values, dtype=np.float64)
         if self._by_methods:

@@ -145,7 +145,7 @@ class CompareStep(Step):
         shown = shares is not None and len(self.session.results) > 1
         self.agreement.setVisible(shown)
         if shares is not None:
-            self.agreement.set_frames(shares["time"].values, shares["angle"].values)
+            self.agreement.set_frames_of(shares)
             agreement = 1 - shares.values
             for frame in getattr(self.session.verdict, "lost_frames", []):
                 agreement[frame] = np.nan  # it counts for nothing

@@ -253,26 +253,28 @@ class TracePart(Step):
     def _draw(self, found: Traces) -> None:
         """Draw curves."""
         time, angle = found.frame
-        angles = found.angles_deg.tolist()
-        numbered = views_are_numbered(angles)
+        angles, lights = found.angles_deg.tolist(), found.wavelengths_um
+        # Counted from 1, as everywhere on screen; views of several wavelengths share an angle.
+        numbered = lights is not None or views_are_numbered(angles)
+        places = np.arange(1.0, len(angles) + 1) if numbered else found.angles_deg
         place = "mean of the region" if self._mask is not None else f"pixel {self._pixel}"
         panels = [
             Panel(
                 found.times_s,
                 found.over_time,
-                f"time (s), at {view_in_words(angles, angle)}",
+                f"time (s), at {view_in_words(angles, angle, wavelengths_um=lights)}",
                 "phase (rad)",
                 float(found.times_s[time]),
             )
         ]
-        if len(found.angles_deg) > 1:
+        if len(angles) > 1:
             panels.append(
                 Panel(
-                    found.angles_deg + int(numbered),  # counted from 1, as everywhere on screen
+                    places,
                     found.over_angle,
                     f"{'view' if numbered else 'angle (°)'}, at {found.times_s[time]:.3g} s",
                     "",
-                    float(found.angles_deg[angle]) + numbered,
+                    float(places[angle]),
                 )
             )
         self.plot.setToolTip(f"Phase of the {place}, by every method.")
@@ -315,10 +317,9 @@ def of_view(measured: pd.DataFrame, number: int) -> tuple[pd.DataFrame, str]:
     keys = [key for key in ("angle (deg)", "wavelength (um)") if key in measured]
     views = measured[keys].drop_duplicates()
     number = min(number, len(views) - 1)
-    view, words = views.iloc[number], view_in_words(views["angle (deg)"].tolist(), number)
-    if len(view) > 1:
-        words += f", {1000 * view.iloc[1]:g} nm"
-    return measured[(measured[keys] == view).all(axis=1)], words
+    lights = views["wavelength (um)"].tolist() if len(keys) > 1 else None
+    words = view_in_words(views["angle (deg)"].tolist(), number, wavelengths_um=lights)
+    return measured[(measured[keys] == views.iloc[number]).all(axis=1)], words
 
 
 def curves_of(measured: pd.DataFrame, name: str) -> dict[str, pd.Series]:

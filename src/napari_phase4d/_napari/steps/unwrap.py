@@ -27,7 +27,7 @@ from napari_phase4d.unwrapping import (
     object_in,
     scores_sentence,
 )
-from napari_phase4d.words import size_in_words, time_in_words, view_in_words
+from napari_phase4d.words import size_in_words, time_in_words, view_of
 
 __all__ = ["UnwrapStep"]
 
@@ -290,7 +290,7 @@ class BoundaryPart(Step):
             self.map.set_frames([], [])
             self.thumbnail.show_frame(None, "The frames appear here once there is phase.")
             return
-        self.map.set_frames(data["time"].values, data["angle"].values)
+        self.map.set_frames_of(data["phase"])
         scores = self.session.scores
         self.map.set_scores(None if scores is None else scores.values)
         self.map.set_best(None if scores is None else tuple(scores.attrs["best"]))
@@ -327,7 +327,7 @@ class BoundaryPart(Step):
         chosen = (time, angle) in self.session.start_frames
         lines = [
             f"<b>{'Start: ' if chosen else ''}time {time} ({float(phase['time'][time]):.3g} s), "
-            f"{view_in_words(phase['angle'].values.tolist(), angle, 'angle ')}</b>",
+            f"{view_of(phase, angle, 'angle ')}</b>",
             words_on_score(self.session.scores, time, angle),
         ]
         frame = np.asarray(phase.data[time, angle])

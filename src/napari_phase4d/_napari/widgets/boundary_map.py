@@ -21,7 +21,9 @@ from qtpy.QtGui import (
 from qtpy.QtWidgets import QSizePolicy, QToolTip, QWidget
 
 from napari_phase4d._napari.widgets.map_picture import GAP, Frame, Grid, MapPicture, time_unit
+from napari_phase4d.later import xr
 from napari_phase4d.unwrapping import ORDERS
+from napari_phase4d.words import wavelengths_of_views
 
 __all__ = ["AgreementStrip", "BoundaryMap"]
 
@@ -87,13 +89,25 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
         self.setSizePolicy(QSizePolicy.Policy.Expanding, QSizePolicy.Policy.Fixed)
         self._picture = self.picture_class()
 
-    def set_frames(self, times_s: ArrayLike, angles_deg: ArrayLike) -> None:
+    def set_frames_of(self, stack: xr.DataArray) -> None:
+        """Show the frames of a stack, by its times, angles and wavelengths; see `set_frames`."""
+        lights = wavelengths_of_views(stack)
+        self.set_frames(stack["time"].values, stack["angle"].values, lights)
+
+    def set_frames(
+        self,
+        times_s: ArrayLike,
+        angles_deg: ArrayLike,
+        wavelengths_um: Sequence[float] | None = None,
+    ) -> None:
         """Say which frames there are, and forget the scores and marks of others.
 
         Parameters
         ----------
         times_s, angles_deg : array_like, 1-D
             Time in seconds and viewing angle in degrees, by index; both empty for no frames.
+        wavelengths_um : sequence of float, optional
+            Of each view in micrometres, where there are several.
 
         Raises
         ------
@@ -105,7 +119,7 @@ class BoundaryMap(QWidget):  # type: ignore[misc]
             msg = f"there are {times.size} times and {angles.size} angles; give both or none"
             raise ValueError(msg)
         self._point_at(None)
-        self._picture = self.picture_class(times, angles, path=self._picture.path)
+        self._picture = self.picture_class(times, angles, wavelengths_um, path=self._picture.path)
         self.updateGeometry()
         self.update()
 

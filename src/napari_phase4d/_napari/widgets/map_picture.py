@@ -261,10 +261,13 @@ class MapPicture:
     ----------
     times_s, angles_deg : ndarray, 1-D
         Of each frame.
+    wavelengths_um : sequence of float, optional
+        Of each view, where there are several.
     """
 
     times_s: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
     angles_deg: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    wavelengths_um: Sequence[float] | None = None
     scores: NDArray[np.float32] | None = None
     best: Frame | None = None
     current: Frame | None = None
@@ -294,13 +297,15 @@ class MapPicture:
 
     def view(self, number: int) -> str:
         """Say which view a row is."""
-        return view_in_words(self.angles_deg.tolist(), number, "viewing angle ")
+        return self._view(number, "viewing angle ")
+
+    def _view(self, number: int, what: str = "") -> str:
+        return view_in_words(self.angles_deg.tolist(), number, what, self.wavelengths_um)
 
     @property
     def labels(self) -> list[str]:
         """What is written at the rows."""
-        angles = self.angles_deg.tolist()
-        return [view_in_words(angles, number) for number in range(len(angles))]
+        return [self._view(number) for number in range(len(self.angles_deg))]
 
     def words_on(self, frame: Frame) -> str:
         """Say in words what is shown of a frame."""
