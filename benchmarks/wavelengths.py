@@ -108,11 +108,6 @@ def through_the_optics() -> None:
     exact = simulation.at_wavelengths(
         simulation.step_phantom((SIDE, SIDE), (0.4, 0.9, 1.4), 2, angles_deg=ANGLES), TWO
     )
-    views = [(angle, light) for angle in ANGLES for light in TWO]
-    lobes = [
-        p4d.Lobe(carrier, PUPIL * 0.6328 / light, angle, wavelength_um=light)
-        for carrier, (angle, light) in zip(CARRIERS, views, strict=True)
-    ]
     heading(
         "Two angles x two wavelengths in one hologram, plates of 0.4, 0.9 and 1.4 um, three "
         "pixels from any wall: wrong cycles in %, by the electrons that a camera pixel holds",
@@ -123,7 +118,7 @@ def through_the_optics() -> None:
             exact["phase"], carriers=CARRIERS, pupil_radius=PUPIL, bits=12,
             full_well_electrons=electrons, read_noise_electrons=3, drift_rad=0.3,
         )  # fmt: skip
-        data = p4d.reconstruct(rec, lobes)
+        data = p4d.reconstruct(rec, two_by_two())
         truth, flat = seen(exact["phase"].values, data["phase"].shape[2:])
         off = {
             m: p4d.unwrap(data["phase"], m).values - truth
@@ -172,6 +167,32 @@ def walls(noise: float) -> Iterator[tuple[xr.Dataset, np.ndarray]]:
         yield data, np.abs(data["phase"].values) > THICK
 
 
+def swimming(peak_rad: float, electrons: float) -> Iterator[tuple[xr.Dataset, np.ndarray]]:
+    """Yield cells in holograms of two angles and wavelengths, and where they are."""
+    for seed in range(3):
+        cell = simulation.swimming_euglena(
+            (SIDE, SIDE), 6, peak_rad=peak_rad, pixel_um=0.09, angles_deg=ANGLES
+        )
+        exact = simulation.at_wavelengths(cell, TWO)["phase"]
+        rec = simulation.multiplexed_video(
+            exact, carriers=CARRIERS, pupil_radius=PUPIL, bits=12, drift_rad=0.3, seed=seed,
+            full_well_electrons=electrons, read_noise_electrons=3,
+        )  # fmt: skip
+        data = p4d.reconstruct(rec, two_by_two())
+        truth, _ = seen(exact.values, data["phase"].shape[2:])
+        together = xr.Dataset({"wrapped": data["phase"], "phase": data["phase"].copy(data=truth)})
+        yield together, np.abs(truth) > THICK
+
+
+def two_by_two() -> list[p4d.Lobe]:
+    """Return the lobes of two angles and wavelengths."""
+    views = [(angle, light) for angle in ANGLES for light in TWO]
+    return [
+        p4d.Lobe(carrier, PUPIL * 0.6328 / light, angle, wavelength_um=light)
+        for carrier, (angle, light) in zip(CARRIERS, views, strict=True)
+    ]
+
+
 def confidence() -> None:
     """Print how well confidence finds wrong pixels and slipped objects at several wavelengths."""
     heading(
@@ -182,6 +203,10 @@ def confidence() -> None:
     )
     every = {f"cells, {fault or 'no fault'}, 0.3 rad": cells(fault) for fault in AFTER}
     every |= {f"plates, {noise} rad": walls(noise) for noise in (0.2, 0.3)}
+    every |= {
+        f"cells of {peak} rad through the optics": swimming(peak, electrons)
+        for peak, electrons in ((14, 10_000), (22, 600))
+    }
     for words, recordings in every.items():
         tallies: dict[str, Tally] = {}
         for data, inside in recordings:

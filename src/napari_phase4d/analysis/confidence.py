@@ -37,8 +37,8 @@ from napari_phase4d.unwrapping import (
     ViewsOf,
     all_wavelengths_known,
     astray,
-    chance_by_wavelengths,
     level_residues,
+    odds_by_wavelengths,
     run_method,
     supports_by_steps,
     working_blocks,
@@ -87,8 +87,11 @@ ADRIFT = np.float32(0.9)
 PATCHES = 8
 #: Levels that are more turns off are counted as this.
 FURTHEST = 100
-#: No chance of an error is less than this where wavelengths tell it: single precision ends there.
-LEAST_DOUBT = np.float32(1e-7)
+#: Where wavelengths are asked, steps alone leave a chance to be right, less where a pixel stands
+#: out, and one to be wrong: they take every sheer wall for a slip, and single precision ends
+#: somewhere. The first was chosen among 0.01 to 0.3 on the cells and plates of
+#: ``benchmarks/wavelengths.py``.
+LEAST_TRUST, LEAST_DOUBT = np.float32(0.3), np.float32(1e-7)
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
@@ -116,9 +119,8 @@ def confidence(
     falls for all of an object whose level is not known: residues are in the way from any frame
     that would know it, the empty field itself is torn in two, or its dry mass drops at once by
     what a turn over its area comes to, as in a slip. Few pixels that stand out from those round
-    them are trusted less. Where every angle has several wavelengths, it is judged by how far these
-    agree, on this result and on that of directional L1, instead of by ways: sheer walls have no
-    smooth one, and need none then.
+    them are trusted less. Where every angle has several wavelengths, it rises and falls with how
+    far these agree: sheer walls have no smooth way, and need none then.
 
     Parameters
     ----------
@@ -220,19 +222,26 @@ def chances_of_right(
         for name, result in results.items()
     }
     own = None if reference is None else judged_of(reference, problem)
-    if wavelengths_tell(problem, task):
+    told = wavelengths_tell(problem, task)
+    if told:
         own = own or reference_on_the_way(problem, task)
-        by_wavelengths(problem, {n: j or own for n, j in judged.items()}, own, maps, task)
-    else:
-        for views, part in problem.by_wavelength():
-            chosen = {n: None if j is None else j.of_views(views) for n, j in judged.items()}
-            of_part = None if own is None else own.of_views(views)
-            if of_part is None:
-                of_part = reference_on_the_way(part, task)
-            into = {name: ViewsOf(stack, views) for name, stack in maps.items()}
-            by_steps(part, chosen, of_part, into, task)
-        problem.frames_left_out()  # noted, while the parts know it, and so is this
-        problem.once(MISSING_MASS, partial(frames_missing_mass, problem))
+    shape = problem.given.shape
+    steps = (
+        {n: problem.store.temporary(f"steps_{n}", shape, "float32") for n in maps}
+        if told
+        else maps
+    )
+    for views, part in problem.by_wavelength():
+        chosen = {n: None if j is None else j.of_views(views) for n, j in judged.items()}
+        of_part = reference_on_the_way(part, task) if own is None else own.of_views(views)
+        into = {name: ViewsOf(stack, views) for name, stack in steps.items()}
+        by_steps(part, chosen, of_part, into, task)
+    problem.frames_left_out()  # noted, while the parts know it, and so is this
+    problem.once(MISSING_MASS, partial(frames_missing_mass, problem))
+    if told:
+        assert own is not None
+        every = {n: j or own for n, j in judged.items()}
+        by_wavelengths(problem, every, steps, maps, task)
     return maps
 
 
@@ -383,30 +392,14 @@ def wavelengths_tell(problem: Problem, task: Task) -> bool:
 def by_wavelengths(
     problem: Problem,
     results: Mapping[str, Judged],
-    reference: Judged,
+    steps: Mapping[str, Stack],
     maps: Mapping[str, Stack],
     task: Task,
 ) -> None:
-    """Write the chance that each wrap count is right, by how far the wavelengths agree.
+    """Write the chance that each wrap count is right, by its steps and by how wavelengths agree.
 
-    That tells sheer walls too.
-    """
-    # Asked for once, not by every thread.
-    problem.background(), problem.frames_left_out()
-    blocks = working_blocks(problem.given.shape)
-    watch = Watch(len(blocks), "weighing the results", task)
-    work = AgreementBlock(problem, results, reference, maps)
-    for _ in in_threads(work, blocks, watch, wait=True):
-        pass
-
-
-@dataclass(frozen=True)
-class AgreementBlock:
-    """Writes the chance that the wrap counts of a block are right, where wavelengths tell it.
-
-    A method that makes the wavelengths agree may choose wrong counts on which they do, at rims
-    that are steep and noisy. There few pixels stand out, or directional L1 has other counts, on
-    which they agree as well.
+    Where phase is flat, wavelengths tell what no steps do: how high a sheer wall is. Where it is
+    steep they tell little, and a method that makes them agree often does so at a wrong count.
 
     Parameters
     ----------
@@ -414,41 +407,30 @@ class AgreementBlock:
         What was unwrapped; every angle has several wavelengths.
     results : mapping of str to Judged
         The results, by method.
-    reference : Judged
-        The result of directional L1.
-    maps : mapping of str to Stack
-        Where the chance of each goes.
+    steps, maps : mapping of str to Stack
+        The chance by steps alone, and where that by both goes.
+    task : Task
+        Who is told of it, and may stop it.
     """
+    blocks = working_blocks(problem.given.shape)
+    left_out = problem.frames_left_out()
+    watch = Watch(len(blocks) * len(results), "weighing the results", task)
+    for name, result in results.items():
 
-    problem: Problem
-    results: Mapping[str, Judged]
-    reference: Judged
-    maps: Mapping[str, Stack]
-
-    def __call__(self, block: Block) -> None:
-        """Do a block."""
-        left_out = self.problem.frames_left_out()[block.start : block.stop]
-        empty = self.problem.background().empty.read(block)
-        others = self.reference.read(block)
-        masked = np.isnan(others)
-        rival = np.where(masked, 1, self.odds(others, block))
-        # Whose object is smaller has empty field there.
-        others = np.where(masked, np.float32(0), others)
-        for name, result in self.results.items():
+        def work(block: Block, name: str = name, result: Judged = result) -> None:
             values = result.read(block)
-            odds = rival if result is self.reference else self.odds(values, block)
-            differs = above_field(whole_turns(values, others), empty) != 0
-            chance = odds / (1 + odds + np.where(differs, rival, 0))
-            chance[np.isnan(values)] = 1  # masked: taken for empty field
+            least = LEAST_TRUST * odds_in_line(values)
+            chance = np.maximum(steps[name].read(block), least)
+            odds = odds_by_wavelengths(problem, values, block)
+            told = chance * odds / (chance * odds + np.maximum(1 - chance, LEAST_DOUBT))
+            told[np.isnan(values)] = 1  # masked: taken for empty field
             # What has no partner at another wavelength is not known, and not to be trusted.
-            chance[np.isnan(result.values.read(block))] = 0
-            chance[left_out] = 0
-            self.maps[name].write(block, chance.astype(np.float32))
+            told[np.isnan(result.values.read(block))] = 0
+            told[left_out[block.start : block.stop]] = 0
+            maps[name].write(block, told.astype(np.float32))
 
-    def odds(self, values: Image, block: Block) -> NDArray[np.float64]:
-        """Return the odds, right to wrong, of phase on which wavelengths agree so far."""
-        agree = chance_by_wavelengths(self.problem, values, block).astype(np.float64)
-        return agree / np.maximum(1 - agree, LEAST_DOUBT) * odds_in_line(values)
+        for _ in in_threads(work, blocks, watch, wait=True):
+            pass
 
 
 def odds_of_right(support: Support, block: Block) -> Image:

@@ -31,7 +31,7 @@ from napari_phase4d.unwrapping.given import (
     working_frames,
 )
 from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
-from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, chance_by_wavelengths
+from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, odds_by_wavelengths
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
 from napari_phase4d.unwrapping.objects import left_out_advice
@@ -82,7 +82,6 @@ __all__ = [
     "border_medians",
     "both_ends",
     "causal_methods",
-    "chance_by_wavelengths",
     "check_light",
     "check_method",
     "ends_along",
@@ -100,6 +99,7 @@ __all__ = [
     "noise_of",
     "noted",
     "object_in",
+    "odds_by_wavelengths",
     "options_by_id",
     "run_method",
     "score_boundaries",

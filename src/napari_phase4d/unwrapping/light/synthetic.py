@@ -5,6 +5,7 @@ And how well the wavelengths of an angle then agree on an unwrapped phase, by wh
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -12,9 +13,9 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
+from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, limits_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping.background import Background
@@ -32,14 +33,15 @@ from napari_phase4d.unwrapping.light.steps import (
     wrapped_to_turn,
 )
 from napari_phase4d.unwrapping.light.views import Rung, frames_among, ladder_of, noise_between
+from napari_phase4d.unwrapping.neighbours import ends_along
 from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.problem import Problem
 
 __all__ = [
     "BEATS",
     "all_wavelengths_known",
-    "chance_by_wavelengths",
     "check_wavelengths",
+    "odds_by_wavelengths",
     "synthetic_wavelength",
 ]
 
@@ -442,12 +444,15 @@ class FinishBlock:
 # ---- how well wavelengths agree -------------------------------------------------------------
 
 
-#: Width in pixels of the box that errors are averaged over.
-BOX = 5
-#: Share of pixels that are wrong by themselves, among neighbours that are right, before a look.
-LONERS = 0.02
+#: So many pixels to each side are asked with a pixel, if their phase is within half a turn of it.
+REACH = 2
+#: Views of two wavelengths lie within so many pixels of each other, blur included: where phase is
+#: steep they differ by more than noise. Chosen among 0.05 to 0.2 on recordings through the optics.
+APART = 0.1
 #: Turns that a result may be off, beside none.
 OTHERS = (-2, -1, 1, 2)
+#: Wavelengths change the odds by no more than this factor.
+SUREST = 1e6
 
 
 def all_wavelengths_known(problem: Problem) -> bool:
@@ -455,16 +460,18 @@ def all_wavelengths_known(problem: Problem) -> bool:
     return has_every_wavelength(problem.wavelengths_um, problem.angles_deg)
 
 
-def chance_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> Image:
-    """Return the chance that each wrap count is right, by how far the wavelengths agree on it.
+def odds_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> Image:
+    """Return the factor by which wavelengths change the odds that each wrap count is right.
 
     Every angle must have several, see `all_wavelengths_known`.
 
     The difference of the unwrapped phases at two wavelengths is that of their synthetic one. It
-    predicts each of them, and is off by a turn where a count is wrong, so that noise tells the
-    chance, of the pixel and of the box of 5 x 5 round it. What is wrong by one and the same path
-    at all wavelengths, a whole synthetic wavelength, they can't tell. Views that say nothing in a
-    frame are not asked; where fewer than two are left, nothing tells, and the chance is 0.
+    predicts each of them, and is off by a turn where a count is wrong. How far it is off is
+    averaged over the pixels round it that belong to the same part, as their phase is near; of the
+    steep ones it means little, where views of two wavelengths never quite lie on each other. What
+    is wrong by one and the same path at all wavelengths, a whole synthetic wavelength, they can't
+    tell. Views that say nothing in a frame are not asked; where fewer than two are left, nothing
+    tells.
 
     Parameters
     ----------
@@ -478,12 +485,12 @@ def chance_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> I
     Returns
     -------
     ndarray of float32, same shape
-        From 0 to 1.
+        Above 1 where they agree; 0 where nothing tells.
     """
     groups = groups_of(problem, 0.0)
     scene = scene_of(problem, groups)
     about_zero = unwrapped - scene.ground(block)
-    chance = np.zeros_like(unwrapped)
+    odds = np.zeros_like(unwrapped)
     for group in groups:
         for time in range(len(unwrapped)):
             seen = group.without(scene.lost[block.start + time])
@@ -491,31 +498,95 @@ def chance_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> I
             if len(views) < 2:
                 continue
             known = np.isfinite(about_zero[time, views]).all(axis=0)
-            found = chance_of_frame(seen, np.nan_to_num(about_zero[time, views]), known)
-            chance[time, views] = found
-    return chance
+            found = odds_of_frame(seen, np.nan_to_num(about_zero[time, views]), known)
+            odds[time, views] = found
+    return odds
 
 
-def chance_of_frame(group: Group, phases: Image, known: NDArray[np.bool_]) -> Image:
-    """Return the chance that the counts of all views of a frame are right."""
-    chance = np.ones(phases.shape[1:], dtype=np.float32)
-    weight = np.maximum(scipy.ndimage.uniform_filter(known.astype(np.float32), BOX), 1e-6)
+def odds_of_frame(group: Group, phases: Image, known: Mask) -> Image:
+    """Return the same factor for all views of a frame; 0 where not all are known."""
+    shortest = phases[int(np.argmin(group.light))]
+    against = np.zeros_like(shortest)
     for coarse, fine in pairwise(group.ladder):
         scale = np.float32(coarse.wavelength_um / fine.wavelength_um)
-        off = (scale * coarse.phase(phases) - fine.phase(phases)) / np.float32(2 * np.pi)
-        off = np.where(known, off, np.float32(0))
-        noise = noise_between(coarse, fine) * group.noise
-        mean = scipy.ndimage.uniform_filter(off, BOX) / weight
-        left = np.hypot(noise * np.sqrt(SHARED) / BOX, STAYS)
-        chance *= likely(mean, left, 1.0) * likely(off - mean, np.hypot(noise, STAYS), LONERS)
-    return np.where(known, chance, np.float32(0))
+        off: Image = ((scale * coarse.phase(phases) - fine.phase(phases)) / TURN).astype(
+            np.float32
+        )
+        each = noise_between(coarse, fine)  # turns for each radian in a view
+        steep = np.maximum(steepest_step(shortest) - 3 * group.noise, 0)
+        wrong = np.empty_like(against)
+        odds_against(
+            off,
+            shortest,
+            known,
+            (APART * each * steep).astype(np.float32),
+            ((each * group.noise) ** 2, STAYS**2, SHARED),
+            wrong,
+        )
+        against = (1 + against) * (1 + wrong) - 1  # right at all of them, or wrong
+    odds = 1 / np.clip(against, 1 / SUREST, SUREST)
+    return np.where(known, odds, np.float32(0)).astype(np.float32)
 
 
-def likely(off: Image, noise: float, rate: float) -> Image:
-    """Return the chance that what is off by some turns is off by none, but for noise."""
-    against = np.zeros(off.shape, dtype=np.float64)
-    for turns in OTHERS:
-        odds = (off**2 - (off - turns) ** 2) / (2 * noise**2)
-        against += rate * np.exp(np.clip(odds, -50, 50))
-    found: Image = (1 / (1 + against)).astype(np.float32)
+def steepest_step(phase: Image) -> Image:
+    """Return the largest step from each pixel of a frame to its four neighbours."""
+    found = np.zeros_like(phase)
+    for axis in (0, 1):
+        head, tail = ends_along(axis, 2)
+        step = np.abs(np.diff(phase, axis=axis))
+        for end in (head, tail):
+            found[end] = np.maximum(found[end], step)
     return found
+
+
+@compiled
+def odds_against(
+    off: Image,
+    phase: Image,
+    known: Mask,
+    steep: Image,
+    noise: tuple[float, float, float],
+    odds: Image,
+) -> None:
+    """Write the odds that the count of each pixel of a frame is some turns off, against none.
+
+    Parameters
+    ----------
+    off : ndarray of shape (y, x)
+        Turns by which the prediction is off.
+    phase : ndarray of shape (y, x)
+        Radians; what is more than half a turn away belongs to another part.
+    known : ndarray of bool, shape (y, x)
+        Pixels that count.
+    steep : ndarray of shape (y, x)
+        Turns by which views may be off each other for their steepness.
+    noise : tuple of float
+        Variance of the prediction in turns squared, what no average takes off it, and how many
+        pixels share their noise.
+    odds : ndarray of float32, shape (y, x)
+        Written, where known.
+    """
+    height, width = off.shape
+    single, stays, shared = noise
+    for y in range(height):
+        for x in range(width):
+            if not known[y, x]:
+                continue
+            weights = mean = left = 0.0
+            for j in range(max(0, y - REACH), min(height, y + REACH + 1)):
+                for i in range(max(0, x - REACH), min(width, x + REACH + 1)):
+                    if known[j, i] and abs(phase[j, i] - phase[y, x]) < np.pi:
+                        variance = steep[j, i] * steep[j, i]
+                        weight = 1 / (single + stays + variance)
+                        weights += weight
+                        mean += weight * off[j, i]
+                        left += weight * variance
+            mean /= weights
+            own = single + stays + steep[y, x] * steep[y, x]
+            # Of noise an average leaves less, of views that are apart it does not.
+            variance = min(shared / weights, own) + stays + left / weights
+            total = 0.0
+            for turns in OTHERS:
+                likelier = (mean * mean - (mean - turns) ** 2) / (2 * variance)
+                total += math.exp(min(max(likelier, -30.0), 30.0))
+            odds[y, x] = total
