@@ -15,6 +15,7 @@ from helpers import area_under_curve, command, wrap
 from napari_phase4d.analysis import itoh_margin, noise_figures, order_shares
 from napari_phase4d.holography import lobe_warnings, refocused, stray_terms
 from napari_phase4d.io import read_results, write_phase
+from napari_phase4d.plotting import angle_label
 from napari_phase4d.simulation import (
     at_wavelengths,
     moving_shape,
@@ -298,7 +299,7 @@ def test_no_plate_is_joined_to_the_field_by_one_step_that_looks_smooth() -> None
         off = np.abs(p4d.unwrap(data["wrapped"], METHOD).values - data["phase"].values) > np.pi
         for frame in off.reshape(-1, *off.shape[2:]):
             labels, _ = ndimage.label(frame)
-            assert np.bincount(labels.ravel())[1:].max() < 40  # a plate has 380 pixels
+            assert np.bincount(labels.ravel())[1:].max(initial=0) < 40  # a plate has 380 pixels
 
 
 def test_pixels_by_themselves_are_as_often_wrong_as_noise_has_it() -> None:
@@ -385,7 +386,7 @@ def test_steep_rims_that_optics_blur_are_not_settled_by_wavelengths() -> None:
     for method, wrong_pixels in off.items():
         trust = found.confidence(method).values[inside]
         assert wrong_pixels[trust > 0.99].mean() < 0.004, method
-        assert (trust[~wrong_pixels] > 0.5).mean() > 0.999, method
+        assert (trust[~wrong_pixels] > 0.5).mean() > 0.99, method
     assert found.verdict.startswith("Use WL1")
 
 
@@ -564,6 +565,48 @@ def test_without_an_empty_field_wavelengths_tell_no_level() -> None:
     assert "No empty field is in view" in found.verdict
 
 
+def test_an_angle_without_empty_field_leaves_the_other_to_the_wavelengths() -> None:
+    exact = step_phantom((80, 96), (0.4, 0.9, 1.4), 3, angles_deg=ANGLES)
+    y, x = np.mgrid[:80, :96].astype(float)
+    phase = exact["phase"].values.copy()
+    phase[:, 1] = 14 + 6 * np.cos(0.22 * y) * np.cos(0.19 * x)
+    hidden = exact.assign(phase=exact["phase"].copy(data=phase))
+    data = with_noise(at_wavelengths(hidden, TWO), 0.1, 0.2, seed=3)
+    found = p4d.compare(data["wrapped"], [METHOD, "directional-l1"])
+    plates = np.s_[:, :2]
+    for method, result in found.results.items():
+        right = np.abs(result.values - data["phase"].values)[plates] < np.pi
+        trust = found.confidence(method).values[plates]
+        assert (trust[right] > 0.5).mean() > 0.95, method
+        if method == METHOD:
+            assert right.mean() > 0.999
+            assert (trust > 0.5).mean() > 0.99
+        else:
+            assert (trust[~right] < 0.5).mean() > 0.95
+    hills = found.confidence(METHOD).values[:, 2:]
+    assert np.median(hills) < 0.2  # whose levels differ from frame to frame
+
+
+def test_tall_plates_of_close_wavelengths_are_not_doubted() -> None:
+    """Their rims are steep, and tell nothing; that nothing is told is no reason for doubt."""
+    exact = step_phantom((80, 96), (2.0, 4.0, 6.0), 3, angles_deg=(0.0,))
+    data = with_noise(at_wavelengths(exact, (0.6328, 0.66)), 0.15, seed=4)
+    found = p4d.compare(data["wrapped"], [METHOD])
+    right = np.abs(found.results[METHOD].values - data["phase"].values) < np.pi
+    assert right.mean() > 0.995
+    assert (found.confidence(METHOD).values[right] > 0.5).mean() > 0.98
+
+
+@pytest.mark.parametrize("shape", [(1, 40), (40, 1), (1, 1), (2, 2)])
+def test_frames_of_one_row_are_unwrapped(shape: tuple[int, int]) -> None:
+    exact = xr.Dataset({"phase": (("time", "angle", "y", "x"), np.full((2, 1, *shape), 3.0))})
+    exact["phase"].attrs["wavelength_um"] = 0.6328
+    data = with_noise(at_wavelengths(exact, TWO), 0.02, seed=1)
+    found = p4d.unwrap(data["wrapped"], METHOD)
+    assert found.shape == data["phase"].shape
+    np.testing.assert_allclose(wrap(found.values - data["wrapped"].values), 0, atol=1e-4)
+
+
 def test_counts_on_which_wavelengths_agree_by_accident_are_doubted() -> None:
     """At steep rims Synthetic makes them agree a turn off; such pixels were trusted to 97 %."""
     cell = moving_shape("vacuole", n_times=9).isel(angle=[0])
@@ -639,6 +682,12 @@ def test_itoh_margins_know_no_step_from_wavelength_to_wavelength() -> None:
 
 
 @pytest.mark.slow
+def test_a_movie_names_angle_and_wavelength_of_its_rows() -> None:
+    exact = at_wavelengths(step_phantom((40, 40), (0.3,), 2, angles_deg=(-21.5,)), TWO)
+    labels = [angle_label([exact["phase"]], row) for row in range(2)]
+    assert labels == ["-21.5°\n532 nm", "-21.5°\n632.8 nm"]
+
+
 def test_from_the_command_line(tmp_path: Path, hologram: p4d.Recording) -> None:
     import tifffile
 

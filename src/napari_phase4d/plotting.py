@@ -372,7 +372,7 @@ def checked_stacks(columns: Mapping[str, xr.DataArray]) -> list[xr.DataArray]:
 
 def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
     """Return the angle of a row, or nothing where the stacks have different ones."""
-    found = {view_of(stack, row) for stack in stacks}
+    found = {view_of(stack, row).replace(", ", "\n") for stack in stacks}
     return found.pop() if len(found) == 1 else ""
 
 

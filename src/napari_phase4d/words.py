@@ -109,7 +109,7 @@ def view_in_words(
     >>> view_in_words([21, 21], 1, "angle ", [0.532, 0.6328])
     'angle 21°, 632.8 nm'
     """
-    light = "" if wavelengths_um is None else f", {1000 * wavelengths_um[number]:.4g} nm"
+    light = "" if wavelengths_um is None else f", {1000 * wavelengths_um[number]:.6g} nm"
     if views_are_numbered(angles_deg):
         return f"view {number + 1}{light}"
     return f"{what}{angles_deg[number]:.4g}°{light}"
@@ -142,7 +142,8 @@ def view_of(stack: Any, number: int, what: str = "") -> str:
 def wavelengths_of_views(stack: Any) -> list[float] | None:
     """Return the wavelength of each view in micrometres where they have several; else None."""
     lights = stack.coords.get("wavelength")
-    return lights.values.tolist() if lights is not None and lights.ndim else None
+    several = lights is not None and lights.ndim > 0 and len(set(lights.values.tolist())) > 1
+    return lights.values.tolist() if several else None
 
 
 def frame_in_words(stack: Any, time: int, angle: int) -> str:

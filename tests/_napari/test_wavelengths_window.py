@@ -6,13 +6,16 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 import tifffile
+import xarray as xr
 from driving import answer_dialog
 from scipy import ndimage
 
 import napari_phase4d as p4d
 from napari_phase4d._napari.menus import nanometres
+from napari_phase4d._napari.steps.cells import of_view_number, over_time
 from napari_phase4d._napari.viewing.layers import METADATA_KEY, stack_of_layer
 from napari_phase4d.holography.lobes import pair_distance
 from napari_phase4d.simulation import at_wavelengths, multiplexed_video, step_phantom
@@ -101,3 +104,22 @@ def test_from_a_hologram_of_two_wavelengths_to_sheer_steps(
     for view, light in enumerate([*TWO, *TWO]):
         expected = stack.values[:, view] * 1000 * light / (2 * np.pi)
         np.testing.assert_allclose(path_nm[:, view], expected, rtol=1e-5)
+
+
+def test_curves_of_cells_are_those_of_the_wavelength_on_screen() -> None:
+    axes = {"time": [0.0, 1.0], "angle": [7.0, 7.0], "wavelength": ("angle", [0.532, 0.6328])}
+    labels = xr.DataArray(
+        np.zeros((2, 2, 3, 3), np.int32), dims=("time", "angle", "y", "x"), coords=axes
+    )
+    table = pd.DataFrame(
+        {
+            "time (s)": [0.0, 0.0, 1.0, 1.0],
+            "angle (deg)": 7.0,
+            "wavelength (um)": [0.532, 0.6328, 0.532, 0.6328],
+            "mean phase (rad)": [1.0, 2.0, 3.0, 4.0],
+        }
+    )
+    for view, expected in enumerate(([1.0, 3.0], [2.0, 4.0])):
+        here = of_view_number(table, labels, view)
+        found = over_time(here, "mean phase (rad)", labels["time"].values)
+        assert found.tolist() == expected

@@ -87,11 +87,10 @@ ADRIFT = np.float32(0.9)
 PATCHES = 8
 #: Levels that are more turns off are counted as this.
 FURTHEST = 100
-#: Where wavelengths are asked, steps alone leave a chance to be right, less where a pixel stands
-#: out, and one to be wrong: they take every sheer wall for a slip, and single precision ends
-#: somewhere. The first was chosen among 0.01 to 0.3 on the cells and plates of
-#: ``benchmarks/wavelengths.py``.
-LEAST_TRUST, LEAST_DOUBT = np.float32(0.3), np.float32(1e-7)
+#: Where wavelengths are asked, steps alone leave so much chance to be right, less where a pixel
+#: stands out, and to be wrong: they take a sheer wall for a slip, and a plate of a whole turn for
+#: empty field. Chosen with the cells and plates of ``benchmarks/wavelengths.py`` in view.
+LEAST_TRUST, LEAST_DOUBT = np.float32(0.3), np.float32(1e-4)
 #: A part of a turn that is no rounding, and the share of pixels in which it is no accident.
 NOT_WHOLE, MANY_OFF = 0.02, 0.1
 
@@ -120,7 +119,8 @@ def confidence(
     that would know it, the empty field itself is torn in two, or its dry mass drops at once by
     what a turn over its area comes to, as in a slip. Few pixels that stand out from those round
     them are trusted less. Where every angle has several wavelengths, it rises and falls with how
-    far these agree: sheer walls have no smooth way, and need none then.
+    far these agree, in frames that show an empty field: sheer walls have no smooth way, and need
+    none then.
 
     Parameters
     ----------
@@ -222,7 +222,7 @@ def chances_of_right(
         for name, result in results.items()
     }
     own = None if reference is None else judged_of(reference, problem)
-    told = wavelengths_tell(problem, task)
+    told = bool(problem.parts()) and all_wavelengths_known(problem)
     if told:
         own = own or reference_on_the_way(problem, task)
     shape = problem.given.shape
@@ -274,10 +274,8 @@ def reference_on_the_way(problem: Problem, task: Task) -> Judged:
 
     def unwrapped() -> Judged:
         found = problem.store.temporary("reference", problem.given.shape, "float32")
-        for (
-            views,
-            part,
-        ) in problem.by_wavelength():  # wavelengths say nothing of each other's steps
+        # Changes from view to view say nothing where their wavelengths differ.
+        for views, part in problem.by_wavelength():
             METHODS[REFERENCE].function(part, ViewsOf(found, views), task)
         masked = problem.finds_mask or not problem.all_usable
         return Judged(found, problem.given if masked else None)
@@ -377,18 +375,6 @@ class ChanceBlock:
         self.found.write(block, chance.astype(np.float32))
 
 
-def wavelengths_tell(problem: Problem, task: Task) -> bool:
-    """Say whether wavelengths can be held against each other: at every angle, by their level.
-
-    Without an empty field in view the phase of each wavelength has a level of its own. A view that
-    says nothing in any frame has none, and its partners nothing that they could be held against.
-    """
-    if not problem.parts() or not all_wavelengths_known(problem):
-        return False
-    shown = problem.background(task).shown.any(axis=0)
-    return bool((shown | problem.lost().all(axis=0)).all())
-
-
 def by_wavelengths(
     problem: Problem,
     results: Mapping[str, Judged],
@@ -419,10 +405,12 @@ def by_wavelengths(
 
         def work(block: Block, name: str = name, result: Judged = result) -> None:
             values = result.read(block)
+            by_steps_alone = steps[name].read(block)
             least = LEAST_TRUST * odds_in_line(values)
-            chance = np.maximum(steps[name].read(block), least)
+            chance = np.maximum(by_steps_alone, least)
             odds = odds_by_wavelengths(problem, values, block)
             told = chance * odds / (chance * odds + np.maximum(1 - chance, LEAST_DOUBT))
+            told = np.where(np.isnan(odds), by_steps_alone, told)
             told[np.isnan(values)] = 1  # masked: taken for empty field
             # What has no partner at another wavelength is not known, and not to be trusted.
             told[np.isnan(result.values.read(block))] = 0

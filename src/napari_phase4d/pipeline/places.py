@@ -187,8 +187,10 @@ def phase_needs(
     start = start_bytes(shape) if finds_start else 0
     maps = 0
     if confidence:
-        # Residues, of frames and of changes, take a byte each.
-        maps = stack * (len(methods) + STACKS_OF_A_SUPPORT * (len(methods) + 1) + 1) + stack // 2
+        # Residues, of frames and of changes, take a byte each; of several wavelengths there is a
+        # map by steps alone as well.
+        each = 2 + STACKS_OF_A_SUPPORT
+        maps = stack * (each * (len(methods) + 1)) + stack // 2
         graph = graph_bytes(shape)
         in_memory += maps + graph
         on_disk = max(on_disk, block_bytes(METHODS[REFERENCE], shape) + graph)

@@ -31,7 +31,8 @@ from napari_phase4d.unwrapping.given import (
     working_frames,
 )
 from napari_phase4d.unwrapping.light import ViewsOf, frames_among, views_by_light
-from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known, odds_by_wavelengths
+from napari_phase4d.unwrapping.light.agreement import odds_by_wavelengths
+from napari_phase4d.unwrapping.light.synthetic import all_wavelengths_known
 from napari_phase4d.unwrapping.neighbours import both_ends, ends_along
 from napari_phase4d.unwrapping.network_flow import loop_sums
 from napari_phase4d.unwrapping.objects import left_out_advice

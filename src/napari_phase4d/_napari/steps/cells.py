@@ -20,11 +20,11 @@ from napari_phase4d._napari.widgets.result_table import ResultTable, on_screen
 from napari_phase4d.analysis import Cells, CellSettings, most_trusted
 from napari_phase4d.holography import pair_distance
 from napari_phase4d.io import write_table
-from napari_phase4d.later import pd
+from napari_phase4d.later import pd, xr
 from napari_phase4d.plotting import colour_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS
-from napari_phase4d.words import counted, view_of
+from napari_phase4d.words import counted, view_of, wavelengths_of_views
 
 __all__ = ["CellsPart"]
 
@@ -379,7 +379,6 @@ class CellsPart(Step):
         if cells is None or cells.table.empty or name is None:
             return
         frame = self.presenter.current_frame()
-        angle = float(cells.labels["angle"].values[frame[1]])
         where = view_of(cells.labels, frame[1])
         now = float(cells.labels["time"].values[frame[0]])
         times = np.asarray(cells.labels["time"].values, dtype=np.float64)
@@ -390,10 +389,11 @@ class CellsPart(Step):
             wanted = self.chosen or cells.summary["cell"].tolist()
             tables = {f"cell {n}": cells.table[cells.table["cell"] == n] for n in wanted}
             colours = {f"cell {n}": colour_of(int(n)) for n in wanted}
-        curves = {key: over_time(t, name, angle, times) for key, t in tables.items()}
+        here = {key: of_view_number(t, cells.labels, frame[1]) for key, t in tables.items()}
+        curves = {key: over_time(t, name, times) for key, t in here.items()}
         error, words = PLOTTED[str(name)], on_screen(str(name))
         banded = error and len(curves) <= MOST_BANDS
-        bands = {k: over_time(t, error, angle, times) for k, t in tables.items()} if banded else {}
+        bands = {k: over_time(t, error, times) for k, t in here.items()} if banded else {}
         self.plot.show_traces(
             [Panel(times, curves, f"time (s), at {where}", words, now, bands, colours)]
         )
@@ -422,14 +422,20 @@ class CellsPart(Step):
             self.save_to(path)
 
 
-def over_time(
-    table: pd.DataFrame, name: str, angle: float, times: np.ndarray[Any, np.dtype[np.float64]]
-) -> Any:
-    """Return a column at a viewing angle at all times, NaN where there is none."""
-    here = table[table["angle (deg)"] == angle]
+def of_view_number(table: pd.DataFrame, labels: xr.DataArray, number: int) -> pd.DataFrame:
+    """Return the rows of a view of labels, by its angle and, of several, its wavelength."""
+    here = table["angle (deg)"] == float(labels["angle"].values[number])
+    lights = wavelengths_of_views(labels)
+    if lights is not None and "wavelength (um)" in table:
+        here &= table["wavelength (um)"] == lights[number]
+    return table[here]
+
+
+def over_time(table: pd.DataFrame, name: str, times: np.ndarray[Any, np.dtype[np.float64]]) -> Any:
+    """Return a column of one view at all times, NaN where there is none."""
     found = np.full(times.shape, np.nan)
-    places = np.searchsorted(times, here["time (s)"].to_numpy(np.float64))
-    found[places] = here[name].to_numpy(np.float64)
+    places = np.searchsorted(times, table["time (s)"].to_numpy(np.float64))
+    found[places] = table[name].to_numpy(np.float64)
     return found
 
 

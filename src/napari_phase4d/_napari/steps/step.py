@@ -285,7 +285,7 @@ def doubts_of_reconstruction(data: xr.Dataset) -> list[str]:
         doubts.append("The focus was found at the end of the search; it may lie beyond.")
     advice = (each.replace(" um", " µm") for each in reconstruction_advice(attrs, n_times))
     doubts += [f"{each[0].upper()}{each[1:]}." for each in advice]
-    angles = data["angle"].values
+    angles = np.array([*dict.fromkeys(data["angle"].values.tolist())])  # of several wavelengths
     if len(angles) > 2 and not np.allclose(np.diff(angles), angles[1] - angles[0]):
         listed = ", ".join(f"{a:g}°" for a in angles)
         doubts.append(f"Angles are uneven; the slider counts evenly. They are {listed}.")

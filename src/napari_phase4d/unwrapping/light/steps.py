@@ -164,7 +164,7 @@ def led_to_edges(path: Image, known: Mask) -> Image:
     for axis in (0, 1):
         # Views, so that what is written to them is written to the paths.
         lines, seen = (np.moveaxis(of_all, axis, 0) for of_all in (found, known))
-        for edge, beside in ((0, 1), (-1, -2)):
+        for edge, beside in ((0, 1), (-1, -2)) if len(lines) > 1 else ():
             led = seen[edge] & seen[beside]
             lines[edge][led] = lines[beside][led]
     return found
@@ -365,7 +365,8 @@ def smooth_pixels(steps: Steps, known: Mask) -> Mask:
         smooth &= ~np.pad(rough, before) & ~np.pad(rough, after)
     # Now and then noise makes a step over a wall look smooth: a single one is not to join what
     # lies on either side.
-    found: Mask = scipy.ndimage.binary_opening(smooth, np.ones((2, 2)))
+    square = np.ones([min(2, n) for n in smooth.shape])
+    found: Mask = scipy.ndimage.binary_opening(smooth, square)
     return found
 
 

@@ -1,11 +1,7 @@
-"""Unwrapping by the synthetic wavelength of views that differ in nothing but their wavelength.
-
-And how well the wavelengths of an angle then agree on an unwrapped phase, by whichever method.
-"""
+"""Unwrapping by the synthetic wavelength of views that differ in nothing but their wavelength."""
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -15,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from napari_phase4d.compiling import compiled
 from napari_phase4d.stack import Block, Limits, ReadOnly, Stack, limits_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping.background import Background
@@ -24,8 +19,6 @@ from napari_phase4d.unwrapping.directional import directional_l1
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.light.steps import (
-    SHARED,
-    STAYS,
     led_to_edges,
     settled_turns,
     steps_between,
@@ -33,15 +26,16 @@ from napari_phase4d.unwrapping.light.steps import (
     wrapped_to_turn,
 )
 from napari_phase4d.unwrapping.light.views import Rung, frames_among, ladder_of, noise_between
-from napari_phase4d.unwrapping.neighbours import ends_along
 from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.problem import Problem
 
 __all__ = [
     "BEATS",
+    "Group",
     "all_wavelengths_known",
     "check_wavelengths",
-    "odds_by_wavelengths",
+    "groups_of",
+    "scene_of",
     "synthetic_wavelength",
 ]
 
@@ -166,6 +160,11 @@ def has_every_wavelength(
     except ValueError:
         return False
     return True
+
+
+def all_wavelengths_known(problem: Problem) -> bool:
+    """Say whether every angle has several wavelengths, which can be held against each other."""
+    return has_every_wavelength(problem.wavelengths_um, problem.angles_deg)
 
 
 # ---- what belongs together -------------------------------------------------------------------
@@ -439,154 +438,3 @@ class FinishBlock:
         if not self.settings.finds_mask:
             return known
         return object_mask(np.where(known, about_zero, np.float32(0)))
-
-
-# ---- how well wavelengths agree -------------------------------------------------------------
-
-
-#: So many pixels to each side are asked with a pixel, if their phase is within half a turn of it.
-REACH = 2
-#: Views of two wavelengths lie within so many pixels of each other, blur included: where phase is
-#: steep they differ by more than noise. Chosen among 0.05 to 0.2 on recordings through the optics.
-APART = 0.1
-#: Turns that a result may be off, beside none.
-OTHERS = (-2, -1, 1, 2)
-#: Wavelengths change the odds by no more than this factor.
-SUREST = 1e6
-
-
-def all_wavelengths_known(problem: Problem) -> bool:
-    """Say whether every angle has several wavelengths, which can be held against each other."""
-    return has_every_wavelength(problem.wavelengths_um, problem.angles_deg)
-
-
-def odds_by_wavelengths(problem: Problem, unwrapped: Image, block: Block) -> Image:
-    """Return the factor by which wavelengths change the odds that each wrap count is right.
-
-    Every angle must have several, see `all_wavelengths_known`.
-
-    The difference of the unwrapped phases at two wavelengths is that of their synthetic one. It
-    predicts each of them, and is off by a turn where a count is wrong. How far it is off is
-    averaged over the pixels round it that belong to the same part, as their phase is near; of the
-    steep ones it means little, where views of two wavelengths never quite lie on each other. What
-    is wrong by one and the same path at all wavelengths, a whole synthetic wavelength, they can't
-    tell. Views that say nothing in a frame are not asked; where fewer than two are left, nothing
-    tells.
-
-    Parameters
-    ----------
-    problem : Problem
-        What was unwrapped.
-    unwrapped : ndarray of shape (time, view, y, x)
-        Some times of a result of any method, radians.
-    block : Block
-        Which times.
-
-    Returns
-    -------
-    ndarray of float32, same shape
-        Above 1 where they agree; 0 where nothing tells.
-    """
-    groups = groups_of(problem, 0.0)
-    scene = scene_of(problem, groups)
-    about_zero = unwrapped - scene.ground(block)
-    odds = np.zeros_like(unwrapped)
-    for group in groups:
-        for time in range(len(unwrapped)):
-            seen = group.without(scene.lost[block.start + time])
-            views = list(seen.views)
-            if len(views) < 2:
-                continue
-            known = np.isfinite(about_zero[time, views]).all(axis=0)
-            found = odds_of_frame(seen, np.nan_to_num(about_zero[time, views]), known)
-            odds[time, views] = found
-    return odds
-
-
-def odds_of_frame(group: Group, phases: Image, known: Mask) -> Image:
-    """Return the same factor for all views of a frame; 0 where not all are known."""
-    shortest = phases[int(np.argmin(group.light))]
-    against = np.zeros_like(shortest)
-    for coarse, fine in pairwise(group.ladder):
-        scale = np.float32(coarse.wavelength_um / fine.wavelength_um)
-        off: Image = ((scale * coarse.phase(phases) - fine.phase(phases)) / TURN).astype(
-            np.float32
-        )
-        each = noise_between(coarse, fine)  # turns for each radian in a view
-        steep = np.maximum(steepest_step(shortest) - 3 * group.noise, 0)
-        wrong = np.empty_like(against)
-        odds_against(
-            off,
-            shortest,
-            known,
-            (APART * each * steep).astype(np.float32),
-            ((each * group.noise) ** 2, STAYS**2, SHARED),
-            wrong,
-        )
-        against = (1 + against) * (1 + wrong) - 1  # right at all of them, or wrong
-    odds = 1 / np.clip(against, 1 / SUREST, SUREST)
-    return np.where(known, odds, np.float32(0)).astype(np.float32)
-
-
-def steepest_step(phase: Image) -> Image:
-    """Return the largest step from each pixel of a frame to its four neighbours."""
-    found = np.zeros_like(phase)
-    for axis in (0, 1):
-        head, tail = ends_along(axis, 2)
-        step = np.abs(np.diff(phase, axis=axis))
-        for end in (head, tail):
-            found[end] = np.maximum(found[end], step)
-    return found
-
-
-@compiled
-def odds_against(
-    off: Image,
-    phase: Image,
-    known: Mask,
-    steep: Image,
-    noise: tuple[float, float, float],
-    odds: Image,
-) -> None:
-    """Write the odds that the count of each pixel of a frame is some turns off, against none.
-
-    Parameters
-    ----------
-    off : ndarray of shape (y, x)
-        Turns by which the prediction is off.
-    phase : ndarray of shape (y, x)
-        Radians; what is more than half a turn away belongs to another part.
-    known : ndarray of bool, shape (y, x)
-        Pixels that count.
-    steep : ndarray of shape (y, x)
-        Turns by which views may be off each other for their steepness.
-    noise : tuple of float
-        Variance of the prediction in turns squared, what no average takes off it, and how many
-        pixels share their noise.
-    odds : ndarray of float32, shape (y, x)
-        Written, where known.
-    """
-    height, width = off.shape
-    single, stays, shared = noise
-    for y in range(height):
-        for x in range(width):
-            if not known[y, x]:
-                continue
-            weights = mean = left = 0.0
-            for j in range(max(0, y - REACH), min(height, y + REACH + 1)):
-                for i in range(max(0, x - REACH), min(width, x + REACH + 1)):
-                    if known[j, i] and abs(phase[j, i] - phase[y, x]) < np.pi:
-                        variance = steep[j, i] * steep[j, i]
-                        weight = 1 / (single + stays + variance)
-                        weights += weight
-                        mean += weight * off[j, i]
-                        left += weight * variance
-            mean /= weights
-            own = single + stays + steep[y, x] * steep[y, x]
-            # Of noise an average leaves less, of views that are apart it does not.
-            variance = min(shared / weights, own) + stays + left / weights
-            total = 0.0
-            for turns in OTHERS:
-                likelier = (mean * mean - (mean - turns) ** 2) / (2 * variance)
-                total += math.exp(min(max(likelier, -30.0), 30.0))
-            odds[y, x] = total
