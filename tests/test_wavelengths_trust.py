@@ -1,0 +1,105 @@
+"""How far results are trusted where an angle is seen at several wavelengths."""
+
+from __future__ import annotations
+
+import numpy as np
+import xarray as xr
+
+import napari_phase4d as p4d
+from helpers import area_under_curve
+from napari_phase4d.simulation import at_wavelengths, moving_shape, step_phantom, with_noise
+from test_wavelengths import ANGLES, METHOD, PLATES, TURN, TWO, through_optics
+
+
+def test_steep_rims_that_optics_blur_are_not_settled_by_wavelengths() -> None:
+    """They agree on wrong counts there; Synthetic has many, and it was said to be the safest."""
+    data, truth = through_optics(22)
+    found = p4d.compare(data["phase"], [METHOD, "directional-l1"], amplitude=data["amplitude"])
+    inside = np.abs(truth) > 0.3
+    off = {m: (np.abs(r.values - truth) > np.pi)[inside] for m, r in found.results.items()}
+    assert off[METHOD].mean() > 5 * off["directional-l1"].mean()
+    for method, wrong_pixels in off.items():
+        trust = found.confidence(method).values[inside]
+        assert wrong_pixels[trust > 0.99].mean() < 0.004, method
+        assert (trust[~wrong_pixels] > 0.5).mean() > 0.99, method
+    assert found.verdict.startswith("Use WL1")
+
+
+def test_trust_goes_by_how_far_wavelengths_agree() -> None:
+    data = with_noise(at_wavelengths(step_phantom(paths_um=PLATES, n_times=2), TWO), 0.1, seed=1)
+    found = p4d.compare(data["wrapped"], ["temporal-angular", "directional-l1", METHOD])
+    for method, result in found.results.items():
+        right = np.abs(result.values - data["phase"].values) < np.pi
+        trust = found.confidence(method).values
+        assert trust[right].mean() > 0.95, method
+        if method != METHOD:
+            assert trust[~right].mean() < 0.05, method
+    assert found.verdict.startswith("Use Synthetic")
+    alone = p4d.confidence(found.results[METHOD], data["wrapped"])
+    xr.testing.assert_allclose(alone, found.confidence(METHOD))
+
+
+def test_without_an_empty_field_wavelengths_tell_no_level() -> None:
+    """As each drifts by itself: Synthetic was trusted, whose frames are turns off each other."""
+    t, y, x = np.mgrid[:8, -40:40, -40:40].astype(float)
+    hills = 14 + 6 * np.cos(0.22 * y + 0.3 * t) * np.cos(0.19 * x - 0.2 * t)
+    layer = step_phantom((80, 80), (0.1,), 8, angles_deg=(0.0,))
+    layer["phase"] = layer["phase"].copy(data=hills[:, None])
+    data = with_noise(at_wavelengths(layer, TWO), 0.15, 0.2, seed=2)
+    found = p4d.compare(data["wrapped"], [METHOD, "directional-l1"])
+    turns = np.round((found.results["directional-l1"] - data["phase"]) / TURN).values
+    for view in range(2):
+        assert np.unique(turns[:, view]).size == 1
+    assert found.confidence("directional-l1").mean() > 0.85
+    assert found.confidence(METHOD).mean() < 0.2
+    assert found.verdict.startswith("Use WL1")
+    assert "No empty field is in view" in found.verdict
+
+
+def test_an_angle_without_empty_field_leaves_the_other_to_the_wavelengths() -> None:
+    exact = step_phantom((80, 96), (0.4, 0.9, 1.4), 3, angles_deg=ANGLES)
+    y, x = np.mgrid[:80, :96].astype(float)
+    phase = exact["phase"].values.copy()
+    phase[:, 1] = 14 + 6 * np.cos(0.22 * y) * np.cos(0.19 * x)
+    hidden = exact.assign(phase=exact["phase"].copy(data=phase))
+    data = with_noise(at_wavelengths(hidden, TWO), 0.1, 0.2, seed=3)
+    found = p4d.compare(data["wrapped"], [METHOD, "directional-l1"])
+    plates = np.s_[:, :2]
+    for method, result in found.results.items():
+        right = np.abs(result.values - data["phase"].values)[plates] < np.pi
+        trust = found.confidence(method).values[plates]
+        assert (trust[right] > 0.5).mean() > 0.95, method
+        if method == METHOD:
+            assert right.mean() > 0.999
+            assert (trust > 0.5).mean() > 0.99
+        else:
+            assert (trust[~right] < 0.5).mean() > 0.95
+    hills = found.confidence(METHOD).values[:, 2:]
+    assert np.median(hills) < 0.2  # whose levels differ from frame to frame
+
+
+def test_tall_plates_of_close_wavelengths_are_not_doubted() -> None:
+    """Their rims are steep, and tell nothing; that nothing is told is no reason for doubt."""
+    exact = step_phantom((80, 96), (2.0, 4.0, 6.0), 3, angles_deg=(0.0,))
+    data = with_noise(at_wavelengths(exact, (0.6328, 0.66)), 0.15, seed=4)
+    found = p4d.compare(data["wrapped"], [METHOD])
+    right = np.abs(found.results[METHOD].values - data["phase"].values) < np.pi
+    assert right.mean() > 0.995
+    assert (found.confidence(METHOD).values[right] > 0.5).mean() > 0.98
+
+
+def test_counts_on_which_wavelengths_agree_by_accident_are_doubted() -> None:
+    """At steep rims Synthetic makes them agree a turn off; such pixels were trusted to 97 %."""
+    cell = moving_shape("vacuole", n_times=9).isel(angle=[0])
+    data = with_noise(at_wavelengths(cell, TWO), 0.3, seed=5)
+    found = p4d.compare(data["wrapped"], [METHOD, "directional-l1"])
+    inside = data["phase"].values > 0.3
+    for method, most_trusted in ((METHOD, 0.01), ("directional-l1", 0.001)):
+        off = np.abs(found.results[method].values - data["phase"].values) > np.pi
+        trust = found.confidence(method).values
+        if method == METHOD:
+            assert off[inside].mean() > 0.005
+            assert area_under_curve(-trust[inside], off[inside]) > 0.95
+            assert np.median(trust[inside & off]) < 0.6
+        assert off[inside & (trust > 0.99)].mean() < most_trusted
+    assert found.verdict.startswith("Use WL1")  # whose wrong pixels are a tenth as many
