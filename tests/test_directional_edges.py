@@ -11,6 +11,7 @@ from scipy import ndimage
 
 import napari_phase4d as p4d
 from napari_phase4d.unwrapping import given
+from napari_phase4d.unwrapping.background import find_background
 from napari_phase4d.unwrapping.directional.registration import Look, kept_in_view
 from napari_phase4d.unwrapping.directional.scene import Margins, ends_of
 from napari_phase4d.unwrapping.directional.sides import (
@@ -45,6 +46,52 @@ def wrong(
 def blurred(phase: np.ndarray) -> np.ndarray:
     """Blur frames as optics do, so that no step is steeper than half a turn."""
     return ndimage.gaussian_filter(phase, (0, 1.2, 1.2))
+
+
+def layer_of_cells(n_times: int, apart: int) -> np.ndarray:
+    """A layer that fills the view and changes slowly, seen in two views some pixels apart."""
+    draw = np.random.default_rng(3)
+    first, second = (
+        ndimage.gaussian_filter(draw.normal(size=(64, 80 + apart)), 7) for _ in range(2)
+    )
+    t = 0.12 * np.arange(n_times)[:, None, None]
+    wide = 9 * (np.cos(t) * first / first.std() + np.sin(t) * second / second.std())
+    return np.stack([wide[..., :80], wide[..., apart:]], axis=1)
+
+
+@pytest.mark.parametrize("method", [WL1, RGD])
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+def test_views_of_a_layer_without_empty_field_differ_by_more_than_half_a_turn(
+    noise: float, method: str
+) -> None:
+    # 1.6 % of the voxels were turns off, where each frame by itself has a few pixels wrong.
+    phase = layer_of_cells(10, apart=3)
+    assert (np.abs(np.diff(phase, axis=1)) > np.pi).mean() > 0.05
+    assert wrong(phase, np.ones(phase.shape, bool), noise, method) == 0
+
+
+def sheet_that_grows(height: float, n_times: int = 20) -> np.ndarray:
+    """A sheet with a flat top grows from the left edge until it covers most of the view."""
+    y, x = np.mgrid[:60, :80]
+    edges = np.linspace(10, 54, n_times)[:, None, None]
+    return (height / (1 + np.exp((x - edges - 5 * np.sin(y / 9)) / 2.5)))[:, None]
+
+
+@pytest.mark.parametrize("noise", [0.0, 0.3])
+@pytest.mark.parametrize("height", [10.0, 17.0])
+def test_what_grows_over_the_view_with_a_flat_top_is_not_taken_for_the_empty_field(
+    height: float, noise: float
+) -> None:
+    # From the middle on, more of the border is the top of the sheet than is empty.
+    phase = sheet_that_grows(height)
+    assert wrong(phase, phase < 0.1, noise, WL1) == 0
+    wrapped = np.angle(
+        np.exp(1j * (phase + noise * np.random.default_rng(5).normal(size=phase.shape)))
+    )
+    found = find_background(wrapped.astype(np.float32))
+    assert found.shown.all()
+    np.testing.assert_allclose(found.level, 0, atol=0.3)
+    assert not found.mask[phase > 0.5 * height].any()
 
 
 def ball_over_a_bowl(rises: float, side: int = 1) -> tuple[np.ndarray, np.ndarray]:

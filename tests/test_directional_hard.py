@@ -19,7 +19,8 @@ from napari_phase4d.phasors import turned
 from napari_phase4d.simulation import hard_shape, moving_shape, with_fault, with_noise
 from napari_phase4d.stack import Block
 from napari_phase4d.unwrapping import neighbours
-from napari_phase4d.unwrapping.background import find_background, plane, tilt_of
+from napari_phase4d.unwrapping.background import find_background, plane
+from napari_phase4d.unwrapping.border import tilt_of
 from napari_phase4d.unwrapping.directional import changes, steps
 from napari_phase4d.unwrapping.directional.changes import Denied, turns_of_maps
 from napari_phase4d.unwrapping.directional.following import follow
@@ -442,6 +443,21 @@ def test_changes_beyond_half_a_turn_are_found_as_a_map() -> None:
     assert not lifts[..., 25:].any()
     part = turned(change) + TURN * lifts
     np.testing.assert_allclose(part[..., :25], change[..., :25], atol=1e-5)
+
+
+def test_without_empty_field_only_what_has_a_smooth_edge_counts_as_changed_by_a_turn() -> None:
+    y, x = np.mgrid[-20:20, -20:20]
+    radius = np.hypot(y, x)
+    bump, wall = 5 * np.exp(-(radius**2) / 80), 2.3 * (radius < 8) + 2.3 * (radius < 9.5)
+    change = np.stack([bump, wall, bump + 0.9])[:, None]
+    inside = np.ones(change.shape, bool)
+    lifts = turns_of_maps(turned(change), inside, np.zeros_like(inside))
+    found = turned(change) + TURN * lifts
+    np.testing.assert_allclose(found[[0, 2]], change[[0, 2]], atol=1e-5)
+    assert not lifts[1].any()
+    # With empty field round it, the inside of the wall is what its map says.
+    with_field = turns_of_maps(turned(change), inside, np.abs(change) < 0.01)
+    np.testing.assert_array_equal(with_field[1, 0] == 1, radius < 8)
 
 
 @pytest.mark.thorough

@@ -440,7 +440,7 @@ class Problem(SharedSteps):
         """Return the empty field; views of each wavelength are looked at by themselves."""
         parts = self.parts()
         if not parts:
-            return background_of(self.given, self.lost(task), self.store, task)
+            return background_of(self.given, self.lost(task), self.store, task, self.first)
         found = [(views, part.background(task)) for views, part in parts]
         shape = self.given.shape[:2]
         level, tilt = np.zeros(shape), np.zeros((*shape, 2))

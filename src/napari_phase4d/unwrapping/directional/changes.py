@@ -63,8 +63,8 @@ def turns_of_maps(step: Image, inside: Mask, bare: Mask) -> Lifts | None:
     A change of more than half a turn between two frames can't be told from a smaller one at any
     single pixel. As a map it can: it is zero on the empty field and rises from there. So where
     changes come near half a turn, the map is unwrapped over y and x like a frame, and its level
-    is that of the empty field. Where no empty field is in view the level can't be known, and the
-    changes stay wrapped.
+    is that of the empty field. Where no empty field is in view the level can't be known: most of
+    the map counts as unchanged then, and only what has a smooth edge all round is lifted.
 
     Parameters
     ----------
@@ -78,35 +78,52 @@ def turns_of_maps(step: Image, inside: Mask, bare: Mask) -> Lifts | None:
     for frame in np.ndindex(*step.shape[:2]):
         wrapped, known = step[frame], inside[frame]
         ground = bare[frame] & known
-        if not ground.any() or np.abs(wrapped).max(initial=0, where=known) <= SURE:
+        if np.abs(wrapped).max(initial=0, where=known) <= SURE:
             continue
         turns = turns_above_field(wrapped, known, ground, work)
         if turns.any() and np.abs(turns).max() <= MOST_TURNS:
             found = np.zeros(step.shape, np.int8) if found is None else found
-            found[frame] = without_tears(wrapped, known, turns)
+            found[frame] = without_tears(wrapped, known, turns, smooth=not ground.any())
     return found
 
 
 def turns_above_field(wrapped: Image, known: Mask, ground: Mask, work: Workspace) -> Whole:
-    """Return the turns of a map (y, x) unwrapped by itself, above the median of its field."""
+    """Return the turns of a map (y, x) unwrapped by itself, above the median of its field.
+
+    Where it has none, above the median of all.
+    """
     turns = turns_of_frame(wrapped, known, second_differences, work)
-    level = np.int32(np.round(np.median(turns[ground])))
+    level = np.int32(np.round(np.median(turns[ground if ground.any() else known])))
     found: Whole = np.where(known, turns - level, np.int32(0))
     return found
 
 
-def without_tears(wrapped: Image, known: Mask, turns: Whole) -> Whole:
+def without_tears(wrapped: Image, known: Mask, turns: Whole, *, smooth: bool = False) -> Whole:
     """Return turns of a map (y, x) without those parts that tear it more than they mend.
 
     Where a map is noisy at a rim, its unwrapping may lift all that lies inside by a turn. The
     edge of such a part is mostly made of tears, steps that were small before; that of a part
     whose change has truly passed half a turn is mostly made of steps that are small only now.
+
+    Parameters
+    ----------
+    wrapped : ndarray of float32, shape (y, x)
+        The wrapped map.
+    known : ndarray of bool, same shape
+        Where it is known.
+    turns : ndarray of int, same shape
+        What it is lifted by.
+    smooth : bool, optional
+        Whether parts with a steep rim are put back too, as where nothing tells a level that they
+        would be held to.
     """
     box = box_of_turns(turns)
     inside, kept = wrapped[box], turns.copy()
     part = kept[box]
     for side, pieces in lifted_pieces(part, known[box]):
         down = pieces.torn(inside, part, side) > CLEARLY * pieces.steps
+        if smooth:
+            down |= pieces.have_steep_rims(inside)
         put_back(part, pieces, down, side)
     return kept
 
@@ -199,6 +216,11 @@ class Pieces:
             found += self._sums(a[steep]) + self._sums(b[steep])
         return found
 
+    def have_steep_rims(self, wrapped: Image) -> Mask:
+        """Say whether enough steps of a wrapped map at each edge are beyond `SURE`."""
+        found: Mask = self.steep(wrapped) >= STEEP_RIM * self.steps
+        return found
+
 
 # ---- changes that go on as before ------------------------------------------------------------
 
@@ -263,7 +285,7 @@ def going_on(wrapped: Image, known: Mask, lifts: Lifts, before: Image) -> Whole:
         like = np.abs(off + TURN * (part - np.int32(side)).astype(np.float32)) < LIKE_BEFORE
         count = np.bincount(pieces.labels[like & known], minlength=len(pieces.size))
         goes_on = (count > MOST_LIKE * pieces.size) & (pieces.size > pieces.steps)
-        goes_on &= pieces.steep(wrapped[box]) >= STEEP_RIM * pieces.steps
+        goes_on &= pieces.have_steep_rims(wrapped[box])
         put_back(part, pieces, goes_on, side)
     return turns
 
@@ -374,19 +396,29 @@ class Denied:
             if heard.any():
                 by_frames = self._turns(time + 1, angle) - self._turns(time, angle)
                 by_frames += whole_turns(difference - change)
+                unmoved = known & (lifted == 0)
+                if not self._show_field(time, angle) and unmoved.any():
+                    by_frames -= np.int32(np.median(by_frames[unmoved]))
                 affirmed = np.bincount(parts.labels[side * by_frames >= 1], minlength=len(heard))
                 found |= (heard & (affirmed < AFFIRMED * parts.size))[parts.labels]
         if self._few and found.sum() > MOST_DENIED * np.count_nonzero(lifted):
             found |= known & ~(self._seen.empty[time, angle] & self._seen.empty[time + 1, angle])
         return found
 
+    def _ground(self, time: int, angle: int) -> Mask:
+        found: Mask = self._seen.empty[time, angle] & self._seen.usable[time, angle]
+        return found
+
+    def _show_field(self, time: int, angle: int) -> bool:
+        """Say whether a frame and the one after it both show empty field."""
+        return all(self._ground(t, angle).any() for t in (time, time + 1))
+
     def _turns(self, time: int, angle: int) -> Whole:
         """Return the turns of a frame unwrapped by itself, above its empty field."""
         at = (time, angle)
         if at not in self._alone:
             phase, known = self._seen.phase[at], self._seen.usable[at]
-            ground = self._seen.empty[at] & known
-            self._alone[at] = turns_above_field(phase, known, ground, self._work)
+            self._alone[at] = turns_above_field(phase, known, self._ground(*at), self._work)
         return self._alone[at]
 
 
