@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Unsound, WrongFrameError, lazy_frames
-from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, tiff_parts
 from napari_phase4d.io.video import Video, colour_sentence, grey, quiet
 from napari_phase4d.later import tifffile
 from napari_phase4d.recording import one_frame
@@ -91,7 +91,7 @@ def read_files(
     """Open files as one video, lazily.
 
     Images are frames, and only the first is read. Stacks are joined over time, and of each the
-    header is read.
+    header is read. The files of an OME-TIFF series are one stack.
 
     Parameters
     ----------
@@ -126,9 +126,31 @@ def read_files(
     if whole and alone and files[0].suffix.lower() in IMAGE_SUFFIXES:
         images = ImageFiles(name, files, (len(files), *shape), dtype)
         return replaced(Video(lazy_frames(images)), first, f"{len(files)} {first.kind} images")
+    stacks = without_parts(files)
+    if len(stacks) == 1 < len(files):
+        return read_one(stacks[0])
+    files = stacks
     lengths = [length_of(path, read_one, shape, dtype) for path in files]
     reader = JoinedFiles(name, files, lengths, (sum(lengths), *shape), dtype, read_one)
     return replaced(Video(lazy_frames(reader)), first, f"{len(files)} {first.kind} files")
+
+
+def without_parts(files: Sequence[Path]) -> Sequence[Path]:
+    """Return files without those whose frames are read with another one.
+
+    Each file of an OME-TIFF series may describe them all, or only one of them does.
+    """
+    if files[0].suffix.lower() not in TIFF_SUFFIXES:
+        return files
+    kept: list[tuple[Path, Path]] = []
+    read: set[Path] = set()
+    for file in files:
+        place = file.resolve()
+        if place not in read:
+            kept.append((file, place))
+            read.update(part.resolve() for part in tiff_parts(file))
+    # One that knows nothing of the others may come before the one that names them all.
+    return [file for file, place in kept if place not in read]
 
 
 def replaced(video: Video, first: Video, kind: str) -> Video:
