@@ -387,10 +387,11 @@ def is_float(picture: Any) -> bool:
 
 
 def plane(picture: Any, number: int, width: int) -> NDArray[np.uint8]:
-    """Return the bytes of a plane without the padding of its lines."""
+    """Return the bytes of a plane without the padding of its lines, the upper line first."""
     part = picture.planes[number]
-    lines = np.frombuffer(part, np.uint8).reshape(-1, abs(part.line_size))
-    return np.ascontiguousarray(lines[: part.height, :width])
+    lines = np.frombuffer(part, np.uint8).reshape(-1, abs(part.line_size))[: part.height]
+    # Uncompressed films of Windows are stored from the bottom up, which the sign tells.
+    return np.ascontiguousarray(lines[:: -1 if part.line_size < 0 else 1, :width])
 
 
 def palette_of(picture: Any) -> NDArray[np.uint8]:
