@@ -295,3 +295,33 @@ def test_places_on_axes_of_one_name_are_taken_in_their_order(tmp_path: Path) -> 
     assert (rec.holograms.values == stack[4, 1]).all()
     rec = p4d.open_recording(tmp_path / "a.tif", dataset="Q=3")
     assert (rec.holograms.values == stack[3]).all()
+
+
+def imagej_file(folder: Path, **metadata: object) -> Path:
+    tifffile.imwrite(
+        folder / "a.tif", FRAMES, imagej=True, metadata={"axes": "TYX", **metadata}
+    )  # fmt: skip
+    return folder / "a.tif"
+
+
+@pytest.mark.parametrize(
+    ("unit", "step"), [("ms", 0.02), ("sec", 20), ("min", 1200), ("Sec", 20), ("", 20)]
+)
+def test_the_interval_of_imagej_has_a_unit(tmp_path: Path, unit: str, step: float) -> None:
+    rec = p4d.open_recording(
+        imagej_file(tmp_path, finterval=20, **({"tunit": unit} if unit else {}))
+    )
+    np.testing.assert_allclose(np.diff(rec.times_s), step)
+
+
+def test_an_interval_in_an_unknown_unit_is_not_used(tmp_path: Path) -> None:
+    rec = p4d.open_recording(imagej_file(tmp_path, finterval=20, tunit="pixel"))
+    np.testing.assert_allclose(np.diff(rec.times_s), 1)
+    assert "The frame interval of 20 pixel is in no unit of time, and is not used." in rec.notes
+    assert any("1 frame a second is assumed" in note for note in rec.notes)
+
+
+def test_the_speed_at_which_imagej_plays_is_noted(tmp_path: Path) -> None:
+    rec = p4d.open_recording(imagej_file(tmp_path, fps=7))
+    np.testing.assert_allclose(np.diff(rec.times_s), 1 / 7)
+    assert any("7 frames a second are those at which ImageJ plays" in n for n in rec.notes)

@@ -6,6 +6,7 @@ import math
 import re
 import struct
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from napari_phase4d.io.video import (
     quiet,
 )
 from napari_phase4d.later import tifffile
+from napari_phase4d.words import printable
 
 __all__ = ["TIFF_SUFFIXES", "check_complete", "check_described", "read_tiff", "tiff_parts"]
 
@@ -80,7 +82,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             described = tif.is_ome or tif.is_imagej or tif.is_shaped
             if offset is None or not described:  # else one look at the size is enough
                 check_complete(tif, path)
-            facts = ome_facts(tif) if tif.is_ome else imagej_facts(tif)
+            facts, notes = (ome_facts(tif), ()) if tif.is_ome else imagej_facts(tif)
             times = ome_times(tif) if tif.is_ome else None
             check_number(tif, path, shape)
             kind = kind_of(tif)
@@ -125,7 +127,8 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
     return Video(
         frames, kind=kind, axes=left, dataset=dataset or "",
-        times_s=times if in_time and "interval_s" not in facts else None, notes=left_out, **facts,
+        times_s=times if in_time and "interval_s" not in facts else None,
+        notes=(*left_out, *notes), **facts,
     )  # fmt: skip
 
 
@@ -200,21 +203,35 @@ def check_number(tif: tifffile.TiffFile, path: Path, shape: tuple[int, ...]) -> 
         raise Unsound(msg)
 
 
-def imagej_facts(tif: tifffile.TiffFile) -> Facts:
-    """Return pixel size (um) and frame interval (s) of an ImageJ file, where given."""
+def imagej_facts(tif: tifffile.TiffFile) -> tuple[Facts, tuple[str, ...]]:
+    """Return pixel size (um) and frame interval (s) of an ImageJ file, where given, with notes."""
     meta = tif.imagej_metadata or {}
-    facts: Facts = {}
-    if number(meta.get("finterval")) > 0:
-        facts["interval_s"] = number(meta["finterval"])
-    elif number(meta.get("fps")) > 0:
-        facts["interval_s"] = 1 / number(meta["fps"])
+    facts, notes = imagej_interval(meta)
     resolution = tif.pages.first.tags.get("XResolution")
     unit = MICROMETRES.get(str(meta.get("unit", "")))
     if resolution is not None and unit:
         pixels, per = resolution.value
         if pixels > 0:
             facts["pixel_um"] = per / pixels * unit
-    return facts
+    return facts, notes
+
+
+def imagej_interval(meta: Mapping[str, Any]) -> tuple[Facts, tuple[str, ...]]:
+    """Return the frame interval (s) that ImageJ noted, and what is to be known of it."""
+    if (interval := number(meta.get("finterval"))) > 0:
+        named = str(meta.get("tunit", "s")).strip()
+        unit = SECONDS.get(named, SECONDS.get(named.lower()))
+        if unit is not None:
+            return {"interval_s": interval * unit}, ()
+        told = f"{interval:g} {printable(named)}".strip()
+        return {}, (f"The frame interval of {told} is in no unit of time, and is not used.",)
+    if (speed := number(meta.get("fps"))) > 0:
+        # ImageJ means how fast it plays the stack, but other programs write how it was recorded.
+        return {"interval_s": 1 / speed}, (
+            f"The {speed:g} frames a second are those at which ImageJ plays the recording; check "
+            "the frame rate.",
+        )
+    return {}, ()
 
 
 def ome_facts(tif: tifffile.TiffFile) -> Facts:
