@@ -325,3 +325,39 @@ def test_the_speed_at_which_imagej_plays_is_noted(tmp_path: Path) -> None:
     rec = p4d.open_recording(imagej_file(tmp_path, fps=7))
     np.testing.assert_allclose(np.diff(rec.times_s), 1 / 7)
     assert any("7 frames a second are those at which ImageJ plays" in n for n in rec.notes)
+
+
+def ome_with_times(folder: Path, times: list[float], axes: str, **facts: object) -> Path:
+    """Write an OME-TIFF whose planes note their times; 'TCYX' has two channels."""
+    n_channels = axes.count("C") + 1
+    frames = np.stack([FRAMES + c for c in range(n_channels)], axis=1)
+    tifffile.imwrite(
+        folder / "a.ome.tif", frames[:, 0] if n_channels == 1 else frames, ome=True,
+        photometric="minisblack", metadata={"axes": axes, "Plane": {"DeltaT": times}, **facts},
+    )  # fmt: skip
+    return folder / "a.ome.tif"
+
+
+def test_measured_times_beat_a_nominal_interval(tmp_path: Path) -> None:
+    times = [0.0, 0.5, 1.0, 1.6, 2.1, 2.6]
+    path = ome_with_times(tmp_path, times, "TYX", TimeIncrement=0.5)
+    rec = p4d.open_recording(path)
+    np.testing.assert_allclose(rec.times_s, times)
+    assert any("up to 0.1 s off the file's frame interval of 0.5 s" in n for n in rec.notes)
+
+
+def test_times_that_jitter_a_little_are_even(tmp_path: Path) -> None:
+    times = [0.0, 0.51, 1.0, 1.49, 2.01, 2.5]
+    rec = p4d.open_recording(ome_with_times(tmp_path, times, "TYX", TimeIncrement=0.5))
+    np.testing.assert_allclose(rec.times_s, 0.5 * np.arange(6))
+    assert not any("frame interval" in note for note in rec.notes)
+
+
+def test_times_are_those_of_the_chosen_channel(tmp_path: Path) -> None:
+    """A channel in turn with another one begins later, and its pauses are its own."""
+    own = np.array([0.2, 0.7, 1.2, 1.9, 2.2, 2.7])
+    times = np.stack([0.5 * np.arange(6), own], axis=1).ravel().tolist()
+    path = ome_with_times(tmp_path, times, "TCYX")
+    rec = p4d.open_recording(path, dataset="C=1")
+    np.testing.assert_allclose(rec.times_s, own - own[0])
+    np.testing.assert_allclose(p4d.open_recording(path, dataset="C=0").times_s, 0.5 * np.arange(6))

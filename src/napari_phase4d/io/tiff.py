@@ -6,7 +6,7 @@ import math
 import re
 import struct
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +42,8 @@ from napari_phase4d.words import printable
 __all__ = ["TIFF_SUFFIXES", "check_complete", "check_described", "read_tiff", "tiff_parts"]
 
 TIFF_SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
+#: Share of a step by which measured times may be off an even grid.
+EVEN = 0.05
 
 
 def read_tiff(path: Path, dataset: str | None = None) -> Video:
@@ -83,7 +85,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             if offset is None or not described:  # else one look at the size is enough
                 check_complete(tif, path)
             facts, notes = (ome_facts(tif), ()) if tif.is_ome else imagej_facts(tif)
-            times = ome_times(tif) if tif.is_ome else None
+            planes = ome_planes(tif) if tif.is_ome else []
             check_number(tif, path, shape)
             kind = kind_of(tif)
             coloured = not tif.is_imagej and has_colours(first.keyframe)
@@ -124,11 +126,15 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     else:
         frames = paged_frames(path, shape, places, dtype, colour="S" in axes, mixed=bool(mixed))
         left = left.replace("S", "")
+    chosen = {a: place for a, place in zip(axes, places, strict=True) if isinstance(place, int)}
+    times = times_of(planes, chosen)
     in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
+    times, told = measured(times if in_time else None, facts.get("interval_s"))
+    if times is not None:
+        facts.pop("interval_s", None)
     return Video(
-        frames, kind=kind, axes=left, dataset=dataset or "",
-        times_s=times if in_time and "interval_s" not in facts else None,
-        notes=(*left_out, *notes), **facts,
+        frames, kind=kind, axes=left, dataset=dataset or "", times_s=times,
+        notes=(*left_out, *notes, *told), **facts,
     )  # fmt: skip
 
 
@@ -249,19 +255,47 @@ def ome_facts(tif: tifffile.TiffFile) -> Facts:
     return facts
 
 
-def ome_times(tif: tifffile.TiffFile) -> NDArray[np.float64] | None:
-    """Return the time of each frame (s) of an OME-TIFF file that notes it with every plane."""
+def ome_planes(tif: tifffile.TiffFile) -> list[tuple[dict[str, int], float]]:
+    """Return place and time (s) of the planes of an OME-TIFF file that note them."""
     pixels = ome_pixels(tif)
-    times: dict[int, float] = {}
+    planes: list[tuple[dict[str, int], float]] = []
     for plane in () if pixels is None else [e for e in pixels if e.tag.endswith("Plane")]:
         unit = SECONDS.get(plane.get("DeltaTUnit", "s"))
         given = plane.get("DeltaT")
-        if unit and given is not None and plane.get("TheT", "").isdigit():
-            times.setdefault(int(plane.get("TheT", "0")), number(given) * unit)
+        place = [plane.get(f"The{axis}", "" if axis == "T" else "0") for axis in "TCZ"]
+        if unit and given is not None and all(n.isdecimal() for n in place):
+            numbers = dict(zip("TCZ", map(int, place), strict=True))
+            planes.append((numbers, number(given) * unit))
+    return planes
+
+
+def times_of(
+    planes: Sequence[tuple[Mapping[str, int], float]], chosen: Mapping[str, int]
+) -> NDArray[np.float64] | None:
+    """Return the time of each frame (s) at a place on further axes, None if planes don't say."""
+    times: dict[int, float] = {}
+    for place, time in planes:
+        if all(place.get(axis, wanted) == wanted for axis, wanted in chosen.items()):
+            times.setdefault(place["T"], time)
     if len(times) < 2 or sorted(times) != list(range(len(times))):
         return None
     all_times = np.array([times[i] for i in range(len(times))])
     return all_times - all_times[0] if (np.diff(all_times) > 0).all() else None
+
+
+def measured(
+    times: NDArray[np.float64] | None, interval_s: float | None
+) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+    """Return the times of the frames, None where the interval says the same, and a note."""
+    if times is None or interval_s is None:
+        return times, ()
+    off = float(np.abs(times - interval_s * np.arange(len(times))).max())
+    if off <= EVEN * interval_s:
+        return None, ()
+    return times, (
+        f"The times noted with the frames are up to {off:.3g} s off the file's frame interval of "
+        f"{interval_s:g} s; those of the frames are taken.",
+    )
 
 
 def told_frames(tif: tifffile.TiffFile) -> int:
