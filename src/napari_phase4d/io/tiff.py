@@ -107,18 +107,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             f"({in_one_line(error)})"
         )
         raise OSError(msg) from error
-    if axes.rstrip("S")[-2:] != "YX":
-        msg = f"{path.name} holds no pictures, but {axes_in_words(axes, shape)}; it may be damaged"
-        raise OSError(msg)
-    if coloured:
-        msg = (
-            f"{path.name} holds numbers of colours in a palette, not grey values; save it as grey "
-            "values"
-        )
-        raise ValueError(msg)
-    if dtype.kind not in "buif":
-        msg = f"{path.name} holds {dtype} values; a hologram video needs real numbers"
-        raise ValueError(msg)
+    check_pictures(path, axes, shape, dtype, coloured=coloured)
     places = chosen_places(path, axes, shape, dataset)
     left = "".join(a for a, place in zip(axes, places, strict=True) if not isinstance(place, int))
     if offset is not None and "S" not in left:
@@ -136,6 +125,24 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
         frames, kind=kind, axes=left, dataset=dataset or "", times_s=times,
         notes=(*left_out, *notes, *told), **facts,
     )  # fmt: skip
+
+
+def check_pictures(
+    path: Path, axes: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, coloured: bool
+) -> None:
+    """Refuse what is no picture of real grey values."""
+    if axes.rstrip("S")[-2:] != "YX":
+        msg = f"{path.name} holds no pictures, but {axes_in_words(axes, shape)}; it may be damaged"
+        raise OSError(msg)
+    if coloured:
+        msg = (
+            f"{path.name} holds numbers of colours in a palette, not grey values; save it as grey "
+            "values"
+        )
+        raise ValueError(msg)
+    if dtype.kind not in "buif":
+        msg = f"{path.name} holds {dtype} values; a hologram video needs real numbers"
+        raise ValueError(msg)
 
 
 def kind_of(tif: tifffile.TiffFile) -> str:
