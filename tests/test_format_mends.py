@@ -361,3 +361,33 @@ def test_times_are_those_of_the_chosen_channel(tmp_path: Path) -> None:
     rec = p4d.open_recording(path, dataset="C=1")
     np.testing.assert_allclose(rec.times_s, own - own[0])
     np.testing.assert_allclose(p4d.open_recording(path, dataset="C=0").times_s, 0.5 * np.arange(6))
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize("axis", ["C", "Z"])
+def test_an_axis_that_is_not_time_is_said_to_be_taken_for_it(
+    tmp_path: Path, axis: str, many: bool
+) -> None:
+    for name in ("a", "b")[: 1 + many]:
+        tifffile.imwrite(
+            tmp_path / f"{name}.ome.tif", FRAMES, ome=True, photometric="minisblack",
+            metadata={"axes": f"{axis}YX", "TimeIncrement": 0.5},
+        )  # fmt: skip
+    rec = p4d.open_recording(tmp_path if many else tmp_path / "a.ome.tif")
+    assert rec.n_frames == len(FRAMES) * (1 + many)
+    assert f"The axis {axis} is taken for time." in rec.notes
+    np.testing.assert_allclose(np.diff(rec.times_s), 1)
+    # Who gives a rate has said that it is time.
+    rec = p4d.open_recording(tmp_path / "a.ome.tif", frame_rate_hz=2)
+    assert not any("taken for time" in note for note in rec.notes)
+
+
+def test_slices_of_imagej_keep_their_interval(tmp_path: Path) -> None:
+    rec = p4d.open_recording(imagej_file(tmp_path, axes="ZYX", finterval=0.5))
+    assert "The axis Z is taken for time." in rec.notes
+    np.testing.assert_allclose(np.diff(rec.times_s), 0.5)
+
+
+def test_axes_without_a_name_are_time(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", FRAMES, photometric="minisblack")
+    assert not any("taken for" in n for n in p4d.open_recording(tmp_path / "a.tif").notes)

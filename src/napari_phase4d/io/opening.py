@@ -22,12 +22,14 @@ from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.results import holds_phase, open_phase, result_attrs
 from napari_phase4d.io.video import (
     LARGEST_SIDE,
+    TIME,
     Video,
     axes_in_words,
     axes_to_choose,
     choice,
     colour_sentence,
     memory_lacks,
+    taken_for_time,
 )
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
@@ -231,6 +233,8 @@ def recording_of(
     notes = list(video.notes)
     interval, pixel = sensible(video.interval_s), sensible(video.pixel_um)
     times_s = None
+    if frame_rate_hz is None and len(video.axes) == getattr(frames, "ndim", 0) == 3:
+        notes += [taken_for_time(axis) for axis in video.axes[:1] if axis not in TIME]
     if frame_rate_hz is None and video.times_s is not None:
         times_s = video.times_s
     elif frame_rate_hz is None and interval is not None:

@@ -30,6 +30,7 @@ from napari_phase4d.io.video import (
     MICROMETRES,
     MOST_DESCRIBED_FRAMES,
     SECONDS,
+    TIME,
     Facts,
     Video,
     axes_in_words,
@@ -87,7 +88,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             facts, notes = (ome_facts(tif), ()) if tif.is_ome else imagej_facts(tif)
             planes = ome_planes(tif) if tif.is_ome else []
             check_number(tif, path, shape)
-            kind = kind_of(tif)
+            kind, in_stacks = kind_of(tif), bool(tif.is_imagej)
             coloured = not tif.is_imagej and has_colours(first.keyframe)
             left_out = pages_left_out(tif, mixed)
             dtype = np.dtype(first.dtype)
@@ -117,6 +118,8 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
         left = left.replace("S", "")
     chosen = {a: place for a, place in zip(axes, places, strict=True) if isinstance(place, int)}
     times = times_of(planes, chosen)
+    if not has_interval(left, in_stacks=in_stacks):
+        facts.pop("interval_s", None)
     in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
     times, told = measured(times if in_time else None, facts.get("interval_s"))
     if times is not None:
@@ -125,6 +128,15 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
         frames, kind=kind, axes=left, dataset=dataset or "", times_s=times,
         notes=(*left_out, *notes, *told), **facts,
     )  # fmt: skip
+
+
+def has_interval(axes: str, *, in_stacks: bool) -> bool:
+    """Say whether any of some axes is time, so that an interval between frames means something.
+
+    Users of ImageJ often have time where it has slices.
+    """
+    further = axes.removesuffix("YX")
+    return not further or any(a in TIME for a in further) or (in_stacks and further == "Z")
 
 
 def check_pictures(

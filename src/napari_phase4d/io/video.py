@@ -29,6 +29,7 @@ __all__ = [
     "MOST_DESCRIBED_FRAMES",
     "MOST_LISTED_FRAMES",
     "SECONDS",
+    "TIME",
     "USUAL_NAMES",
     "Facts",
     "Found",
@@ -45,6 +46,7 @@ __all__ = [
     "memory_lacks",
     "other_arrays",
     "quiet",
+    "taken_for_time",
 ]
 
 
@@ -328,6 +330,15 @@ def axes_in_words(axes: Iterable[str], shape: Iterable[int]) -> str:
     """Return axes with their lengths."""
     named = ", ".join(f"{a}={n}" for a, n in zip(axes, shape, strict=True))
     return f"the axes {named}"
+
+
+#: Time, and axes that a file gives no meaning, which are time as well.
+TIME = "TQI"
+
+
+def taken_for_time(axis: str) -> str:
+    """Return the note that an axis which is called otherwise is taken for time."""
+    return f"The axis {axis.upper()} is taken for time."
 
 
 def axes_to_choose(axes: Iterable[str], *, has_time: bool) -> list[str]:
