@@ -13,7 +13,7 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from format_writers import noise
-from napari_phase4d.io import RawLayout, needs_layout
+from napari_phase4d.io import RawLayout, needs_layout, open_phase
 
 FRAMES = noise(6, (24, 32), np.uint16)
 
@@ -391,3 +391,65 @@ def test_slices_of_imagej_keep_their_interval(tmp_path: Path) -> None:
 def test_axes_without_a_name_are_time(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", FRAMES, photometric="minisblack")
     assert not any("taken for" in n for n in p4d.open_recording(tmp_path / "a.tif").notes)
+
+
+PHASE = np.random.default_rng(5).uniform(-3, 3, (5, 2, 24, 32)).astype(np.float32)
+
+
+def phase_file(path: Path, values: np.ndarray, axes: str) -> Path:
+    tifffile.imwrite(path, values, ome=True, photometric="minisblack", metadata={"axes": axes})
+    return path
+
+
+@pytest.mark.parametrize(("axes", "order"), [("TCYX", (0, 1)), ("CTYX", (1, 0)), ("ZTYX", (1, 0))])
+def test_axes_of_phase_are_taken_by_their_names(
+    tmp_path: Path, axes: str, order: tuple[int, int]
+) -> None:
+    values = PHASE.transpose(*order, 2, 3)
+    found = open_phase(phase_file(tmp_path / "a.ome.tif", values, axes))
+    np.testing.assert_array_equal(found.values, PHASE)
+    taken = [n for n in found.attrs["notes"] if "taken for" in n]
+    assert taken == (["The axis Z is taken for views."] if "Z" in axes else [])
+
+
+def test_phase_on_a_single_further_axis(tmp_path: Path) -> None:
+    found = open_phase(phase_file(tmp_path / "c.ome.tif", PHASE[0], "CYX"))
+    np.testing.assert_array_equal(found.values, PHASE[:1])
+    assert "The axis C is taken for views." in found.attrs["notes"]
+    found = open_phase(phase_file(tmp_path / "z.ome.tif", PHASE[:, 0], "ZYX"))
+    np.testing.assert_array_equal(found.values, PHASE[:, :1])
+    assert "The axis Z is taken for time." in found.attrs["notes"]
+
+
+def test_phase_of_which_no_axis_is_time_is_asked_about(tmp_path: Path) -> None:
+    path = phase_file(tmp_path / "a.ome.tif", PHASE, "ZCYX")
+    with pytest.raises(ValueError, match='Z=5, C=2.* none of which is time.*dataset="Z=0"'):
+        open_phase(path)
+    np.testing.assert_array_equal(open_phase(path, "Z=1").values, PHASE[1:2])
+
+
+def test_phase_keeps_what_the_reader_found(tmp_path: Path) -> None:
+    tifffile.imwrite(
+        tmp_path / "a.tif", PHASE[:, 0], imagej=True,
+        metadata={"axes": "TYX", "finterval": 0.5},
+    )  # fmt: skip
+    found = open_phase(tmp_path / "a.tif")
+    np.testing.assert_allclose(found["time"], 0.5 * np.arange(5))
+    assert found.attrs["notes"] == ["Not in the file, so counted in ones: pixel, viewing angles."]
+    assert open_phase(tmp_path / "a.tif", frame_rate_hz=4)["time"][1] == 0.25
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["phase"], file["other"] = PHASE[:, 0], PHASE[:, 1]
+    notes = open_phase(tmp_path / "a.h5").attrs["notes"]
+    assert any("Of several arrays" in note for note in notes)
+
+
+def test_a_lost_page_of_phase_is_unknown(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for i in range(12):
+            frame = np.zeros((8, 8), np.uint8) if i == 4 else PHASE[i % 5, i % 2]
+            file.write(frame, contiguous=False, photometric="minisblack")
+    found = open_phase(tmp_path / "a.tif")
+    unknown = np.isnan(found.values).all(axis=(1, 2, 3))
+    assert np.flatnonzero(unknown).tolist() == [4]
+    np.testing.assert_array_equal(found.values[5, 0], PHASE[0, 1])
+    assert any("taken for a frame that is lost" in note for note in found.attrs["notes"])

@@ -29,6 +29,7 @@ from napari_phase4d.io.video import (
     choice,
     colour_sentence,
     memory_lacks,
+    sensible,
     taken_for_time,
 )
 from napari_phase4d.later import xr
@@ -57,8 +58,6 @@ __all__ = [
 
 #: Share of the free memory that a single frame may take.
 SHARE_OF_A_FRAME = 0.25
-#: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
-LEAST_FACT, LARGEST_FACT = 1e-9, 1e9
 
 
 def open_recording(
@@ -259,11 +258,6 @@ def recording_of(
         notes=tuple(notes),
         kind=video.kind,
     )
-
-
-def sensible(fact: float | None) -> float | None:
-    """Return the pixel (um) or interval (s) that a file gives, None if it can't be true."""
-    return fact if fact is not None and LEAST_FACT <= fact <= LARGEST_FACT else None
 
 
 def check_axes(video: Video, name: str) -> None:

@@ -22,6 +22,7 @@ from napari_phase4d.io.lazy import (
 from napari_phase4d.io.tiff_frames import (
     frames_among_others,
     layout_of,
+    lost_among,
     main_series,
     paged_frames,
     pages_left_out,
@@ -126,7 +127,7 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
         facts.pop("interval_s", None)
     return Video(
         frames, kind=kind, axes=left, dataset=dataset or "", times_s=times,
-        notes=(*left_out, *notes, *told), **facts,
+        notes=(*left_out, *notes, *told), lost=lost_among(mixed, places[0]), **facts,
     )  # fmt: skip
 
 

@@ -46,6 +46,7 @@ __all__ = [
     "memory_lacks",
     "other_arrays",
     "quiet",
+    "sensible",
     "taken_for_time",
 ]
 
@@ -81,6 +82,8 @@ class Video:
         The letters of the axes where there may be more than three, such as "TZYX".
     notes : tuple of str
         What had to be assumed or chosen, in sentences for the user.
+    lost : tuple of int
+        Frames of which the file has nothing, and which are read as zeros.
     """
 
     frames: Any
@@ -92,6 +95,16 @@ class Video:
     times_s: NDArray[np.float64] | None = None
     axes: str = ""
     notes: tuple[str, ...] = ()
+    lost: tuple[int, ...] = ()
+
+
+#: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
+LEAST_FACT, LARGEST_FACT = 1e-9, 1e9
+
+
+def sensible(fact: float | None) -> float | None:
+    """Return the pixel (um) or interval (s) that a file gives, None if it can't be true."""
+    return fact if fact is not None and LEAST_FACT <= fact <= LARGEST_FACT else None
 
 
 def grey(image: NDArray[Any]) -> NDArray[Any]:
