@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
 
 import h5py
@@ -453,3 +454,74 @@ def test_a_lost_page_of_phase_is_unknown(tmp_path: Path) -> None:
     assert np.flatnonzero(unknown).tolist() == [4]
     np.testing.assert_array_equal(found.values[5, 0], PHASE[0, 1])
     assert any("taken for a frame that is lost" in note for note in found.attrs["notes"])
+
+
+def imagej_pixel(path: Path) -> None:
+    tifffile.imwrite(
+        path, FRAMES, imagej=True, resolution=(10, 5), metadata={"axes": "TYX", "unit": "um"}
+    )  # fmt: skip
+
+
+def ome_pixel(path: Path) -> None:
+    facts = {"PhysicalSizeX": 100.0, "PhysicalSizeXUnit": "nm", "PhysicalSizeY": 0.2}
+    tifffile.imwrite(path, FRAMES, ome=True, metadata={"axes": "TYX", **facts})
+
+
+def fiji_pixel(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["frames"] = FRAMES
+        file["frames"].attrs["element_size_um"] = [1.0, 0.2, 0.1]
+
+
+def hyperspy_pixel(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["a/data"] = FRAMES
+        for i, scale in enumerate((1.0, 0.2, 0.1)):
+            file.create_group(f"a/axis-{i}").attrs.update(scale=scale, units="um")
+
+
+def zarr_pixel(path: Path) -> None:
+    import zarr
+
+    axes = [{"name": a, "type": "space", "unit": "micrometer"} for a in "yx"]
+    told = [{"name": "t", "type": "time"}, *axes]
+    steps = [{"type": "scale", "scale": [1.0, 0.2, 0.1]}]
+    image = {"axes": told, "datasets": [{"path": "0", "coordinateTransformations": steps}]}
+    root = zarr.open_group(str(path), mode="w")
+    root.create_array("0", data=FRAMES, chunks=(1, 24, 32))
+    root.attrs["ome"] = {"version": "0.5", "multiscales": [image]}
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("a.tif", imagej_pixel), ("a.ome.tif", ome_pixel), ("a.h5", fiji_pixel),
+        ("b.h5", hyperspy_pixel), ("a.zarr", zarr_pixel),
+    ],
+)  # fmt: skip
+def test_pixels_of_a_file_are_square(tmp_path: Path, name: str, write: Callable) -> None:
+    write(tmp_path / name)
+    sentence = f"{name} are 0.2 um high and 0.1 um wide, but must be square.* or give optics"
+    with pytest.raises(ValueError, match=sentence):
+        p4d.open_recording(tmp_path / name)
+    optics = p4d.Optics(magnification=20)
+    assert p4d.open_recording(tmp_path / name, optics).optics == optics
+
+
+def test_the_height_of_other_pixels_does_not_count(tmp_path: Path) -> None:
+    fiji_pixel(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["element_size_um"] = [1.0, 0.2, 0.1]
+        del file["frames"].attrs["element_size_um"]
+        file["frames"].attrs["pixel_um"] = 0.3
+    assert p4d.open_recording(tmp_path / "a.h5").optics.pixel_um == pytest.approx(0.3)
+
+
+def test_phase_may_have_pixels_that_are_not_square(tmp_path: Path) -> None:
+    tifffile.imwrite(
+        tmp_path / "a.tif", PHASE[:, 0], imagej=True, resolution=(10, 5),
+        metadata={"axes": "TYX", "unit": "um"},
+    )  # fmt: skip
+    found = open_phase(tmp_path / "a.tif")
+    assert [float(found[a][1]) for a in "yx"] == pytest.approx([0.2, 0.1])
+    assert [float(open_phase(tmp_path / "a.tif", pixel_um=0.5)[a][1]) for a in "yx"] == [0.5, 0.5]

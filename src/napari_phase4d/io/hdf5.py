@@ -207,6 +207,8 @@ def facts_of(file: Any, name: str) -> Facts:
     item = file[name]
     nearest_last = (axes_facts(item.parent), facts_in(file.attrs), facts_in(item.parent.attrs))
     for found in (*nearest_last, facts_in(item.attrs)):
+        if "pixel_um" in found:  # which may be another one than that whose height is known
+            facts.pop("height_um", None)
         facts.update(found)
     return facts
 
@@ -220,6 +222,8 @@ def facts_in(attrs: Mapping[str, Any]) -> Facts:
     sizes = np.ravel(attrs.get("element_size_um", ()))
     if len(sizes) and positive(sizes[-1]):
         facts["pixel_um"] = positive(sizes[-1])
+        if positive(sizes[-2:][0]):
+            facts["height_um"] = positive(sizes[-2:][0])
     for name, unit in INTERVAL_ATTRS.items():
         if positive(attrs.get(name)):
             facts["interval_s"] = positive(attrs.get(name)) * unit
@@ -239,6 +243,9 @@ def axes_facts(group: Any) -> Facts:
     unit = MICROMETRES.get(text(axes[-1].get("units")))
     if unit and positive(axes[-1].get("scale")):
         facts["pixel_um"] = positive(axes[-1].get("scale")) * unit
+    unit = MICROMETRES.get(text(axes[-2].get("units")))
+    if unit and positive(axes[-2].get("scale")):
+        facts["height_um"] = positive(axes[-2].get("scale")) * unit
     unit = SECONDS.get(text(axes[0].get("units")))
     if len(axes) == 3 and unit and positive(axes[0].get("scale")):
         facts["interval_s"] = positive(axes[0].get("scale")) * unit

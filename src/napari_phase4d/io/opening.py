@@ -241,6 +241,9 @@ def recording_of(
     elif frame_rate_hz is None:
         notes.append("The frame rate is not in the data; 1 frame a second is assumed.")
     if optics is None and pixel is not None:
+        check_square(
+            sensible(video.height_um) or pixel, pixel, name, "correct the file, or give optics"
+        )
         optics = optics_for_pixel(pixel)
         notes.append(
             f"The pixel is {pixel:.4g} um wide according to the file; "

@@ -448,10 +448,13 @@ def places_of_phase(
     angles_deg: Sequence[float] | None,
 ) -> tuple[dict[str, Any], list[str]]:
     """Return coordinates by what is given, else by the file, and what neither of them says."""
-    pixel_um = sensible(video.pixel_um) if pixel_um is None else pixel_um
+    height_um = pixel_um
+    if pixel_um is None:
+        pixel_um = sensible(video.pixel_um)
+        height_um = sensible(video.height_um) if pixel_um else None
     interval_s = sensible(video.interval_s) if frame_rate_hz is None else 1 / frame_rate_hz
     times_s = video.times_s if frame_rate_hz is None else None
-    steps = {"time": interval_s or 1, "y": pixel_um or 1, "x": pixel_um or 1}
+    steps = {"time": interval_s or 1, "y": height_um or pixel_um or 1, "x": pixel_um or 1}
     places = {d: np.arange(stack.sizes[d]) * float(steps.get(d, 1)) for d in AXES}
     if times_s is not None:
         places["time"] = times_s

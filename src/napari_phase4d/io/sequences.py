@@ -157,7 +157,7 @@ def replaced(video: Video, first: Video, kind: str) -> Video:
     """Return the video with the facts of its first file."""
     return Video(
         video.frames, pixel_um=first.pixel_um, interval_s=first.interval_s, kind=kind,
-        axes=first.axes, notes=first.notes,
+        axes=first.axes, notes=first.notes, height_um=first.height_um,
     )  # fmt: skip
 
 

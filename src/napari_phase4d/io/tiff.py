@@ -233,13 +233,19 @@ def imagej_facts(tif: tifffile.TiffFile) -> tuple[Facts, tuple[str, ...]]:
     """Return pixel size (um) and frame interval (s) of an ImageJ file, where given, with notes."""
     meta = tif.imagej_metadata or {}
     facts, notes = imagej_interval(meta)
-    resolution = tif.pages.first.tags.get("XResolution")
-    unit = MICROMETRES.get(str(meta.get("unit", "")))
-    if resolution is not None and unit:
-        pixels, per = resolution.value
-        if pixels > 0:
-            facts["pixel_um"] = per / pixels * unit
+    unit = MICROMETRES.get(str(meta.get("unit", "")), 0.0)
+    if width := side_by(tif, "XResolution") * unit:
+        facts["pixel_um"] = width
+    if height := side_by(tif, "YResolution") * unit:
+        facts["height_um"] = height
     return facts, notes
+
+
+def side_by(tif: tifffile.TiffFile, tag: str) -> float:
+    """Return how wide a pixel is by a tag that counts pixels, in the unit of the file, else 0."""
+    resolution = tif.pages.first.tags.get(tag)
+    pixels, per = (0, 0) if resolution is None else resolution.value
+    return float(per / pixels) if pixels > 0 else 0.0
 
 
 def imagej_interval(meta: Mapping[str, Any]) -> tuple[Facts, tuple[str, ...]]:
@@ -266,9 +272,15 @@ def ome_facts(tif: tifffile.TiffFile) -> Facts:
     pixels = ome_pixels(tif)
     if pixels is None:
         return facts
-    unit = MICROMETRES.get(pixels.get("PhysicalSizeXUnit", "µm"), 0.0)
-    if number(pixels.get("PhysicalSizeX")) * unit > 0:
-        facts["pixel_um"] = number(pixels.get("PhysicalSizeX")) * unit
+    width, height = (
+        number(pixels.get(f"PhysicalSize{axis}"))
+        * MICROMETRES.get(pixels.get(f"PhysicalSize{axis}Unit", "µm"), 0.0)
+        for axis in "XY"
+    )
+    if width > 0:
+        facts["pixel_um"] = width
+    if height > 0:
+        facts["height_um"] = height
     unit = SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
     if number(pixels.get("TimeIncrement")) * unit > 0:
         facts["interval_s"] = number(pixels.get("TimeIncrement")) * unit

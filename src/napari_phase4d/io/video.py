@@ -55,6 +55,7 @@ class Facts(TypedDict, total=False):
     """What a file says of its scale, see `Video`."""
 
     pixel_um: float
+    height_um: float
     interval_s: float
 
 
@@ -84,6 +85,8 @@ class Video:
         What had to be assumed or chosen, in sentences for the user.
     lost : tuple of int
         Frames of which the file has nothing, and which are read as zeros.
+    height_um : float, optional
+        Height of a pixel, if the file says it apart from its width.
     """
 
     frames: Any
@@ -96,6 +99,7 @@ class Video:
     axes: str = ""
     notes: tuple[str, ...] = ()
     lost: tuple[int, ...] = ()
+    height_um: float | None = None
 
 
 #: Pixels in micrometres and intervals in seconds outside of this are no more than damage.

@@ -482,6 +482,8 @@ def ome_facts(image: Mapping[str, Any]) -> Facts:
             continue
         if axis.get("name") == "x" and unit in MICROMETRES:
             facts["pixel_um"] = float(size) * MICROMETRES[unit]
+        elif axis.get("name") == "y" and unit in MICROMETRES:
+            facts["height_um"] = float(size) * MICROMETRES[unit]
         elif axis.get("type") == "time" and unit in SECONDS:
             facts["interval_s"] = float(size) * SECONDS[unit]
     return facts
