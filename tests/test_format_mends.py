@@ -525,3 +525,72 @@ def test_phase_may_have_pixels_that_are_not_square(tmp_path: Path) -> None:
     found = open_phase(tmp_path / "a.tif")
     assert [float(found[a][1]) for a in "yx"] == pytest.approx([0.2, 0.1])
     assert [float(open_phase(tmp_path / "a.tif", pixel_um=0.5)[a][1]) for a in "yx"] == [0.5, 0.5]
+
+
+def images(folder: Path, *names: str) -> list[np.ndarray]:
+    """Write an image of each name, all of them different."""
+    frames = [FRAMES[0] + i for i in range(len(names))]
+    for name, frame in zip(names, frames, strict=True):
+        tifffile.imwrite(folder / name, frame)
+    return frames
+
+
+def test_an_image_with_another_name_is_no_frame(tmp_path: Path) -> None:
+    frames = images(tmp_path, "background.tif", *(f"frame_{i:03d}.tif" for i in range(4)))
+    rec = p4d.open_recording(tmp_path)
+    np.testing.assert_array_equal(rec.holograms.values, frames[1:])
+    told = "background.tif is named otherwise than the other files, and is left out"
+    assert any(told in note for note in rec.notes)
+    rec = p4d.open_recording(tmp_path / "*.tif")
+    np.testing.assert_array_equal(rec.holograms.values, frames)
+    told = "background.tif is named otherwise than the other files, but read with them."
+    assert told in rec.notes
+
+
+@pytest.mark.parametrize(
+    "names", [("holo.tif", "holo_1.tif", "holo_2.tif"), ("a.tif", "b.tif", "c.tif")]
+)
+def test_names_without_numbers_may_be_frames(tmp_path: Path, names: tuple[str, ...]) -> None:
+    frames = images(tmp_path, *names)
+    rec = p4d.open_recording(tmp_path)
+    np.testing.assert_array_equal(rec.holograms.values, frames)
+    assert not any("named otherwise" in note for note in rec.notes)
+
+
+@pytest.mark.parametrize("way", ["folder", "pattern", "list"])
+def test_numbers_that_are_missing_in_a_folder_are_said(tmp_path: Path, way: str) -> None:
+    names = [f"frame_{i:06d}.tif" for i in (0, 1, 2, 6, 7, 8)]
+    images(tmp_path, *names)
+    given = {"pattern": tmp_path / "*.tif", "list": [tmp_path / name for name in names]}
+    rec = p4d.open_recording(given.get(way, tmp_path))
+    told = "3 numbers are missing in the names of the files, the first behind frame_000002.tif"
+    assert sum(told in note for note in rec.notes) == 1
+
+
+def test_several_numbers_that_vary_are_said(tmp_path: Path) -> None:
+    names = [f"img_channel{c:03d}_time{t:09d}_z000.tif" for c in range(2) for t in range(3)]
+    images(tmp_path, *names)
+    notes = p4d.open_recording(tmp_path).notes
+    assert any("2 numbers in the names of the files vary and none counts" in n for n in notes)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("f_0001_120000.tif", "f_0002_120003.tif", "f_0003_120003.tif"),
+        ("f_0.9.tif", "f_1.0.tif", "f_1.1.tif", "f_1.2.tif"), ("f0.tif", "f10.tif", "f20.tif"),
+    ],
+)  # fmt: skip
+def test_names_that_count_frames_are_not_doubted(tmp_path: Path, names: tuple[str, ...]) -> None:
+    images(tmp_path, *names)
+    assert not any("names" in note for note in p4d.open_recording(tmp_path).notes)
+
+
+def test_numbers_that_are_missing_among_datasets_are_said(tmp_path: Path) -> None:
+    with numbered(tmp_path / "a.h5", 6) as file:
+        del file["video/2"], file["video/3"]
+        file["video/6"], file["video/7"] = FRAMES[0], FRAMES[1]
+    rec = p4d.open_recording(tmp_path / "a.h5")
+    told = "2 numbers are missing in the names of the datasets, the first behind video/1"
+    assert rec.n_frames == 6
+    assert any(told in note for note in rec.notes)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Unsound, beside, in_one_line, lazy_frames
+from napari_phase4d.io.sequences import gap_in
 from napari_phase4d.io.video import (
     LARGEST_PIECE,
     MICROMETRES,
@@ -85,7 +86,7 @@ def read_hdf5(path: Path, dataset: str | None = None) -> Video:
         frames_of(path, names, *arrays[name]),
         kind="HDF5",
         dataset=name,
-        notes=other_arrays(name, arrays, dataset),
+        notes=(*other_arrays(name, arrays, dataset), *gap_in(names, "datasets")),
         **facts,
     )
 

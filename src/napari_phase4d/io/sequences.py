@@ -8,7 +8,7 @@ import threading
 import warnings
 from bisect import bisect_right
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Unsound, WrongFrameError, lazy_frames
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, tiff_parts
-from napari_phase4d.io.video import Video, colour_sentence, grey, quiet
+from napari_phase4d.io.video import Video, colour_sentence, grey, listed, quiet
 from napari_phase4d.later import tifffile
 from napari_phase4d.recording import one_frame
 
@@ -30,7 +30,9 @@ __all__ = [
     "by_number",
     "files_of",
     "files_of_folder",
+    "gap_in",
     "load_image",
+    "notes_of_names",
     "of_usual_pattern",
     "pattern_of",
     "read_files",
@@ -48,7 +50,8 @@ ReadOne = Callable[[Path], Video]
 def files_of_folder(folder: Path, suffixes: Sequence[str]) -> tuple[list[Path], tuple[str, ...]]:
     """Return the files of a folder that make a recording, in the order of their numbers.
 
-    Where there are images, they are taken; of several kinds the most frequent one.
+    Where there are images, they are taken; of several kinds the most frequent one. What has
+    another name than most of them is left out, as where a background lies among frames.
 
     Raises
     ------
@@ -63,11 +66,17 @@ def files_of_folder(folder: Path, suffixes: Sequence[str]) -> tuple[list[Path], 
         msg = f"{folder.name} holds no images ({', '.join(IMAGE_SUFFIXES)})"
         raise OSError(msg)
     best = max(usable, key=lambda s: (kinds[s], s))
-    files = sorted((folder / n for n in names if Path(n).suffix.lower() == best), key=by_number)
-    others = [s for s in usable if s != best]
-    if not others:
-        return files, ()
-    return files, (f"{folder.name} also holds {', '.join(others)} files, which are not read.",)
+    alike, strange = by_name([n for n in names if Path(n).suffix.lower() == best])
+    notes = []
+    if others := [s for s in usable if s != best]:
+        notes.append(f"{folder.name} also holds {', '.join(others)} files, which are not read.")
+    if strange:
+        are = "is" if len(strange) == 1 else "are"
+        notes.append(
+            f"{listed(strange)} {are} named otherwise than the other files, and {are} left out; "
+            "to read all, give a name with * or a list."
+        )
+    return sorted((folder / name for name in alike), key=by_number), tuple(notes)
 
 
 def files_of(pattern: Path) -> list[Path]:
@@ -401,3 +410,68 @@ def of_usual_pattern(names: Sequence[str]) -> list[str]:
     patterns = Counter(map(pattern_of, names))
     usual = max(patterns, key=lambda p: (patterns[p], p), default="")
     return [name for name in names if pattern_of(name) == usual]
+
+
+def by_name(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return names that are of one recording, and those of something else beside it.
+
+    Where no pattern is that of most names, all are of it; so is what has the same letters, since
+    programs give the first of several files no number.
+    """
+    usual = of_usual_pattern(names)
+    if 2 * len(usual) <= len(names):
+        return list(names), []
+    word = letters_of(usual[0])
+    strange = [name for name in names if letters_of(name) != word]
+    return [name for name in names if letters_of(name) == word], sorted(strange)
+
+
+def letters_of(name: str) -> str:
+    """Return the letters in a name, without its ending."""
+    return re.sub(r"[\W\d_]+", "", Path(name).stem)
+
+
+def notes_of_names(files: Sequence[Path]) -> tuple[str, ...]:
+    """Return what the names of files that are read one after the other let doubt."""
+    names = [file.name for file in files]
+    strange = by_name(names)[1]
+    notes = []
+    if strange:
+        are = "is" if len(strange) == 1 else "are"
+        notes.append(
+            f"{listed(strange)} {are} named otherwise than the other files, but read with them."
+        )
+    if len(set(map(pattern_of, names))) == 1:
+        notes += [*gap_in(names), *grid_in(names)]
+    return tuple(notes)
+
+
+def gap_in(names: Sequence[str], what: str = "files") -> Iterator[str]:
+    """Yield a note where the numbers that count files, or what else has names, leave some out."""
+    numbering = Numbering(names)
+    missing = numbering.count(names) - len(names)
+    # Digits behind a point are a part of a number, as of a time, and count nothing.
+    is_part = numbering.pattern.split("#")[numbering.column or 0] == "."
+    if missing > 0 and not is_part:
+        ordered = sorted(names, key=lambda name: numbering.index(name) or 0)
+        steps = np.diff([numbering.index(name) or 0 for name in ordered])
+        are = "number is" if missing == 1 else "numbers are"
+        yield (
+            f"{missing} {are} missing in the names of the {what}, the first behind "
+            f"{ordered[int(np.argmax(steps > 1))]}; frames follow each other all the same, so "
+            "that later ones come too early."
+        )
+
+
+def grid_in(names: Sequence[str]) -> Iterator[str]:
+    """Yield a note where several numbers vary, as channels and times do, and none counts all."""
+    rows = [re.findall(r"\d+(?:\.\d+)?", Path(name).stem) for name in names]
+    lengths = {len(row) for row in rows}
+    counts = [len(set(column)) for column in zip(*rows, strict=True)] if len(lengths) == 1 else []
+    varying = [n for n in counts if n > 1]
+    if len(varying) > 1 and max(varying) < len(names):
+        yield (
+            f"{len(varying)} numbers in the names of the files vary and none counts them all, as "
+            "where channels or positions have files of their own; all are read one after the "
+            "other, and a name with * reads some."
+        )
