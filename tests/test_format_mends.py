@@ -594,3 +594,21 @@ def test_numbers_that_are_missing_among_datasets_are_said(tmp_path: Path) -> Non
     told = "2 numbers are missing in the names of the datasets, the first behind video/1"
     assert rec.n_frames == 6
     assert any(told in note for note in rec.notes)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("holo_0.1.tif", "holo_0.15.tif", "holo_0.2.tif", "holo_10.05.tif"),
+        ("run1.8.tif", "run1.9.tif", "run1.10.tif", "run1.11.tif"),
+        ("t1.05.tif", "t1.10.tif", "t1.20.tif", "t2.00.tif"), ("f.9.tif", "f.10.tif", "f.11.tif"),
+        ("26.2.1.tif", "26.11.2.tif"),
+    ],
+)  # fmt: skip
+def test_numbers_with_decimals_have_their_order(tmp_path: Path, names: tuple[str, ...]) -> None:
+    frames = images(tmp_path, *names)
+    for given in (tmp_path, tmp_path / "*.tif"):
+        rec = p4d.open_recording(given)
+        np.testing.assert_array_equal(rec.holograms.values, frames)
+        told = any("taken for decimals" in note for note in rec.notes)
+        assert told == ("holo_0.15.tif" in names)

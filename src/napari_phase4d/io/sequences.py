@@ -8,7 +8,7 @@ import threading
 import warnings
 from bisect import bisect_right
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -31,6 +31,7 @@ __all__ = [
     "files_of",
     "files_of_folder",
     "gap_in",
+    "in_order",
     "load_image",
     "notes_of_names",
     "of_usual_pattern",
@@ -76,7 +77,7 @@ def files_of_folder(folder: Path, suffixes: Sequence[str]) -> tuple[list[Path], 
             f"{listed(strange)} {are} named otherwise than the other files, and {are} left out; "
             "to read all, give a name with * or a list."
         )
-    return sorted((folder / name for name in alike), key=by_number), tuple(notes)
+    return in_order(folder / name for name in alike), tuple(notes)
 
 
 def files_of(pattern: Path) -> list[Path]:
@@ -87,7 +88,7 @@ def files_of(pattern: Path) -> list[Path]:
     OSError
         If there are none.
     """
-    files = sorted((p for p in pattern.parent.glob(pattern.name) if p.is_file()), key=by_number)
+    files = in_order(p for p in pattern.parent.glob(pattern.name) if p.is_file())
     if not files:
         msg = f"there is no file {pattern}"
         raise OSError(msg)
@@ -297,6 +298,31 @@ def by_number(path: Path) -> tuple[list[int], str]:
     return [int(n) for n in re.findall(r"\d+", path.stem)], path.name
 
 
+def in_order(files: Iterable[Path]) -> list[Path]:
+    """Return files in the order of the numbers in their names, decimal ones too."""
+    found = list(files)
+    key = by_decimal if have_decimals([file.name for file in found]) else by_number
+    return sorted(found, key=key)
+
+
+def have_decimals(names: Sequence[str]) -> bool:
+    """Say whether digits behind a point in some names are decimals.
+
+    They are where some have more of them than others and none ends in 0, as programs write times;
+    else they are numbers of their own, which go on from 9 to 10, as they are in dates.
+    """
+    stems = [Path(name).stem for name in names]
+    parts = [part for stem in stems for part in re.findall(r"(?<=\d\.)\d+", stem)]
+    if len(set(map(len, parts))) < 2 or any(re.search(r"\d\.\d+\.\d", stem) for stem in stems):
+        return False
+    return not any(len(part) > 1 and part.endswith("0") for part in parts)
+
+
+def by_decimal(path: Path) -> tuple[list[float], str]:
+    """Sort key: the numbers in the name, with their decimals."""
+    return [float(n) for n in re.findall(r"\d+(?:\.\d+)?", path.stem)], path.name
+
+
 PICTURE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm", ".jp2")
 IMAGE_SUFFIXES = (*PICTURE_SUFFIXES, *TIFF_SUFFIXES)
 #: Values that an image may have: more than any camera's, times three for colour.
@@ -441,6 +467,8 @@ def notes_of_names(files: Sequence[Path]) -> tuple[str, ...]:
         notes.append(
             f"{listed(strange)} {are} named otherwise than the other files, but read with them."
         )
+    if have_decimals(names):
+        notes.append("Digits behind a point in the names of the files are taken for decimals.")
     if len(set(map(pattern_of, names))) == 1:
         notes += [*gap_in(names), *grid_in(names)]
     return tuple(notes)
