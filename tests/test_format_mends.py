@@ -5,6 +5,7 @@ from __future__ import annotations
 import pickle
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -15,6 +16,7 @@ import xarray as xr
 import napari_phase4d as p4d
 from format_writers import noise
 from napari_phase4d.io import RawLayout, needs_layout, open_phase
+from napari_phase4d.io.films import plane
 
 FRAMES = noise(6, (24, 32), np.uint16)
 
@@ -612,3 +614,21 @@ def test_numbers_with_decimals_have_their_order(tmp_path: Path, names: tuple[str
         np.testing.assert_array_equal(rec.holograms.values, frames)
         told = any("taken for decimals" in note for note in rec.notes)
         assert told == ("holo_0.15.tif" in names)
+
+
+@pytest.mark.parametrize("begins_with_the_last_line", [False, True])
+def test_lines_from_the_bottom_up_are_turned_or_refused(begins_with_the_last_line: bool) -> None:
+    """Older PyAV gives what lies behind the upper line, which is the last one in memory."""
+
+    class Plane(bytearray):
+        line_size, height, buffer_ptr = -32, 24, 0
+
+    part = Plane(FRAMES[0, ::-1].astype(np.uint8).tobytes())
+    start = np.frombuffer(part, np.uint8).ctypes.data
+    part.buffer_ptr = start if begins_with_the_last_line else start + 23 * 32
+    picture = SimpleNamespace(planes=[part])
+    if begins_with_the_last_line:
+        with pytest.raises(ValueError, match="stored from the bottom up; .* --upgrade"):
+            plane(picture, 0, 30)
+    else:
+        np.testing.assert_array_equal(plane(picture, 0, 30), FRAMES[0, :, :30].astype(np.uint8))
