@@ -33,6 +33,7 @@ from format_writers import (
     raw,
     stacks,
     tiff,
+    windows_film,
     zarr_array,
     zarr_zip,
 )
@@ -103,6 +104,9 @@ CASES = {
     ),
     "AVI, uncompressed YUV": Case(
         film(".avi", "rawvideo", "yuyv422"), "uncompressed in AVI", BYTES, interval=True
+    ),
+    "AVI, uncompressed, bottom up": Case(
+        windows_film, "uncompressed in AVI", BYTES, interval=True
     ),
     "AVI, FFV1": Case(film(".avi", "ffv1", "gray"), "FFV1 in AVI", BYTES, interval=True),
     "AVI, Motion JPEG": Case(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 from collections.abc import Callable, Sequence
 from fractions import Fraction
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any
 import h5py
 import imageio.v3 as iio
 import numpy as np
+import pytest
 import tifffile
 
 from napari_phase4d.io import RawLayout
@@ -259,6 +261,38 @@ def film(
         return path
 
     return write
+
+
+def windows_film(folder: Path, frames: np.ndarray) -> Path:
+    """Write an AVI of grey values in a palette, from the bottom up, as frame grabbers do."""
+    pytest.importorskip(
+        "av", minversion="18", reason="older PyAV takes the last line for the first"
+    )
+    n, height, width = frames.shape
+    stride = -(-width // 4) * 4
+
+    def chunk(name: bytes, data: bytes) -> bytes:
+        return name + struct.pack("<I", len(data)) + data + bytes(len(data) % 2)
+
+    rows = np.zeros((n, height, stride), np.uint8)
+    rows[..., :width] = frames[:, ::-1]
+    pictures = [chunk(b"00db", picture.tobytes()) for picture in rows]
+    size = stride * height
+    tick = round(1e6 * INTERVAL_S)
+    film_head = struct.pack("<14I", tick, 0, 0, 16, n, 0, 1, size, width, height, 0, 0, 0, 0)
+    stream_head = struct.pack(
+        "<4s4s10I4H", b"vids", b"DIB ", 0, 0, 0, tick, 10**6, 0, n, size, 0, 0, 0, 0, width, height
+    )
+    picture_head = struct.pack("<IiiHHIIiiII", 40, width, height, 1, 8, 0, size, 0, 0, 256, 0)
+    picture_head += b"".join(bytes((i, i, i, 0)) for i in range(256))
+    stream = chunk(b"strh", stream_head) + chunk(b"strf", picture_head)
+    header = b"hdrl" + chunk(b"avih", film_head) + chunk(b"LIST", b"strl" + stream)
+    places = [4 + i * len(pictures[0]) for i in range(n)]
+    index = b"".join(struct.pack("<4s3I", b"00db", 16, place, size) for place in places)
+    body = b"AVI " + chunk(b"LIST", header) + chunk(b"LIST", b"movi" + b"".join(pictures))
+    path = folder / "rec.avi"
+    path.write_bytes(chunk(b"RIFF", body + chunk(b"idx1", index)))
+    return path
 
 
 def picture_of(frame: np.ndarray, given: str, pixels: str) -> Any:

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import pickle
+from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 
 import h5py
 import numpy as np
@@ -13,7 +15,8 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from format_writers import noise
-from napari_phase4d.io import RawLayout, needs_layout
+from napari_phase4d.io import RawLayout, needs_layout, open_phase
+from napari_phase4d.io.films import plane
 
 FRAMES = noise(6, (24, 32), np.uint16)
 
@@ -295,3 +298,337 @@ def test_places_on_axes_of_one_name_are_taken_in_their_order(tmp_path: Path) -> 
     assert (rec.holograms.values == stack[4, 1]).all()
     rec = p4d.open_recording(tmp_path / "a.tif", dataset="Q=3")
     assert (rec.holograms.values == stack[3]).all()
+
+
+def imagej_file(folder: Path, **metadata: object) -> Path:
+    tifffile.imwrite(
+        folder / "a.tif", FRAMES, imagej=True, metadata={"axes": "TYX", **metadata}
+    )  # fmt: skip
+    return folder / "a.tif"
+
+
+@pytest.mark.parametrize(
+    ("unit", "step"), [("ms", 0.02), ("sec", 20), ("min", 1200), ("Sec", 20), ("", 20)]
+)
+def test_the_interval_of_imagej_has_a_unit(tmp_path: Path, unit: str, step: float) -> None:
+    rec = p4d.open_recording(
+        imagej_file(tmp_path, finterval=20, **({"tunit": unit} if unit else {}))
+    )
+    np.testing.assert_allclose(np.diff(rec.times_s), step)
+
+
+def test_an_interval_in_an_unknown_unit_is_not_used(tmp_path: Path) -> None:
+    rec = p4d.open_recording(imagej_file(tmp_path, finterval=20, tunit="pixel"))
+    np.testing.assert_allclose(np.diff(rec.times_s), 1)
+    assert "The frame interval of 20 pixel is in no unit of time, and is not used." in rec.notes
+    assert any("1 frame a second is assumed" in note for note in rec.notes)
+
+
+def test_the_speed_at_which_imagej_plays_is_noted(tmp_path: Path) -> None:
+    rec = p4d.open_recording(imagej_file(tmp_path, fps=7))
+    np.testing.assert_allclose(np.diff(rec.times_s), 1 / 7)
+    assert any("7 frames a second are those at which ImageJ plays" in n for n in rec.notes)
+
+
+def ome_with_times(folder: Path, times: list[float], axes: str, **facts: object) -> Path:
+    """Write an OME-TIFF whose planes note their times; 'TCYX' has two channels."""
+    n_channels = axes.count("C") + 1
+    frames = np.stack([FRAMES + c for c in range(n_channels)], axis=1)
+    tifffile.imwrite(
+        folder / "a.ome.tif", frames[:, 0] if n_channels == 1 else frames, ome=True,
+        photometric="minisblack", metadata={"axes": axes, "Plane": {"DeltaT": times}, **facts},
+    )  # fmt: skip
+    return folder / "a.ome.tif"
+
+
+def test_measured_times_beat_a_nominal_interval(tmp_path: Path) -> None:
+    times = [0.0, 0.5, 1.0, 1.6, 2.1, 2.6]
+    path = ome_with_times(tmp_path, times, "TYX", TimeIncrement=0.5)
+    rec = p4d.open_recording(path)
+    np.testing.assert_allclose(rec.times_s, times)
+    assert any("up to 0.1 s off the file's frame interval of 0.5 s" in n for n in rec.notes)
+
+
+def test_times_that_jitter_a_little_are_even(tmp_path: Path) -> None:
+    times = [0.0, 0.51, 1.0, 1.49, 2.01, 2.5]
+    rec = p4d.open_recording(ome_with_times(tmp_path, times, "TYX", TimeIncrement=0.5))
+    np.testing.assert_allclose(rec.times_s, 0.5 * np.arange(6))
+    assert not any("frame interval" in note for note in rec.notes)
+
+
+def test_times_are_those_of_the_chosen_channel(tmp_path: Path) -> None:
+    """A channel in turn with another one begins later, and its pauses are its own."""
+    own = np.array([0.2, 0.7, 1.2, 1.9, 2.2, 2.7])
+    times = np.stack([0.5 * np.arange(6), own], axis=1).ravel().tolist()
+    path = ome_with_times(tmp_path, times, "TCYX")
+    rec = p4d.open_recording(path, dataset="C=1")
+    np.testing.assert_allclose(rec.times_s, own - own[0])
+    np.testing.assert_allclose(p4d.open_recording(path, dataset="C=0").times_s, 0.5 * np.arange(6))
+
+
+@pytest.mark.parametrize("many", [False, True])
+@pytest.mark.parametrize("axis", ["C", "Z"])
+def test_an_axis_that_is_not_time_is_said_to_be_taken_for_it(
+    tmp_path: Path, axis: str, many: bool
+) -> None:
+    for name in ("a", "b")[: 1 + many]:
+        tifffile.imwrite(
+            tmp_path / f"{name}.ome.tif", FRAMES, ome=True, photometric="minisblack",
+            metadata={"axes": f"{axis}YX", "TimeIncrement": 0.5},
+        )  # fmt: skip
+    rec = p4d.open_recording(tmp_path if many else tmp_path / "a.ome.tif")
+    assert rec.n_frames == len(FRAMES) * (1 + many)
+    assert f"The axis {axis} is taken for time." in rec.notes
+    np.testing.assert_allclose(np.diff(rec.times_s), 1)
+    # Who gives a rate has said that it is time.
+    rec = p4d.open_recording(tmp_path / "a.ome.tif", frame_rate_hz=2)
+    assert not any("taken for time" in note for note in rec.notes)
+
+
+def test_slices_of_imagej_keep_their_interval(tmp_path: Path) -> None:
+    rec = p4d.open_recording(imagej_file(tmp_path, axes="ZYX", finterval=0.5))
+    assert "The axis Z is taken for time." in rec.notes
+    np.testing.assert_allclose(np.diff(rec.times_s), 0.5)
+
+
+def test_axes_without_a_name_are_time(tmp_path: Path) -> None:
+    tifffile.imwrite(tmp_path / "a.tif", FRAMES, photometric="minisblack")
+    assert not any("taken for" in n for n in p4d.open_recording(tmp_path / "a.tif").notes)
+
+
+PHASE = np.random.default_rng(5).uniform(-3, 3, (5, 2, 24, 32)).astype(np.float32)
+
+
+def phase_file(path: Path, values: np.ndarray, axes: str) -> Path:
+    tifffile.imwrite(path, values, ome=True, photometric="minisblack", metadata={"axes": axes})
+    return path
+
+
+@pytest.mark.parametrize(("axes", "order"), [("TCYX", (0, 1)), ("CTYX", (1, 0)), ("ZTYX", (1, 0))])
+def test_axes_of_phase_are_taken_by_their_names(
+    tmp_path: Path, axes: str, order: tuple[int, int]
+) -> None:
+    values = PHASE.transpose(*order, 2, 3)
+    found = open_phase(phase_file(tmp_path / "a.ome.tif", values, axes))
+    np.testing.assert_array_equal(found.values, PHASE)
+    taken = [n for n in found.attrs["notes"] if "taken for" in n]
+    assert taken == (["The axis Z is taken for views."] if "Z" in axes else [])
+
+
+def test_phase_on_a_single_further_axis(tmp_path: Path) -> None:
+    found = open_phase(phase_file(tmp_path / "c.ome.tif", PHASE[0], "CYX"))
+    np.testing.assert_array_equal(found.values, PHASE[:1])
+    assert "The axis C is taken for views." in found.attrs["notes"]
+    found = open_phase(phase_file(tmp_path / "z.ome.tif", PHASE[:, 0], "ZYX"))
+    np.testing.assert_array_equal(found.values, PHASE[:, :1])
+    assert "The axis Z is taken for time." in found.attrs["notes"]
+
+
+def test_phase_of_which_no_axis_is_time_is_asked_about(tmp_path: Path) -> None:
+    path = phase_file(tmp_path / "a.ome.tif", PHASE, "ZCYX")
+    with pytest.raises(ValueError, match='Z=5, C=2.* none of which is time.*dataset="Z=0"'):
+        open_phase(path)
+    np.testing.assert_array_equal(open_phase(path, "Z=1").values, PHASE[1:2])
+
+
+def test_phase_keeps_what_the_reader_found(tmp_path: Path) -> None:
+    tifffile.imwrite(
+        tmp_path / "a.tif", PHASE[:, 0], imagej=True,
+        metadata={"axes": "TYX", "finterval": 0.5},
+    )  # fmt: skip
+    found = open_phase(tmp_path / "a.tif")
+    np.testing.assert_allclose(found["time"], 0.5 * np.arange(5))
+    assert found.attrs["notes"] == ["Not in the file, so counted in ones: pixel, viewing angles."]
+    assert open_phase(tmp_path / "a.tif", frame_rate_hz=4)["time"][1] == 0.25
+    with h5py.File(tmp_path / "a.h5", "w") as file:
+        file["phase"], file["other"] = PHASE[:, 0], PHASE[:, 1]
+    notes = open_phase(tmp_path / "a.h5").attrs["notes"]
+    assert any("Of several arrays" in note for note in notes)
+
+
+def test_a_lost_page_of_phase_is_unknown(tmp_path: Path) -> None:
+    with tifffile.TiffWriter(tmp_path / "a.tif") as file:
+        for i in range(12):
+            frame = np.zeros((8, 8), np.uint8) if i == 4 else PHASE[i % 5, i % 2]
+            file.write(frame, contiguous=False, photometric="minisblack")
+    found = open_phase(tmp_path / "a.tif")
+    unknown = np.isnan(found.values).all(axis=(1, 2, 3))
+    assert np.flatnonzero(unknown).tolist() == [4]
+    np.testing.assert_array_equal(found.values[5, 0], PHASE[0, 1])
+    assert any("taken for a frame that is lost" in note for note in found.attrs["notes"])
+
+
+def imagej_pixel(path: Path) -> None:
+    tifffile.imwrite(
+        path, FRAMES, imagej=True, resolution=(10, 5), metadata={"axes": "TYX", "unit": "um"}
+    )  # fmt: skip
+
+
+def ome_pixel(path: Path) -> None:
+    facts = {"PhysicalSizeX": 100.0, "PhysicalSizeXUnit": "nm", "PhysicalSizeY": 0.2}
+    tifffile.imwrite(path, FRAMES, ome=True, metadata={"axes": "TYX", **facts})
+
+
+def fiji_pixel(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["frames"] = FRAMES
+        file["frames"].attrs["element_size_um"] = [1.0, 0.2, 0.1]
+
+
+def hyperspy_pixel(path: Path) -> None:
+    with h5py.File(path, "w") as file:
+        file["a/data"] = FRAMES
+        for i, scale in enumerate((1.0, 0.2, 0.1)):
+            file.create_group(f"a/axis-{i}").attrs.update(scale=scale, units="um")
+
+
+def zarr_pixel(path: Path) -> None:
+    import zarr
+
+    axes = [{"name": a, "type": "space", "unit": "micrometer"} for a in "yx"]
+    told = [{"name": "t", "type": "time"}, *axes]
+    steps = [{"type": "scale", "scale": [1.0, 0.2, 0.1]}]
+    image = {"axes": told, "datasets": [{"path": "0", "coordinateTransformations": steps}]}
+    root = zarr.open_group(str(path), mode="w")
+    root.create_array("0", data=FRAMES, chunks=(1, 24, 32))
+    root.attrs["ome"] = {"version": "0.5", "multiscales": [image]}
+
+
+@pytest.mark.parametrize(
+    ("name", "write"),
+    [
+        ("a.tif", imagej_pixel), ("a.ome.tif", ome_pixel), ("a.h5", fiji_pixel),
+        ("b.h5", hyperspy_pixel), ("a.zarr", zarr_pixel),
+    ],
+)  # fmt: skip
+def test_pixels_of_a_file_are_square(tmp_path: Path, name: str, write: Callable) -> None:
+    write(tmp_path / name)
+    sentence = f"{name} are 0.2 um high and 0.1 um wide, but must be square.* or give optics"
+    with pytest.raises(ValueError, match=sentence):
+        p4d.open_recording(tmp_path / name)
+    optics = p4d.Optics(magnification=20)
+    assert p4d.open_recording(tmp_path / name, optics).optics == optics
+
+
+def test_the_height_of_other_pixels_does_not_count(tmp_path: Path) -> None:
+    fiji_pixel(tmp_path / "a.h5")
+    with h5py.File(tmp_path / "a.h5", "r+") as file:
+        file.attrs["element_size_um"] = [1.0, 0.2, 0.1]
+        del file["frames"].attrs["element_size_um"]
+        file["frames"].attrs["pixel_um"] = 0.3
+    assert p4d.open_recording(tmp_path / "a.h5").optics.pixel_um == pytest.approx(0.3)
+
+
+def test_phase_may_have_pixels_that_are_not_square(tmp_path: Path) -> None:
+    tifffile.imwrite(
+        tmp_path / "a.tif", PHASE[:, 0], imagej=True, resolution=(10, 5),
+        metadata={"axes": "TYX", "unit": "um"},
+    )  # fmt: skip
+    found = open_phase(tmp_path / "a.tif")
+    assert [float(found[a][1]) for a in "yx"] == pytest.approx([0.2, 0.1])
+    assert [float(open_phase(tmp_path / "a.tif", pixel_um=0.5)[a][1]) for a in "yx"] == [0.5, 0.5]
+
+
+def images(folder: Path, *names: str) -> list[np.ndarray]:
+    """Write an image of each name, all of them different."""
+    frames = [FRAMES[0] + i for i in range(len(names))]
+    for name, frame in zip(names, frames, strict=True):
+        tifffile.imwrite(folder / name, frame)
+    return frames
+
+
+def test_an_image_with_another_name_is_no_frame(tmp_path: Path) -> None:
+    frames = images(tmp_path, "background.tif", *(f"frame_{i:03d}.tif" for i in range(4)))
+    rec = p4d.open_recording(tmp_path)
+    np.testing.assert_array_equal(rec.holograms.values, frames[1:])
+    told = "background.tif is named otherwise than the other files, and is left out"
+    assert any(told in note for note in rec.notes)
+    rec = p4d.open_recording(tmp_path / "*.tif")
+    np.testing.assert_array_equal(rec.holograms.values, frames)
+    told = "background.tif is named otherwise than the other files, but read with them."
+    assert told in rec.notes
+
+
+@pytest.mark.parametrize(
+    "names", [("holo.tif", "holo_1.tif", "holo_2.tif"), ("a.tif", "b.tif", "c.tif")]
+)
+def test_names_without_numbers_may_be_frames(tmp_path: Path, names: tuple[str, ...]) -> None:
+    frames = images(tmp_path, *names)
+    rec = p4d.open_recording(tmp_path)
+    np.testing.assert_array_equal(rec.holograms.values, frames)
+    assert not any("named otherwise" in note for note in rec.notes)
+
+
+@pytest.mark.parametrize("way", ["folder", "pattern", "list"])
+def test_numbers_that_are_missing_in_a_folder_are_said(tmp_path: Path, way: str) -> None:
+    names = [f"frame_{i:06d}.tif" for i in (0, 1, 2, 6, 7, 8)]
+    images(tmp_path, *names)
+    given = {"pattern": tmp_path / "*.tif", "list": [tmp_path / name for name in names]}
+    rec = p4d.open_recording(given.get(way, tmp_path))
+    told = "3 numbers are missing in the names of the files, the first behind frame_000002.tif"
+    assert sum(told in note for note in rec.notes) == 1
+
+
+def test_several_numbers_that_vary_are_said(tmp_path: Path) -> None:
+    names = [f"img_channel{c:03d}_time{t:09d}_z000.tif" for c in range(2) for t in range(3)]
+    images(tmp_path, *names)
+    notes = p4d.open_recording(tmp_path).notes
+    assert any("2 numbers in the names of the files vary and none counts" in n for n in notes)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("f_0001_120000.tif", "f_0002_120003.tif", "f_0003_120003.tif"),
+        ("f_0.9.tif", "f_1.0.tif", "f_1.1.tif", "f_1.2.tif"), ("f0.tif", "f10.tif", "f20.tif"),
+    ],
+)  # fmt: skip
+def test_names_that_count_frames_are_not_doubted(tmp_path: Path, names: tuple[str, ...]) -> None:
+    images(tmp_path, *names)
+    assert not any("names" in note for note in p4d.open_recording(tmp_path).notes)
+
+
+def test_numbers_that_are_missing_among_datasets_are_said(tmp_path: Path) -> None:
+    with numbered(tmp_path / "a.h5", 6) as file:
+        del file["video/2"], file["video/3"]
+        file["video/6"], file["video/7"] = FRAMES[0], FRAMES[1]
+    rec = p4d.open_recording(tmp_path / "a.h5")
+    told = "2 numbers are missing in the names of the datasets, the first behind video/1"
+    assert rec.n_frames == 6
+    assert any(told in note for note in rec.notes)
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        ("holo_0.1.tif", "holo_0.15.tif", "holo_0.2.tif", "holo_10.05.tif"),
+        ("run1.8.tif", "run1.9.tif", "run1.10.tif", "run1.11.tif"),
+        ("t1.05.tif", "t1.10.tif", "t1.20.tif", "t2.00.tif"), ("f.9.tif", "f.10.tif", "f.11.tif"),
+        ("26.2.1.tif", "26.11.2.tif"),
+    ],
+)  # fmt: skip
+def test_numbers_with_decimals_have_their_order(tmp_path: Path, names: tuple[str, ...]) -> None:
+    frames = images(tmp_path, *names)
+    for given in (tmp_path, tmp_path / "*.tif"):
+        rec = p4d.open_recording(given)
+        np.testing.assert_array_equal(rec.holograms.values, frames)
+        told = any("taken for decimals" in note for note in rec.notes)
+        assert told == ("holo_0.15.tif" in names)
+
+
+@pytest.mark.parametrize("begins_with_the_last_line", [False, True])
+def test_lines_from_the_bottom_up_are_turned_or_refused(begins_with_the_last_line: bool) -> None:
+    """Older PyAV gives what lies behind the upper line, which is the last one in memory."""
+
+    class Plane(bytearray):
+        line_size, height, buffer_ptr = -32, 24, 0
+
+    part = Plane(FRAMES[0, ::-1].astype(np.uint8).tobytes())
+    start = np.frombuffer(part, np.uint8).ctypes.data
+    part.buffer_ptr = start if begins_with_the_last_line else start + 23 * 32
+    picture = SimpleNamespace(planes=[part])
+    if begins_with_the_last_line:
+        with pytest.raises(ValueError, match="stored from the bottom up; .* --upgrade"):
+            plane(picture, 0, 30)
+    else:
+        np.testing.assert_array_equal(plane(picture, 0, 30), FRAMES[0, :, :30].astype(np.uint8))

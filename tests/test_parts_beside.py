@@ -141,6 +141,25 @@ def test_a_batch_runs_again_what_has_changed_beside(tmp_path: Path) -> None:
     assert run() == ["done"]
 
 
+@pytest.mark.parametrize("way", ["folder", "pattern", "list", "beside others", "master last"])
+def test_the_frames_of_an_ome_series_are_read_once(way: str, tmp_path: Path) -> None:
+    ome_series(tmp_path)
+    expected, given = FRAMES, {"pattern": tmp_path / "*.tif"}.get(way, tmp_path)
+    if way == "list":
+        given = [tmp_path / "one.ome.tif", tmp_path / "two.ome.tif"]
+    elif way == "beside others":
+        tifffile.imwrite(tmp_path / "three.tif", FRAMES[::-1], photometric="minisblack")
+        given = [tmp_path / f"{name}.tif" for name in ("one.ome", "two.ome", "three")]
+        expected = np.concatenate([FRAMES, FRAMES[::-1]])
+    elif way == "master last":
+        pointer = f'<BinaryOnly MetadataFile="two.ome.tif" UUID="urn:uuid:{TWO}"/></OME>'
+        text = OME.format(own=ONE, parts="").split("<Image")[0] + pointer
+        name = tmp_path / "one.ome.tif"
+        tifffile.imwrite(name, FRAMES[:2], description=text, metadata=None, ome=False)
+    rec = p4d.open_recording(given)
+    np.testing.assert_array_equal(rec.holograms.values, expected)
+
+
 def test_a_renamed_file_needs_no_other(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "before.ome.tif", FRAMES, metadata={"axes": "TYX"}, ome=True)
     before = fingerprint(tmp_path / "before.ome.tif")

@@ -45,7 +45,7 @@ from napari_phase4d.io import (
     write_phase,
 )
 from napari_phase4d.io.results import is_result
-from napari_phase4d.io.sequences import by_number
+from napari_phase4d.io.sequences import in_order
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import Recipe
@@ -96,7 +96,7 @@ def read(path: str | list[str]) -> list[LayerTuple]:
     Several files follow one another in time, in the order of the numbers in their names.
     """
     if isinstance(path, list) and len(path) > 1:
-        return [hologram_layer(open_recording(sorted(map(Path, path), key=by_number)))]
+        return [hologram_layer(open_recording(in_order(map(Path, path))))]
     file = Path(path[0] if isinstance(path, list) else path)
     if needs_layout(file):
         msg = (

@@ -387,10 +387,16 @@ def is_float(picture: Any) -> bool:
 
 
 def plane(picture: Any, number: int, width: int) -> NDArray[np.uint8]:
-    """Return the bytes of a plane without the padding of its lines."""
+    """Return the bytes of a plane without the padding of its lines, the upper line first."""
     part = picture.planes[number]
-    lines = np.frombuffer(part, np.uint8).reshape(-1, abs(part.line_size))
-    return np.ascontiguousarray(lines[: part.height, :width])
+    lines = np.frombuffer(part, np.uint8).reshape(-1, abs(part.line_size))[: part.height]
+    if part.line_size < 0:  # from the bottom up, as uncompressed films of Windows are stored
+        if lines.ctypes.data == part.buffer_ptr and part.height > 1:
+            # The upper line lies last, but older PyAV takes it for the first one and reads on.
+            msg = 'it is stored from the bottom up; to read it, pip install --upgrade "av"'
+            raise ValueError(msg)
+        lines = lines[::-1]
+    return np.ascontiguousarray(lines[:, :width])
 
 
 def palette_of(picture: Any) -> NDArray[np.uint8]:

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Unsound, beside, in_one_line, lazy_frames
+from napari_phase4d.io.sequences import gap_in
 from napari_phase4d.io.video import (
     LARGEST_PIECE,
     MICROMETRES,
@@ -85,7 +86,7 @@ def read_hdf5(path: Path, dataset: str | None = None) -> Video:
         frames_of(path, names, *arrays[name]),
         kind="HDF5",
         dataset=name,
-        notes=other_arrays(name, arrays, dataset),
+        notes=(*other_arrays(name, arrays, dataset), *gap_in(names, "datasets")),
         **facts,
     )
 
@@ -207,6 +208,8 @@ def facts_of(file: Any, name: str) -> Facts:
     item = file[name]
     nearest_last = (axes_facts(item.parent), facts_in(file.attrs), facts_in(item.parent.attrs))
     for found in (*nearest_last, facts_in(item.attrs)):
+        if "pixel_um" in found:  # which may be another one than that whose height is known
+            facts.pop("height_um", None)
         facts.update(found)
     return facts
 
@@ -220,6 +223,8 @@ def facts_in(attrs: Mapping[str, Any]) -> Facts:
     sizes = np.ravel(attrs.get("element_size_um", ()))
     if len(sizes) and positive(sizes[-1]):
         facts["pixel_um"] = positive(sizes[-1])
+        if positive(sizes[-2:][0]):
+            facts["height_um"] = positive(sizes[-2:][0])
     for name, unit in INTERVAL_ATTRS.items():
         if positive(attrs.get(name)):
             facts["interval_s"] = positive(attrs.get(name)) * unit
@@ -239,6 +244,9 @@ def axes_facts(group: Any) -> Facts:
     unit = MICROMETRES.get(text(axes[-1].get("units")))
     if unit and positive(axes[-1].get("scale")):
         facts["pixel_um"] = positive(axes[-1].get("scale")) * unit
+    unit = MICROMETRES.get(text(axes[-2].get("units")))
+    if unit and positive(axes[-2].get("scale")):
+        facts["height_um"] = positive(axes[-2].get("scale")) * unit
     unit = SECONDS.get(text(axes[0].get("units")))
     if len(axes) == 3 and unit and positive(axes[0].get("scale")):
         facts["interval_s"] = positive(axes[0].get("scale")) * unit

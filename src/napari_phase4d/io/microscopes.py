@@ -390,9 +390,11 @@ def chosen_place(path: Path, sizes: dict[str, int], dataset: str | None) -> dict
 def facts_of(image: Any) -> Facts:
     """Return pixel (um) and interval (s) where the file says them."""
     facts: Facts = {}
-    pixel = image.physical_pixel_sizes.X
-    if pixel and np.isfinite(pixel) and pixel > 0:
-        facts["pixel_um"] = float(pixel)
+    width, height = image.physical_pixel_sizes.X, image.physical_pixel_sizes.Y
+    if width and np.isfinite(width) and width > 0:
+        facts["pixel_um"] = float(width)
+    if height and np.isfinite(height) and height > 0:
+        facts["height_um"] = float(height)
     try:
         interval = image.time_interval
     except Exception:

@@ -22,12 +22,15 @@ from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.results import holds_phase, open_phase, result_attrs
 from napari_phase4d.io.video import (
     LARGEST_SIDE,
+    TIME,
     Video,
     axes_in_words,
     axes_to_choose,
     choice,
     colour_sentence,
     memory_lacks,
+    sensible,
+    taken_for_time,
 )
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics
@@ -55,8 +58,6 @@ __all__ = [
 
 #: Share of the free memory that a single frame may take.
 SHARE_OF_A_FRAME = 0.25
-#: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
-LEAST_FACT, LARGEST_FACT = 1e-9, 1e9
 
 
 def open_recording(
@@ -231,6 +232,8 @@ def recording_of(
     notes = list(video.notes)
     interval, pixel = sensible(video.interval_s), sensible(video.pixel_um)
     times_s = None
+    if frame_rate_hz is None and len(video.axes) == getattr(frames, "ndim", 0) == 3:
+        notes += [taken_for_time(axis) for axis in video.axes[:1] if axis not in TIME]
     if frame_rate_hz is None and video.times_s is not None:
         times_s = video.times_s
     elif frame_rate_hz is None and interval is not None:
@@ -238,6 +241,9 @@ def recording_of(
     elif frame_rate_hz is None:
         notes.append("The frame rate is not in the data; 1 frame a second is assumed.")
     if optics is None and pixel is not None:
+        check_square(
+            sensible(video.height_um) or pixel, pixel, name, "correct the file, or give optics"
+        )
         optics = optics_for_pixel(pixel)
         notes.append(
             f"The pixel is {pixel:.4g} um wide according to the file; "
@@ -255,11 +261,6 @@ def recording_of(
         notes=tuple(notes),
         kind=video.kind,
     )
-
-
-def sensible(fact: float | None) -> float | None:
-    """Return the pixel (um) or interval (s) that a file gives, None if it can't be true."""
-    return fact if fact is not None and LEAST_FACT <= fact <= LARGEST_FACT else None
 
 
 def check_axes(video: Video, name: str) -> None:

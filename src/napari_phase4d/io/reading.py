@@ -27,6 +27,7 @@ from napari_phase4d.io.sequences import (
     PICTURE_SUFFIXES,
     files_of,
     files_of_folder,
+    notes_of_names,
     read_files,
     read_image,
 )
@@ -190,8 +191,11 @@ def read_joined(
     if files[0].suffix.lower() in PICTURE_SUFFIXES and raw is None:
         refuse_choice(name, dataset)
     if not dataset and raw is None:
-        return read_files(name, files, read_part)
-    return read_files(name, files, partial(read_part, dataset=dataset, raw=raw), whole=False)
+        video = read_files(name, files, read_part)
+    else:
+        read_one = partial(read_part, dataset=dataset, raw=raw)
+        video = read_files(name, files, read_one, whole=False)
+    return replace(video, notes=(*video.notes, *notes_of_names(files)))
 
 
 def read_part(path: Path, dataset: str | None = None, raw: RawLayout | None = None) -> Video:

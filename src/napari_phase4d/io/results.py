@@ -31,7 +31,16 @@ from napari_phase4d.io.raw import holds_holograms, read_npy, read_npz
 from napari_phase4d.io.reading import check_there
 from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, read_tiff
-from napari_phase4d.io.video import Video, check_fits, quiet
+from napari_phase4d.io.video import (
+    TIME,
+    Video,
+    axes_in_words,
+    check_fits,
+    choice,
+    quiet,
+    sensible,
+    taken_for_time,
+)
 from napari_phase4d.io.zarr_files import check_zarr_or_none, is_zarr, read_zarr
 from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
 from napari_phase4d.later import pd, tifffile, xr
@@ -344,6 +353,8 @@ ARRAYS = "phase that is an array already goes to unwrap() as it is"
 LARGE_PIXEL_UM = 1e4
 #: Names looked for first in an .npz file with several arrays.
 PHASE_NAMES = ("wrapped", "phase", "unwrapped")
+#: Axes that views lie on in files of other programs: channels, and angles.
+VIEWS = "CA"
 
 
 def open_phase(
@@ -362,7 +373,8 @@ def open_phase(
         An OME-TIFF or OME-Zarr that this program wrote, with its times, angles and pixels; a
         .npy, .npz or TIFF file with (y, x), (time, y, x) or (time, angle, y, x); an HDF5, Zarr or
         OME-Zarr of any program with (y, x) or (time, y, x); or phase of Koala, a .bin file or a
-        folder of them.
+        folder of them. Axes that a TIFF names are taken by their names: of T and another one T is
+        time, and channels are views.
     dataset : str, optional
         Which array of an .npz, HDF5 or Zarr file, or which place on further axes of a TIFF or
         OME-Zarr, as "C=0". Default, for .npz: ``wrapped``, ``phase`` or ``unwrapped``, else the
@@ -404,34 +416,84 @@ def open_phase(
         )
         raise ValueError(msg)
     check_fits(values.size * np.dtype(np.float32).itemsize, path.name)
-    dims = PLAIN_AXES[values.ndim]
+    dims, notes = axes_of_phase(video, path.name)
     stack = xr.DataArray(np.asarray(values, dtype=np.float32), dims=dims, name=path.stem)
+    if video.lost:
+        stack = stack.copy()
+        stack[{"time": list(video.lost)}] = np.nan
     full = stack.expand_dims([d for d in AXES if d not in dims]).transpose(*AXES)
     if angles_deg is not None and len(angles_deg) != full.sizes["angle"]:
         msg = (
             f"{path.name} has {full.sizes['angle']} views, but {len(angles_deg)} angles are given"
         )
         raise ValueError(msg)
-    pixel_um = video.pixel_um if pixel_um is None else pixel_um
-    times_s = video.times_s if frame_rate_hz is None else None
-    steps = {"time": 1 / (frame_rate_hz or 1), "y": pixel_um or 1, "x": pixel_um or 1}
-    places = {d: np.arange(full.sizes[d]) * float(steps.get(d, 1)) for d in AXES}
-    if times_s is not None:
-        places["time"] = times_s
-    if angles_deg is not None:
-        places["angle"] = np.asarray(angles_deg, dtype=np.float64)
-    coords = {d: coordinate(d, places[d]) for d in AXES}
-    rate = frame_rate_hz if times_s is None else times_s
-    given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
-    missing = [name for name, value in given.items() if value is None]
+    coords, missing = places_of_phase(full, video, pixel_um, frame_rate_hz, angles_deg)
     attrs: dict[str, Any] = {
         "units": "rad",
         "object": path.stem,
         "source": address_of(path) or str(path),
     }
     if missing:
-        attrs["notes"] = [f"Not in the file, so counted in ones: {', '.join(missing)}."]
+        notes.append(f"Not in the file, so counted in ones: {', '.join(missing)}.")
+    if notes:
+        attrs["notes"] = notes
     return full.assign_coords(coords).assign_attrs(attrs)
+
+
+def places_of_phase(
+    stack: xr.DataArray,
+    video: Video,
+    pixel_um: float | None,
+    frame_rate_hz: float | None,
+    angles_deg: Sequence[float] | None,
+) -> tuple[dict[str, Any], list[str]]:
+    """Return coordinates by what is given, else by the file, and what neither of them says."""
+    height_um = pixel_um
+    if pixel_um is None:
+        pixel_um = sensible(video.pixel_um)
+        height_um = sensible(video.height_um) if pixel_um else None
+    interval_s = sensible(video.interval_s) if frame_rate_hz is None else 1 / frame_rate_hz
+    times_s = video.times_s if frame_rate_hz is None else None
+    steps = {"time": interval_s or 1, "y": height_um or pixel_um or 1, "x": pixel_um or 1}
+    places = {d: np.arange(stack.sizes[d]) * float(steps.get(d, 1)) for d in AXES}
+    if times_s is not None:
+        places["time"] = times_s
+    if angles_deg is not None:
+        places["angle"] = np.asarray(angles_deg, dtype=np.float64)
+    rate = interval_s if times_s is None else times_s
+    given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
+    missing = [name for name, value in given.items() if value is None]
+    return {d: coordinate(d, places[d]) for d in AXES}, missing
+
+
+def axes_of_phase(video: Video, name: str) -> tuple[tuple[str, ...], list[str]]:
+    """Return the axes of phase by the letters of the file, and its notes.
+
+    Raises
+    ------
+    ValueError
+        If of two axes before y and x none is time.
+    """
+    n_axes, notes = video.frames.ndim, list(video.notes)
+    further = video.axes[:-2] if len(video.axes) == n_axes else ""
+    in_time = [axis for axis in further if axis in TIME]
+    if not further or (len(in_time) > 1 and "T" not in in_time):
+        return PLAIN_AXES[n_axes], notes
+    if len(further) > 1 and not in_time:
+        words = axes_in_words(video.axes, video.frames.shape)
+        msg = (
+            f"{name} has {words}, none of which is time; phase is a stack (time, angle, y, x), so "
+            f"choose one place, as with {choice(further[:1])}"
+        )
+        raise ValueError(msg)
+    time = "T" if "T" in further else (in_time or [a for a in further if a not in VIEWS])[:1]
+    dims = tuple("time" if axis in time else "angle" for axis in further)
+    for axis, dim in zip(further, dims, strict=True):
+        if dim == "time" and axis not in TIME:
+            notes.append(taken_for_time(axis))
+        elif dim == "angle" and axis not in TIME and (len(further) == 1 or axis not in VIEWS):
+            notes.append(f"The axis {axis} is taken for views.")
+    return (*dims, "y", "x"), notes
 
 
 def check_angles(angles_deg: Any) -> None:

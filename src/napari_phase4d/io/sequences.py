@@ -8,7 +8,7 @@ import threading
 import warnings
 from bisect import bisect_right
 from collections import Counter, OrderedDict
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.io.lazy import FrameReader, Unsound, WrongFrameError, lazy_frames
-from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described
-from napari_phase4d.io.video import Video, colour_sentence, grey, quiet
+from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, tiff_parts
+from napari_phase4d.io.video import Video, colour_sentence, grey, listed, quiet
 from napari_phase4d.later import tifffile
 from napari_phase4d.recording import one_frame
 
@@ -30,7 +30,10 @@ __all__ = [
     "by_number",
     "files_of",
     "files_of_folder",
+    "gap_in",
+    "in_order",
     "load_image",
+    "notes_of_names",
     "of_usual_pattern",
     "pattern_of",
     "read_files",
@@ -48,7 +51,8 @@ ReadOne = Callable[[Path], Video]
 def files_of_folder(folder: Path, suffixes: Sequence[str]) -> tuple[list[Path], tuple[str, ...]]:
     """Return the files of a folder that make a recording, in the order of their numbers.
 
-    Where there are images, they are taken; of several kinds the most frequent one.
+    Where there are images, they are taken; of several kinds the most frequent one. What has
+    another name than most of them is left out, as where a background lies among frames.
 
     Raises
     ------
@@ -63,11 +67,17 @@ def files_of_folder(folder: Path, suffixes: Sequence[str]) -> tuple[list[Path], 
         msg = f"{folder.name} holds no images ({', '.join(IMAGE_SUFFIXES)})"
         raise OSError(msg)
     best = max(usable, key=lambda s: (kinds[s], s))
-    files = sorted((folder / n for n in names if Path(n).suffix.lower() == best), key=by_number)
-    others = [s for s in usable if s != best]
-    if not others:
-        return files, ()
-    return files, (f"{folder.name} also holds {', '.join(others)} files, which are not read.",)
+    alike, strange = by_name([n for n in names if Path(n).suffix.lower() == best])
+    notes = []
+    if others := [s for s in usable if s != best]:
+        notes.append(f"{folder.name} also holds {', '.join(others)} files, which are not read.")
+    if strange:
+        are = "is" if len(strange) == 1 else "are"
+        notes.append(
+            f"{listed(strange)} {are} named otherwise than the other files, and {are} left out; "
+            "to read all, give a name with * or a list."
+        )
+    return in_order(folder / name for name in alike), tuple(notes)
 
 
 def files_of(pattern: Path) -> list[Path]:
@@ -78,7 +88,7 @@ def files_of(pattern: Path) -> list[Path]:
     OSError
         If there are none.
     """
-    files = sorted((p for p in pattern.parent.glob(pattern.name) if p.is_file()), key=by_number)
+    files = in_order(p for p in pattern.parent.glob(pattern.name) if p.is_file())
     if not files:
         msg = f"there is no file {pattern}"
         raise OSError(msg)
@@ -91,7 +101,7 @@ def read_files(
     """Open files as one video, lazily.
 
     Images are frames, and only the first is read. Stacks are joined over time, and of each the
-    header is read.
+    header is read. The files of an OME-TIFF series are one stack.
 
     Parameters
     ----------
@@ -126,16 +136,38 @@ def read_files(
     if whole and alone and files[0].suffix.lower() in IMAGE_SUFFIXES:
         images = ImageFiles(name, files, (len(files), *shape), dtype)
         return replaced(Video(lazy_frames(images)), first, f"{len(files)} {first.kind} images")
+    stacks = without_parts(files)
+    if len(stacks) == 1 < len(files):
+        return read_one(stacks[0])
+    files = stacks
     lengths = [length_of(path, read_one, shape, dtype) for path in files]
     reader = JoinedFiles(name, files, lengths, (sum(lengths), *shape), dtype, read_one)
     return replaced(Video(lazy_frames(reader)), first, f"{len(files)} {first.kind} files")
+
+
+def without_parts(files: Sequence[Path]) -> Sequence[Path]:
+    """Return files without those whose frames are read with another one.
+
+    Each file of an OME-TIFF series may describe them all, or only one of them does.
+    """
+    if files[0].suffix.lower() not in TIFF_SUFFIXES:
+        return files
+    kept: list[tuple[Path, Path]] = []
+    read: set[Path] = set()
+    for file in files:
+        place = file.resolve()
+        if place not in read:
+            kept.append((file, place))
+            read.update(part.resolve() for part in tiff_parts(file))
+    # One that knows nothing of the others may come before the one that names them all.
+    return [file for file, place in kept if place not in read]
 
 
 def replaced(video: Video, first: Video, kind: str) -> Video:
     """Return the video with the facts of its first file."""
     return Video(
         video.frames, pixel_um=first.pixel_um, interval_s=first.interval_s, kind=kind,
-        notes=first.notes,
+        axes=first.axes, notes=first.notes, height_um=first.height_um,
     )  # fmt: skip
 
 
@@ -266,6 +298,31 @@ def by_number(path: Path) -> tuple[list[int], str]:
     return [int(n) for n in re.findall(r"\d+", path.stem)], path.name
 
 
+def in_order(files: Iterable[Path]) -> list[Path]:
+    """Return files in the order of the numbers in their names, decimal ones too."""
+    found = list(files)
+    key = by_decimal if have_decimals([file.name for file in found]) else by_number
+    return sorted(found, key=key)
+
+
+def have_decimals(names: Sequence[str]) -> bool:
+    """Say whether digits behind a point in some names are decimals.
+
+    They are where some have more of them than others and none ends in 0, as programs write times;
+    else they are numbers of their own, which go on from 9 to 10, as they are in dates.
+    """
+    stems = [Path(name).stem for name in names]
+    parts = [part for stem in stems for part in re.findall(r"(?<=\d\.)\d+", stem)]
+    if len(set(map(len, parts))) < 2 or any(re.search(r"\d\.\d+\.\d", stem) for stem in stems):
+        return False
+    return not any(len(part) > 1 and part.endswith("0") for part in parts)
+
+
+def by_decimal(path: Path) -> tuple[list[float], str]:
+    """Sort key: the numbers in the name, with their decimals."""
+    return [float(n) for n in re.findall(r"\d+(?:\.\d+)?", path.stem)], path.name
+
+
 PICTURE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm", ".jp2")
 IMAGE_SUFFIXES = (*PICTURE_SUFFIXES, *TIFF_SUFFIXES)
 #: Values that an image may have: more than any camera's, times three for colour.
@@ -379,3 +436,70 @@ def of_usual_pattern(names: Sequence[str]) -> list[str]:
     patterns = Counter(map(pattern_of, names))
     usual = max(patterns, key=lambda p: (patterns[p], p), default="")
     return [name for name in names if pattern_of(name) == usual]
+
+
+def by_name(names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return names that are of one recording, and those of something else beside it.
+
+    Where no pattern is that of most names, all are of it; so is what has the same letters, since
+    programs give the first of several files no number.
+    """
+    usual = of_usual_pattern(names)
+    if 2 * len(usual) <= len(names):
+        return list(names), []
+    word = letters_of(usual[0])
+    strange = [name for name in names if letters_of(name) != word]
+    return [name for name in names if letters_of(name) == word], sorted(strange)
+
+
+def letters_of(name: str) -> str:
+    """Return the letters in a name, without its ending."""
+    return re.sub(r"[\W\d_]+", "", Path(name).stem)
+
+
+def notes_of_names(files: Sequence[Path]) -> tuple[str, ...]:
+    """Return what the names of files that are read one after the other let doubt."""
+    names = [file.name for file in files]
+    strange = by_name(names)[1]
+    notes = []
+    if strange:
+        are = "is" if len(strange) == 1 else "are"
+        notes.append(
+            f"{listed(strange)} {are} named otherwise than the other files, but read with them."
+        )
+    if have_decimals(names):
+        notes.append("Digits behind a point in the names of the files are taken for decimals.")
+    if len(set(map(pattern_of, names))) == 1:
+        notes += [*gap_in(names), *grid_in(names)]
+    return tuple(notes)
+
+
+def gap_in(names: Sequence[str], what: str = "files") -> Iterator[str]:
+    """Yield a note where the numbers that count files, or what else has names, leave some out."""
+    numbering = Numbering(names)
+    missing = numbering.count(names) - len(names)
+    # Digits behind a point are a part of a number, as of a time, and count nothing.
+    is_part = numbering.pattern.split("#")[numbering.column or 0] == "."
+    if missing > 0 and not is_part:
+        ordered = sorted(names, key=lambda name: numbering.index(name) or 0)
+        steps = np.diff([numbering.index(name) or 0 for name in ordered])
+        are = "number is" if missing == 1 else "numbers are"
+        yield (
+            f"{missing} {are} missing in the names of the {what}, the first behind "
+            f"{ordered[int(np.argmax(steps > 1))]}; frames follow each other all the same, so "
+            "that later ones come too early."
+        )
+
+
+def grid_in(names: Sequence[str]) -> Iterator[str]:
+    """Yield a note where several numbers vary, as channels and times do, and none counts all."""
+    rows = [re.findall(r"\d+(?:\.\d+)?", Path(name).stem) for name in names]
+    lengths = {len(row) for row in rows}
+    counts = [len(set(column)) for column in zip(*rows, strict=True)] if len(lengths) == 1 else []
+    varying = [n for n in counts if n > 1]
+    if len(varying) > 1 and max(varying) < len(names):
+        yield (
+            f"{len(varying)} numbers in the names of the files vary and none counts them all, as "
+            "where channels or positions have files of their own; all are read one after the "
+            "other, and a name with * reads some."
+        )

@@ -6,6 +6,7 @@ import math
 import re
 import struct
 import xml.etree.ElementTree as ET
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +22,7 @@ from napari_phase4d.io.lazy import (
 from napari_phase4d.io.tiff_frames import (
     frames_among_others,
     layout_of,
+    lost_among,
     main_series,
     paged_frames,
     pages_left_out,
@@ -29,6 +31,7 @@ from napari_phase4d.io.video import (
     MICROMETRES,
     MOST_DESCRIBED_FRAMES,
     SECONDS,
+    TIME,
     Facts,
     Video,
     axes_in_words,
@@ -36,10 +39,13 @@ from napari_phase4d.io.video import (
     quiet,
 )
 from napari_phase4d.later import tifffile
+from napari_phase4d.words import printable
 
 __all__ = ["TIFF_SUFFIXES", "check_complete", "check_described", "read_tiff", "tiff_parts"]
 
 TIFF_SUFFIXES = (".tif", ".tiff", ".btf", ".tf8")
+#: Share of a step by which measured times may be off an even grid.
+EVEN = 0.05
 
 
 def read_tiff(path: Path, dataset: str | None = None) -> Video:
@@ -80,10 +86,10 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             described = tif.is_ome or tif.is_imagej or tif.is_shaped
             if offset is None or not described:  # else one look at the size is enough
                 check_complete(tif, path)
-            facts = ome_facts(tif) if tif.is_ome else imagej_facts(tif)
-            times = ome_times(tif) if tif.is_ome else None
+            facts, notes = (ome_facts(tif), ()) if tif.is_ome else imagej_facts(tif)
+            planes = ome_planes(tif) if tif.is_ome else []
             check_number(tif, path, shape)
-            kind = kind_of(tif)
+            kind, in_stacks = kind_of(tif), bool(tif.is_imagej)
             coloured = not tif.is_imagej and has_colours(first.keyframe)
             left_out = pages_left_out(tif, mixed)
             dtype = np.dtype(first.dtype)
@@ -103,6 +109,41 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
             f"({in_one_line(error)})"
         )
         raise OSError(msg) from error
+    check_pictures(path, axes, shape, dtype, coloured=coloured)
+    places = chosen_places(path, axes, shape, dataset)
+    left = "".join(a for a, place in zip(axes, places, strict=True) if not isinstance(place, int))
+    if offset is not None and "S" not in left:
+        frames = map_frames(path, dtype.newbyteorder(order), shape, offset)[places]
+    else:
+        frames = paged_frames(path, shape, places, dtype, colour="S" in axes, mixed=bool(mixed))
+        left = left.replace("S", "")
+    chosen = {a: place for a, place in zip(axes, places, strict=True) if isinstance(place, int)}
+    times = times_of(planes, chosen)
+    if not has_interval(left, in_stacks=in_stacks):
+        facts.pop("interval_s", None)
+    in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
+    times, told = measured(times if in_time else None, facts.get("interval_s"))
+    if times is not None:
+        facts.pop("interval_s", None)
+    return Video(
+        frames, kind=kind, axes=left, dataset=dataset or "", times_s=times,
+        notes=(*left_out, *notes, *told), lost=lost_among(mixed, places[0]), **facts,
+    )  # fmt: skip
+
+
+def has_interval(axes: str, *, in_stacks: bool) -> bool:
+    """Say whether any of some axes is time, so that an interval between frames means something.
+
+    Users of ImageJ often have time where it has slices.
+    """
+    further = axes.removesuffix("YX")
+    return not further or any(a in TIME for a in further) or (in_stacks and further == "Z")
+
+
+def check_pictures(
+    path: Path, axes: str, shape: tuple[int, ...], dtype: np.dtype[Any], *, coloured: bool
+) -> None:
+    """Refuse what is no picture of real grey values."""
     if axes.rstrip("S")[-2:] != "YX":
         msg = f"{path.name} holds no pictures, but {axes_in_words(axes, shape)}; it may be damaged"
         raise OSError(msg)
@@ -115,18 +156,6 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
     if dtype.kind not in "buif":
         msg = f"{path.name} holds {dtype} values; a hologram video needs real numbers"
         raise ValueError(msg)
-    places = chosen_places(path, axes, shape, dataset)
-    left = "".join(a for a, place in zip(axes, places, strict=True) if not isinstance(place, int))
-    if offset is not None and "S" not in left:
-        frames = map_frames(path, dtype.newbyteorder(order), shape, offset)[places]
-    else:
-        frames = paged_frames(path, shape, places, dtype, colour="S" in axes, mixed=bool(mixed))
-        left = left.replace("S", "")
-    in_time = times is not None and left[:1] == "T" and len(times) == len(frames)
-    return Video(
-        frames, kind=kind, axes=left, dataset=dataset or "",
-        times_s=times if in_time and "interval_s" not in facts else None, notes=left_out, **facts,
-    )  # fmt: skip
 
 
 def kind_of(tif: tifffile.TiffFile) -> str:
@@ -200,21 +229,41 @@ def check_number(tif: tifffile.TiffFile, path: Path, shape: tuple[int, ...]) -> 
         raise Unsound(msg)
 
 
-def imagej_facts(tif: tifffile.TiffFile) -> Facts:
-    """Return pixel size (um) and frame interval (s) of an ImageJ file, where given."""
+def imagej_facts(tif: tifffile.TiffFile) -> tuple[Facts, tuple[str, ...]]:
+    """Return pixel size (um) and frame interval (s) of an ImageJ file, where given, with notes."""
     meta = tif.imagej_metadata or {}
-    facts: Facts = {}
-    if number(meta.get("finterval")) > 0:
-        facts["interval_s"] = number(meta["finterval"])
-    elif number(meta.get("fps")) > 0:
-        facts["interval_s"] = 1 / number(meta["fps"])
-    resolution = tif.pages.first.tags.get("XResolution")
-    unit = MICROMETRES.get(str(meta.get("unit", "")))
-    if resolution is not None and unit:
-        pixels, per = resolution.value
-        if pixels > 0:
-            facts["pixel_um"] = per / pixels * unit
-    return facts
+    facts, notes = imagej_interval(meta)
+    unit = MICROMETRES.get(str(meta.get("unit", "")), 0.0)
+    if width := side_by(tif, "XResolution") * unit:
+        facts["pixel_um"] = width
+    if height := side_by(tif, "YResolution") * unit:
+        facts["height_um"] = height
+    return facts, notes
+
+
+def side_by(tif: tifffile.TiffFile, tag: str) -> float:
+    """Return how wide a pixel is by a tag that counts pixels, in the unit of the file, else 0."""
+    resolution = tif.pages.first.tags.get(tag)
+    pixels, per = (0, 0) if resolution is None else resolution.value
+    return float(per / pixels) if pixels > 0 else 0.0
+
+
+def imagej_interval(meta: Mapping[str, Any]) -> tuple[Facts, tuple[str, ...]]:
+    """Return the frame interval (s) that ImageJ noted, and what is to be known of it."""
+    if (interval := number(meta.get("finterval"))) > 0:
+        named = str(meta.get("tunit", "s")).strip()
+        unit = SECONDS.get(named, SECONDS.get(named.lower()))
+        if unit is not None:
+            return {"interval_s": interval * unit}, ()
+        told = f"{interval:g} {printable(named)}".strip()
+        return {}, (f"The frame interval of {told} is in no unit of time, and is not used.",)
+    if (speed := number(meta.get("fps"))) > 0:
+        # ImageJ means how fast it plays the stack, but other programs write how it was recorded.
+        return {"interval_s": 1 / speed}, (
+            f"The {speed:g} frames a second are those at which ImageJ plays the recording; check "
+            "the frame rate.",
+        )
+    return {}, ()
 
 
 def ome_facts(tif: tifffile.TiffFile) -> Facts:
@@ -223,28 +272,62 @@ def ome_facts(tif: tifffile.TiffFile) -> Facts:
     pixels = ome_pixels(tif)
     if pixels is None:
         return facts
-    unit = MICROMETRES.get(pixels.get("PhysicalSizeXUnit", "µm"), 0.0)
-    if number(pixels.get("PhysicalSizeX")) * unit > 0:
-        facts["pixel_um"] = number(pixels.get("PhysicalSizeX")) * unit
+    width, height = (
+        number(pixels.get(f"PhysicalSize{axis}"))
+        * MICROMETRES.get(pixels.get(f"PhysicalSize{axis}Unit", "µm"), 0.0)
+        for axis in "XY"
+    )
+    if width > 0:
+        facts["pixel_um"] = width
+    if height > 0:
+        facts["height_um"] = height
     unit = SECONDS.get(pixels.get("TimeIncrementUnit", "s"), 0.0)
     if number(pixels.get("TimeIncrement")) * unit > 0:
         facts["interval_s"] = number(pixels.get("TimeIncrement")) * unit
     return facts
 
 
-def ome_times(tif: tifffile.TiffFile) -> NDArray[np.float64] | None:
-    """Return the time of each frame (s) of an OME-TIFF file that notes it with every plane."""
+def ome_planes(tif: tifffile.TiffFile) -> list[tuple[dict[str, int], float]]:
+    """Return place and time (s) of the planes of an OME-TIFF file that note them."""
     pixels = ome_pixels(tif)
-    times: dict[int, float] = {}
+    planes: list[tuple[dict[str, int], float]] = []
     for plane in () if pixels is None else [e for e in pixels if e.tag.endswith("Plane")]:
         unit = SECONDS.get(plane.get("DeltaTUnit", "s"))
         given = plane.get("DeltaT")
-        if unit and given is not None and plane.get("TheT", "").isdigit():
-            times.setdefault(int(plane.get("TheT", "0")), number(given) * unit)
+        place = [plane.get(f"The{axis}", "" if axis == "T" else "0") for axis in "TCZ"]
+        if unit and given is not None and all(n.isdecimal() for n in place):
+            numbers = dict(zip("TCZ", map(int, place), strict=True))
+            planes.append((numbers, number(given) * unit))
+    return planes
+
+
+def times_of(
+    planes: Sequence[tuple[Mapping[str, int], float]], chosen: Mapping[str, int]
+) -> NDArray[np.float64] | None:
+    """Return the time of each frame (s) at a place on further axes, None if planes don't say."""
+    times: dict[int, float] = {}
+    for place, time in planes:
+        if all(place.get(axis, wanted) == wanted for axis, wanted in chosen.items()):
+            times.setdefault(place["T"], time)
     if len(times) < 2 or sorted(times) != list(range(len(times))):
         return None
     all_times = np.array([times[i] for i in range(len(times))])
     return all_times - all_times[0] if (np.diff(all_times) > 0).all() else None
+
+
+def measured(
+    times: NDArray[np.float64] | None, interval_s: float | None
+) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+    """Return the times of the frames, None where the interval says the same, and a note."""
+    if times is None or interval_s is None:
+        return times, ()
+    off = float(np.abs(times - interval_s * np.arange(len(times))).max())
+    if off <= EVEN * interval_s:
+        return None, ()
+    return times, (
+        f"The times noted with the frames are up to {off:.3g} s off the file's frame interval of "
+        f"{interval_s:g} s; those of the frames are taken.",
+    )
 
 
 def told_frames(tif: tifffile.TiffFile) -> int:

@@ -16,7 +16,14 @@ from napari_phase4d.io.video import colour_sentence, grey, quiet
 from napari_phase4d.later import tifffile
 from napari_phase4d.words import counted
 
-__all__ = ["frames_among_others", "layout_of", "main_series", "paged_frames", "pages_left_out"]
+__all__ = [
+    "frames_among_others",
+    "layout_of",
+    "lost_among",
+    "main_series",
+    "paged_frames",
+    "pages_left_out",
+]
 
 #: How many frames there must be among pages of other kinds, and how large a share of them these
 #: may be in between, to be taken for frames that are lost.
@@ -56,6 +63,14 @@ def pages_left_out(tif: tifffile.TiffFile, mixed: Sequence[Any]) -> tuple[str, .
         f"Of {used + further} pages {used} are read; the others are of another kind, or "
         "were added later. Write them as one stack if they belong to it.",
     )
+
+
+def lost_among(mixed: Sequence[Any], place: int | slice) -> tuple[int, ...]:
+    """Return which of the chosen frames are lost, see `frames_among_others`."""
+    if not mixed:
+        return ()
+    chosen = mixed[place] if isinstance(place, slice) else [mixed[place]]
+    return tuple(i for i, page in enumerate(chosen) if page is None)
 
 
 def left_out_among(frames: Sequence[Any], offsets: Sequence[int]) -> tuple[str, ...]:

@@ -29,6 +29,7 @@ __all__ = [
     "MOST_DESCRIBED_FRAMES",
     "MOST_LISTED_FRAMES",
     "SECONDS",
+    "TIME",
     "USUAL_NAMES",
     "Facts",
     "Found",
@@ -45,6 +46,8 @@ __all__ = [
     "memory_lacks",
     "other_arrays",
     "quiet",
+    "sensible",
+    "taken_for_time",
 ]
 
 
@@ -52,6 +55,7 @@ class Facts(TypedDict, total=False):
     """What a file says of its scale, see `Video`."""
 
     pixel_um: float
+    height_um: float
     interval_s: float
 
 
@@ -79,6 +83,10 @@ class Video:
         The letters of the axes where there may be more than three, such as "TZYX".
     notes : tuple of str
         What had to be assumed or chosen, in sentences for the user.
+    lost : tuple of int
+        Frames of which the file has nothing, and which are read as zeros.
+    height_um : float, optional
+        Height of a pixel, if the file says it apart from its width.
     """
 
     frames: Any
@@ -90,6 +98,17 @@ class Video:
     times_s: NDArray[np.float64] | None = None
     axes: str = ""
     notes: tuple[str, ...] = ()
+    lost: tuple[int, ...] = ()
+    height_um: float | None = None
+
+
+#: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
+LEAST_FACT, LARGEST_FACT = 1e-9, 1e9
+
+
+def sensible(fact: float | None) -> float | None:
+    """Return the pixel (um) or interval (s) that a file gives, None if it can't be true."""
+    return fact if fact is not None and LEAST_FACT <= fact <= LARGEST_FACT else None
 
 
 def grey(image: NDArray[Any]) -> NDArray[Any]:
@@ -328,6 +347,15 @@ def axes_in_words(axes: Iterable[str], shape: Iterable[int]) -> str:
     """Return axes with their lengths."""
     named = ", ".join(f"{a}={n}" for a, n in zip(axes, shape, strict=True))
     return f"the axes {named}"
+
+
+#: Time, and axes that a file gives no meaning, which are time as well.
+TIME = "TQI"
+
+
+def taken_for_time(axis: str) -> str:
+    """Return the note that an axis which is called otherwise is taken for time."""
+    return f"The axis {axis.upper()} is taken for time."
 
 
 def axes_to_choose(axes: Iterable[str], *, has_time: bool) -> list[str]:

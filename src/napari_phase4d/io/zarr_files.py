@@ -27,6 +27,7 @@ from napari_phase4d.io.video import (
     chosen_name,
     chosen_places,
     other_arrays,
+    taken_for_time,
 )
 from napari_phase4d.io.zarr_packing import Pieces, check_packed_once
 from napari_phase4d.words import size_in_words
@@ -304,7 +305,7 @@ def video_of(
     axis = long[0] if long else (time if 0 <= time < len(shape) - 2 else None)
     if long and axes and axis != time:
         facts.pop("interval_s", None)
-        notes = (*notes, f"The axis {axes[long[0]].upper()} is taken for time.")
+        notes = (*notes, taken_for_time(axes[long[0]]))
     if axis is None and len(shape) > 2:
         axis = 0
     video = (1 if axis is None else shape[axis], shape[-2], shape[-1])
@@ -481,6 +482,8 @@ def ome_facts(image: Mapping[str, Any]) -> Facts:
             continue
         if axis.get("name") == "x" and unit in MICROMETRES:
             facts["pixel_um"] = float(size) * MICROMETRES[unit]
+        elif axis.get("name") == "y" and unit in MICROMETRES:
+            facts["height_um"] = float(size) * MICROMETRES[unit]
         elif axis.get("type") == "time" and unit in SECONDS:
             facts["interval_s"] = float(size) * SECONDS[unit]
     return facts
