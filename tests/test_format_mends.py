@@ -385,9 +385,10 @@ def test_an_axis_that_is_not_time_is_said_to_be_taken_for_it(
     assert not any("taken for time" in note for note in rec.notes)
 
 
-def test_slices_of_imagej_keep_their_interval(tmp_path: Path) -> None:
-    rec = p4d.open_recording(imagej_file(tmp_path, axes="ZYX", finterval=0.5))
-    assert "The axis Z is taken for time." in rec.notes
+@pytest.mark.parametrize("axis", ["Z", "C"])
+def test_slices_and_channels_of_imagej_keep_their_interval(tmp_path: Path, axis: str) -> None:
+    rec = p4d.open_recording(imagej_file(tmp_path, axes=f"{axis}YX", finterval=0.5))
+    assert f"The axis {axis} is taken for time." in rec.notes
     np.testing.assert_allclose(np.diff(rec.times_s), 0.5)
 
 
@@ -422,6 +423,21 @@ def test_phase_on_a_single_further_axis(tmp_path: Path) -> None:
     found = open_phase(phase_file(tmp_path / "z.ome.tif", PHASE[:, 0], "ZYX"))
     np.testing.assert_array_equal(found.values, PHASE[:, :1])
     assert "The axis Z is taken for time." in found.attrs["notes"]
+
+
+def test_phase_that_a_script_writes_for_imagej_goes_by_the_place_of_its_axes(
+    tmp_path: Path,
+) -> None:
+    """Where no axes are given, tifffile calls them channels, or slices and channels."""
+    for name, values, note in (
+        ("a.tif", PHASE[:, 0], "The axis C is taken for time."),
+        ("b.tif", PHASE, "The axes Z and C are taken for time and views."),
+    ):
+        tifffile.imwrite(tmp_path / name, values, imagej=True)
+        found = open_phase(tmp_path / name)
+        np.testing.assert_array_equal(found.values.reshape(values.shape), values)
+        assert found.sizes["time"] == len(PHASE)
+        assert note in found.attrs["notes"]
 
 
 def test_phase_of_which_no_axis_is_time_is_asked_about(tmp_path: Path) -> None:

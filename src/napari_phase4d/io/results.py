@@ -479,6 +479,8 @@ def axes_of_phase(video: Video, name: str) -> tuple[tuple[str, ...], list[str]]:
     in_time = [axis for axis in further if axis in TIME]
     if not further or (len(in_time) > 1 and "T" not in in_time):
         return PLAIN_AXES[n_axes], notes
+    if video.loose_axes and "T" not in further:
+        return PLAIN_AXES[n_axes], [*notes, *taken_by_place(further)]
     if len(further) > 1 and not in_time:
         words = axes_in_words(video.axes, video.frames.shape)
         msg = (
@@ -494,6 +496,16 @@ def axes_of_phase(video: Video, name: str) -> tuple[tuple[str, ...], list[str]]:
         elif dim == "angle" and axis not in TIME and (len(further) == 1 or axis not in VIEWS):
             notes.append(f"The axis {axis} is taken for views.")
     return (*dims, "y", "x"), notes
+
+
+def taken_by_place(further: str) -> list[str]:
+    """Return the note that axes before y and x are taken by their place, whatever they are called.
+
+    Two of them are those of a stack (time, angle, y, x).
+    """
+    if len(further) == 1:
+        return [taken_for_time(further)]
+    return [f"The axes {' and '.join(further)} are taken for time and views."]
 
 
 def check_angles(angles_deg: Any) -> None:

@@ -127,17 +127,18 @@ def read_tiff(path: Path, dataset: str | None = None) -> Video:
         facts.pop("interval_s", None)
     return Video(
         frames, kind=kind, axes=left, dataset=dataset or "", times_s=times,
-        notes=(*left_out, *notes, *told), lost=lost_among(mixed, places[0]), **facts,
+        notes=(*left_out, *notes, *told), lost=lost_among(mixed, places[0]),
+        loose_axes=in_stacks, **facts,
     )  # fmt: skip
 
 
 def has_interval(axes: str, *, in_stacks: bool) -> bool:
     """Say whether any of some axes is time, so that an interval between frames means something.
 
-    Users of ImageJ often have time where it has slices.
+    In stacks of ImageJ a single other one may be, see `Video.loose_axes`.
     """
     further = axes.removesuffix("YX")
-    return not further or any(a in TIME for a in further) or (in_stacks and further == "Z")
+    return not further or any(a in TIME for a in further) or (in_stacks and further in ("Z", "C"))
 
 
 def check_pictures(

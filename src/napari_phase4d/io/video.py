@@ -87,6 +87,9 @@ class Video:
         Frames of which the file has nothing, and which are read as zeros.
     height_um : float, optional
         Height of a pixel, if the file says it apart from its width.
+    loose_axes : bool
+        Whether other letters than T may well stand for time, as in ImageJ's files: users have it
+        where there are slices, and scripts that write such files where there are channels.
     """
 
     frames: Any
@@ -100,6 +103,7 @@ class Video:
     notes: tuple[str, ...] = ()
     lost: tuple[int, ...] = ()
     height_um: float | None = None
+    loose_axes: bool = False
 
 
 #: Pixels in micrometres and intervals in seconds outside of this are no more than damage.
