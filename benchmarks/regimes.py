@@ -17,6 +17,7 @@ from itertools import product
 import numpy as np
 import scipy
 import xarray as xr
+from everyday import EVERYDAY
 from numpy.typing import NDArray
 from scenes import four_balls_through_a_pupil
 from tables import heading, line
@@ -190,6 +191,19 @@ def curved_field(noise: float) -> Iterator[Case]:
         sags = SAGS * np.add.outer(*away).astype(np.float32)
         case = noisy(name, exact.assign(phase=exact["phase"] + sags), noise, f"sag{name}{noise}")
         yield replace(case, empty=np.abs(exact["phase"].values) < EMPTY)
+
+
+def everyday(noise: float, every: int = 1, factor: float = 1) -> Iterator[Case]:
+    """Scenes as labs record them. Where no field is empty, all pixels tell a frame's level."""
+    for name, phase_of in EVERYDAY.items():
+        words = f"everyday {name} {noise} {every}"
+        case = noisy(name, with_axes(factor * phase_of()[::every]), noise, words)
+        yield replace(case, empty=case.empty | ("without" in name))
+
+
+def everyday_sparse(noise: float) -> Iterator[Case]:
+    """Every second time of these, a fifth thicker."""
+    return everyday(noise, every=2, factor=1.2)
 
 
 def cut_off(noise: float) -> Iterator[Case]:
@@ -429,6 +443,8 @@ def regimes() -> None:
         ("the second half", second_half, (0, 0.5)),
         ("every third time of the second half", every_third, (0, 0.3, 0.5)),
         ("every second time, thicker by a quarter", every_second, (0, 0.3)),
+        ("everyday scenes", everyday, (0.2, 0.5)),
+        ("everyday scenes, every second time, a fifth thicker", everyday_sparse, (0, 0.4)),
         ("over a field that sags", curved_field, (0, 0.4)),
         ("cut off by the edge of the view", cut_off, (0, 0.4)),
         ("noise that neighbours share", shared_noise, (0.2, 0.5)),

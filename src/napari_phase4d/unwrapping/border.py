@@ -52,6 +52,8 @@ SHARE_THAT_GOES_ON = BORDER_SHARE / 2
 #: those that lie level were not level in the frame before; what lay there then counts if it is now
 #: more than so many radians off.
 SECTORS, NEW_PLACES, OTHER_LEVEL = 64, 0.25, 0.25
+#: A sector lies level if the median of its pixels does so within this many radians.
+LEVEL_SECTOR = 0.4
 #: Bins of the histogram of phases in which a frame's level is looked for, and its sharpness.
 BINS, SHARPNESS = 72, 4.0
 #: Tilts are looked for up to so many radians from side to side, on a grid of so many ...
@@ -200,7 +202,7 @@ def keep_in_place(
                 elif turned_down.any():
                     # What was not the field stays what it is when the field leaves the view.
                     levels.found[at] = spread_to_new_places(now, turned_down)
-            if levels.found[at]:
+            if levels.found[at] and levels.sectors[at].any():
                 before = levels.sectors[at]
 
     here = levels.sectors[first]
@@ -213,8 +215,8 @@ def keep_in_place(
 
 
 def spread_to_new_places(now: Mask, before: Mask) -> bool:
-    """Say whether much of a place round a frame is not where it was before."""
-    return int((now & ~before).sum()) > NEW_PLACES * int(now.sum())
+    """Say whether much of a place round a frame, or all, is not where it was before."""
+    return not now.any() or int((now & ~before).sum()) > NEW_PLACES * int(now.sum())
 
 
 def border_of_frame(
@@ -243,9 +245,22 @@ def border_of_frame(
         found = tilt_of(values, y, x, within)
         if found[2] > max(near + WORTH_A_TILT * len(values), WHOLE * n):
             level, tilt, near = found
-    lies = np.abs(turned(values - tilt[0] * y - tilt[1] * x - level)) < within
-    counts = np.bincount(sector[lies], minlength=SECTORS)
-    return Border(level, tilt, near / n, counts > 0.5 * np.bincount(sector, minlength=SECTORS))
+    off = turned(values - tilt[0] * y - tilt[1] * x - level)
+    share = int((np.abs(off) < within).sum()) / n
+    return Border(level, tilt, share, level_sectors(off, sector))
+
+
+def level_sectors(off: NDArray[np.floating], sector: NDArray[np.intp]) -> Mask:
+    """Mark the sectors in whose middle nearly nothing is off the level.
+
+    What is off by less than single pixels may be, by chance or as the field is not flat, is not
+    the field all the same if all of a sector is.
+    """
+    found = np.zeros(SECTORS, dtype=bool)
+    order = np.argsort(sector, kind="stable")
+    for own in np.split(order, np.flatnonzero(np.diff(sector[order])) + 1):
+        found[sector[own[0]]] = abs(float(np.median(off[own]))) < LEVEL_SECTOR
+    return found
 
 
 def sectors_of(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.intp]:
