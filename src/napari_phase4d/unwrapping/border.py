@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from napari_phase4d.compiling import vectorized
 from napari_phase4d.phasors import parts_of, phasors, turned
 from napari_phase4d.stack import Block
-from napari_phase4d.task import UNWATCHED, Task, on_all_cores
+from napari_phase4d.task import UNWATCHED, Task, Watch, on_all_cores
 from napari_phase4d.unwrapping.filters import shrunk
 from napari_phase4d.unwrapping.frames import BORDER, border_of
 from napari_phase4d.unwrapping.given import WithoutLost, working_blocks
@@ -52,7 +52,7 @@ SHARE_THAT_GOES_ON = BORDER_SHARE / 2
 #: those that lie level were not level in the frame before; what lay there then counts if it is now
 #: more than so many radians off.
 SECTORS, NEW_PLACES, OTHER_LEVEL = 64, 0.25, 0.25
-#: A sector lies level if the median of its pixels does so within this many radians.
+#: A sector lies level if the mean phasor of its pixels does so within this many radians.
 LEVEL_SECTOR = 0.4
 #: Bins of the histogram of phases in which a frame's level is looked for, and its sharpness.
 BINS, SHARPNESS = 72, 4.0
@@ -167,18 +167,22 @@ def levels_of(
     on_all_cores(look, working_blocks(given.shape), task, FINDING)
     found.found[:] = found.share > BORDER_SHARE
     if found.found.any():
-        keep_in_place(found, given, limits, first)
+        keep_in_place(found, given, limits, Watch(1, FINDING, task), first)
     return found
 
 
 def keep_in_place(
-    levels: Levels, given: WithoutLost, limits: Limits, first: tuple[int, int] | None
+    levels: Levels,
+    given: WithoutLost,
+    limits: Limits,
+    watch: Watch,
+    first: tuple[int, int] | None = None,
 ) -> None:
     """Take the empty field, where it seems to change places, for where it was before.
 
     What grows over the view with a flat top takes more of the border than the empty field from
     some frame on. But the field is not all at once where the object was a frame ago. So from the
-    first frame on to both sides, a frame that has no place in common with the one before is asked
+    first frame on to both sides, a frame that lies level where the one before did not is asked
     what lies where the field was; only if too little of that lies level has it truly moved.
     """
     n_times, n_angles = levels.found.shape
@@ -192,6 +196,7 @@ def keep_in_place(
         for at in frames:
             now = levels.sectors[at]
             if levels.found[at] and spread_to_new_places(now, before):
+                watch.check()
                 wrapped, usable = given.read(Block(at[0], at[0] + 1))
                 border = border_of_frame(wrapped[0, at[1]], usable[0, at[1]], limits, before)
                 elsewhere = abs(turned(border.level - levels.level[at])) > OTHER_LEVEL
@@ -251,16 +256,13 @@ def border_of_frame(
 
 
 def level_sectors(off: NDArray[np.floating], sector: NDArray[np.intp]) -> Mask:
-    """Mark the sectors in whose middle nearly nothing is off the level.
+    """Mark the sectors whose mean phasor is hardly off the level.
 
     What is off by less than single pixels may be, by chance or as the field is not flat, is not
     the field all the same if all of a sector is.
     """
-    found = np.zeros(SECTORS, dtype=bool)
-    order = np.argsort(sector, kind="stable")
-    for own in np.split(order, np.flatnonzero(np.diff(sector[order])) + 1):
-        found[sector[own[0]]] = abs(float(np.median(off[own]))) < LEVEL_SECTOR
-    return found
+    real, imaginary = (np.bincount(sector, part, SECTORS) for part in (np.cos(off), np.sin(off)))
+    return (np.hypot(real, imaginary) > 0) & (np.abs(np.arctan2(imaginary, real)) < LEVEL_SECTOR)
 
 
 def sectors_of(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.intp]:
