@@ -266,9 +266,11 @@ def level_sectors(off: NDArray[np.floating], sector: NDArray[np.intp]) -> Mask:
 
 
 def sectors_of(y: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Return the sector round the middle that each place lies in."""
-    round_the_middle = (np.arctan2(y, x) + np.pi) * (SECTORS / TURN)
-    return np.minimum(round_the_middle.astype(np.intp), SECTORS - 1)
+    """Return the sector round the middle that each place lies in.
+
+    Axes and diagonals are middles of sectors, so that mirrored frames have mirrored ones.
+    """
+    return np.rint(np.arctan2(y, x) * (SECTORS / TURN)).astype(np.intp) % SECTORS
 
 
 def smoothed_border(wrapped: Image, usable: Mask | None, width: float) -> Fields:
