@@ -48,10 +48,10 @@ SHORTER = 0.06
 BORDER_SHARE = 0.4
 #: Where it goes on from the frame before, this share is enough.
 SHARE_THAT_GOES_ON = BORDER_SHARE / 2
-#: The border is divided into so many sectors. A frame is asked again if more than this share of
-#: those that lie level were not level in the frame before; what lay there then counts if it is now
-#: more than so many radians off.
-SECTORS, NEW_PLACES, OTHER_LEVEL = 64, 0.25, 0.25
+#: The border is divided into so many sectors. A frame is asked again if of those that lie level in
+#: it, or did in the frame before, less than this share does in both; what lay there before counts
+#: if it is now more than so many radians off.
+SECTORS, IN_COMMON, OTHER_LEVEL = 64, 0.75, 0.25
 #: A sector lies level if the mean phasor of its pixels does so within this many radians.
 LEVEL_SECTOR = 0.4
 #: Bins of the histogram of phases in which a frame's level is looked for, and its sharpness.
@@ -195,7 +195,7 @@ def keep_in_place(
         turned_down = np.zeros_like(before)
         for at in frames:
             now = levels.sectors[at]
-            if levels.found[at] and spread_to_new_places(now, before):
+            if levels.found[at] and changes_places(now, before):
                 watch.check()
                 wrapped, usable = given.read(Block(at[0], at[0] + 1))
                 border = border_of_frame(wrapped[0, at[1]], usable[0, at[1]], limits, before)
@@ -206,7 +206,7 @@ def keep_in_place(
                         levels.note(at, border)
                 elif turned_down.any():
                     # What was not the field stays what it is when the field leaves the view.
-                    levels.found[at] = spread_to_new_places(now, turned_down)
+                    levels.found[at] = (now & turned_down).sum() < 0.5 * turned_down.sum()
             if levels.found[at] and levels.sectors[at].any():
                 before = levels.sectors[at]
 
@@ -219,9 +219,9 @@ def keep_in_place(
         follow([(t, a) for t in reversed(range(time))], near)
 
 
-def spread_to_new_places(now: Mask, before: Mask) -> bool:
-    """Say whether much of a place round a frame, or all, is not where it was before."""
-    return not now.any() or int((now & ~before).sum()) > NEW_PLACES * int(now.sum())
+def changes_places(now: Mask, before: Mask) -> bool:
+    """Say whether two places round a frame have less in common than what goes on has."""
+    return int((now & before).sum()) < IN_COMMON * max(int(now.sum()), int(before.sum()))
 
 
 def border_of_frame(
