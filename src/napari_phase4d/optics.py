@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.words import as_numbers, check_finite, check_number, shown, warn
 
-__all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
+__all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics", "optics_for_pixel", "with_typed_numbers"]
 
 #: Refraction increment of cell material in mL/g, the usual value for protein
 #: (Barer, Nature 169, 366, 1952).
@@ -112,6 +113,16 @@ class Optics:
         """Width of one camera pixel in the sample, in micrometres."""
         return self.camera_pixel_um / self.magnification
 
+    def says_other_than(self, pixel_um: float) -> bool:
+        """Say whether the pixel is another one, by more than 1 %.
+
+        Parameters
+        ----------
+        pixel_um : float
+            Width of a pixel in the sample, as a file names it.
+        """
+        return not math.isclose(self.pixel_um, pixel_um, rel_tol=0.01)
+
     def optical_path_um(self, phase: ArrayLike) -> NDArray[Any]:
         """Return the optical path difference in micrometres: phase times wavelength / 2 pi.
 
@@ -196,3 +207,34 @@ class Optics:
                 raise ValueError(msg)
         volume_um3 = float(np.nansum(self.optical_path_um(phase))) * pixel_area_um2
         return volume_um3 / refraction_increment_ml_per_g
+
+
+def optics_for_pixel(pixel_um: float) -> Optics:
+    """Return the paper's microscope with the magnification that gives this pixel."""
+    base = Optics()
+    return replace(base, magnification=base.camera_pixel_um / pixel_um)
+
+
+def with_typed_numbers(
+    known: Optics, numbers: Mapping[str, float], pixel_um: float | None
+) -> Optics:
+    """Return a microscope with numbers that were typed in, and the pixel that a file names.
+
+    Parameters
+    ----------
+    known : Optics
+        What holds where nothing was typed in.
+    numbers : mapping of str to float
+        Fields of `Optics`.
+    pixel_um : float or None
+        Width of a pixel in the sample according to the file. It stays: of camera pixel and
+        magnification the one follows from the other, unless both are typed in. None where the
+        file says nothing of it, or what is known differs from it.
+    """
+    changes = dict(numbers)
+    if pixel_um is not None and "magnification" not in numbers:
+        camera_pixel_um = numbers.get("camera_pixel_um", known.camera_pixel_um)
+        changes["magnification"] = camera_pixel_um / pixel_um
+    elif pixel_um is not None and "camera_pixel_um" not in numbers:
+        changes["camera_pixel_um"] = pixel_um * numbers["magnification"]
+    return replace(known, **changes)

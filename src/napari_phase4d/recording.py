@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 from weakref import WeakValueDictionary
 
@@ -83,6 +83,8 @@ class Recording:
         What the reader assumed, in sentences for the user ("no frame rate in the file ...").
     kind : str, optional
         What was read, in words ("BigTIFF", "H.264 in MP4"); empty for arrays.
+    file_pixel_um : float, optional
+        Width of a pixel in the sample according to the file; None where it says nothing of it.
 
     See Also
     --------
@@ -102,6 +104,7 @@ class Recording:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     kind: str = ""
+    file_pixel_um: float | None = None
 
     @property
     def times_s(self) -> NDArray[np.float64]:
@@ -125,7 +128,7 @@ class Recording:
         self, optics: Optics | None = None, frame_rate_hz: float | None = None
     ) -> Recording:
         """Return the same frames with another microscope or other, evenly spaced times."""
-        return Recording.from_frames(
+        frames = Recording.from_frames(
             self.holograms.data,
             optics=optics or self.optics,
             frame_rate_hz=frame_rate_hz,
@@ -141,6 +144,7 @@ class Recording:
             attrs={str(k): v for k, v in self.holograms.attrs.items()},
             kind=self.kind,
         )
+        return replace(frames, file_pixel_um=self.file_pixel_um)
 
     @property
     def n_frames(self) -> int:

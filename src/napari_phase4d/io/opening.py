@@ -33,7 +33,7 @@ from napari_phase4d.io.video import (
     taken_for_time,
 )
 from napari_phase4d.later import xr
-from napari_phase4d.optics import Optics
+from napari_phase4d.optics import Optics, optics_for_pixel
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (
     PLAIN_AXES,
@@ -251,7 +251,7 @@ def recording_of(
         )
     elif optics is None:
         notes.append("The microscope is not in the data; that of the paper is assumed.")
-    return Recording.from_frames(
+    recording = Recording.from_frames(
         frames,
         optics=optics,
         frame_rate_hz=frame_rate_hz,
@@ -261,6 +261,7 @@ def recording_of(
         notes=tuple(notes),
         kind=video.kind,
     )
+    return replace(recording, file_pixel_um=pixel)
 
 
 def check_axes(video: Video, name: str) -> None:
@@ -358,12 +359,6 @@ def check_square(height_um: float, width_um: float, name: str, advice: str) -> N
             f"be square; {advice}"
         )
         raise ValueError(msg)
-
-
-def optics_for_pixel(pixel_um: float) -> Optics:
-    """Return the paper's microscope with the magnification that gives this pixel."""
-    base = Optics()
-    return replace(base, magnification=base.camera_pixel_um / pixel_um)
 
 
 def steps_in(wanted: str, scale: Sequence[float], units: Sequence[str]) -> list[float | None]:

@@ -50,6 +50,7 @@ from napari_phase4d.stacks import (
     coordinate,
     in_units,
     looks_wrapped,
+    spacing,
     with_coordinates,
 )
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
@@ -63,6 +64,7 @@ from napari_phase4d.words import (
 )
 
 __all__ = [
+    "file_pixel_um",
     "holds_phase",
     "is_result",
     "open_phase",
@@ -353,6 +355,8 @@ ARRAYS = "phase that is an array already goes to unwrap() as it is"
 LARGE_PIXEL_UM = 1e4
 #: Names looked for first in an .npz file with several arrays.
 PHASE_NAMES = ("wrapped", "phase", "unwrapped")
+#: How a note begins that names what a file does not say.
+COUNTED_IN_ONES = "Not in the file, so counted in ones: "
 #: Axes that views lie on in files of other programs: channels, and angles.
 VIEWS = "CA"
 
@@ -434,7 +438,7 @@ def open_phase(
         "source": address_of(path) or str(path),
     }
     if missing:
-        notes.append(f"Not in the file, so counted in ones: {', '.join(missing)}.")
+        notes.append(f"{COUNTED_IN_ONES}{', '.join(missing)}.")
     if notes:
         attrs["notes"] = notes
     return full.assign_coords(coords).assign_attrs(attrs)
@@ -461,9 +465,26 @@ def places_of_phase(
     if angles_deg is not None:
         places["angle"] = np.asarray(angles_deg, dtype=np.float64)
     rate = interval_s if times_s is None else times_s
-    given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
+    # To be told a pixel of 1 um is to count in ones, as the optics of who knows no pixel do.
+    known_um = None if pixel_um == 1 and not sensible(video.pixel_um) else pixel_um
+    given = {"pixel": known_um, "frame rate": rate, "viewing angles": angles_deg}
     missing = [name for name, value in given.items() if value is None]
     return {d: coordinate(d, places[d]) for d in AXES}, missing
+
+
+def file_pixel_um(phase: xr.DataArray) -> float | None:
+    """Return the width of a camera pixel in the sample that a file of phase names, None if none.
+
+    Parameters
+    ----------
+    phase : xarray.DataArray
+        What `open_phase` has read without being told a pixel.
+    """
+    notes = phase.attrs.get("notes", ())
+    if any(note.startswith(f"{COUNTED_IN_ONES}pixel") for note in notes) or phase.sizes["x"] < 2:
+        return None
+    ratio = float(phase.attrs.get("pixel_ratio", (1, 1))[1])
+    return spacing(phase, "x", str(phase.name)) / ratio
 
 
 def axes_of_phase(video: Video, name: str) -> tuple[tuple[str, ...], list[str]]:

@@ -47,6 +47,7 @@ from napari_phase4d.pipeline.starting import (
     open_by,
     start_sentence,
     start_words,
+    typed_into,
     with_start,
 )
 from napari_phase4d.words import EXPECTED, sentence_of, size_in_words, time_in_words
@@ -95,6 +96,7 @@ __all__ = [
     "start_sentence",
     "start_words",
     "time_in_words",
+    "typed_into",
     "unwrap_by",
     "warm_up_elsewhere",
     "watch",

@@ -6,7 +6,7 @@ Any thread or process can read the frames: it opens the files anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -17,8 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison
-from napari_phase4d.io import address_of, open_input
+from napari_phase4d.io import address_of, file_pixel_um, open_input
 from napari_phase4d.later import xr
+from napari_phase4d.optics import Optics, optics_for_pixel, with_typed_numbers
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
@@ -36,6 +37,7 @@ __all__ = [
     "say_what_file_says",
     "start_sentence",
     "start_words",
+    "typed_into",
     "with_start",
 ]
 
@@ -60,6 +62,36 @@ def open_by(recipe: Recipe) -> Recording | xr.DataArray:
         angles_deg=recipe.angles_deg,
         content=recipe.content,
     )
+
+
+#: What the pixel in the sample follows from.
+OF_THE_PIXEL = {"camera_pixel_um", "magnification"}
+
+
+def typed_into(
+    given: Optics | None, numbers: Mapping[str, float], opened: Recording | xr.DataArray
+) -> Optics:
+    """Return the microscope with numbers that were typed in; the rest is as the file says.
+
+    Parameters
+    ----------
+    given : Optics or None
+        The microscope of the recipe.
+    numbers : mapping of str to float
+        Fields of `Optics` that were typed in.
+    opened : Recording or DataArray
+        What the file holds, opened without a microscope.
+    """
+    if isinstance(opened, Recording):
+        pixel_um, own = opened.file_pixel_um, opened.optics
+    else:
+        pixel_um = file_pixel_um(opened)
+        counted = pixel_um is None and not numbers.keys() & OF_THE_PIXEL
+        own = optics_for_pixel(1.0) if counted else Optics()
+    known = given or own
+    if given is not None and pixel_um is not None and given.says_other_than(pixel_um):
+        pixel_um = None  # the recipe's own counts
+    return with_typed_numbers(known, numbers, pixel_um)
 
 
 def found_anywhere(source: str | Path) -> str:
