@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 import tifffile
+import xarray as xr
+from napari.layers import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.cli.running import with_optics
@@ -104,3 +106,43 @@ def test_the_pixel_stays_while_one_records(tmp_path: Path, small_video: Recordin
     assert found.recipe.optics.pixel_um == pytest.approx(0.1)
     with pytest.raises(ValueError, match="magnification must be a number above 0"):
         watch(tmp_path / "none", recipe, tmp_path / "o", optics_numbers={"magnification": -1})
+
+
+# ---- given ------------------------------------------------------------------------------------
+
+
+def test_another_pixel_than_the_file_names_is_noted(holograms: Path, phase_file: Path) -> None:
+    said = "The pixel is 0.15 um wide as given; the file says 0.1 um."
+    optics, near = p4d.Optics(magnification=5.2 / 0.15), p4d.Optics(magnification=52.1)
+    found = p4d.open_recording(holograms, optics)
+    assert found.optics == optics
+    assert said in found.notes
+    assert said in open_by(p4d.Recipe(recording=str(phase_file), optics=optics)).attrs["notes"]
+    assert said not in found.calibrated(near).notes
+    assert said in p4d.open_recording(holograms).calibrated(optics).notes
+    for path in (holograms, phase_file):
+        opened = open_by(p4d.Recipe(recording=str(path), optics=near))
+        notes = opened.notes if isinstance(opened, Recording) else opened.attrs["notes"]
+        assert not any("as given" in note for note in notes)
+
+
+def test_another_pixel_than_an_array_or_layer_names_is_noted() -> None:
+    said = "The pixel is 0.15 um wide as given; the data say 0.1 um."
+    optics, frames = p4d.Optics(magnification=5.2 / 0.15), np.ones((2, 16, 16), np.uint8)
+    places = np.arange(16) * 0.1
+    array = xr.DataArray(frames, dims=("time", "y", "x"), coords={"y": places, "x": places})
+    assert said in p4d.open_recording(array, optics).notes
+    layer = Image(frames, scale=(1, 0.1, 0.1), units=("s", "um", "um"))
+    assert said in p4d.open_recording(layer, optics).notes
+    numbers = array.assign_coords(y=np.arange(16), x=np.arange(16))
+    assert p4d.open_recording(numbers, optics, 1).notes == ()
+
+
+@pytest.mark.slow
+def test_another_pixel_than_results_note_is_warned_of(tmp_path: Path) -> None:
+    yeast = p4d.simulation.budding_yeast(n_times=2)["wrapped"]
+    path = p4d.write_phase(tmp_path / "yeast.ome.tif", yeast)
+    recipe = p4d.Recipe(recording=str(path), methods=("spatial-2d",), optics=p4d.Optics())
+    pixel_um = float(yeast.x[1] - yeast.x[0])
+    with pytest.warns(UserWarning, match=rf"optics \(the pixel in the file: {pixel_um:.4g} um\)"):
+        p4d.run(recipe)

@@ -10,9 +10,22 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.words import as_numbers, check_finite, check_number, shown, warn
+from napari_phase4d.words import (
+    as_numbers,
+    check_finite,
+    check_number,
+    check_positive,
+    shown,
+    warn,
+)
 
-__all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics", "optics_for_pixel", "with_typed_numbers"]
+__all__ = [
+    "REFRACTION_INCREMENT_ML_PER_G",
+    "Optics",
+    "optics_for_pixel",
+    "pixel_note",
+    "with_typed_numbers",
+]
 
 #: Refraction increment of cell material in mL/g, the usual value for protein
 #: (Barer, Nature 169, 366, 1952).
@@ -113,16 +126,6 @@ class Optics:
         """Width of one camera pixel in the sample, in micrometres."""
         return self.camera_pixel_um / self.magnification
 
-    def says_other_than(self, pixel_um: float) -> bool:
-        """Say whether the pixel is another one, by more than 1 %.
-
-        Parameters
-        ----------
-        pixel_um : float
-            Width of a pixel in the sample, as a file names it.
-        """
-        return not math.isclose(self.pixel_um, pixel_um, rel_tol=0.01)
-
     def optical_path_um(self, phase: ArrayLike) -> NDArray[Any]:
         """Return the optical path difference in micrometres: phase times wavelength / 2 pi.
 
@@ -215,6 +218,16 @@ def optics_for_pixel(pixel_um: float) -> Optics:
     return replace(base, magnification=base.camera_pixel_um / pixel_um)
 
 
+def pixel_note(given_um: float, file_um: float | None, whose: str = "the file says") -> str:
+    """Return a note that the pixel that was given is not that of the file; "" where it is.
+
+    Pixels that differ by no more than 1 % count as the same.
+    """
+    if file_um is None or math.isclose(given_um, file_um, rel_tol=0.01):
+        return ""
+    return f"The pixel is {given_um:.4g} um wide as given; {whose} {file_um:.4g} um."
+
+
 def with_typed_numbers(
     known: Optics, numbers: Mapping[str, float], pixel_um: float | None
 ) -> Optics:
@@ -236,5 +249,6 @@ def with_typed_numbers(
         camera_pixel_um = numbers.get("camera_pixel_um", known.camera_pixel_um)
         changes["magnification"] = camera_pixel_um / pixel_um
     elif pixel_um is not None and "camera_pixel_um" not in numbers:
-        changes["camera_pixel_um"] = pixel_um * numbers["magnification"]
+        magnification = check_positive("magnification", numbers["magnification"])
+        changes["camera_pixel_um"] = pixel_um * magnification
     return replace(known, **changes)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
-from napari_phase4d.optics import Optics
+from napari_phase4d.optics import Optics, pixel_note
 from napari_phase4d.stacks import PLAIN_AXES, coordinate
 from napari_phase4d.words import check_type, shown, warn
 
@@ -84,7 +84,8 @@ class Recording:
     kind : str, optional
         What was read, in words ("BigTIFF", "H.264 in MP4"); empty for arrays.
     file_pixel_um : float, optional
-        Width of a pixel in the sample according to the file; None where it says nothing of it.
+        Width of a pixel in the sample according to the file, whatever the optics; None where it
+        says nothing of it.
 
     See Also
     --------
@@ -124,6 +125,13 @@ class Recording:
         numbers = np.arange(len(times))
         return next((r for r in near if np.array_equal(numbers / r, times)), rate)
 
+    @property
+    def pixel_notes(self) -> tuple[str, ...]:
+        """What is to be said of a pixel that is not the file's; empty where it is."""
+        whose = "the file says" if self.source else "the data say"
+        note = pixel_note(self.optics.pixel_um, self.file_pixel_um, whose)
+        return (note,) if note else ()
+
     def calibrated(
         self, optics: Optics | None = None, frame_rate_hz: float | None = None
     ) -> Recording:
@@ -139,12 +147,14 @@ class Recording:
                 note
                 for note in self.notes
                 if not (optics is not None and "microscope" in note)
+                and note not in self.pixel_notes
                 and not (frame_rate_hz is not None and "frame rate" in note)
             ),
             attrs={str(k): v for k, v in self.holograms.attrs.items()},
             kind=self.kind,
         )
-        return replace(frames, file_pixel_um=self.file_pixel_um)
+        frames = replace(frames, file_pixel_um=self.file_pixel_um)
+        return replace(frames, notes=(*frames.notes, *frames.pixel_notes))
 
     @property
     def n_frames(self) -> int:

@@ -261,7 +261,8 @@ def recording_of(
         notes=tuple(notes),
         kind=video.kind,
     )
-    return replace(recording, file_pixel_um=pixel)
+    recording = replace(recording, file_pixel_um=pixel)
+    return replace(recording, notes=(*recording.notes, *recording.pixel_notes))
 
 
 def check_axes(video: Video, name: str) -> None:
@@ -320,7 +321,7 @@ def open_data_array(
         Video(
             data.data,
             times_s=times_in_s(data["time"].values) if in_time else None,
-            pixel_um=None if optics is not None else square_pixel_um(data, name),
+            pixel_um=square_pixel_um(data, name) if optics is None else noted_pixel_um(data),
         ),
         name,
         "",
@@ -349,6 +350,17 @@ def square_pixel_um(data: xr.DataArray, name: str) -> float | None:
     if len(steps) == 2:
         check_square(steps[0], steps[1], name, "correct the coordinates, or give optics")
     return steps[-1] if steps else None
+
+
+def noted_pixel_um(data: xr.DataArray) -> float | None:
+    """Return the width of a pixel by the places along x where the microscope is given.
+
+    Places that say nothing of it are no fault then: None.
+    """
+    if data.sizes.get("x", 1) < 2 or "x" not in data.coords:
+        return None
+    step = spacing(data, "x", "the array")
+    return None if step == 1 and not data["x"].attrs.get("units") else step  # numbers of pixels
 
 
 def check_square(height_um: float, width_um: float, name: str, advice: str) -> None:

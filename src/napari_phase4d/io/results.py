@@ -44,6 +44,7 @@ from napari_phase4d.io.video import (
 from napari_phase4d.io.zarr_files import check_zarr_or_none, is_zarr, read_zarr
 from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
 from napari_phase4d.later import pd, tifffile, xr
+from napari_phase4d.optics import pixel_note
 from napari_phase4d.stacks import (
     AXES,
     PLAIN_AXES,
@@ -437,8 +438,7 @@ def open_phase(
         "object": path.stem,
         "source": address_of(path) or str(path),
     }
-    if missing:
-        notes.append(f"{COUNTED_IN_ONES}{', '.join(missing)}.")
+    notes += place_notes(pixel_um, video, missing)
     if notes:
         attrs["notes"] = notes
     return full.assign_coords(coords).assign_attrs(attrs)
@@ -470,6 +470,13 @@ def places_of_phase(
     given = {"pixel": known_um, "frame rate": rate, "viewing angles": angles_deg}
     missing = [name for name, value in given.items() if value is None]
     return {d: coordinate(d, places[d]) for d in AXES}, missing
+
+
+def place_notes(pixel_um: float | None, video: Video, missing: Sequence[str]) -> list[str]:
+    """Return notes of a pixel that is not the file's, and of what had to be counted."""
+    other = "" if pixel_um is None else pixel_note(pixel_um, sensible(video.pixel_um))
+    counted = f"{COUNTED_IN_ONES}{', '.join(missing)}." if missing else ""
+    return [note for note in (other, counted) if note]
 
 
 def file_pixel_um(phase: xr.DataArray) -> float | None:

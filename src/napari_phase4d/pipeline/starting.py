@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from napari_phase4d.analysis import Comparison
 from napari_phase4d.io import address_of, file_pixel_um, open_input
 from napari_phase4d.later import xr
-from napari_phase4d.optics import Optics, optics_for_pixel, with_typed_numbers
+from napari_phase4d.optics import Optics, optics_for_pixel, pixel_note, with_typed_numbers
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
@@ -89,7 +89,7 @@ def typed_into(
         counted = pixel_um is None and not numbers.keys() & OF_THE_PIXEL
         own = optics_for_pixel(1.0) if counted else Optics()
     known = given or own
-    if given is not None and pixel_um is not None and given.says_other_than(pixel_um):
+    if given is not None and pixel_note(given.pixel_um, pixel_um):
         pixel_um = None  # the recipe's own counts
     return with_typed_numbers(known, numbers, pixel_um)
 
@@ -134,7 +134,7 @@ def say_what_counts(recipe: Recipe, recording: Recording) -> None:
 
 
 def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
-    """Warn where a recipe has other times or views than the file of wrapped phase notes itself."""
+    """Warn where a recipe has other facts than the file of wrapped phase notes itself."""
     passed_over = []
     times, angles = phase["time"].values, phase["angle"].values
     rate, span = recipe.frame_rate_hz, float(times[-1] - times[0])
@@ -148,6 +148,9 @@ def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
         passed_over.append(f"angles_deg (the file: {', '.join(f'{a:g}' for a in angles)})")
     if recipe.n_views not in (None, len(angles)):
         passed_over.append(f"n_views (the file: {len(angles)})")
+    pixel_um = file_pixel_um(phase)
+    if recipe.optics is not None and pixel_note(recipe.optics.pixel_um, pixel_um):
+        passed_over.append(f"optics (the pixel in the file: {pixel_um:.4g} um)")
     if passed_over:
         warn(
             f"the file of wrapped phase says its own, which counts, not the recipe's "
