@@ -13,7 +13,7 @@ from napari.layers import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.cli.running import with_optics
-from napari_phase4d.pipeline import open_by, watch
+from napari_phase4d.pipeline import light_for, open_by, watch
 from napari_phase4d.recording import Recording
 
 
@@ -146,3 +146,39 @@ def test_another_pixel_than_results_note_is_warned_of(tmp_path: Path) -> None:
     pixel_um = float(yeast.x[1] - yeast.x[0])
     with pytest.warns(UserWarning, match=rf"optics \(the pixel in the file: {pixel_um:.4g} um\)"):
         p4d.run(recipe)
+
+
+# ---- noted by phase -----------------------------------------------------------------------------
+
+
+def test_wavelength_and_medium_that_phase_notes_count() -> None:
+    phase = p4d.simulation.budding_yeast(n_times=1)["wrapped"]
+    noted = phase.assign_attrs(wavelength_um=0.5, medium_index=1.5)
+    given, own = p4d.Optics(0.4), p4d.Optics(0.7, magnification=20)
+    assert light_for(None, noted) == p4d.Optics(0.5, medium_index=1.5)
+    assert light_for(None, noted, own) == p4d.Optics(0.5, magnification=20, medium_index=1.5)
+    assert light_for(given, noted, own) == given
+
+
+def test_a_wavelength_that_is_nowhere_said_is_warned_of() -> None:
+    phase = p4d.simulation.budding_yeast(n_times=1)["wrapped"]
+    bare = phase.assign_attrs(wavelength_um=None, medium_index=None)
+    with pytest.warns(UserWarning, match="the wavelength is not in the file; 632.8 nm are taken"):
+        assert light_for(None, bare) == p4d.Optics()
+    assert light_for(None, bare, p4d.Optics(0.7)) == p4d.Optics(0.7)
+    views = np.full(phase.sizes["angle"], 0.5)
+    assert light_for(None, bare.assign_coords(wavelength=("angle", views))) == p4d.Optics()
+
+
+@pytest.mark.slow
+def test_volumes_of_cells_go_by_the_medium_that_phase_notes(tmp_path: Path) -> None:
+    volumes = []
+    for index in (1.333, 1.36):
+        yeast = p4d.simulation.budding_yeast(n_times=2)["wrapped"].assign_attrs(medium_index=index)
+        path = p4d.write_phase(tmp_path / f"{index}.ome.tif", yeast)
+        cells = p4d.CellSettings(object_index=1.38)
+        found = p4d.run(
+            p4d.Recipe(recording=str(path), methods=("temporal-angular",), cells=cells)
+        )
+        volumes.append(found.cells.table["volume (um^3)"].sum())
+    assert volumes[1] / volumes[0] == pytest.approx((1.38 - 1.333) / (1.38 - 1.36))

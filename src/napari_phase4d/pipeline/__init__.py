@@ -43,6 +43,7 @@ from napari_phase4d.pipeline.running import (
 from napari_phase4d.pipeline.starting import (
     FOUND_BY,
     found_anywhere,
+    light_for,
     noting_start,
     open_by,
     start_sentence,
@@ -73,6 +74,7 @@ __all__ = [
     "focus_by",
     "found_anywhere",
     "holds_outcome",
+    "light_for",
     "load_object_finder",
     "make_folder",
     "needed_bytes",

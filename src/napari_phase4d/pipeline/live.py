@@ -488,10 +488,8 @@ class Live:
             Task(task.progress, self._cancelled),
         )
         comparison = comparison.with_results(results, self._causal.seconds, recipe.methods)
-        optics = recording.optics
-        cells = cells_by(
-            recipe, comparison, data["phase"], optics, Task(task.progress, self._cancelled)
-        )
+        following = Task(task.progress, self._cancelled)
+        cells = cells_by(recipe, comparison, data["phase"], following)
         return Outcome(recording, recipe, data, comparison, cells=cells)
 
     def _dataset(self, recording: Recording) -> xr.Dataset:

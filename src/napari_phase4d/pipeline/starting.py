@@ -23,6 +23,7 @@ from napari_phase4d.optics import Optics, optics_for_pixel, pixel_note, with_typ
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
+from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
 from napari_phase4d.words import checked_call, frame_in_words, warn
@@ -31,6 +32,7 @@ __all__ = [
     "FOUND_BY",
     "FrameSource",
     "found_anywhere",
+    "light_for",
     "noting_start",
     "open_by",
     "say_what_counts",
@@ -64,6 +66,8 @@ def open_by(recipe: Recipe) -> Recording | xr.DataArray:
     )
 
 
+#: What phase may note of the microscope, beside its pixel.
+NOTED_LIGHT = ("wavelength_um", "medium_index")
 #: What the pixel in the sample follows from.
 OF_THE_PIXEL = {"camera_pixel_um", "magnification"}
 
@@ -92,6 +96,31 @@ def typed_into(
     if given is not None and pixel_note(given.pixel_um, pixel_um):
         pixel_um = None  # the recipe's own counts
     return with_typed_numbers(known, numbers, pixel_um)
+
+
+def light_for(given: Optics | None, stack: xr.DataArray, own: Optics | None = None) -> Optics:
+    """Return the microscope that masses and heights of phase are counted with.
+
+    Parameters
+    ----------
+    given : Optics or None
+        That of the recipe, which counts.
+    stack : xarray.DataArray
+        Phase, or a result; what it notes of wavelength and medium comes next.
+    own : Optics, optional
+        The user's own, for the rest. Default: the paper's, and a warning if the wavelength is
+        nowhere said.
+    """
+    if given is not None:
+        return given
+    noted = {n: float(stack.attrs[n]) for n in NOTED_LIGHT if stack.attrs.get(n) is not None}
+    base = own or Optics()
+    if own is None and "wavelength_um" not in noted and wavelengths_of(stack) is None:
+        warn(
+            f"the wavelength is not in the file; {1000 * base.wavelength_um:g} nm are taken for "
+            "masses and heights: give it in the optics of the recipe, or as --wavelength"
+        )
+    return replace(base, **noted)
 
 
 def found_anywhere(source: str | Path) -> str:
