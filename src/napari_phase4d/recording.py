@@ -20,9 +20,11 @@ __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_
 
 #: Frames per second assumed where neither the file nor the user says it.
 DEFAULT_FRAME_RATE_HZ = 1.0
-#: Frames per second that a recording may have, from less than one a century to light's period.
 #: Share of a frame's pixels that may be masked without its being lost.
 FEW_PIXELS = 0.02
+#: Share of the time between two frames by which even ones are rounded at most.
+UNEVEN = 1e-6
+#: Frames per second that a recording may have, from less than one a century to light's period.
 LEAST_RATE_HZ, LARGEST_RATE_HZ = 1e-10, 1e15
 #: Larger floating-point pixels overflow in the spectrum's power in single precision.
 LARGEST = 1e12
@@ -124,6 +126,15 @@ class Recording:
         near = (rate, math.nextafter(rate, math.inf), math.nextafter(rate, 0))
         numbers = np.arange(len(times))
         return next((r for r in near if np.array_equal(numbers / r, times)), rate)
+
+    @property
+    def even_rate_hz(self) -> float | None:
+        """Frames per second from 0 s on that say all times; None where they are not even."""
+        rate = self.frame_rate_hz
+        if rate is None:
+            return None
+        off_by = np.abs(self.times_s * rate - np.arange(self.n_frames))
+        return rate if off_by.max() < UNEVEN else None
 
     @property
     def pixel_notes(self) -> tuple[str, ...]:

@@ -282,3 +282,17 @@ def test_time_left_comes_from_the_speed_so_far() -> None:
     assert in_words(None) == ""
     assert in_words(0.2) == ", about 1 s left"
     assert in_words(150) == ", about 2 min left"
+
+
+def test_uneven_times_of_a_file_are_no_frame_rate_of_the_recipe() -> None:
+    frames = np.random.default_rng(0).integers(0, 255, (4, 16, 16)).astype(np.uint8)
+    uneven = p4d.Recording.from_frames(frames, times_s=np.array([0.0, 1, 2, 60]))
+    late = p4d.Recording.from_frames(frames, times_s=np.array([5.0, 6, 7, 8]))
+    session = Session()
+    for recording, rate in ((uneven, None), (late, None), (uneven.calibrated(None, 3), 3)):
+        session.set_recording(recording)
+        assert session.recipe.frame_rate_hz == rate
+        session.recalibrate(recording.calibrated(p4d.Optics(magnification=20)))
+        assert session.recipe.frame_rate_hz == rate
+    session.recalibrate(uneven.calibrated(None, 7))
+    assert session.recipe.frame_rate_hz == 7

@@ -24,7 +24,7 @@ Stack = TypeVar("Stack", "xr.Dataset", "xr.DataArray")
 
 def recalibrate(state: State, recording: Recording) -> None:
     """Let a state have the same frames with other optics or times; all else gets the new scale."""
-    changes = {"optics": recording.optics, "frame_rate_hz": recording.frame_rate_hz}
+    changes = {"optics": recording.optics, "frame_rate_hz": recording.even_rate_hz}
     state.recording = recording
     state.phase_recipe = recalibrated_recipe(state.phase_recipe, changes)
     if state.reconstruction is not None:

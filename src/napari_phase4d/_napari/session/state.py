@@ -238,7 +238,7 @@ class State:
             "recording": recording.source,
             "content": kind,
             "optics": recording.optics,
-            "frame_rate_hz": recording.frame_rate_hz,
+            "frame_rate_hz": recording.even_rate_hz,  # uneven times are those of the file
         }
         if recipe is None:
             angles = None if angles_deg is None else tuple(angles_deg)
