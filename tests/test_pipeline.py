@@ -16,6 +16,7 @@ from helpers import command
 from napari_phase4d.analysis import mean_squared_error, wrong_cycle_share
 from napari_phase4d.io import read_results, write_figure
 from napari_phase4d.pipeline import PAPER_METHODS, write_outcome
+from napari_phase4d.pipeline.running import opened_reference
 from napari_phase4d.plotting import comparison_figure
 from napari_phase4d.unwrapping import methods_for
 from napari_phase4d.unwrapping.causal import causal_methods
@@ -279,3 +280,14 @@ def test_what_a_file_of_phase_says_itself_counts_and_is_said(tmp_path: Path) -> 
     still = p4d.write_phase(tmp_path / "still.ome.tif", wrapped.assign_coords(time=[0.0, 0, 0]))
     with pytest.raises(ValueError, match="time coordinates"):
         p4d.run(recipe.changed(recording=str(still), frame_rate_hz=10))
+
+
+def test_what_is_assumed_of_a_reference_file_is_warned_of(small_video, tmp_path: Path) -> None:
+    frame = small_video.holograms.values[0]
+    np.savez(tmp_path / "both.npz", dark=frame, light=frame)
+    recipe = p4d.Recipe(reference=str(tmp_path / "both.npz"))
+    said = r"the reference both\.npz: both\.npz holds dark, light; dark is read"
+    with pytest.warns(UserWarning, match=said) as caught:
+        found = opened_reference(recipe, small_video)
+    assert [frame.shape] == [found.frame_shape]
+    assert len(caught) == 1

@@ -19,7 +19,7 @@ from napari_phase4d.io.reading import (
     read_video,
 )
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.results import holds_phase, open_phase, result_attrs
+from napari_phase4d.io.results import PhaseBy, open_phase, phase_by, result_attrs
 from napari_phase4d.io.video import (
     LARGEST_SIDE,
     TIME,
@@ -58,6 +58,11 @@ __all__ = [
 
 #: Share of the free memory that a single frame may take.
 SHARE_OF_A_FRAME = 0.25
+#: Noted of phase that is told from holograms by nothing else; these may be normalised.
+TAKEN_FOR_PHASE = (
+    "Taken for wrapped phase, as its numbers lie between -pi and pi; if they are holograms, say "
+    "so (content='holograms')."
+)
 
 
 def open_recording(
@@ -184,7 +189,8 @@ def open_input(
     angles_deg : sequence of float, optional
         Viewing angles of wrapped phase, where its file does not say them.
     content : str, optional
-        "holograms", "phase", or "auto" (default) to look, see `holds_phase`.
+        "holograms", "phase", or "auto" (default) to look, see `holds_phase`. What
+        only its numbers tell is noted.
 
     Returns
     -------
@@ -204,16 +210,19 @@ def open_input(
             f"{Path(path).name} is unwrapped already, by {noted['method']}; give the wrapped phase"
         )
         raise ValueError(msg)
-    is_phase = holds_phase(path, dataset) if content == "auto" else content == "phase"
-    if not is_phase:
+    why = phase_by(path, dataset) if content == "auto" else None
+    if why is None and content != "phase":
         return open_recording(path, optics, frame_rate_hz, dataset=dataset, raw=raw)
-    return open_phase(
+    phase = open_phase(
         path,
         dataset,
         pixel_um=None if optics is None else optics.pixel_um,
         frame_rate_hz=frame_rate_hz,
         angles_deg=angles_deg,
     )
+    if why is not PhaseBy.NUMBERS:
+        return phase
+    return phase.assign_attrs(notes=[*phase.attrs.get("notes", ()), TAKEN_FOR_PHASE])
 
 
 def recording_of(

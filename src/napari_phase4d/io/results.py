@@ -6,6 +6,7 @@ import json
 import uuid
 from collections.abc import Sequence
 from contextlib import closing
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,13 @@ from napari_phase4d.io.describing import (
     step_of,
     view_names,
 )
-from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.lazy import in_one_line
-from napari_phase4d.io.microscopes import is_koala_phase, read_koala_phase
-from napari_phase4d.io.raw import holds_holograms, read_npy, read_npz
+from napari_phase4d.io.microscopes import is_koala_phase
+from napari_phase4d.io.plain_phase import plain_phase
+from napari_phase4d.io.raw import holds_holograms
 from napari_phase4d.io.reading import check_there
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, read_tiff
+from napari_phase4d.io.tiff import check_described
 from napari_phase4d.io.video import (
     TIME,
     Video,
@@ -41,7 +42,7 @@ from napari_phase4d.io.video import (
     sensible,
     taken_for_time,
 )
-from napari_phase4d.io.zarr_files import check_zarr_or_none, is_zarr, read_zarr
+from napari_phase4d.io.zarr_files import check_zarr_or_none
 from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
 from napari_phase4d.later import pd, tifffile, xr
 from napari_phase4d.optics import pixel_note
@@ -65,10 +66,12 @@ from napari_phase4d.words import (
 )
 
 __all__ = [
+    "PhaseBy",
     "file_pixel_um",
     "holds_phase",
     "is_result",
     "open_phase",
+    "phase_by",
     "read_results",
     "read_tiff_result",
     "result_attrs",
@@ -354,8 +357,6 @@ def write_table(path: str | Path, table: pd.DataFrame) -> Path:
 ARRAYS = "phase that is an array already goes to unwrap() as it is"
 #: No pixel in a sample is wider.
 LARGE_PIXEL_UM = 1e4
-#: Names looked for first in an .npz file with several arrays.
-PHASE_NAMES = ("wrapped", "phase", "unwrapped")
 #: How a note begins that names what a file does not say.
 COUNTED_IN_ONES = "Not in the file, so counted in ones: "
 #: Axes that views lie on in files of other programs: channels, and angles.
@@ -547,47 +548,42 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     program wrote, those in radians are that no method has unwrapped; of those without a unit, as
     a script may write them, those whose numbers are such.
     """
+    return phase_by(path, dataset) is not None
+
+
+class PhaseBy(Enum):
+    """What tells that a file holds wrapped phase."""
+
+    NOTED = "what the file says"
+    VIEWS = "its four axes"
+    NUMBERS = "its numbers"
+
+
+def phase_by(path: str | Path, dataset: str | None = None) -> PhaseBy | None:
+    """Return what tells that a file holds wrapped phase, None if nothing does."""
     path = Path(path)
     if not path.exists() and address_of(path) is None:
-        return False
+        return None
     noted = result_attrs(path)
     if noted is not None and "units" in noted:
-        return noted["units"] == "rad" and "method" not in noted
+        is_phase = noted["units"] == "rad" and "method" not in noted
+        return PhaseBy.NOTED if is_phase else None
     if noted is None and is_koala_phase(path):
-        return True
+        return PhaseBy.NOTED
     try:
         if noted is not None:  # amplitude has four axes as well
-            return "method" not in noted and looks_wrapped(read_results(path).data)
+            is_phase = "method" not in noted and looks_wrapped(read_results(path).data)
+            return PhaseBy.NUMBERS if is_phase else None
         if path.suffix.lower() == ".npz" and dataset is None and holds_holograms(path):
-            return False
+            return None
         values = plain_phase(path, dataset).frames
     except (OSError, ValueError):
-        return False
-    return values.ndim in PLAIN_AXES and (is_stack_of_views(values) or looks_wrapped(values))
+        return None
+    if is_stack_of_views(values):
+        return PhaseBy.VIEWS
+    return PhaseBy.NUMBERS if values.ndim in PLAIN_AXES and looks_wrapped(values) else None
 
 
 def is_stack_of_views(values: Any) -> bool:
     """Say whether numbers have four axes, as holograms never do."""
     return bool(values.dtype.kind == "f" and values.ndim == 4 and 0 not in values.shape)
-
-
-def plain_phase(path: Path, dataset: str | None) -> Video:
-    """Return the numbers of a file that says nothing about them, lazily where it allows that."""
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        return read_npy(path)
-    if suffix == ".npz":
-        return read_npz(path, dataset, PHASE_NAMES, (2, 3, 4))
-    if suffix in TIFF_SUFFIXES:
-        return read_tiff(path, dataset)
-    if suffix in HDF5_SUFFIXES:
-        return read_hdf5(path, dataset)
-    if is_zarr(path):
-        return read_zarr(path, dataset)
-    if is_koala_phase(path):
-        return read_koala_phase(path)
-    msg = (
-        f"{path.name} is of a kind that can't be read as phase; use OME-TIFF, OME-Zarr, HDF5, "
-        ".npy, .npz or .bin of Koala"
-    )
-    raise OSError(msg)

@@ -448,10 +448,16 @@ def focus_by(
 
 
 def opened_reference(recipe: Recipe, recording: Recording) -> Any:
-    """Return a recipe's reference as `reconstruct` takes it; a file is opened."""
+    """Return a recipe's reference as `reconstruct` takes it; a file is opened.
+
+    What had to be assumed of the file is warned of; its times do not count.
+    """
     if recipe.reference_file is None:
         return recipe.reference
-    return open_recording(recipe.reference_file, recording.optics, raw=recipe.raw)
+    found = open_recording(recipe.reference_file, recording.optics, 1, raw=recipe.raw)
+    for note in found.notes:
+        warn(f"the reference {found.name}: {note.removesuffix('.')}")
+    return found
 
 
 def phase_settings(recipe: Recipe) -> dict[str, Any]:
