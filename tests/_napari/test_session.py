@@ -296,3 +296,14 @@ def test_uneven_times_of_a_file_are_no_frame_rate_of_the_recipe() -> None:
         assert session.recipe.frame_rate_hz == rate
     session.recalibrate(uneven.calibrated(None, 7))
     assert session.recipe.frame_rate_hz == 7
+
+
+def test_views_that_were_changed_come_before_angles_that_were_known(session: Session) -> None:
+    first = Lobe((0.2, 0.2), 0.07, -7)
+    for lobes, angles in (
+        ([first, Lobe((-0.2, 0.2), 0.07, 21)], (-7, 21)),
+        ([], (-7, 21)),
+        ([first, Lobe((-0.2, 0.2), 0.07, 30)], None),
+    ):
+        session.set_lobes(lobes)
+        assert session.recipe.angles_deg == angles

@@ -29,7 +29,7 @@ from napari_phase4d.io.lazy import lazy_frames
 from napari_phase4d.io.video import Video
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import opened_reference, phase_settings
-from napari_phase4d.pipeline.starting import found_anywhere, open_by, typed_into
+from napari_phase4d.pipeline.starting import found_anywhere, lobes_of, open_by, typed_into
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import Cancelled, CancelledCall, Task
 from napari_phase4d.unwrapping import check_light, for_what_comes, scores_of_some
@@ -380,7 +380,7 @@ def settle(
     )
     if numbers:
         first = first.calibrated(typed_into(recipe.optics, numbers, first))
-    lobes = list(recipe.lobes) or find_lobes(
+    lobes = lobes_of(recipe) or find_lobes(
         first,
         recipe.wanted_views,
         angles_deg=recipe.angles_deg,

@@ -45,6 +45,7 @@ from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.starting import (
     FrameSource,
     light_for,
+    lobes_of,
     noting_start,
     open_by,
     say_what_counts,
@@ -255,7 +256,7 @@ def run_unwarned(
         outcome = Outcome(None, used, data, comparison, truth, scores)
         return with_cells(outcome, task)
     recording = opened
-    lobes = list(recipe.lobes) or find_lobes(
+    lobes = lobes_of(recipe) or find_lobes(
         beginning_of(recording, recipe.first_frames),
         recipe.wanted_views,
         angles_deg=recipe.angles_deg,

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison
+from napari_phase4d.holography import Lobe
+from napari_phase4d.holography.lobes import in_order_of_angle
 from napari_phase4d.io import address_of, file_pixel_um, open_input
 from napari_phase4d.later import xr
 from napari_phase4d.optics import Optics, optics_for_pixel, pixel_note, with_typed_numbers
@@ -26,13 +28,14 @@ from napari_phase4d.sample import is_sample, open_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
-from napari_phase4d.words import checked_call, frame_in_words, warn
+from napari_phase4d.words import checked_call, counted, frame_in_words, warn
 
 __all__ = [
     "FOUND_BY",
     "FrameSource",
     "found_anywhere",
     "light_for",
+    "lobes_of",
     "noting_start",
     "open_by",
     "say_what_counts",
@@ -96,6 +99,56 @@ def typed_into(
     if given is not None and pixel_note(given.pixel_um, pixel_um):
         pixel_um = None  # the recipe's own counts
     return with_typed_numbers(known, numbers, pixel_um)
+
+
+def lobes_of(recipe: Recipe) -> list[Lobe]:
+    """Return the lobes of a recipe at the angles that it names, none if they are to be found.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many angles as lobes, or the boundary frame would lie in another view.
+    """
+    lobes, angles = list(recipe.lobes), recipe.angles_deg
+    if not lobes:
+        return []
+    if recipe.n_views not in (None, len(lobes)):
+        warn(
+            f"n_views is {recipe.n_views}, but the recipe has {counted(len(lobes), 'lobe')}, "
+            "which count; take them out of it to look for views"
+        )
+    light, own = recipe.wavelengths_um, tuple(lobe.wavelength_um for lobe in lobes)
+    if light is not None and light != own:
+        warn("wavelengths_um of the recipe do not count, as its lobes name their own")
+    return lobes if angles is None else lobes_at(recipe, angles)
+
+
+def lobes_at(recipe: Recipe, angles_deg: Sequence[float]) -> list[Lobe]:
+    """Return the lobes of a recipe at other angles."""
+    lobes = list(recipe.lobes)
+    if len(angles_deg) != len(lobes):
+        msg = (
+            f"angles_deg has {counted(len(angles_deg), 'angle')}, but the recipe has "
+            f"{counted(len(lobes), 'lobe')}; give as many, or take its lobes out of it"
+        )
+        raise ValueError(msg)
+    turned = [replace(b, angle_deg=float(a)) for b, a in zip(lobes, angles_deg, strict=True)]
+    noted = [lobe.angle_deg for lobe in lobes]
+    if any(noted) and list(angles_deg) != noted:
+        warn(
+            f"angles_deg of the recipe, {', '.join(f'{a:g}' for a in angles_deg)}, count, and not "
+            f"those that its lobes name, {', '.join(f'{a:g}' for a in noted)}"
+        )
+    before, now = (
+        [lobe.carrier for lobe in in_order_of_angle(views)[0]] for views in (lobes, turned)
+    )
+    if before != now and recipe.boundary != "auto":
+        msg = (
+            "angles_deg put the views into another order than that in which the recipe counts "
+            'its boundary frame; set boundary to "auto", or the angles in the lobes'
+        )
+        raise ValueError(msg)
+    return turned
 
 
 def light_for(given: Optics | None, stack: xr.DataArray, own: Optics | None = None) -> Optics:
