@@ -80,7 +80,8 @@ class Recording:
     name : str
         What to call the recording in messages and layers.
     source : str, optional
-        The file or folder that the frames come from; empty for arrays.
+        The file or folder that the frames come from; empty for arrays, and for files that no name
+        stands for.
     notes : tuple of str, optional
         What the reader assumed, in sentences for the user ("no frame rate in the file ...").
     kind : str, optional
@@ -88,6 +89,10 @@ class Recording:
     file_pixel_um : float, optional
         Width of a pixel in the sample according to the file, whatever the optics; None where it
         says nothing of it.
+    dataset : str, optional
+        Which array, or place on further axes, of the source it is, as `open_recording` was told.
+    raw : RawLayout, optional
+        How the frames of a raw file lie in it, as `open_recording` was told.
 
     See Also
     --------
@@ -108,6 +113,8 @@ class Recording:
     notes: tuple[str, ...] = field(default=())
     kind: str = ""
     file_pixel_um: float | None = None
+    dataset: str | None = None
+    raw: Any = None
 
     @property
     def times_s(self) -> NDArray[np.float64]:
@@ -164,7 +171,9 @@ class Recording:
             attrs={str(k): v for k, v in self.holograms.attrs.items()},
             kind=self.kind,
         )
-        frames = replace(frames, file_pixel_um=self.file_pixel_um)
+        frames = replace(
+            frames, file_pixel_um=self.file_pixel_um, dataset=self.dataset, raw=self.raw
+        )
         return replace(frames, notes=(*frames.notes, *frames.pixel_notes))
 
     @property

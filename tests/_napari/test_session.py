@@ -18,6 +18,7 @@ from napari_phase4d._napari.session import Session, StepState, plan_unwrapping, 
 from napari_phase4d.analysis import measure, most_trusted, noise_figures
 from napari_phase4d.holography import Lobe
 from napari_phase4d.io import write_phase
+from napari_phase4d.pipeline import open_by
 from napari_phase4d.sample import yeast_sample
 from napari_phase4d.task import Task
 
@@ -307,3 +308,17 @@ def test_views_that_were_changed_come_before_angles_that_were_known(session: Ses
     ):
         session.set_lobes(lobes)
         assert session.recipe.angles_deg == angles
+
+
+def test_the_recipe_names_the_array_that_was_opened(tmp_path: Path) -> None:
+    frames = np.random.default_rng(0).integers(0, 255, (2, 3, 16, 16)).astype(np.uint8)
+    np.savez(tmp_path / "m.npz", run1=frames[0], run2=frames[1])
+    session = Session()
+    session.open(p4d.open_recording(tmp_path / "m.npz", dataset="run2"))
+    assert session.recipe.dataset == "run2"
+    again = open_by(session.recipe)
+    assert (again.frame(1) == frames[1, 1]).all()
+    for number in range(3):
+        np.save(tmp_path / f"{number}.npy", frames[0])
+    session.open([tmp_path / "0.npy", tmp_path / "1.npy"])
+    assert (session.recipe.recording, session.recipe.dataset) == ("", None)

@@ -15,6 +15,7 @@ from napari_phase4d.io.reading import (
     JOINED_SUFFIXES,
     READABLE_SUFFIXES,
     check_there,
+    folder_of_list,
     read_list,
     read_video,
 )
@@ -58,6 +59,8 @@ __all__ = [
 
 #: Share of the free memory that a single frame may take.
 SHARE_OF_A_FRAME = 0.25
+#: Noted of a list of files that is not what its folder opens as.
+NO_NAME = "A recipe can't name these files, as their folder holds others, or in another order."
 #: Noted of phase that is told from holograms by nothing else; these may be normalised.
 TAKEN_FOR_PHASE = (
     "Taken for wrapped phase, as its numbers lie between -pi and pi; if they are holograms, say "
@@ -135,16 +138,12 @@ def open_recording(
         path = as_path(path_or_array).expanduser()
         video = read_video(path, dataset, raw)
         source = address_of(path) or str(path)
-        return recording_of(video, path.name, source, optics, frame_rate_hz)
+        found = recording_of(video, path.name, source, optics, frame_rate_hz)
+        return replace(found, dataset=dataset, raw=raw)
     if is_list_of_paths(path_or_array):
         files = [as_path(p).expanduser() for p in path_or_array]
-        return recording_of(
-            read_list(files, None, dataset, raw),
-            files[0].name,
-            str(files[0].parent),
-            optics,
-            frame_rate_hz,
-        )
+        found = open_list(files, read_list(files, None, dataset, raw), raw, optics, frame_rate_hz)
+        return replace(found, dataset=dataset, raw=raw)
     if isinstance(path_or_array, xr.DataArray):
         return open_data_array(path_or_array, optics, frame_rate_hz)
     # In this order, since arrays of dates have no ``data``.
@@ -159,6 +158,21 @@ def open_recording(
             "light does not; give phase to unwrap()"
         )
     return recording_of(Video(path_or_array), "the array", "", optics, frame_rate_hz)
+
+
+def open_list(
+    files: Sequence[Path],
+    video: Video,
+    raw: RawLayout | None,
+    optics: Optics | None,
+    frame_rate_hz: float | None,
+) -> Recording:
+    """Return the recording that files make, with their folder as source if that opens so."""
+    folder = folder_of_list(files, raw)
+    if folder is None:
+        video = replace(video, notes=(*video.notes, NO_NAME))
+    source = "" if folder is None else str(folder)
+    return recording_of(video, files[0].name, source, optics, frame_rate_hz)
 
 
 def is_list_of_paths(given: Any) -> bool:

@@ -323,6 +323,8 @@ class FrameSource:
         self.recording = recording
         self._recipe = recipe.changed(
             recording=found_anywhere(recording.source),
+            dataset=recording.dataset,
+            raw=recording.raw,
             optics=recording.optics,
             frame_rate_hz=recording.frame_rate_hz,
             content="holograms",

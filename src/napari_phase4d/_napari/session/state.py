@@ -257,8 +257,8 @@ class State:
         if recipe is None:
             angles = None if angles_deg is None else tuple(angles_deg)
             settings |= {
-                "dataset": None,
-                "raw": raw,
+                "dataset": recording.dataset,
+                "raw": raw or recording.raw,
                 "lobes": (),
                 "angles_deg": angles,
                 "wavelengths_um": None,
