@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import tifffile
 import xarray as xr
-from napari.layers import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.cli.running import with_optics
@@ -132,7 +132,10 @@ def test_another_pixel_than_an_array_or_layer_names_is_noted() -> None:
     places = np.arange(16) * 0.1
     array = xr.DataArray(frames, dims=("time", "y", "x"), coords={"y": places, "x": places})
     assert said in p4d.open_recording(array, optics).notes
-    layer = Image(frames, scale=(1, 0.1, 0.1), units=("s", "um", "um"))
+    layer = SimpleNamespace(
+        data=frames, name="layer", axis_labels=("t", "y", "x"), scale=(1, 0.1, 0.1),
+        units=("s", "um", "um"),
+    )  # fmt: skip
     assert said in p4d.open_recording(layer, optics).notes
     numbers = array.assign_coords(y=np.arange(16), x=np.arange(16))
     assert p4d.open_recording(numbers, optics, 1).notes == ()
