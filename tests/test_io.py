@@ -5,12 +5,14 @@ from __future__ import annotations
 import errno
 import json
 import os
+import pickle
 import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
 
 import dask.array as da
+import h5py
 import imageio.v3 as iio
 import numpy as np
 import pandas as pd
@@ -22,6 +24,7 @@ import napari_phase4d as p4d
 from helpers import measured
 from napari_phase4d.io import read_results, step_of, write_phase, write_table
 from napari_phase4d.io.atomic import written_whole
+from napari_phase4d.pipeline.starting import FrameSource
 from napari_phase4d.recording import Recording
 
 FRAMES = np.random.default_rng(0).integers(0, 4096, (5, 24, 32)).astype(np.uint16)
@@ -440,3 +443,31 @@ def test_a_folder_that_is_no_zarr_is_not_replaced(tmp_path: Path) -> None:
     with pytest.raises(FileExistsError, match="a folder with something else in it"):
         write_phase(other, stack())
     assert [p.name for p in other.iterdir()] == ["notes.txt"]
+
+
+# ---- opened anew --------------------------------------------------------------------------------
+
+
+def test_workers_open_the_array_that_was_chosen(tmp_path: Path) -> None:
+    with h5py.File(tmp_path / "m.h5", "w") as file:
+        file["run1"], file["run2"] = (np.full((2, 16, 16), n, np.uint8) for n in (1, 2))
+    np.full((2, 16, 16), 3, np.uint8).tofile(tmp_path / "a.raw")
+    chosen = p4d.open_recording(tmp_path / "m.h5", dataset="run2").calibrated(frame_rate_hz=2)
+    raw = p4d.open_recording(tmp_path / "a.raw", raw=p4d.RawLayout(16, 16, "uint8"))
+    for recording in (chosen, raw):
+        source = pickle.loads(pickle.dumps(FrameSource(p4d.Recipe(), recording)))
+        assert (source.raw_frame(1) == recording.frame(1)).all()
+
+
+def test_a_list_of_files_is_named_by_its_folder_only_if_that_opens_so(tmp_path: Path) -> None:
+    files = [tmp_path / f"{number}.npy" for number in range(3)]
+    for number, file in enumerate(files):
+        np.save(file, np.full((2, 16, 16), number, np.uint8))
+    assert p4d.open_recording(files).source == str(tmp_path)
+    note = "A recipe can't name these files, as their folder holds others, or in another order."
+    for some in (files[:2], files[::-1], [files[0], files[0], files[1]]):
+        found = p4d.open_recording(some)
+        assert found.source == ""
+        assert note in found.notes
+        source = pickle.loads(pickle.dumps(FrameSource(p4d.Recipe(), found)))
+        assert (source.raw_frame(2) == found.frame(2)).all()

@@ -273,3 +273,21 @@ def test_info_says_what_a_phase_file_holds(tmp_path: Path) -> None:
     assert said.returncode == 0, said.stderr
     assert "wrapped phase, 5 times, 3 views of 32 x 32 pixels" in said.stdout
     assert "viewing angles 0, 5, 10 degrees" in said.stdout
+
+
+def test_phase_that_only_its_numbers_tell_is_noted(tmp_path: Path) -> None:
+    values = np.random.default_rng(0).uniform(-3, 3, (2, 2, 16, 16)).astype(np.float32)
+    said = (
+        "Taken for wrapped phase, as its numbers lie between -pi and pi; if they are holograms, "
+        "say so (content='holograms')."
+    )
+    np.save(tmp_path / "one.npy", values[0])
+    np.save(tmp_path / "views.npy", values)
+    found = open_input(tmp_path / "one.npy")
+    assert said in found.attrs["notes"]
+    assert len(found.attrs["notes"]) == 2
+    assert said not in open_input(tmp_path / "one.npy", content="phase").attrs["notes"]
+    assert isinstance(open_input(tmp_path / "one.npy", content="holograms"), p4d.Recording)
+    assert said not in open_input(tmp_path / "views.npy").attrs["notes"]
+    path = p4d.write_phase(tmp_path / "own.ome.tif", p4d.open_phase(tmp_path / "views.npy"))
+    assert said not in open_input(path).attrs.get("notes", ())

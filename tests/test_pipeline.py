@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +15,10 @@ import xarray as xr
 import napari_phase4d as p4d
 from helpers import command
 from napari_phase4d.analysis import mean_squared_error, wrong_cycle_share
+from napari_phase4d.holography import Lobe
 from napari_phase4d.io import read_results, write_figure
-from napari_phase4d.pipeline import PAPER_METHODS, write_outcome
+from napari_phase4d.pipeline import PAPER_METHODS, lobes_of, write_outcome
+from napari_phase4d.pipeline.running import opened_reference
 from napari_phase4d.plotting import comparison_figure
 from napari_phase4d.unwrapping import methods_for
 from napari_phase4d.unwrapping.causal import causal_methods
@@ -279,3 +282,52 @@ def test_what_a_file_of_phase_says_itself_counts_and_is_said(tmp_path: Path) -> 
     still = p4d.write_phase(tmp_path / "still.ome.tif", wrapped.assign_coords(time=[0.0, 0, 0]))
     with pytest.raises(ValueError, match="time coordinates"):
         p4d.run(recipe.changed(recording=str(still), frame_rate_hz=10))
+
+
+def test_what_is_assumed_of_a_reference_file_is_warned_of(small_video, tmp_path: Path) -> None:
+    frame = small_video.holograms.values[0]
+    np.savez(tmp_path / "both.npz", dark=frame, light=frame)
+    recipe = p4d.Recipe(reference=str(tmp_path / "both.npz"))
+    said = r"the reference both\.npz: both\.npz holds dark, light; dark is read"
+    with pytest.warns(UserWarning, match=said) as caught:
+        found = opened_reference(recipe, small_video)
+    assert [frame.shape] == [found.frame_shape]
+    assert len(caught) == 1
+
+
+def test_angles_of_a_recipe_go_to_its_lobes() -> None:
+    lobes = (Lobe((0.2, 0.2), 0.08, -7), Lobe((-0.2, 0.2), 0.08, 21))
+    recipe = p4d.Recipe(lobes=lobes, angles_deg=(-7, 21), n_views=2)
+    assert lobes_of(recipe) == list(lobes)
+    assert lobes_of(p4d.Recipe(n_views=2)) == []
+    with pytest.warns(UserWarning, match="angles_deg of the recipe, -30, 40, count"):
+        found = lobes_of(recipe.changed(angles_deg=(-30, 40)))
+    assert found == [replace(lobes[0], angle_deg=-30), replace(lobes[1], angle_deg=40)]
+    bare = tuple(replace(lobe, angle_deg=0) for lobe in lobes)
+    assert lobes_of(recipe.changed(lobes=bare)) == list(lobes)
+    with pytest.raises(ValueError, match="angles_deg has 3 angles, but the recipe has 2 lobes"):
+        lobes_of(recipe.changed(angles_deg=(1, 2, 3)))
+    turned = recipe.changed(angles_deg=(40, -30), boundary=((0, 1),))
+    with (
+        pytest.warns(UserWarning, match="angles_deg"),
+        pytest.raises(ValueError, match="set boundary to"),
+    ):
+        lobes_of(turned)
+
+
+def test_what_lobes_do_not_agree_with_is_warned_of() -> None:
+    recipe = p4d.Recipe(lobes=(Lobe((0.2, 0.2), 0.08),))
+    with pytest.warns(UserWarning, match="n_views is 2, but the recipe has 1 lobe, which count"):
+        lobes_of(recipe.changed(n_views=2))
+    with pytest.warns(UserWarning, match="wavelengths_um of the recipe do not count"):
+        lobes_of(recipe.changed(wavelengths_um=(0.5,)))
+
+
+@pytest.mark.slow
+def test_a_run_takes_angles_that_were_changed_in_its_recipe(small_video) -> None:
+    recipe = p4d.Recipe(angles_deg=(-7, 21), methods=("spatial-2d",))
+    used = p4d.run(recipe, small_video).recipe
+    with pytest.warns(UserWarning, match="angles_deg of the recipe, -30, 40, count"):
+        again = p4d.run(used.changed(angles_deg=(-30, 40)), small_video)
+    assert again.reconstruction.angle.values.tolist() == [-30, 40]
+    assert [lobe.angle_deg for lobe in again.recipe.lobes] == [-30, 40]

@@ -3,15 +3,29 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, fields
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from napari_phase4d.words import as_numbers, check_finite, check_number, shown, warn
+from napari_phase4d.words import (
+    as_numbers,
+    check_finite,
+    check_number,
+    check_positive,
+    shown,
+    warn,
+)
 
-__all__ = ["REFRACTION_INCREMENT_ML_PER_G", "Optics"]
+__all__ = [
+    "REFRACTION_INCREMENT_ML_PER_G",
+    "Optics",
+    "optics_for_pixel",
+    "pixel_note",
+    "with_typed_numbers",
+]
 
 #: Refraction increment of cell material in mL/g, the usual value for protein
 #: (Barer, Nature 169, 366, 1952).
@@ -196,3 +210,45 @@ class Optics:
                 raise ValueError(msg)
         volume_um3 = float(np.nansum(self.optical_path_um(phase))) * pixel_area_um2
         return volume_um3 / refraction_increment_ml_per_g
+
+
+def optics_for_pixel(pixel_um: float) -> Optics:
+    """Return the paper's microscope with the magnification that gives this pixel."""
+    base = Optics()
+    return replace(base, magnification=base.camera_pixel_um / pixel_um)
+
+
+def pixel_note(given_um: float, file_um: float | None, whose: str = "the file says") -> str:
+    """Return a note that the pixel that was given is not that of the file; "" where it is.
+
+    Pixels that differ by no more than 1 % count as the same.
+    """
+    if file_um is None or math.isclose(given_um, file_um, rel_tol=0.01):
+        return ""
+    return f"The pixel is {given_um:.4g} um wide as given; {whose} {file_um:.4g} um."
+
+
+def with_typed_numbers(
+    known: Optics, numbers: Mapping[str, float], pixel_um: float | None
+) -> Optics:
+    """Return a microscope with numbers that were typed in, and the pixel that a file names.
+
+    Parameters
+    ----------
+    known : Optics
+        What holds where nothing was typed in.
+    numbers : mapping of str to float
+        Fields of `Optics`.
+    pixel_um : float or None
+        Width of a pixel in the sample according to the file. It stays: of camera pixel and
+        magnification the one follows from the other, unless both are typed in. None where the
+        file says nothing of it, or what is known differs from it.
+    """
+    changes = dict(numbers)
+    if pixel_um is not None and "magnification" not in numbers:
+        camera_pixel_um = numbers.get("camera_pixel_um", known.camera_pixel_um)
+        changes["magnification"] = camera_pixel_um / pixel_um
+    elif pixel_um is not None and "camera_pixel_um" not in numbers:
+        magnification = check_positive("magnification", numbers["magnification"])
+        changes["camera_pixel_um"] = pixel_um * magnification
+    return replace(known, **changes)

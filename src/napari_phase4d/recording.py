@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 from weakref import WeakValueDictionary
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.later import xr
-from napari_phase4d.optics import Optics
+from napari_phase4d.optics import Optics, pixel_note
 from napari_phase4d.stacks import PLAIN_AXES, coordinate
 from napari_phase4d.words import check_type, shown, warn
 
@@ -20,9 +20,11 @@ __all__ = ["BrokenFrameError", "Recording", "one_frame", "reader_of", "remember_
 
 #: Frames per second assumed where neither the file nor the user says it.
 DEFAULT_FRAME_RATE_HZ = 1.0
-#: Frames per second that a recording may have, from less than one a century to light's period.
 #: Share of a frame's pixels that may be masked without its being lost.
 FEW_PIXELS = 0.02
+#: Share of the time between two frames by which even ones are rounded at most.
+UNEVEN = 1e-6
+#: Frames per second that a recording may have, from less than one a century to light's period.
 LEAST_RATE_HZ, LARGEST_RATE_HZ = 1e-10, 1e15
 #: Larger floating-point pixels overflow in the spectrum's power in single precision.
 LARGEST = 1e12
@@ -78,11 +80,19 @@ class Recording:
     name : str
         What to call the recording in messages and layers.
     source : str, optional
-        The file or folder that the frames come from; empty for arrays.
+        The file or folder that the frames come from; empty for arrays, and for files that no name
+        stands for.
     notes : tuple of str, optional
         What the reader assumed, in sentences for the user ("no frame rate in the file ...").
     kind : str, optional
         What was read, in words ("BigTIFF", "H.264 in MP4"); empty for arrays.
+    file_pixel_um : float, optional
+        Width of a pixel in the sample according to the file, whatever the optics; None where it
+        says nothing of it.
+    dataset : str, optional
+        Which array, or place on further axes, of the source it is, as `open_recording` was told.
+    raw : RawLayout, optional
+        How the frames of a raw file lie in it, as `open_recording` was told.
 
     See Also
     --------
@@ -102,6 +112,9 @@ class Recording:
     source: str = ""
     notes: tuple[str, ...] = field(default=())
     kind: str = ""
+    file_pixel_um: float | None = None
+    dataset: str | None = None
+    raw: Any = None
 
     @property
     def times_s(self) -> NDArray[np.float64]:
@@ -121,11 +134,27 @@ class Recording:
         numbers = np.arange(len(times))
         return next((r for r in near if np.array_equal(numbers / r, times)), rate)
 
+    @property
+    def even_rate_hz(self) -> float | None:
+        """Frames per second from 0 s on that say all times; None where they are not even."""
+        rate = self.frame_rate_hz
+        if rate is None:
+            return None
+        off_by = np.abs(self.times_s * rate - np.arange(self.n_frames))
+        return rate if off_by.max() < UNEVEN else None
+
+    @property
+    def pixel_notes(self) -> tuple[str, ...]:
+        """What is to be said of a pixel that is not the file's; empty where it is."""
+        whose = "the file says" if self.source else "the data say"
+        note = pixel_note(self.optics.pixel_um, self.file_pixel_um, whose)
+        return (note,) if note else ()
+
     def calibrated(
         self, optics: Optics | None = None, frame_rate_hz: float | None = None
     ) -> Recording:
         """Return the same frames with another microscope or other, evenly spaced times."""
-        return Recording.from_frames(
+        frames = Recording.from_frames(
             self.holograms.data,
             optics=optics or self.optics,
             frame_rate_hz=frame_rate_hz,
@@ -136,11 +165,16 @@ class Recording:
                 note
                 for note in self.notes
                 if not (optics is not None and "microscope" in note)
+                and note not in self.pixel_notes
                 and not (frame_rate_hz is not None and "frame rate" in note)
             ),
             attrs={str(k): v for k, v in self.holograms.attrs.items()},
             kind=self.kind,
         )
+        frames = replace(
+            frames, file_pixel_um=self.file_pixel_um, dataset=self.dataset, raw=self.raw
+        )
+        return replace(frames, notes=(*frames.notes, *frames.pixel_notes))
 
     @property
     def n_frames(self) -> int:

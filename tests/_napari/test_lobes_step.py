@@ -11,8 +11,9 @@ from qtpy.QtCore import Qt
 from qtpy.QtWidgets import QApplication, QWidget
 
 import napari_phase4d as p4d
+from napari_phase4d._napari.session.phase_plans import with_known_views
 from napari_phase4d._napari.widgets.spectrum_canvas import COLUMNS
-from napari_phase4d.holography import pair_distance
+from napari_phase4d.holography import Lobe, pair_distance
 
 pytestmark = pytest.mark.gui
 
@@ -184,3 +185,12 @@ def test_a_circle_on_the_zero_order_is_doubted_folded_or_not(ready, click, qtbot
     assert not section.is_open
     assert section.badge.text() == "⚠ look"
     assert "zero order" in section.badge.toolTip()
+
+
+@pytest.mark.parametrize("flip", [False, True])
+def test_the_sign_of_a_view_stays_where_its_other_lobe_is_found(flip: bool) -> None:
+    known = Lobe((-0.2, -0.2), 0.08, 7, flip=flip)
+    found = with_known_views([Lobe((0.2, 0.2), 0.08)], [known])
+    assert found == [Lobe((0.2, 0.2), 0.08, 7, flip=not flip)]
+    again = with_known_views([Lobe((-0.21, -0.2), 0.08)], [known])
+    assert again == [Lobe((-0.21, -0.2), 0.08, 7, flip=flip)]

@@ -18,6 +18,7 @@ from napari_phase4d._napari.session import Session, StepState, plan_unwrapping, 
 from napari_phase4d.analysis import measure, most_trusted, noise_figures
 from napari_phase4d.holography import Lobe
 from napari_phase4d.io import write_phase
+from napari_phase4d.pipeline import open_by
 from napari_phase4d.sample import yeast_sample
 from napari_phase4d.task import Task
 
@@ -282,3 +283,42 @@ def test_time_left_comes_from_the_speed_so_far() -> None:
     assert in_words(None) == ""
     assert in_words(0.2) == ", about 1 s left"
     assert in_words(150) == ", about 2 min left"
+
+
+def test_uneven_times_of_a_file_are_no_frame_rate_of_the_recipe() -> None:
+    frames = np.random.default_rng(0).integers(0, 255, (4, 16, 16)).astype(np.uint8)
+    uneven = p4d.Recording.from_frames(frames, times_s=np.array([0.0, 1, 2, 60]))
+    late = p4d.Recording.from_frames(frames, times_s=np.array([5.0, 6, 7, 8]))
+    session = Session()
+    for recording, rate in ((uneven, None), (late, None), (uneven.calibrated(None, 3), 3)):
+        session.set_recording(recording)
+        assert session.recipe.frame_rate_hz == rate
+        session.recalibrate(recording.calibrated(p4d.Optics(magnification=20)))
+        assert session.recipe.frame_rate_hz == rate
+    session.recalibrate(uneven.calibrated(None, 7))
+    assert session.recipe.frame_rate_hz == 7
+
+
+def test_views_that_were_changed_come_before_angles_that_were_known(session: Session) -> None:
+    first = Lobe((0.2, 0.2), 0.07, -7)
+    for lobes, angles in (
+        ([first, Lobe((-0.2, 0.2), 0.07, 21)], (-7, 21)),
+        ([], (-7, 21)),
+        ([first, Lobe((-0.2, 0.2), 0.07, 30)], None),
+    ):
+        session.set_lobes(lobes)
+        assert session.recipe.angles_deg == angles
+
+
+def test_the_recipe_names_the_array_that_was_opened(tmp_path: Path) -> None:
+    frames = np.random.default_rng(0).integers(0, 255, (2, 3, 16, 16)).astype(np.uint8)
+    np.savez(tmp_path / "m.npz", run1=frames[0], run2=frames[1])
+    session = Session()
+    session.open(p4d.open_recording(tmp_path / "m.npz", dataset="run2"))
+    assert session.recipe.dataset == "run2"
+    again = open_by(session.recipe)
+    assert (again.frame(1) == frames[1, 1]).all()
+    for number in range(3):
+        np.save(tmp_path / f"{number}.npy", frames[0])
+    session.open([tmp_path / "0.npy", tmp_path / "1.npy"])
+    assert (session.recipe.recording, session.recipe.dataset) == ("", None)

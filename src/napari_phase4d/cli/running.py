@@ -6,7 +6,6 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, Unpack
@@ -47,7 +46,6 @@ from napari_phase4d.cli.printing import (
 )
 from napari_phase4d.io import FromCamera, holds_phase, open_phase
 from napari_phase4d.later import xr
-from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline import (
     LiveStatus,
     Outcome,
@@ -62,10 +60,10 @@ from napari_phase4d.pipeline import (
     run_unwarned,
     sentence_of,
     stacks_beside,
+    typed_into,
     watch,
     write_files,
 )
-from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import Task
@@ -116,8 +114,8 @@ def with_optics(recipe: Recipe, numbers: Mapping[str, float]) -> Recipe:
     """Return a recipe with the optics that were typed in; the rest is as the file says."""
     if not numbers or not recipe.recording:
         return recipe
-    known = recipe.optics or optics_of(open_by(recipe))
-    return recipe.changed(optics=replace(known, **numbers))
+    opened = open_by(recipe.changed(optics=None))
+    return recipe.changed(optics=typed_into(recipe.optics, numbers, opened))
 
 
 def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | None) -> None:
@@ -153,11 +151,6 @@ def check_cells(outcome: Outcome) -> None:
     if error is not None:
         msg = f"the results are written, but without their cells: {sentence_of(error)}"
         raise ValueError(msg) from error
-
-
-def optics_of(opened: Recording | xr.DataArray) -> Optics:
-    """Return the microscope that a file names, or the paper's."""
-    return opened.optics if isinstance(opened, Recording) else Optics()
 
 
 #: The picture of all results.
@@ -390,8 +383,6 @@ def watch_command(
     recipe = with_settings(recipe, **typed)
     if first_frames is not None:
         recipe = recipe.changed(first_frames=first_frames)
-    if numbers := typed_optics(typed):  # there is no file yet that may say the rest
-        recipe = recipe.changed(optics=replace(recipe.optics or Optics(), **numbers))
     with ending() as came:
         outcome = watch(
             source if camera is None else FromCamera.configured(camera, source, frames),
@@ -405,6 +396,7 @@ def watch_command(
             status=tell_status,
             progress=Lines(),
             stopped=lambda: bool(came),
+            optics_numbers=typed_optics(typed),
         )
     print_notes(outcome, ())
     print_lobes(outcome.recipe.lobes)

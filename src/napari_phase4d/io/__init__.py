@@ -16,6 +16,7 @@ from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout, parts_beside
 from napari_phase4d.io.remote import address_of
 from napari_phase4d.io.results import (
+    file_pixel_um,
     holds_phase,
     open_phase,
     read_results,
@@ -39,6 +40,7 @@ __all__ = [
     "address_of",
     "arriving_at",
     "check_figure",
+    "file_pixel_um",
     "holds_phase",
     "needs_layout",
     "open_input",

@@ -15,11 +15,12 @@ from napari_phase4d.io.reading import (
     JOINED_SUFFIXES,
     READABLE_SUFFIXES,
     check_there,
+    folder_of_list,
     read_list,
     read_video,
 )
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.results import holds_phase, open_phase, result_attrs
+from napari_phase4d.io.results import PhaseBy, open_phase, phase_by, result_attrs
 from napari_phase4d.io.video import (
     LARGEST_SIDE,
     TIME,
@@ -33,7 +34,7 @@ from napari_phase4d.io.video import (
     taken_for_time,
 )
 from napari_phase4d.later import xr
-from napari_phase4d.optics import Optics
+from napari_phase4d.optics import Optics, optics_for_pixel
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import (
     PLAIN_AXES,
@@ -58,6 +59,13 @@ __all__ = [
 
 #: Share of the free memory that a single frame may take.
 SHARE_OF_A_FRAME = 0.25
+#: Noted of a list of files that is not what its folder opens as.
+NO_NAME = "A recipe can't name these files, as their folder holds others, or in another order."
+#: Noted of phase that is told from holograms by nothing else; these may be normalised.
+TAKEN_FOR_PHASE = (
+    "Taken for wrapped phase, as its numbers lie between -pi and pi; if they are holograms, say "
+    "so (content='holograms')."
+)
 
 
 def open_recording(
@@ -130,16 +138,12 @@ def open_recording(
         path = as_path(path_or_array).expanduser()
         video = read_video(path, dataset, raw)
         source = address_of(path) or str(path)
-        return recording_of(video, path.name, source, optics, frame_rate_hz)
+        found = recording_of(video, path.name, source, optics, frame_rate_hz)
+        return replace(found, dataset=dataset, raw=raw)
     if is_list_of_paths(path_or_array):
         files = [as_path(p).expanduser() for p in path_or_array]
-        return recording_of(
-            read_list(files, None, dataset, raw),
-            files[0].name,
-            str(files[0].parent),
-            optics,
-            frame_rate_hz,
-        )
+        found = open_list(files, read_list(files, None, dataset, raw), raw, optics, frame_rate_hz)
+        return replace(found, dataset=dataset, raw=raw)
     if isinstance(path_or_array, xr.DataArray):
         return open_data_array(path_or_array, optics, frame_rate_hz)
     # In this order, since arrays of dates have no ``data``.
@@ -154,6 +158,21 @@ def open_recording(
             "light does not; give phase to unwrap()"
         )
     return recording_of(Video(path_or_array), "the array", "", optics, frame_rate_hz)
+
+
+def open_list(
+    files: Sequence[Path],
+    video: Video,
+    raw: RawLayout | None,
+    optics: Optics | None,
+    frame_rate_hz: float | None,
+) -> Recording:
+    """Return the recording that files make, with their folder as source if that opens so."""
+    folder = folder_of_list(files, raw)
+    if folder is None:
+        video = replace(video, notes=(*video.notes, NO_NAME))
+    source = "" if folder is None else str(folder)
+    return recording_of(video, files[0].name, source, optics, frame_rate_hz)
 
 
 def is_list_of_paths(given: Any) -> bool:
@@ -184,7 +203,8 @@ def open_input(
     angles_deg : sequence of float, optional
         Viewing angles of wrapped phase, where its file does not say them.
     content : str, optional
-        "holograms", "phase", or "auto" (default) to look, see `holds_phase`.
+        "holograms", "phase", or "auto" (default) to look, see `holds_phase`. What
+        only its numbers tell is noted.
 
     Returns
     -------
@@ -204,16 +224,19 @@ def open_input(
             f"{Path(path).name} is unwrapped already, by {noted['method']}; give the wrapped phase"
         )
         raise ValueError(msg)
-    is_phase = holds_phase(path, dataset) if content == "auto" else content == "phase"
-    if not is_phase:
+    why = phase_by(path, dataset) if content == "auto" else None
+    if why is None and content != "phase":
         return open_recording(path, optics, frame_rate_hz, dataset=dataset, raw=raw)
-    return open_phase(
+    phase = open_phase(
         path,
         dataset,
         pixel_um=None if optics is None else optics.pixel_um,
         frame_rate_hz=frame_rate_hz,
         angles_deg=angles_deg,
     )
+    if why is not PhaseBy.NUMBERS:
+        return phase
+    return phase.assign_attrs(notes=[*phase.attrs.get("notes", ()), TAKEN_FOR_PHASE])
 
 
 def recording_of(
@@ -251,7 +274,7 @@ def recording_of(
         )
     elif optics is None:
         notes.append("The microscope is not in the data; that of the paper is assumed.")
-    return Recording.from_frames(
+    recording = Recording.from_frames(
         frames,
         optics=optics,
         frame_rate_hz=frame_rate_hz,
@@ -261,6 +284,8 @@ def recording_of(
         notes=tuple(notes),
         kind=video.kind,
     )
+    recording = replace(recording, file_pixel_um=pixel)
+    return replace(recording, notes=(*recording.notes, *recording.pixel_notes))
 
 
 def check_axes(video: Video, name: str) -> None:
@@ -319,7 +344,7 @@ def open_data_array(
         Video(
             data.data,
             times_s=times_in_s(data["time"].values) if in_time else None,
-            pixel_um=None if optics is not None else square_pixel_um(data, name),
+            pixel_um=square_pixel_um(data, name) if optics is None else noted_pixel_um(data),
         ),
         name,
         "",
@@ -350,6 +375,17 @@ def square_pixel_um(data: xr.DataArray, name: str) -> float | None:
     return steps[-1] if steps else None
 
 
+def noted_pixel_um(data: xr.DataArray) -> float | None:
+    """Return the width of a pixel by the places along x where the microscope is given.
+
+    Places that say nothing of it are no fault then: None.
+    """
+    if data.sizes.get("x", 1) < 2 or "x" not in data.coords:
+        return None
+    step = spacing(data, "x", "the array")
+    return None if step == 1 and not data["x"].attrs.get("units") else step  # numbers of pixels
+
+
 def check_square(height_um: float, width_um: float, name: str, advice: str) -> None:
     """Refuse pixels that are not as high as wide."""
     if not math.isclose(height_um, width_um, rel_tol=0.01):
@@ -358,12 +394,6 @@ def check_square(height_um: float, width_um: float, name: str, advice: str) -> N
             f"be square; {advice}"
         )
         raise ValueError(msg)
-
-
-def optics_for_pixel(pixel_um: float) -> Optics:
-    """Return the paper's microscope with the magnification that gives this pixel."""
-    base = Optics()
-    return replace(base, magnification=base.camera_pixel_um / pixel_um)
 
 
 def steps_in(wanted: str, scale: Sequence[float], units: Sequence[str]) -> list[float | None]:

@@ -39,6 +39,7 @@ __all__ = [
     "JOINED_SUFFIXES",
     "READABLE_SUFFIXES",
     "check_there",
+    "folder_of_list",
     "needs_layout",
     "parts_beside",
     "read_list",
@@ -146,10 +147,27 @@ def read_folder(path: Path, dataset: str | None, raw: RawLayout | None) -> Video
     if is_koala(path) and raw is None:
         refuse_choice(path, dataset)
         return read_koala(path)
-    suffixes = JOINED_SUFFIXES if raw is None else (*JOINED_SUFFIXES, *RAW_SUFFIXES)
-    files, notes = files_of_folder(path, suffixes)
+    files, notes = files_of_folder(path, joined_suffixes(raw))
     video = read_joined(path, files, dataset, raw)
     return replace(video, notes=(*video.notes, *notes))
+
+
+def joined_suffixes(raw: RawLayout | None) -> tuple[str, ...]:
+    """Return the endings of what a folder is joined of."""
+    return JOINED_SUFFIXES if raw is None else (*JOINED_SUFFIXES, *RAW_SUFFIXES)
+
+
+def folder_of_list(files: Sequence[Path], raw: RawLayout | None = None) -> Path | None:
+    """Return the folder that opens as a list of files does, None where there is none."""
+    folder = files[0].parent
+    if is_zarr(folder) or (is_koala(folder) and raw is None):
+        return None
+    try:
+        joined, _ = files_of_folder(folder, joined_suffixes(raw))
+    except OSError:  # it may not be listed
+        return None
+    same = [file.resolve() for file in joined] == [file.resolve() for file in files]
+    return folder if same else None
 
 
 def read_list(

@@ -6,6 +6,7 @@ import json
 import uuid
 from collections.abc import Sequence
 from contextlib import closing
+from enum import Enum
 from pathlib import Path
 from typing import Any
 
@@ -24,13 +25,13 @@ from napari_phase4d.io.describing import (
     step_of,
     view_names,
 )
-from napari_phase4d.io.hdf5 import HDF5_SUFFIXES, read_hdf5
 from napari_phase4d.io.lazy import in_one_line
-from napari_phase4d.io.microscopes import is_koala_phase, read_koala_phase
-from napari_phase4d.io.raw import holds_holograms, read_npy, read_npz
+from napari_phase4d.io.microscopes import is_koala_phase
+from napari_phase4d.io.plain_phase import plain_phase
+from napari_phase4d.io.raw import holds_holograms
 from napari_phase4d.io.reading import check_there
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.tiff import TIFF_SUFFIXES, check_described, read_tiff
+from napari_phase4d.io.tiff import check_described
 from napari_phase4d.io.video import (
     TIME,
     Video,
@@ -41,15 +42,17 @@ from napari_phase4d.io.video import (
     sensible,
     taken_for_time,
 )
-from napari_phase4d.io.zarr_files import check_zarr_or_none, is_zarr, read_zarr
+from napari_phase4d.io.zarr_files import check_zarr_or_none
 from napari_phase4d.io.zarr_results import read_zarr_result, write_zarr_result, zarr_description
 from napari_phase4d.later import pd, tifffile, xr
+from napari_phase4d.optics import pixel_note
 from napari_phase4d.stacks import (
     AXES,
     PLAIN_AXES,
     coordinate,
     in_units,
     looks_wrapped,
+    spacing,
     with_coordinates,
 )
 from napari_phase4d.task import UNWATCHED, CancelledCall, ProgressCall, Task
@@ -63,9 +66,12 @@ from napari_phase4d.words import (
 )
 
 __all__ = [
+    "PhaseBy",
+    "file_pixel_um",
     "holds_phase",
     "is_result",
     "open_phase",
+    "phase_by",
     "read_results",
     "read_tiff_result",
     "result_attrs",
@@ -351,8 +357,8 @@ def write_table(path: str | Path, table: pd.DataFrame) -> Path:
 ARRAYS = "phase that is an array already goes to unwrap() as it is"
 #: No pixel in a sample is wider.
 LARGE_PIXEL_UM = 1e4
-#: Names looked for first in an .npz file with several arrays.
-PHASE_NAMES = ("wrapped", "phase", "unwrapped")
+#: How a note begins that names what a file does not say.
+COUNTED_IN_ONES = "Not in the file, so counted in ones: "
 #: Axes that views lie on in files of other programs: channels, and angles.
 VIEWS = "CA"
 
@@ -433,8 +439,7 @@ def open_phase(
         "object": path.stem,
         "source": address_of(path) or str(path),
     }
-    if missing:
-        notes.append(f"Not in the file, so counted in ones: {', '.join(missing)}.")
+    notes += place_notes(pixel_um, video, missing)
     if notes:
         attrs["notes"] = notes
     return full.assign_coords(coords).assign_attrs(attrs)
@@ -461,9 +466,33 @@ def places_of_phase(
     if angles_deg is not None:
         places["angle"] = np.asarray(angles_deg, dtype=np.float64)
     rate = interval_s if times_s is None else times_s
-    given = {"pixel": pixel_um, "frame rate": rate, "viewing angles": angles_deg}
+    # To be told a pixel of 1 um is to count in ones, as the optics of who knows no pixel do.
+    known_um = None if pixel_um == 1 and not sensible(video.pixel_um) else pixel_um
+    given = {"pixel": known_um, "frame rate": rate, "viewing angles": angles_deg}
     missing = [name for name, value in given.items() if value is None]
     return {d: coordinate(d, places[d]) for d in AXES}, missing
+
+
+def place_notes(pixel_um: float | None, video: Video, missing: Sequence[str]) -> list[str]:
+    """Return notes of a pixel that is not the file's, and of what had to be counted."""
+    other = "" if pixel_um is None else pixel_note(pixel_um, sensible(video.pixel_um))
+    counted = f"{COUNTED_IN_ONES}{', '.join(missing)}." if missing else ""
+    return [note for note in (other, counted) if note]
+
+
+def file_pixel_um(phase: xr.DataArray) -> float | None:
+    """Return the width of a camera pixel in the sample that a file of phase names, None if none.
+
+    Parameters
+    ----------
+    phase : xarray.DataArray
+        What `open_phase` has read without being told a pixel.
+    """
+    notes = phase.attrs.get("notes", ())
+    if any(note.startswith(f"{COUNTED_IN_ONES}pixel") for note in notes) or phase.sizes["x"] < 2:
+        return None
+    ratio = float(phase.attrs.get("pixel_ratio", (1, 1))[1])
+    return spacing(phase, "x", str(phase.name)) / ratio
 
 
 def axes_of_phase(video: Video, name: str) -> tuple[tuple[str, ...], list[str]]:
@@ -531,47 +560,42 @@ def holds_phase(path: str | Path, dataset: str | None = None) -> bool:
     program wrote, those in radians are that no method has unwrapped; of those without a unit, as
     a script may write them, those whose numbers are such.
     """
+    return phase_by(path, dataset) is not None
+
+
+class PhaseBy(Enum):
+    """What tells that a file holds wrapped phase."""
+
+    NOTED = "what the file says"
+    VIEWS = "its four axes"
+    NUMBERS = "its numbers"
+
+
+def phase_by(path: str | Path, dataset: str | None = None) -> PhaseBy | None:
+    """Return what tells that a file holds wrapped phase, None if nothing does."""
     path = Path(path)
     if not path.exists() and address_of(path) is None:
-        return False
+        return None
     noted = result_attrs(path)
     if noted is not None and "units" in noted:
-        return noted["units"] == "rad" and "method" not in noted
+        is_phase = noted["units"] == "rad" and "method" not in noted
+        return PhaseBy.NOTED if is_phase else None
     if noted is None and is_koala_phase(path):
-        return True
+        return PhaseBy.NOTED
     try:
         if noted is not None:  # amplitude has four axes as well
-            return "method" not in noted and looks_wrapped(read_results(path).data)
+            is_phase = "method" not in noted and looks_wrapped(read_results(path).data)
+            return PhaseBy.NUMBERS if is_phase else None
         if path.suffix.lower() == ".npz" and dataset is None and holds_holograms(path):
-            return False
+            return None
         values = plain_phase(path, dataset).frames
     except (OSError, ValueError):
-        return False
-    return values.ndim in PLAIN_AXES and (is_stack_of_views(values) or looks_wrapped(values))
+        return None
+    if is_stack_of_views(values):
+        return PhaseBy.VIEWS
+    return PhaseBy.NUMBERS if values.ndim in PLAIN_AXES and looks_wrapped(values) else None
 
 
 def is_stack_of_views(values: Any) -> bool:
     """Say whether numbers have four axes, as holograms never do."""
     return bool(values.dtype.kind == "f" and values.ndim == 4 and 0 not in values.shape)
-
-
-def plain_phase(path: Path, dataset: str | None) -> Video:
-    """Return the numbers of a file that says nothing about them, lazily where it allows that."""
-    suffix = path.suffix.lower()
-    if suffix == ".npy":
-        return read_npy(path)
-    if suffix == ".npz":
-        return read_npz(path, dataset, PHASE_NAMES, (2, 3, 4))
-    if suffix in TIFF_SUFFIXES:
-        return read_tiff(path, dataset)
-    if suffix in HDF5_SUFFIXES:
-        return read_hdf5(path, dataset)
-    if is_zarr(path):
-        return read_zarr(path, dataset)
-    if is_koala_phase(path):
-        return read_koala_phase(path)
-    msg = (
-        f"{path.name} is of a kind that can't be read as phase; use OME-TIFF, OME-Zarr, HDF5, "
-        ".npy, .npz or .bin of Koala"
-    )
-    raise OSError(msg)

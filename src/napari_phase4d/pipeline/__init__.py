@@ -43,10 +43,13 @@ from napari_phase4d.pipeline.running import (
 from napari_phase4d.pipeline.starting import (
     FOUND_BY,
     found_anywhere,
+    light_for,
+    lobes_of,
     noting_start,
     open_by,
     start_sentence,
     start_words,
+    typed_into,
     with_start,
 )
 from napari_phase4d.words import EXPECTED, sentence_of, size_in_words, time_in_words
@@ -72,7 +75,9 @@ __all__ = [
     "focus_by",
     "found_anywhere",
     "holds_outcome",
+    "light_for",
     "load_object_finder",
+    "lobes_of",
     "make_folder",
     "needed_bytes",
     "needs_of",
@@ -95,6 +100,7 @@ __all__ = [
     "start_sentence",
     "start_words",
     "time_in_words",
+    "typed_into",
     "unwrap_by",
     "warm_up_elsewhere",
     "watch",

@@ -8,7 +8,7 @@ whatever looks at frames from all over a recording looks at the first ones.
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -29,7 +29,7 @@ from napari_phase4d.io.lazy import lazy_frames
 from napari_phase4d.io.video import Video
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.pipeline.running import opened_reference, phase_settings
-from napari_phase4d.pipeline.starting import found_anywhere, open_by
+from napari_phase4d.pipeline.starting import found_anywhere, lobes_of, open_by, typed_into
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import Cancelled, CancelledCall, Task
 from napari_phase4d.unwrapping import check_light, for_what_comes, scores_of_some
@@ -352,8 +352,9 @@ def settle(
     arriving: Arriving,
     arrivals: Sequence[Arrival],
     task: Task,
+    numbers: Mapping[str, float],
 ) -> Settled:
-    """Settle on the first frames what holds for all.
+    """Settle on the first frames what holds for all; ``numbers`` of the microscope were typed in.
 
     Raises
     ------
@@ -374,10 +375,12 @@ def settle(
         replace(facts, frames=frames, times_s=None, axes=""),
         arriving.path.name,
         source,
-        recipe.optics,
+        None if numbers else recipe.optics,
         recipe.frame_rate_hz,
     )
-    lobes = list(recipe.lobes) or find_lobes(
+    if numbers:
+        first = first.calibrated(typed_into(recipe.optics, numbers, first))
+    lobes = lobes_of(recipe) or find_lobes(
         first,
         recipe.wanted_views,
         angles_deg=recipe.angles_deg,

@@ -19,6 +19,7 @@ from napari_phase4d.holography.reconstruction import FEW_LOST
 from napari_phase4d.io import Arrival, Arriving, FromCamera, arriving_at
 from napari_phase4d.later import xr
 from napari_phase4d.machine import cores
+from napari_phase4d.optics import Optics, with_typed_numbers
 from napari_phase4d.pipeline.feed import (
     FIRST_FRAMES,
     Feed,
@@ -77,6 +78,7 @@ def watch(
     progress: ProgressCall | None = None,
     stopped: CancelledCall | None = None,
     cancelled: CancelledCall | None = None,
+    optics_numbers: Mapping[str, float] | None = None,
 ) -> Outcome:
     """Work on a recording while it is written, and write its results when it is complete.
 
@@ -124,6 +126,10 @@ def watch(
         If it returns True, no more frames are waited for; the results are written.
     cancelled : callable, optional
         If it returns True, all is given up, and nothing is written.
+    optics_numbers : mapping of str to float, optional
+        Fields of `Optics` that hold, as they are typed in. The others are those of the recipe's
+        microscope or the paper's, but a pixel that the file names stays, unless camera pixel and
+        magnification are both given.
 
     Returns
     -------
@@ -169,6 +175,9 @@ def watch(
         check_call(name, call)
     check_limits(frames, patience_s, frame_patience_s)
     check_live(recipe)
+    numbers = dict(optics_numbers or {})
+    # What no microscope has is refused before one waits for frames.
+    with_typed_numbers(recipe.optics or Optics(), numbers, None)
     checked_form(form)
     if recipe.cells is not None:
         check_follower()
@@ -195,12 +204,13 @@ def watch(
         try:
             n_first = recipe.first_frames or FIRST_FRAMES
             gathered = feed.gather(n_first)
-            settled = settle(recipe, arriving, gathered[:n_first], Task(None, cancelled))
+            unseen = Task(None, cancelled)
+            settled = settle(recipe, arriving, gathered[:n_first], unseen, numbers)
             listener.tell(found_sentence(settled))
             light = settled.first.optics.wavelength_um
             for doubt in lobe_doubts(with_wavelengths(settled.recipe.lobes, light)):
                 listener.insist(doubt)
-            live = Live(settled, arriving, place.shelf, listener, arrived, Task(None, cancelled))
+            live = Live(settled, arriving, place.shelf, listener, arrived, unseen)
             if begun is not None:
                 begun(live.like())
             live.follow(gathered, feed)
@@ -478,10 +488,8 @@ class Live:
             Task(task.progress, self._cancelled),
         )
         comparison = comparison.with_results(results, self._causal.seconds, recipe.methods)
-        optics = recording.optics
-        cells = cells_by(
-            recipe, comparison, data["phase"], optics, Task(task.progress, self._cancelled)
-        )
+        following = Task(task.progress, self._cancelled)
+        cells = cells_by(recipe, comparison, data["phase"], following)
         return Outcome(recording, recipe, data, comparison, cells=cells)
 
     def _dataset(self, recording: Recording) -> xr.Dataset:

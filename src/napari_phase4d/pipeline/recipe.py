@@ -73,7 +73,8 @@ class Recipe(BaseModel):
         Number of views to find if no lobes are given, 1 to 6. Default: as many as there are
         angles, else they are counted.
     angles_deg : tuple of float, optional
-        Viewing angles of the views that are found, in degrees.
+        Viewing angles of the views that are found, or of the lobes, in degrees. They come before
+        those that lobes name.
     wavelengths_um : tuple of float, optional
         Wavelengths of the views that are found, in micrometres, in the same order; where lobes
         are given, these name their own. Default: all have that of the optics.

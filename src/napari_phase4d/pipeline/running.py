@@ -40,11 +40,12 @@ from napari_phase4d.holography.lobes import lobe_doubts, with_wavelengths
 from napari_phase4d.holography.reconstruction import FEW_LOST
 from napari_phase4d.io import open_recording
 from napari_phase4d.later import xr
-from napari_phase4d.optics import Optics
 from napari_phase4d.pipeline.places import Place, needs_of, phase_needs, place_for
 from napari_phase4d.pipeline.recipe import PHASE_SETTINGS, Recipe
 from napari_phase4d.pipeline.starting import (
     FrameSource,
+    light_for,
+    lobes_of,
     noting_start,
     open_by,
     say_what_counts,
@@ -253,9 +254,9 @@ def run_unwarned(
         comparison = noting_start(comparison, scores)
         data = xr.Dataset({"phase": opened})
         outcome = Outcome(None, used, data, comparison, truth, scores)
-        return with_cells(outcome, Optics(), task)
+        return with_cells(outcome, task)
     recording = opened
-    lobes = list(recipe.lobes) or find_lobes(
+    lobes = lobes_of(recipe) or find_lobes(
         beginning_of(recording, recipe.first_frames),
         recipe.wanted_views,
         angles_deg=recipe.angles_deg,
@@ -284,7 +285,7 @@ def run_unwarned(
     )
     comparison = noting_start(comparison, scores)
     outcome = Outcome(recording, used, data, comparison, truth, scores)
-    return with_cells(outcome, recording.optics, task)
+    return with_cells(outcome, task)
 
 
 def trust_on_disk(
@@ -299,7 +300,6 @@ def trust_on_disk(
 
 def with_cells(
     outcome: Outcome,
-    optics: Optics,
     task: Task = UNWATCHED,
 ) -> Outcome:
     """Return what a run gave with the cells that its recipe asks for.
@@ -307,10 +307,7 @@ def with_cells(
     What has been computed by then is not lost if they can't be found.
     """
     try:
-        cells = cells_by(
-            outcome.recipe, outcome.comparison, outcome.reconstruction["phase"], optics,
-            task,
-        )  # fmt: skip
+        cells = cells_by(outcome.recipe, outcome.comparison, outcome.reconstruction["phase"], task)
     except Cancelled:
         raise
     except Exception as error:  # of whatever library
@@ -323,26 +320,22 @@ def cells_by(
     recipe: Recipe,
     comparison: Comparison,
     wrapped: xr.DataArray,
-    optics: Optics,
     task: Task = UNWATCHED,
 ) -> Cells | None:
     """Find, follow and measure cells as a recipe asks for, None if it does not.
 
-    They are those of the result most to be trusted; where the phase notes its wavelength, that
-    counts. Pixels in doubt make their errors larger; after a run larger than memory they do so if
-    the recipe asks for confidence.
+    They are those of the result most to be trusted; where the recipe names no microscope, that
+    which the phase notes counts. Pixels in doubt make their errors larger; after a run larger than
+    memory they do so if the recipe asks for confidence.
     """
     if recipe.cells is None:
         return None
     method = most_trusted(comparison.results)
     result = comparison.results[method]
-    noted = result.attrs.get("wavelength_um")
-    if noted is not None:
-        optics = replace(optics, wavelength_um=float(noted))
     trust = comparison.known_confidence(method, **task.calls)
     found = cells_in(
         result,
-        recipe.optics or optics,
+        light_for(recipe.optics, result),
         recipe.cells,
         method=method,
         wrapped=wrapped,
@@ -456,10 +449,16 @@ def focus_by(
 
 
 def opened_reference(recipe: Recipe, recording: Recording) -> Any:
-    """Return a recipe's reference as `reconstruct` takes it; a file is opened."""
+    """Return a recipe's reference as `reconstruct` takes it; a file is opened.
+
+    What had to be assumed of the file is warned of; its times do not count.
+    """
     if recipe.reference_file is None:
         return recipe.reference
-    return open_recording(recipe.reference_file, recording.optics, raw=recipe.raw)
+    found = open_recording(recipe.reference_file, recording.optics, 1, raw=recipe.raw)
+    for note in found.notes:
+        warn(f"the reference {found.name}: {note.removesuffix('.')}")
+    return found
 
 
 def phase_settings(recipe: Recipe) -> dict[str, Any]:

@@ -6,7 +6,7 @@ Any thread or process can read the frames: it opens the files anew.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from functools import lru_cache
@@ -17,25 +17,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis import Comparison
-from napari_phase4d.io import address_of, open_input
+from napari_phase4d.holography import Lobe
+from napari_phase4d.holography.lobes import in_order_of_angle
+from napari_phase4d.io import address_of, file_pixel_um, open_input
 from napari_phase4d.later import xr
+from napari_phase4d.optics import Optics, optics_for_pixel, pixel_note, with_typed_numbers
 from napari_phase4d.pipeline.recipe import Recipe
 from napari_phase4d.recording import Recording
 from napari_phase4d.sample import is_sample, open_sample
+from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import UNWATCHED, Task
 from napari_phase4d.unwrapping import best_frame, scores_of_some, scores_sentence
-from napari_phase4d.words import checked_call, frame_in_words, warn
+from napari_phase4d.words import checked_call, counted, frame_in_words, warn
 
 __all__ = [
     "FOUND_BY",
     "FrameSource",
     "found_anywhere",
+    "light_for",
+    "lobes_of",
     "noting_start",
     "open_by",
     "say_what_counts",
     "say_what_file_says",
     "start_sentence",
     "start_words",
+    "typed_into",
     "with_start",
 ]
 
@@ -60,6 +67,113 @@ def open_by(recipe: Recipe) -> Recording | xr.DataArray:
         angles_deg=recipe.angles_deg,
         content=recipe.content,
     )
+
+
+#: What phase may note of the microscope, beside its pixel.
+NOTED_LIGHT = ("wavelength_um", "medium_index")
+#: What the pixel in the sample follows from.
+OF_THE_PIXEL = {"camera_pixel_um", "magnification"}
+
+
+def typed_into(
+    given: Optics | None, numbers: Mapping[str, float], opened: Recording | xr.DataArray
+) -> Optics:
+    """Return the microscope with numbers that were typed in; the rest is as the file says.
+
+    Parameters
+    ----------
+    given : Optics or None
+        The microscope of the recipe.
+    numbers : mapping of str to float
+        Fields of `Optics` that were typed in.
+    opened : Recording or DataArray
+        What the file holds, opened without a microscope.
+    """
+    if isinstance(opened, Recording):
+        pixel_um, own = opened.file_pixel_um, opened.optics
+    else:
+        pixel_um = file_pixel_um(opened)
+        counted = pixel_um is None and not numbers.keys() & OF_THE_PIXEL
+        own = optics_for_pixel(1.0) if counted else Optics()
+    known = given or own
+    if given is not None and pixel_note(given.pixel_um, pixel_um):
+        pixel_um = None  # the recipe's own counts
+    return with_typed_numbers(known, numbers, pixel_um)
+
+
+def lobes_of(recipe: Recipe) -> list[Lobe]:
+    """Return the lobes of a recipe at the angles that it names, none if they are to be found.
+
+    Raises
+    ------
+    ValueError
+        If there are not as many angles as lobes, or the boundary frame would lie in another view.
+    """
+    lobes, angles = list(recipe.lobes), recipe.angles_deg
+    if not lobes:
+        return []
+    if recipe.n_views not in (None, len(lobes)):
+        warn(
+            f"n_views is {recipe.n_views}, but the recipe has {counted(len(lobes), 'lobe')}, "
+            "which count; take them out of it to look for views"
+        )
+    light, own = recipe.wavelengths_um, tuple(lobe.wavelength_um for lobe in lobes)
+    if light is not None and light != own:
+        warn("wavelengths_um of the recipe do not count, as its lobes name their own")
+    return lobes if angles is None else lobes_at(recipe, angles)
+
+
+def lobes_at(recipe: Recipe, angles_deg: Sequence[float]) -> list[Lobe]:
+    """Return the lobes of a recipe at other angles."""
+    lobes = list(recipe.lobes)
+    if len(angles_deg) != len(lobes):
+        msg = (
+            f"angles_deg has {counted(len(angles_deg), 'angle')}, but the recipe has "
+            f"{counted(len(lobes), 'lobe')}; give as many, or take its lobes out of it"
+        )
+        raise ValueError(msg)
+    turned = [replace(b, angle_deg=float(a)) for b, a in zip(lobes, angles_deg, strict=True)]
+    noted = [lobe.angle_deg for lobe in lobes]
+    if any(noted) and list(angles_deg) != noted:
+        warn(
+            f"angles_deg of the recipe, {', '.join(f'{a:g}' for a in angles_deg)}, count, and not "
+            f"those that its lobes name, {', '.join(f'{a:g}' for a in noted)}"
+        )
+    before, now = (
+        [lobe.carrier for lobe in in_order_of_angle(views)[0]] for views in (lobes, turned)
+    )
+    if before != now and recipe.boundary != "auto":
+        msg = (
+            "angles_deg put the views into another order than that in which the recipe counts "
+            'its boundary frame; set boundary to "auto", or the angles in the lobes'
+        )
+        raise ValueError(msg)
+    return turned
+
+
+def light_for(given: Optics | None, stack: xr.DataArray, own: Optics | None = None) -> Optics:
+    """Return the microscope that masses and heights of phase are counted with.
+
+    Parameters
+    ----------
+    given : Optics or None
+        That of the recipe, which counts.
+    stack : xarray.DataArray
+        Phase, or a result; what it notes of wavelength and medium comes next.
+    own : Optics, optional
+        The user's own, for the rest. Default: the paper's, and a warning if the wavelength is
+        nowhere said.
+    """
+    if given is not None:
+        return given
+    noted = {n: float(stack.attrs[n]) for n in NOTED_LIGHT if stack.attrs.get(n) is not None}
+    base = own or Optics()
+    if own is None and "wavelength_um" not in noted and wavelengths_of(stack) is None:
+        warn(
+            f"the wavelength is not in the file; {1000 * base.wavelength_um:g} nm are taken for "
+            "masses and heights: give it in the optics of the recipe, or as --wavelength"
+        )
+    return replace(base, **noted)
 
 
 def found_anywhere(source: str | Path) -> str:
@@ -102,7 +216,7 @@ def say_what_counts(recipe: Recipe, recording: Recording) -> None:
 
 
 def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
-    """Warn where a recipe has other times or views than the file of wrapped phase notes itself."""
+    """Warn where a recipe has other facts than the file of wrapped phase notes itself."""
     passed_over = []
     times, angles = phase["time"].values, phase["angle"].values
     rate, span = recipe.frame_rate_hz, float(times[-1] - times[0])
@@ -116,6 +230,9 @@ def say_what_file_says(recipe: Recipe, phase: xr.DataArray) -> None:
         passed_over.append(f"angles_deg (the file: {', '.join(f'{a:g}' for a in angles)})")
     if recipe.n_views not in (None, len(angles)):
         passed_over.append(f"n_views (the file: {len(angles)})")
+    pixel_um = file_pixel_um(phase)
+    if recipe.optics is not None and pixel_note(recipe.optics.pixel_um, pixel_um):
+        passed_over.append(f"optics (the pixel in the file: {pixel_um:.4g} um)")
     if passed_over:
         warn(
             f"the file of wrapped phase says its own, which counts, not the recipe's "
@@ -206,6 +323,8 @@ class FrameSource:
         self.recording = recording
         self._recipe = recipe.changed(
             recording=found_anywhere(recording.source),
+            dataset=recording.dataset,
+            raw=recording.raw,
             optics=recording.optics,
             frame_rate_hz=recording.frame_rate_hz,
             content="holograms",

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.phase_plans import Plan
-from napari_phase4d._napari.session.result_plans import optics_of
 from napari_phase4d._napari.session.state import Changed, State
 from napari_phase4d.analysis import (
     Cells,
@@ -25,6 +24,7 @@ from napari_phase4d.analysis import (
 )
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import Optics
+from napari_phase4d.pipeline import light_for
 from napari_phase4d.stacks import AXES
 from napari_phase4d.task import UNWATCHED, Task
 
@@ -68,7 +68,7 @@ def plan_cells(
     method = method or most_trusted(comparison.results)
     result = comparison.results[method]
     how = settings or state.recipe.cells or CellSettings()
-    used = optics_of(state, result, optics or Optics())
+    used = light_for(state.recipe.optics, result, optics)
     given = None if labels is None else labels_like(result, labels)
     known, wrapped = state.confidence.get(method), state.needed_reconstruction()["phase"]
 
@@ -130,6 +130,7 @@ def plan_cell_by_methods(
     how = state.recipe.cells or CellSettings()
     wrapped = state.needed_reconstruction()["phase"]
     known = dict(state.confidence)
+    used = light_for(state.recipe.optics, wrapped, optics)
 
     def work(task: Task) -> dict[str, pd.DataFrame]:
         trust = {
@@ -142,7 +143,7 @@ def plan_cell_by_methods(
         tables = {
             method: measure(
                 with_empty_field(result, wrapped), cells.labels,
-                optics_of(state, result, optics or Optics()),
+                used,
                 object_index=how.object_index,
                 refraction_increment_ml_per_g=how.refraction_increment_ml_per_g,
                 oblique=how.oblique, confidence=trust[method],

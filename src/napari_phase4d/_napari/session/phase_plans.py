@@ -20,6 +20,7 @@ from napari_phase4d.holography import (
     pair_distance,
     power_spectrum,
 )
+from napari_phase4d.holography.lobes import wrapped_distance
 from napari_phase4d.io import RawLayout
 from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import find_place, focus_by, needs_of, reconstruct_by
@@ -209,11 +210,14 @@ def with_known_views(found: Sequence[Lobe], known: Sequence[Lobe]) -> list[Lobe]
     kept = []
     for lobe in found:
         nearest = min(known, key=lambda k: pair_distance(k.carrier, lobe.carrier))
-        same = pair_distance(nearest.carrier, lobe.carrier) < lobe.radius
+        pair = nearest.carrier, lobe.carrier
+        same = pair_distance(*pair) < lobe.radius
+        # The sign belongs to one of the pair of lobes, and the other one may have been found.
+        is_other = pair_distance(*pair) < wrapped_distance(*pair)
         known_view = replace(
             lobe,
             angle_deg=nearest.angle_deg,
-            flip=nearest.flip,
+            flip=nearest.flip != is_other,
             wavelength_um=nearest.wavelength_um,
         )
         kept.append(known_view if same else lobe)

@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from napari_phase4d.analysis import REFERENCE, Verdict, with_wavelength
-from napari_phase4d.holography import pair_distance, recalibrated
+from napari_phase4d.holography import Lobe, pair_distance, recalibrated
 from napari_phase4d.later import xr
 from napari_phase4d.pipeline import Outcome, Recipe
 from napari_phase4d.recording import Recording
@@ -17,14 +17,14 @@ from napari_phase4d.stacks.coordinates import scaled_like
 if TYPE_CHECKING:
     from napari_phase4d._napari.session.state import State
 
-__all__ = ["checked_frames", "moved_frames", "recalibrate"]
+__all__ = ["changed_views", "checked_frames", "moved_frames", "recalibrate"]
 
 Stack = TypeVar("Stack", "xr.Dataset", "xr.DataArray")
 
 
 def recalibrate(state: State, recording: Recording) -> None:
     """Let a state have the same frames with other optics or times; all else gets the new scale."""
-    changes = {"optics": recording.optics, "frame_rate_hz": recording.frame_rate_hz}
+    changes = {"optics": recording.optics, "frame_rate_hz": recording.even_rate_hz}
     state.recording = recording
     state.phase_recipe = recalibrated_recipe(state.phase_recipe, changes)
     if state.reconstruction is not None:
@@ -92,6 +92,21 @@ def recalibrated_recipe(recipe: Recipe, changes: dict[str, Any]) -> Recipe:
     if recipe.refocus_um is None:
         return recipe.changed(**changes)
     return recipe.changed(frame_rate_hz=changes["frame_rate_hz"])
+
+
+def changed_views(recipe: Recipe, lobes: Sequence[Lobe]) -> dict[str, Any]:
+    """Return the settings that views bring with them.
+
+    Angles and wavelengths that were known ahead go where the views say others, as they would come
+    before these in a run; they stay while there is no view.
+    """
+    fields = {"angles_deg": "angle_deg", "wavelengths_um": "wavelength_um"}
+    old = [
+        name
+        for name, field in fields.items()
+        if lobes and getattr(recipe, name) != tuple(getattr(lobe, field) for lobe in lobes)
+    ]
+    return {"lobes": tuple(lobes), **dict.fromkeys(old)}
 
 
 def moved_frames(

@@ -32,6 +32,7 @@ from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
 from napari_phase4d.pipeline import (
     Outcome,
     estimated_seconds,
+    light_for,
     noting_start,
     phase_needs,
     result_folder,
@@ -47,7 +48,6 @@ __all__ = [
     "Masks",
     "MasksCall",
     "folder_without_results",
-    "optics_of",
     "plan_confidence",
     "plan_estimate",
     "plan_margin",
@@ -358,7 +358,7 @@ def plan_measuring(
     comparison = state.needed_outcome().comparison
     method = most_trusted(comparison.results) if method is None else method
     methods = [method] if isinstance(method, str) else list(method)
-    used = optics_of(state, comparison.results[methods[0]], optics or Optics())
+    used = light_for(state.recipe.optics, comparison.results[methods[0]], optics)
     noted = {"refraction increment (mL/g)": refraction_increment_ml_per_g}
     if object_index is not None:
         noted["object index"] = object_index
@@ -397,14 +397,6 @@ def plan_measuring(
         state.measured_changed.emit()
 
     return Plan("Measuring", work, receive)
-
-
-def optics_of(state: State, result: xr.DataArray, own: Optics) -> Optics:
-    """Return the microscope; of phase that does not say it, the user's own."""
-    if state.recipe.optics is not None:
-        return state.recipe.optics
-    noted = result.attrs.get("wavelength_um", own.wavelength_um)
-    return replace(own, wavelength_um=float(noted))
 
 
 @contextmanager

@@ -9,13 +9,27 @@ from typing import Any
 
 from psygnal import Signal
 
+from napari_phase4d._napari.session.history import LobeHistory
 from napari_phase4d._napari.session.opening import Opened, TruthCall, open_anything
-from napari_phase4d._napari.session.recalibrating import checked_frames, moved_frames, recalibrate
+from napari_phase4d._napari.session.recalibrating import (
+    changed_views,
+    checked_frames,
+    moved_frames,
+    recalibrate,
+)
 from napari_phase4d.analysis import REFERENCE, Cells, Comparison
 from napari_phase4d.holography import BACKGROUND_ORDERS, Focus, FoundLobes, Lobe, first_seen
 from napari_phase4d.io import RawLayout
 from napari_phase4d.later import pd, xr
-from napari_phase4d.pipeline import PHASE_SETTINGS, Outcome, Place, Recipe, find_place, phase_needs
+from napari_phase4d.pipeline import (
+    PHASE_SETTINGS,
+    Outcome,
+    Place,
+    Recipe,
+    find_place,
+    lobes_of,
+    phase_needs,
+)
 from napari_phase4d.recording import Recording
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.unwrapping import METHODS, best_frame, why_unsuited
@@ -238,13 +252,13 @@ class State:
             "recording": recording.source,
             "content": kind,
             "optics": recording.optics,
-            "frame_rate_hz": recording.frame_rate_hz,
+            "frame_rate_hz": recording.even_rate_hz,  # uneven times are those of the file
         }
         if recipe is None:
             angles = None if angles_deg is None else tuple(angles_deg)
             settings |= {
-                "dataset": None,
-                "raw": raw,
+                "dataset": recording.dataset,
+                "raw": raw or recording.raw,
                 "lobes": (),
                 "angles_deg": angles,
                 "wavelengths_um": None,
@@ -253,6 +267,8 @@ class State:
                 "refocus_um": None,
                 "boundary": "auto" if boundary is None else (boundary,),
             }
+        else:
+            settings["lobes"] = tuple(lobes_of(recipe))
         self._begin(recording, truth, (recipe or self.recipe).changed(**settings))
 
     def set_phase(
@@ -410,7 +426,7 @@ class State:
         """
         if undoable:
             self.remember_lobes()
-        self.update(lobes=tuple(lobes))
+        self.update(**changed_views(self.recipe, lobes))
         self.lobes_changed.emit()
 
     def remember_lobes(self) -> None:
@@ -477,41 +493,6 @@ class State:
             msg = "there are no results yet; press Run in step 4"
             raise ValueError(msg)
         return self.outcome
-
-
-#: How many changes of the lobes can be undone.
-UNDO_DEPTH = 50
-
-
-class LobeHistory:
-    """The lobes before each change, the newest last."""
-
-    def __init__(self) -> None:
-        self._before: list[tuple[Lobe, ...]] = []
-
-    def remember(self, lobes: tuple[Lobe, ...]) -> None:
-        """Note lobes that are about to be changed, unless they are the newest noted."""
-        if not self._before or self._before[-1] != lobes:
-            self._before = [*self._before[-UNDO_DEPTH:], lobes]
-
-    def back_from(self, lobes: tuple[Lobe, ...]) -> tuple[Lobe, ...]:
-        """Return, and forget, the newest lobes that differ from the present ones.
-
-        Raises
-        ------
-        ValueError
-            If there is nothing to take back.
-        """
-        while self._before:
-            before = self._before.pop()
-            if before != lobes:
-                return before
-        msg = "there is nothing to undo"
-        raise ValueError(msg)
-
-    def forget(self) -> None:
-        """Forget all changes."""
-        self._before = []
 
 
 class StepState(Enum):
