@@ -12,17 +12,11 @@ from napari_phase4d.io.opening import (
     open_recording,
     recording_of,
 )
+from napari_phase4d.io.phases import file_pixel_um, holds_phase, open_phase
 from napari_phase4d.io.raw import RAW_SUFFIXES, RawLayout
 from napari_phase4d.io.reading import needs_layout, parts_beside
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.results import (
-    file_pixel_um,
-    holds_phase,
-    open_phase,
-    read_results,
-    write_phase,
-    write_table,
-)
+from napari_phase4d.io.results import read_results, write_phase, write_table
 from napari_phase4d.io.tomography import sinogram, write_sinogram
 
 __all__ = [

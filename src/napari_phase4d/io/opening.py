@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from napari_phase4d.io.phases import PhaseBy, open_phase, phase_by
 from napari_phase4d.io.raw import RawLayout
 from napari_phase4d.io.reading import (
     JOINED_SUFFIXES,
@@ -20,7 +21,7 @@ from napari_phase4d.io.reading import (
     read_video,
 )
 from napari_phase4d.io.remote import address_of
-from napari_phase4d.io.results import PhaseBy, open_phase, phase_by, result_attrs
+from napari_phase4d.io.results import result_attrs
 from napari_phase4d.io.video import (
     LARGEST_SIDE,
     TIME,
