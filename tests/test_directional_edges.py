@@ -94,6 +94,23 @@ def test_what_grows_over_the_view_with_a_flat_top_is_not_taken_for_the_empty_fie
     assert not found.mask[phase > 0.5 * height].any()
 
 
+@pytest.mark.parametrize("blank", [False, True])
+def test_empty_field_that_truly_lies_elsewhere_is_found_there(blank: bool) -> None:
+    """A flat cell over half of the view lies on its other side after a jump of the stage."""
+    y, x = np.mgrid[:60, :80]
+    place = np.where(np.arange(12) < 6, 22, 58)[:, None, None]
+    inside = ((x - place) / 26) ** 2 + ((y - 22) / 24) ** 2 < 1
+    phase = blurred(4.0 * inside)[:, None]
+    wrapped = np.angle(np.exp(1j * phase)).astype(np.float32)
+    lost = np.zeros((12, 1), dtype=bool)
+    if blank:
+        lost[5:7] = True
+        wrapped[5:7] = 0
+    found = find_background(wrapped, lost=lost)
+    np.testing.assert_allclose(found.level[~lost], 0, atol=0.3)
+    assert found.shown[~lost].all()
+
+
 def ball_over_a_bowl(rises: float, side: int = 1) -> tuple[np.ndarray, np.ndarray]:
     """A ball goes through an empty field that rises by so much towards the edges."""
     y, x = np.mgrid[-28:28, -28:28] + 0.5

@@ -265,9 +265,7 @@ def recording_of(
     elif frame_rate_hz is None:
         notes.append("The frame rate is not in the data; 1 frame a second is assumed.")
     if optics is None and pixel is not None:
-        check_square(
-            sensible(video.height_um) or pixel, pixel, name, "correct the file, or give optics"
-        )
+        notes += notes_of_height(sensible(video.height_um) or pixel, pixel)
         optics = optics_for_pixel(pixel)
         notes.append(
             f"The pixel is {pixel:.4g} um wide according to the file; "
@@ -385,6 +383,16 @@ def noted_pixel_um(data: xr.DataArray) -> float | None:
         return None
     step = spacing(data, "x", "the array")
     return None if step == 1 and not data["x"].attrs.get("units") else step  # numbers of pixels
+
+
+def notes_of_height(height_um: float, width_um: float) -> list[str]:
+    """Return the note that a file names pixels which are not as high as wide, if it does."""
+    if math.isclose(height_um, width_um, rel_tol=0.01):
+        return []
+    return [
+        f"Pixels are {height_um:.4g} um high and {width_um:.4g} um wide according to the file; "
+        "the width is taken for both, check it."
+    ]
 
 
 def check_square(height_um: float, width_um: float, name: str, advice: str) -> None:

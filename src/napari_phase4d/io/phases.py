@@ -117,10 +117,10 @@ def open_phase(
     check_fits(values.size * np.dtype(np.float32).itemsize, path.name)
     dims, notes = axes_of_phase(video, path.name)
     stack = xr.DataArray(np.asarray(values, dtype=np.float32), dims=dims, name=path.stem)
-    if video.lost:
-        stack = stack.copy()
-        stack[{"time": list(video.lost)}] = np.nan
     full = stack.expand_dims([d for d in AXES if d not in dims]).transpose(*AXES)
+    if video.lost:
+        full = full.copy()
+        full[{"time": list(video.lost)}] = np.nan
     if angles_deg is not None and len(angles_deg) != full.sizes["angle"]:
         msg = (
             f"{path.name} has {full.sizes['angle']} views, but {len(angles_deg)} angles are given"

@@ -309,10 +309,14 @@ def have_decimals(names: Sequence[str]) -> bool:
     """Say whether digits behind a point in some names are decimals.
 
     They are where some have more of them than others and none ends in 0, as programs write times;
-    else they are numbers of their own, which go on from 9 to 10, as they are in dates.
+    else they are numbers of their own, which go on from 9 to 10, as they are in dates. So they are
+    behind one number that all names have, unless that is 0: run2.9 comes before run2.11.
     """
     stems = [Path(name).stem for name in names]
     parts = [part for stem in stems for part in re.findall(r"(?<=\d\.)\d+", stem)]
+    whole = {n for stem in stems for n in re.findall(r"(\d+)\.\d", stem)}
+    if len(whole) == 1 and int(*whole) > 0:
+        return False
     if len(set(map(len, parts))) < 2 or any(re.search(r"\d\.\d+\.\d", stem) for stem in stems):
         return False
     return not any(len(part) > 1 and part.endswith("0") for part in parts)
@@ -323,6 +327,8 @@ def by_decimal(path: Path) -> tuple[list[float], str]:
     return [float(n) for n in re.findall(r"\d+(?:\.\d+)?", path.stem)], path.name
 
 
+#: Not more than this share of the files of a folder are something else beside a recording.
+FEW = 0.1
 PICTURE_SUFFIXES = (".png", ".bmp", ".jpg", ".jpeg", ".pgm", ".jp2")
 IMAGE_SUFFIXES = (*PICTURE_SUFFIXES, *TIFF_SUFFIXES)
 #: Values that an image may have: more than any camera's, times three for colour.
@@ -441,26 +447,42 @@ def of_usual_pattern(names: Sequence[str]) -> list[str]:
 def by_name(names: Sequence[str]) -> tuple[list[str], list[str]]:
     """Return names that are of one recording, and those of something else beside it.
 
-    Where no pattern is that of most names, all are of it; so is what has the same letters, since
+    Of something else is what has no number, and what few have whose letters are more or less than
+    those of the others: the name of a month, and what tells morning from afternoon, change in the
+    course of a recording.
+    """
+    strange, word = named_otherwise(names)
+    few = len(strange) <= FEW * len(names)
+    beside = [
+        name
+        for name in strange
+        if not re.search(r"\d", Path(name).stem) or (few and len(letters_of(name)) != len(word))
+    ]
+    return [name for name in names if name not in beside], beside
+
+
+def named_otherwise(names: Sequence[str]) -> tuple[list[str], str]:
+    """Return the names that have other letters than most, sorted, and the letters of most.
+
+    Where no pattern is that of most names, there are none; nor is what has the same letters, since
     programs give the first of several files no number.
     """
     usual = of_usual_pattern(names)
     if 2 * len(usual) <= len(names):
-        return list(names), []
+        return [], ""
     word = letters_of(usual[0])
-    strange = [name for name in names if letters_of(name) != word]
-    return [name for name in names if letters_of(name) == word], sorted(strange)
+    return sorted(name for name in names if letters_of(name) != word), word
 
 
 def letters_of(name: str) -> str:
-    """Return the letters in a name, without its ending."""
-    return re.sub(r"[\W\d_]+", "", Path(name).stem)
+    """Return the letters in a name, small, without its ending."""
+    return re.sub(r"[\W\d_]+", "", Path(name).stem).casefold()
 
 
 def notes_of_names(files: Sequence[Path]) -> tuple[str, ...]:
     """Return what the names of files that are read one after the other let doubt."""
     names = [file.name for file in files]
-    strange = by_name(names)[1]
+    strange, _ = named_otherwise(names)
     notes = []
     if strange:
         are = "is" if len(strange) == 1 else "are"
@@ -469,7 +491,7 @@ def notes_of_names(files: Sequence[Path]) -> tuple[str, ...]:
         )
     if have_decimals(names):
         notes.append("Digits behind a point in the names of the files are taken for decimals.")
-    if len(set(map(pattern_of, names))) == 1:
+    elif len(set(map(pattern_of, names))) == 1:
         notes += [*gap_in(names), *grid_in(names)]
     return tuple(notes)
 

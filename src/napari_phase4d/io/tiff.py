@@ -252,7 +252,7 @@ def side_by(tif: tifffile.TiffFile, tag: str) -> float:
 def imagej_interval(meta: Mapping[str, Any]) -> tuple[Facts, tuple[str, ...]]:
     """Return the frame interval (s) that ImageJ noted, and what is to be known of it."""
     if (interval := number(meta.get("finterval"))) > 0:
-        named = str(meta.get("tunit", "s")).strip()
+        named = str(meta.get("tunit", "s")).strip().replace(r"\u00B5", "µ") or "s"
         unit = SECONDS.get(named, SECONDS.get(named.lower()))
         if unit is not None:
             return {"interval_s": interval * unit}, ()

@@ -146,11 +146,11 @@ MICROMETRES = MappingProxyType(
 SECONDS = MappingProxyType(
     {
         **dict.fromkeys(("s", "sec", "second", "seconds"), 1.0),
-        **dict.fromkeys(("ms", "millisecond", "milliseconds"), 1e-3),
+        **dict.fromkeys(("ms", "msec", "msecs", "millisecond", "milliseconds"), 1e-3),
         **dict.fromkeys(("ns", "nanosecond", "nanoseconds"), 1e-9),
-        **dict.fromkeys(("us", "µs", "μs", "microsecond", "microseconds"), 1e-6),
-        **dict.fromkeys(("min", "minute", "minutes"), 60.0),
-        **dict.fromkeys(("h", "hour", "hours"), 3600.0),
+        **dict.fromkeys(("us", "usec", "µs", "μs", "microsecond", "microseconds"), 1e-6),
+        **dict.fromkeys(("min", "mins", "minute", "minutes"), 60.0),
+        **dict.fromkeys(("h", "hr", "hrs", "hour", "hours"), 3600.0),
         **dict.fromkeys(("d", "day", "days"), 86400.0),
     }
 )

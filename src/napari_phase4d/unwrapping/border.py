@@ -52,6 +52,9 @@ SHARE_THAT_GOES_ON = BORDER_SHARE / 2
 #: it, or did in the frame before, less than this share does in both; what lay there before counts
 #: if it is now more than so many radians off.
 SECTORS, IN_COMMON, OTHER_LEVEL = 64, 0.75, 0.25
+#: The field has moved all the same if less than this share of where it was is still level, and
+#: this many times as much of the border lies level elsewhere.
+STILL, CLEARER = 0.6, 1.5
 #: A sector lies level if the mean phasor of its pixels does so within this many radians.
 LEVEL_SECTOR = 0.4
 #: Bins of the histogram of phases in which a frame's level is looked for, and its sharpness.
@@ -186,37 +189,84 @@ def keep_in_place(
     what lies where the field was; only if too little of that lies level has it truly moved.
     """
     n_times, n_angles = levels.found.shape
-    if first is None or not levels.found[first]:
-        clearest = int(np.argmax(np.where(levels.found, levels.share, 0)))
-        first = clearest // n_angles, clearest % n_angles
-    time, angle = first
+    time, angle = first = start_of(levels, first)
+    along = AlongFrames(levels, given, limits, watch)
+    here = levels.sectors[first]
+    along([(time, a) for a in range(angle + 1, n_angles)], here)
+    along([(time, a) for a in reversed(range(angle))], here)
+    for a in range(n_angles):
+        near = levels.sectors[time, a] if levels.found[time, a] else here
+        along([(t, a) for t in range(time + 1, n_times)], near)
+        along([(t, a) for t in reversed(range(time))], near)
 
-    def follow(frames: Iterable[tuple[int, int]], before: Mask) -> None:
-        turned_down = np.zeros_like(before)
+
+@dataclass(frozen=True)
+class AlongFrames:
+    """Follows the empty field from frame to frame, see `keep_in_place`.
+
+    Parameters
+    ----------
+    levels : Levels
+        What each frame says by itself; changed where the field went on elsewhere.
+    given : WithoutLost
+        Wrapped phase, and the pixels that count.
+    limits : Limits
+        What counts as empty.
+    watch : Watch
+        Stops the work.
+    """
+
+    levels: Levels
+    given: WithoutLost
+    limits: Limits
+    watch: Watch
+
+    def __call__(self, frames: Iterable[tuple[int, int]], before: Mask) -> None:
+        """Follow it along frames (time, angle), from the sectors in which it was before."""
+        levels = self.levels
+        nothing = turned_down = np.zeros_like(before)
+        lost = False
         for at in frames:
             now = levels.sectors[at]
-            if levels.found[at] and changes_places(now, before):
-                watch.check()
-                wrapped, usable = given.read(Block(at[0], at[0] + 1))
-                border = border_of_frame(wrapped[0, at[1]], usable[0, at[1]], limits, before)
-                elsewhere = abs(turned(border.level - levels.level[at])) > OTHER_LEVEL
-                if border.share > SHARE_THAT_GOES_ON:
-                    if elsewhere:
-                        turned_down = now & ~border.sectors
-                        levels.note(at, border)
-                elif turned_down.any():
-                    # What was not the field stays what it is when the field leaves the view.
-                    levels.found[at] = (now & turned_down).sum() < 0.5 * turned_down.sum()
+            if lost and levels.found[at]:  # much may have moved in the meantime
+                before, turned_down = now, nothing
+            elif levels.found[at] and changes_places(now, before):
+                self.watch.check()
+                turned_down = self._look_again(at, before, turned_down)
+            lost = not levels.share[at]
             if levels.found[at] and levels.sectors[at].any():
                 before = levels.sectors[at]
 
-    here = levels.sectors[first]
-    follow([(time, a) for a in range(angle + 1, n_angles)], here)
-    follow([(time, a) for a in reversed(range(angle))], here)
-    for a in range(n_angles):
-        near = levels.sectors[time, a] if levels.found[time, a] else here
-        follow([(t, a) for t in range(time + 1, n_times)], near)
-        follow([(t, a) for t in reversed(range(time))], near)
+    def _look_again(self, at: tuple[int, int], before: Mask, turned_down: Mask) -> Mask:
+        """Ask a frame what lies where the field was; return what is known not to be the field."""
+        levels = self.levels
+        wrapped, usable = self.given.read(Block(at[0], at[0] + 1))
+        border = border_of_frame(wrapped[0, at[1]], usable[0, at[1]], self.limits, before)
+        now, own = levels.sectors[at], float(levels.share[at])
+        still = int((border.sectors & before).sum()) / max(int(before.sum()), 1)
+        if still < STILL and own > CLEARER * border.share:  # it has truly moved
+            return np.zeros_like(before)
+        if border.share > SHARE_THAT_GOES_ON:
+            if abs(turned(border.level - levels.level[at])) > OTHER_LEVEL:
+                levels.note(at, border)
+                others: Mask = now & ~border.sectors
+                return others
+        elif turned_down.any():
+            # What was not the field stays what it is when the field leaves the view.
+            levels.found[at] = (now & turned_down).sum() < 0.5 * turned_down.sum()
+        return turned_down
+
+
+def start_of(levels: Levels, first: tuple[int, int] | None) -> tuple[int, int]:
+    """Return the first frame if it shows a field, else the clearest, of several the nearest."""
+    if first is not None and levels.found[first]:
+        return first
+    times, angles = np.indices(levels.found.shape)
+    time, angle = (0, 0) if first is None else first
+    away = (np.abs(times - time) + np.abs(angles - angle)) / (1 + levels.found.size)
+    share = np.where(levels.found, levels.share, 0)
+    best = int(np.lexsort((away.ravel(), -share.ravel()))[0])
+    return best // levels.found.shape[1], best % levels.found.shape[1]
 
 
 def changes_places(now: Mask, before: Mask) -> bool:

@@ -90,12 +90,22 @@ def turns_of_maps(step: Image, inside: Mask, bare: Mask) -> Lifts | None:
 def turns_above_field(wrapped: Image, known: Mask, ground: Mask, work: Workspace) -> Whole:
     """Return the turns of a map (y, x) unwrapped by itself, above the median of its field.
 
-    Where it has none, above the median of all.
+    Where it has none, they are those that make the map as a whole smallest.
     """
     turns = turns_of_frame(wrapped, known, second_differences, work)
-    level = np.int32(np.round(np.median(turns[ground if ground.any() else known])))
+    if ground.any():
+        level = np.int32(np.round(np.median(turns[ground])))
+    else:
+        level = smallest_level(wrapped[known] / TURN + turns[known])
     found: Whole = np.where(known, turns - level, np.int32(0))
     return found
+
+
+def smallest_level(in_turns: Image) -> np.int32:
+    """Return the whole number of turns by which the sum of the sizes of some numbers is least."""
+    near = int(np.round(np.median(in_turns))) + np.arange(-1, 2)
+    sizes = [float(np.abs(in_turns - turns).sum(dtype=np.float64)) for turns in near]
+    return np.int32(near[int(np.argmin(sizes))])
 
 
 def without_tears(wrapped: Image, known: Mask, turns: Whole, *, smooth: bool = False) -> Whole:
@@ -398,7 +408,7 @@ class Denied:
                 by_frames += whole_turns(difference - change)
                 unmoved = known & (lifted == 0)
                 if not self._show_field(time, angle) and unmoved.any():
-                    by_frames -= np.int32(np.median(by_frames[unmoved]))
+                    by_frames -= np.int32(np.round(np.median(by_frames[unmoved])))
                 affirmed = np.bincount(parts.labels[side * by_frames >= 1], minlength=len(heard))
                 found |= (heard & (affirmed < AFFIRMED * parts.size))[parts.labels]
         if self._few and found.sum() > MOST_DENIED * np.count_nonzero(lifted):
