@@ -195,6 +195,8 @@ MUTATIONS = (
     Mutation("WL1: changes without empty field", "unwrapping/directional/changes.py",
              "down |= pieces.have_steep_rims(inside)", "pass",
              ("test_directional_hard",)),
+    Mutation("the empty field that has truly moved", "unwrapping/border.py",
+             "still < STILL and", "False and", ("test_directional_edges",)),
     Mutation("the empty field stays where it was", "unwrapping/border.py",
              "if border.share > SHARE_THAT_GOES_ON:", "if False:", ("test_directional_edges",)),
     Mutation("WL1: what slipped does not say that the field sags",

@@ -94,18 +94,19 @@ def test_what_grows_over_the_view_with_a_flat_top_is_not_taken_for_the_empty_fie
     assert not found.mask[phase > 0.5 * height].any()
 
 
+@pytest.mark.parametrize("turn", [0.5, 1.6, 4.0])
 @pytest.mark.parametrize("blank", [False, True])
-def test_empty_field_that_truly_lies_elsewhere_is_found_there(blank: bool) -> None:
-    """A flat cell over half of the view lies on its other side after a jump of the stage."""
-    y, x = np.mgrid[:60, :80]
-    place = np.where(np.arange(12) < 6, 22, 58)[:, None, None]
-    inside = ((x - place) / 26) ** 2 + ((y - 22) / 24) ** 2 < 1
-    phase = blurred(4.0 * inside)[:, None]
+def test_empty_field_that_truly_lies_elsewhere_is_found_there(turn: float, blank: bool) -> None:
+    """The stage jumps, so that a flat cell on one side of the view lies on the other."""
+    y, x = np.mgrid[-24:24, -24:24] + 0.5
+    away = np.where(np.arange(16) < 8, 20, -20)[:, None, None]
+    far = np.hypot(y - away * np.sin(turn), x - away * np.cos(turn))
+    phase = (4 / (1 + np.exp(far - 24)))[:, None]
     wrapped = np.angle(np.exp(1j * phase)).astype(np.float32)
-    lost = np.zeros((12, 1), dtype=bool)
+    lost = np.zeros((16, 1), dtype=bool)
     if blank:
-        lost[5:7] = True
-        wrapped[5:7] = 0
+        lost[7:9] = True
+        wrapped[7:9] = 0
     found = find_background(wrapped, lost=lost)
     np.testing.assert_allclose(found.level[~lost], 0, atol=0.3)
     assert found.shown[~lost].all()
