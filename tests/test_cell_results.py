@@ -67,8 +67,8 @@ def test_a_run_counts_pixels_in_doubt() -> None:
     noisy = np.angle(np.exp(1j * (exact.values + rng.normal(0, 0.5, exact.shape))))
     wrapped = sample["wrapped"].copy(data=noisy.astype(np.float32))
     comparison = p4d.compare(wrapped, ["temporal"])
-    recipe = p4d.Recipe(methods=("temporal",), cells=p4d.CellSettings())
-    cells = running.cells_by(recipe, comparison, wrapped, p4d.Optics())
+    recipe = p4d.Recipe(methods=("temporal",), cells=p4d.CellSettings(), optics=p4d.Optics())
+    cells = running.cells_by(recipe, comparison, wrapped)
     assert cells is not None
     result = comparison.results["temporal"]
     without = p4d.measure(result, cells.labels, p4d.Optics())
