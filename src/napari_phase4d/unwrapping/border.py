@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -279,13 +280,11 @@ def border_of_frame(
 ) -> Border:
     """Return what the border of a frame says, or what some of its sectors do."""
     inside = None if usable.all() else usable
-    edge = border_of(wrapped.shape) if inside is None else rim(inside, BORDER)
     within = FLAT + NEAR_LEVEL + 2 * limits.left
-    y, x = np.nonzero(edge)
+    places = whole_border(wrapped.shape) if inside is None else places_of(rim(inside, BORDER))
+    at_edge = smoothed_border(wrapped, inside, limits.width)[places.pixels]
+    y, x, sector = places.y, places.x, places.sector
     n = max(len(y), 1)
-    at_edge = smoothed_border(wrapped, inside, limits.width)[y, x]
-    y, x = (at - (size - 1) / 2 for at, size in zip((y, x), wrapped.shape, strict=True))
-    sector = sectors_of(y, x)
     clear = np.abs(at_edge) > limits.shortest - SHORTER
     tilt = np.zeros(2)
     if not clear.any():
@@ -303,6 +302,28 @@ def border_of_frame(
     off = turned(values - tilt[0] * y - tilt[1] * x - level)
     share = int((np.abs(off) < within).sum()) / n
     return Border(level, tilt, share, level_sectors(off, sector))
+
+
+class Places(NamedTuple):
+    """Pixels of a border: where they lie, also from the middle, and their sectors."""
+
+    pixels: tuple[NDArray[np.intp], NDArray[np.intp]]
+    y: NDArray[np.float64]
+    x: NDArray[np.float64]
+    sector: NDArray[np.intp]
+
+
+def places_of(edge: Mask) -> Places:
+    """Return the places of a border (y, x)."""
+    rows, columns = np.nonzero(edge)
+    y, x = (at - (size - 1) / 2 for at, size in zip((rows, columns), edge.shape, strict=True))
+    return Places((rows, columns), y, x, sectors_of(y, x))
+
+
+@lru_cache(maxsize=8)
+def whole_border(shape: tuple[int, int]) -> Places:
+    """Return the places of the border of whole frames, which is the same for all of them."""
+    return places_of(border_of(shape))
 
 
 def level_sectors(off: NDArray[np.floating], sector: NDArray[np.intp]) -> Mask:
