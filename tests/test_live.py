@@ -426,6 +426,27 @@ def test_what_is_no_frame_is_left_out_and_said(video: Video, tmp_path: Path) -> 
 
 
 @pytest.mark.slow
+def test_decimal_times_in_names_are_no_late_frames(video: Video, tmp_path: Path) -> None:
+    """By whole numbers, 1.5 is before 1.25."""
+    folder, heard = tmp_path / "camera", Heard()
+    folder.mkdir()
+    names = [f"t_{0.25 * n}.tif" for n in range(9)]
+    for n in range(6):
+        tifffile.imwrite(folder / names[n], video[n])
+
+    def write() -> None:
+        for n in range(6, 9):
+            while len(heard.frames) < n:
+                time.sleep(0.05)
+            tifffile.imwrite(folder / names[n], video[n])
+
+    with written(write):
+        watch(folder, RECIPE, tmp_path / "out", frames=9, **LONG, **heard.calls())
+    assert len(heard.frames) == 9
+    assert not [line for line in heard.lines if "too late" in line]
+
+
+@pytest.mark.slow
 def test_an_acquisition_that_begins_anew_is_not_mixed_in(video: Video, tmp_path: Path) -> None:
     """The microscopist stops, and starts again into the same folder."""
     folder, heard = tmp_path / "camera", Heard()

@@ -6,9 +6,9 @@ import os
 import struct
 import time
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from contextlib import suppress
-from itertools import pairwise
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,7 @@ from napari_phase4d.io.lazy import stamp_of
 from napari_phase4d.io.sequences import (
     IMAGE_SUFFIXES,
     Numbering,
-    by_number,
+    in_order,
     load_image,
     of_usual_pattern,
     pattern_of,
@@ -116,7 +116,7 @@ class FolderArriving(Arriving):
     def look(self) -> int:
         """Look which files are there."""
         names = self._new_names()
-        new = sorted((n for n in names if self._may_be_frame(n)), key=lambda n: by_number(Path(n)))
+        new = self._in_order(n for n in names if self._may_be_frame(n))
         self._names |= names
         if self._numbering is None:
             waiting = [n for n in self._names if self._may_be_frame(n)]
@@ -240,6 +240,11 @@ class FolderArriving(Arriving):
         """Say whether a file may be a frame, by its name."""
         return not name.startswith(".") and Path(name).suffix.lower() in IMAGE_SUFFIXES
 
+    def _in_order(self, names: Iterable[str]) -> list[str]:
+        """Return names in the order of their numbers, decimal if those that came before are."""
+        before = [path.name for path in islice(reversed(self._files.values()), AHEAD)]
+        return [path.name for path in in_order(map(Path, names), before)]
+
     def _look_at(self, paths: Any) -> None:
         """Look at files, so that it is known for how long they have been as they are."""
         for path in paths:
@@ -257,7 +262,8 @@ class FolderArriving(Arriving):
         index = self._numbering.index(name)
         if index is None:
             index = self._last + 1
-            late = index > 0 and by_number(Path(name)) < by_number(self._files[index - 1])
+            last = self._files[index - 1].name if index else name
+            late = self._in_order([last, name])[0] != last
         else:
             late = index < self.taken
         if late or index in self._files:

@@ -298,10 +298,13 @@ def by_number(path: Path) -> tuple[list[int], str]:
     return [int(n) for n in re.findall(r"\d+", path.stem)], path.name
 
 
-def in_order(files: Iterable[Path]) -> list[Path]:
-    """Return files in the order of the numbers in their names, decimal ones too."""
+def in_order(files: Iterable[Path], beside: Sequence[str] = ()) -> list[Path]:
+    """Return files in the order of the numbers in their names, decimal ones too.
+
+    Names of others of the same recording, if given, help to tell whether they are decimal.
+    """
     found = list(files)
-    key = by_decimal if have_decimals([file.name for file in found]) else by_number
+    key = by_decimal if have_decimals([file.name for file in found] + list(beside)) else by_number
     return sorted(found, key=key)
 
 
