@@ -135,7 +135,7 @@ class Registration:
         self._begun = False
         #: Where the object is in the boundary frame.
         self._home = np.full(2, np.nan)
-        #: Phase and object of the last frame (1, angle, y, x), and its shifts.
+        #: Phase and object of the last frame that shows one (1, angle, y, x), and its shifts.
         self._last: tuple[Phase, Mask, NDArray[np.intp]]
 
     def shifts(
@@ -151,10 +151,20 @@ class Registration:
                     wrapped[now], found[now], self.first, watch, centres[now]
                 )
                 self._home, self._begun = centres[self.first], True
+                self._last = wrapped[now].copy(), found[now].copy(), shifts[place]
             else:
                 shifts[place] = self._after_last(wrapped[now], found[now], centres[place])
-            self._last = wrapped[now], found[now], shifts[place]
+                self._keep(wrapped[now], found[now], shifts[place], centres[place])
         return shifts
+
+    def _keep(
+        self, wrapped: Phase, found: Mask, shifts: NDArray[np.intp], centres: NDArray[np.float64]
+    ) -> None:
+        """Hold a frame, but that before it of views in which it shows no object."""
+        last_wrapped, last_found, _ = self._last
+        shows = ~np.isnan(centres).any(axis=1)
+        last_wrapped[:, shows], last_found[:, shows] = wrapped[:, shows], found[:, shows]
+        self._last = last_wrapped, last_found, shifts
 
     def _after_last(
         self, wrapped: Phase, found: Mask, centres: NDArray[np.float64]

@@ -33,7 +33,15 @@ from napari_phase4d.unwrapping.alone import (
 )
 from napari_phase4d.unwrapping.given import Given
 from napari_phase4d.unwrapping.growing import coherence
-from napari_phase4d.unwrapping.pieces import Last, Line, Maps, first_turns, next_turns, unwrap_line
+from napari_phase4d.unwrapping.pieces import (
+    Last,
+    Line,
+    Maps,
+    first_turns,
+    last_known,
+    next_turns,
+    unwrap_line,
+)
 
 __all__ = [
     "ORDERS",
@@ -227,7 +235,8 @@ class Chain:
         """Return what is known of the frames of a block, by time and angle; what counts at all."""
         wrapped, mask, usable = self.given.read_marked(block, self.mask, angles)
         shifts = self.shifts[block.start : block.stop, angles].tolist()
-        of_times = zip(wrapped, turns.read(block, angles), mask, shifts, strict=True)
+        known = [[bool(frame.any()) for frame in of_time] for of_time in usable]
+        of_times = zip(wrapped, turns.read(block, angles), mask, shifts, known, strict=True)
         maps = [[Maps(*frame) for frame in zip(*of_time, strict=True)] for of_time in of_times]
         return maps, usable
 
@@ -342,9 +351,9 @@ def carried_on(maps: MapsOfAngle, n: int, before: Last | None) -> Last:
             found = first_turns(now)
         else:
             found = maps.room(k)
-            next_turns(*before, now, found)
+            next_turns(before, now, found)
         maps.write(k, now, found)
-        before = now, found
+        before = (now, found) if before is None else last_known(before, (now, found))
     maps.finish()
     assert before is not None  # there is one frame at least
     last, turns = before

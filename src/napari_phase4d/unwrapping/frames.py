@@ -380,6 +380,8 @@ def centre_of_mass_shifts(
         centres = np.array(found)
     t0, a0 = first
 
+    seen = last_seen(~np.isnan(centres).any(axis=2), t0)
+
     def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
         kept = shifts[before]
         proposed = centres[t0, a0] - centres[now]
@@ -398,13 +400,30 @@ def centre_of_mass_shifts(
 
         def follow(a: int, some: list[int] = some) -> None:
             for t in some:
-                visit((t, a), (t - 1 if t > t0 else t + 1, a))
+                visit((t, a), (int(seen[t, a]), a))
 
         # Each view follows from the boundary time by itself.
         for _ in in_threads(follow, range(n_angles), watch.quiet(n_angles), wait=True):
             for _ in some:
                 watch.step()
     return shifts
+
+
+def last_seen(shows: NDArray[np.bool_], first: int) -> NDArray[np.intp]:
+    """Return for each time the one before it, seen from the first, at which there is an object.
+
+    Parameters
+    ----------
+    shows : ndarray of bool, shape (time, angle)
+        Whether there is an object. A lost frame shows none, and is like no other.
+    first : int
+        Where the times begin, to both sides; taken where there is none in between.
+    """
+    times = np.where(shows, np.arange(len(shows))[:, None], first)
+    found = np.full(shows.shape, first, dtype=np.intp)
+    found[first + 1 :] = np.maximum.accumulate(times[first:-1])
+    found[:first] = np.minimum.accumulate(times[first:0:-1])[::-1]
+    return found
 
 
 def next_shift(

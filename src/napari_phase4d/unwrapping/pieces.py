@@ -21,6 +21,7 @@ __all__ = [
     "Maps",
     "Piece",
     "first_turns",
+    "last_known",
     "next_turns",
     "pieces_between",
     "unwrap_line",
@@ -51,19 +52,21 @@ def with_thin_turning_points(profile: NDArray[np.float64], starts: Sequence[int]
     ----------
     profile : ndarray of shape (n,)
         Peak phase of each map as a first pass found it; it is more to be trusted than a
-        two-dimensional unwrapping, which finds thick maps too thin.
+        two-dimensional unwrapping, which finds thick maps too thin. NaN where it is not known,
+        which says nothing of the object: those beside such a map count as neighbours.
     starts : sequence of int
         Maps that the user knows to be thin.
     """
     found = set(starts)
     thin = max(profile[s] for s in starts)
-    for k in range(len(profile)):
+    known = np.flatnonzero(~np.isnan(profile))
+    for place, k in enumerate(known.tolist()):
         nearest = min(starts, key=lambda s: abs(s - k))
         between = profile[min(k, nearest) : max(k, nearest) + 1]
-        left = profile[k - 1] if k > 0 else np.inf
-        right = profile[k + 1] if k + 1 < len(profile) else np.inf
+        left = profile[known[place - 1]] if place > 0 else np.inf
+        right = profile[known[place + 1]] if place + 1 < len(known) else np.inf
         turns = profile[k] <= min(left, right) and profile[k] < max(left, right)
-        was_thicker = between.max() > (1 + CLEARLY_THICKER) * max(thin, profile[k])
+        was_thicker = np.nanmax(between) > (1 + CLEARLY_THICKER) * max(thin, profile[k])
         if turns and profile[k] <= AS_THIN * thin and was_thicker:
             found.add(k)
     return sorted(found)
@@ -81,7 +84,8 @@ def pieces_between(
     n : int
         Number of maps.
     profile : ndarray or None
-        Peak phase of each map: the cut is where it is largest; without it, half way.
+        Peak phase of each map, NaN where it is not known: the cut is where it is largest; without
+        it, half way.
     """
     ordered = sorted(set(starts))
     cuts = [0]
@@ -89,7 +93,8 @@ def pieces_between(
         if profile is None:
             cuts.append((a + b) // 2 + 1)
         else:
-            cuts.append(a + 1 + int(np.argmax(profile[a + 1 : b + 1])) if b > a + 1 else b)
+            thickest = np.argmax(np.nan_to_num(profile[a + 1 : b + 1]))
+            cuts.append(a + 1 + int(thickest) if b > a + 1 else b)
     cuts.append(n)
     return [
         Piece(first, s, stop) for s, (first, stop) in zip(ordered, pairwise(cuts), strict=True)
@@ -103,13 +108,15 @@ class Maps(NamedTuple):
     """Wrapped phase, turns by the initial method, and the object, each of shape (y, x).
 
     They are held as they are; by so many pixels (y, x) they are to be moved, round the edges of
-    the field, for the object to be in place.
+    the field, for the object to be in place. A map of which no pixel is known, as that of a lost
+    frame, is passed over: the next one follows from the last that is known.
     """
 
     wrapped: Phase
     turns: Turns
     mask: Mask
     shift: Sequence[int] = (0, 0)
+    known: bool = True
 
 
 #: A map, and its turns in the result.
@@ -142,7 +149,7 @@ class Line:
         self.read = read
         self.room = room
         self.write = write
-        #: Peak phase of every map of the result.
+        #: Peak phase of every map of the result, NaN where nothing is known of it.
         self.profile = np.zeros(n)
 
 
@@ -180,23 +187,21 @@ def follow(pieces: Sequence[Piece], line: Line, check: Check, *, peaks: bool) ->
         maps = line.read(piece.start)
         first = first_turns(maps)
         if peaks:
-            line.profile[piece.start] = peak_phase(
-                as_loops_take(maps.wrapped), first, as_loops_take(maps.mask)
-            )
+            line.profile[piece.start] = peak_of(maps, first)
         line.write(piece.start, maps, first)
         for way in (
             range(piece.start + 1, piece.stop),
             range(piece.start - 1, piece.first - 1, -1),
         ):
-            before, turns = maps, first
+            last = maps, first
             for k in way:
                 check()
                 now, found = line.read(k), line.room(k)
-                peak = next_turns(before, turns, now, found, peak=peaks)
+                peak = next_turns(last, now, found, peak=peaks)
                 if peaks:
                     line.profile[k] = peak
                 line.write(k, now, found)
-                before, turns = now, found
+                last = last_known(last, (now, found))
 
 
 def first_turns(maps: Maps) -> Turns:
@@ -204,12 +209,25 @@ def first_turns(maps: Maps) -> Turns:
     return np.where(maps.mask, maps.turns, np.int16(0))
 
 
-def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns, *, peak: bool = False) -> float:
+def last_known(last: Last, now: Last) -> Last:
+    """Return what the map after some map follows from: that map, if anything is known of it."""
+    return now if now[0].known or not last[0].known else last
+
+
+def peak_of(maps: Maps, turns: Turns) -> float:
+    """Return the peak phase of a map in radians, NaN if nothing is known of it."""
+    if not maps.known:
+        return np.nan
+    found: float = peak_phase(as_loops_take(maps.wrapped), turns, as_loops_take(maps.mask))
+    return found
+
+
+def next_turns(last: Last, now: Maps, out: Turns, *, peak: bool = False) -> float:
     """Write the turns of the next map (steps 2 to 4).
 
     Parameters
     ----------
-    before, turns
+    last : (Maps, ndarray)
         The map before, and its turns in the result; its phase is 0 outside the mask.
     now : Maps
         The next map.
@@ -221,8 +239,12 @@ def next_turns(before: Maps, turns: Turns, now: Maps, out: Turns, *, peak: bool 
     Returns
     -------
     float
-        Its peak phase in radians, see `peak_phase`; 0 if nobody asked.
+        Its peak phase in radians, see `peak_phase`; 0 if nobody asked, NaN if it is not known.
     """
+    before, turns = last
+    if not (before.known and now.known):  # nothing to follow from, or nothing to find
+        out[...] = first_turns(now)
+        return peak_of(now, out) if peak else 0.0
     height, width = out.shape
     found: float = next_turns_from(
         as_loops_take(before.wrapped),
