@@ -13,9 +13,11 @@ from napari_phase4d.analysis.cells import find_cells, follow_cells_of
 from napari_phase4d.analysis.measures import measure
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
+from napari_phase4d.phasors import turned
 from napari_phase4d.stack import PART_BYTES, each_frame, frame_of, parts_over_time
 from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
+from napari_phase4d.unwrapping import ends_along
 from napari_phase4d.words import as_numbers, check_bool, check_number, checked_call, shown
 
 __all__ = [
@@ -26,6 +28,9 @@ __all__ = [
     "summary_of_cells",
     "with_empty_field",
 ]
+
+TURN = 2 * np.pi
+Image = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -206,8 +211,9 @@ def cells_in(
 def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataArray:
     """Return a result in which the empty field is there that a mask had left out.
 
-    Within half a turn of its level, as it is, it needs no unwrapping. Its noise tells how far sums
-    are to be trusted, and what the optics blur out of the mask is part of the mass.
+    Within half a turn of its level it needs no unwrapping; by whole turns it is brought to where
+    the result ends, frame by frame. Its noise tells how far sums are to be trusted, and what the
+    optics blur out of the mask is part of the mass.
 
     Parameters
     ----------
@@ -216,8 +222,39 @@ def with_empty_field(unwrapped: xr.DataArray, wrapped: xr.DataArray) -> xr.DataA
     """
     if unwrapped.attrs.get("mask", "none") == "none":
         return unwrapped
-    field = wrapped.transpose(*unwrapped.dims).assign_coords(unwrapped.coords)
-    return unwrapped.where(unwrapped != 0, field).assign_attrs(mask="none")
+    filled: xr.DataArray = xr.apply_ufunc(
+        with_field_of_frame,
+        unwrapped,
+        wrapped.transpose(*unwrapped.dims).assign_coords(unwrapped.coords),
+        input_core_dims=[["y", "x"], ["y", "x"]],
+        output_core_dims=[["y", "x"]],
+        vectorize=True,
+        keep_attrs=True,
+        dask="parallelized",  # stacks on disk stay there
+        dask_gufunc_kwargs={"allow_rechunk": True},
+        output_dtypes=[np.float32],
+    )
+    return filled.transpose(*unwrapped.dims).assign_attrs(mask="none")
+
+
+def with_field_of_frame(result: Image, wrapped: Image) -> Image:
+    """Return a frame of a result with the empty field beside what was unwrapped."""
+    empty = result == 0
+    shown = wrapped[empty & np.isfinite(wrapped)]
+    if not shown.size:
+        return np.where(empty, wrapped, result)
+    level = np.angle(np.exp(1j * shown.astype(np.float64)).mean())
+    level += float(np.median(turned(shown - level)))
+    field = level + turned(wrapped - level)
+    steps = []
+    for axis in (0, 1):
+        for one, other in (ends := ends_along(axis, 2), ends[::-1]):
+            edge = ~empty[one] & empty[other]
+            steps.append(result[one][edge] - field[other][edge])
+    at_edge = np.concatenate(steps)
+    at_edge = at_edge[np.isfinite(at_edge)]
+    turns = np.round(np.median(at_edge) / TURN) if at_edge.size else 0.0
+    return np.where(empty, field + TURN * turns, result).astype(np.float32)
 
 
 #: Columns of the summary that are medians over the frames of a cell.

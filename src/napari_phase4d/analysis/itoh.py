@@ -16,7 +16,13 @@ from napari_phase4d.stacks import (
     wrapped_stack,
 )
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
-from napari_phase4d.unwrapping import both_ends, frames_among, loop_sums, views_by_light
+from napari_phase4d.unwrapping import (
+    both_ends,
+    checked_boundaries,
+    frames_among,
+    loop_sums,
+    views_by_light,
+)
 from napari_phase4d.words import check_type, checked_call
 
 __all__ = ["itoh_margin", "larger_step", "order_shares", "residues"]
@@ -60,10 +66,8 @@ def itoh_margin(
     """
     phase = checked(phase)
     if where is not None:
-        full = xr.DataArray(mask_on(where, phase, "where"), dims=AXES)
         missing = [axis for axis in AXES if axis not in phase.dims]
-        where = full.isel(dict.fromkeys(missing, 0)).transpose(*phase.dims)
-        where = where.copy(data=np.broadcast_to(where.data, phase.shape))
+        where = everywhere_on(where, phase).isel(dict.fromkeys(missing, 0)).transpose(*phase.dims)
     inside = where
     maps = {}
     task = Task(progress, cancelled)
@@ -188,15 +192,16 @@ def order_shares(
     phase = checked(phase)
     missing = [axis for axis in AXES if axis not in phase.dims]
     stack = in_memory(phase.expand_dims(missing).transpose(*AXES)).values
-    inside = np.ones(stack.shape, dtype=bool)
+    known = np.isfinite(stack)
     if where is not None:
-        inside = np.broadcast_to(mask_on(where, phase, "where"), stack.shape)
-    t, a = (index % n for index, n in zip(boundary, stack.shape[:2], strict=True))
+        where = everywhere_on(where, phase)
+        known &= where.data
+    t, a = checked_boundaries(boundary, stack.shape)[0]
 
     def broken(axis: int, part: tuple[slice, slice]) -> NDArray[np.bool_]:
         """Return for each step of a part of the frames whether it is too large."""
         steps = np.abs(np.diff(stack[part], axis=axis)) > np.pi
-        return steps[both_ends(inside[part], axis)]
+        return steps[both_ends(known[part], axis)]
 
     groups = same_wavelength(phase)
     if groups:  # each by itself, as it is unwrapped
@@ -232,6 +237,12 @@ def order_shares(
     return shares
 
 
+def everywhere_on(where: xr.DataArray, phase: xr.DataArray) -> xr.DataArray:
+    """Return the pixels that count with all four axes, each as long as that of the phase."""
+    shape = [phase.sizes.get(axis, 1) for axis in AXES]
+    return xr.DataArray(np.broadcast_to(mask_on(where, phase, "where"), shape), dims=AXES)
+
+
 def residues(wrapped: xr.DataArray | ArrayLike) -> xr.DataArray:
     """Return the residues of every frame: where the wrapped steps round four pixels don't cancel.
 
@@ -243,7 +254,8 @@ def residues(wrapped: xr.DataArray | ArrayLike) -> xr.DataArray:
     Returns
     -------
     xarray.DataArray
-        int8: +1, -1 or 0, with one row and one column less than ``wrapped``.
+        int8: +1, -1 or 0, with one row and one column less than ``wrapped``; 0 round pixels that
+        are not known.
 
     Raises
     ------
@@ -263,9 +275,10 @@ def residues(wrapped: xr.DataArray | ArrayLike) -> xr.DataArray:
     values = stack.transpose(..., "y", "x").values.astype(np.float64)
 
     def turns(axis: int) -> np.ndarray:
-        return np.round(np.diff(values, axis=axis) / TURN)
+        return np.nan_to_num(np.round(np.diff(values, axis=axis) / TURN))
 
-    loop = loop_sums(turns(-2), turns(-1))
+    known = np.isfinite(values)
+    loop = loop_sums(turns(-2), turns(-1)) * both_ends(both_ends(known, -2), -1)
     found = stack.transpose(..., "y", "x").isel(y=slice(None, -1), x=slice(None, -1))
     signs = found.copy(data=-loop.astype(np.int8)).transpose(*stack.dims)
     signs.attrs = {}  # a count, and no phase any more

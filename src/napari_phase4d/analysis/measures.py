@@ -18,6 +18,7 @@ from napari_phase4d.stacks import (
     AXES,
     PLAIN_AXES,
     WAVELENGTH,
+    beside,
     checked_labels,
     mask_on,
     on_grid_of,
@@ -233,9 +234,9 @@ def measure(
     stack = on_four_axes(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
     check_bool("oblique", oblique)
-    if not isinstance(regions, Mapping) and hasattr(regions, "dtype"):
+    if hasattr(regions, "dtype") or is_list(regions):
         return table_of_cells(
-            stack, labels_on(regions, stack), parents_of(regions), optics,
+            stack, labels_on(regions, unwrapped, stack), parents_of(regions), optics,
             overlaps=overlaps_of(regions),
             sides_um=pixel_um(stack, "the phase"),
             object_index=object_index,
@@ -265,20 +266,26 @@ def measure(
     return pd.concat(tables, ignore_index=True)
 
 
-def labels_on(labels: Any, stack: xr.DataArray) -> Any:
-    """Return labels (time, angle, y, x) that fit the phase, or say why they don't."""
+def labels_on(labels: Any, phase: xr.DataArray, stack: xr.DataArray) -> Any:
+    """Return labels (time, angle, y, x) that fit the phase, or say why they don't.
+
+    Plain ones of the shape of the phase have its dims. The stack is the phase with all four.
+    """
+    if is_list(labels):
+        labels = np.asarray(labels)
     if labels.ndim not in PLAIN_AXES:
         msg = f"the cells are {shown(labels)}, which does not fit the phase, {stack.shape}"
         raise ValueError(msg)
+    if not isinstance(labels, xr.DataArray):
+        labels = beside(labels, phase, "the cells")
     labels = checked_labels(labels, "the cells")
     missing = [dim for dim in stack.dims if dim not in labels.dims and stack.sizes[dim] == 1]
-    if missing and isinstance(labels, xr.DataArray):  # as the phase was before it had four axes
+    if missing:  # as the phase was before it had four axes
         labels = labels.drop_vars(missing, errors="ignore").expand_dims(missing)
-    if isinstance(labels, xr.DataArray) and set(labels.dims) == set(stack.dims):
+    found = labels.data
+    if set(labels.dims) == set(stack.dims):
         # Lazy ones stay so: they are brought into memory a frame at a time.
         found = on_grid_of(labels, stack, "the cells").transpose(*AXES).data
-    else:
-        found = getattr(labels, "data", labels)
     if found.shape != stack.shape:
         msg = f"the cells are {found.shape}, which does not fit the phase, {stack.shape}"
         raise ValueError(msg)

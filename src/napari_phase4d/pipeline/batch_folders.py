@@ -188,7 +188,7 @@ def is_alive(mark: dict[str, Any]) -> bool:
 
 
 #: Names that a batch needs for itself.
-TAKEN = ("batch.log", "summary.csv", "batch.lock")
+TAKEN = ("batch.log", "summary.csv", "cells.csv", "batch.lock")
 #: What no folder may be called on some system, or would lead out of its parent.
 UNFIT = re.compile(r'[\x00-\x1f<>:"/\\|?*]+')
 #: Bytes of a folder's name; disks take 255, and hidden names are longer.

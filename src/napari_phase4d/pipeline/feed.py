@@ -32,7 +32,12 @@ from napari_phase4d.pipeline.running import opened_reference, phase_settings
 from napari_phase4d.pipeline.starting import found_anywhere, lobes_of, open_by, typed_into
 from napari_phase4d.recording import Recording
 from napari_phase4d.task import Cancelled, CancelledCall, Task
-from napari_phase4d.unwrapping import check_light, for_what_comes, scores_of_some
+from napari_phase4d.unwrapping import (
+    check_light,
+    checked_boundaries,
+    for_what_comes,
+    scores_of_some,
+)
 from napari_phase4d.words import counted, warn
 
 __all__ = [
@@ -388,6 +393,9 @@ def settle(
         cancelled=task.cancelled,
     )
     check_light(recipe.methods, *light_of(lobes, first.optics.wavelength_um))
+    if recipe.boundary != "auto":  # its times are checked where frames are unwrapped
+        views = [(0, view) for _, view in recipe.start_frames]
+        checked_boundaries(views, (len(frames), len(lobes)))
     used = recipe.changed(
         recording=found_anywhere(source),
         content="holograms",

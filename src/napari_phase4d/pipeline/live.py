@@ -291,7 +291,8 @@ def found_sentence(settled: Settled) -> str:
     """Say what was found on the first frames."""
     n_views, (_, view) = len(settled.recipe.lobes), settled.recipe.start_frames[0]
     first = counted(settled.first.n_frames, "frame")
-    return f"found on the first {first}: {counted(n_views, 'view')}; start at view {view + 1}"
+    start = view % n_views + 1  # the last ones may be counted from the end
+    return f"found on the first {first}: {counted(n_views, 'view')}; start at view {start}"
 
 
 def with_notes(outcome: Outcome, notes: Sequence[str]) -> Outcome:

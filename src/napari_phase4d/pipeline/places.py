@@ -36,7 +36,7 @@ from napari_phase4d.unwrapping import (
     graph_bytes,
     working_frames,
 )
-from napari_phase4d.words import checked_call, size_in_words
+from napari_phase4d.words import checked_call, local_path, size_in_words
 
 __all__ = [
     "Needs",
@@ -393,7 +393,7 @@ def find_place(
     on_disk = scheduler is not None or recipe.storage == "disk"
     if recipe.storage == "auto":
         on_disk = on_disk or not needs.fits_in_memory()
-    where = roomy() if folder is None else Path(folder)
+    where = roomy() if folder is None else local_path(folder)
     needs.check(where, on_disk=on_disk)
     if not on_disk:
         return None

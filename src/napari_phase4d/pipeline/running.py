@@ -481,9 +481,10 @@ def estimated_seconds(
 ) -> float:
     """Return about how many seconds a run will take.
 
-    Some of the first frames are reconstructed and unwrapped twice; the second time counts, since
-    compiled code is loaded the first time. Longer recordings take longer in proportion. Where the
-    recipe leaves it to be found, the search for the safest frame counts too.
+    Some of the first frames, of phase from the first on that is known, are reconstructed and
+    unwrapped twice; the second time counts, since compiled code is loaded the first time. Longer
+    recordings take longer in proportion. Where the recipe leaves it to be found, the search for
+    the safest frame counts too.
 
     Parameters
     ----------
@@ -510,14 +511,27 @@ def estimated_seconds(
         began = time.perf_counter()
         if isinstance(opened, Recording):
             data = reconstruct_by(recipe, opened.first(few), list(lobes), cancelled=cancelled)
-            phase, amplitude = data["phase"], data["amplitude"]
+            phase, amplitude = known_or_flat(data["phase"]), data["amplitude"]
         else:
-            phase, amplitude = opened[:few].load(), None
+            phase, amplitude = first_known(opened, few), None
         if finds_start:
             scores_of_some(phase, task=Task(None, cancelled))
         unwrap_by(recipe, phase, cancelled=cancelled, amplitude=amplitude)
         seconds = time.perf_counter() - began
+        few = phase.sizes["time"]
     return seconds * n_frames / few
+
+
+def first_known(phase: xr.DataArray, few: int) -> xr.DataArray:
+    """Return so many frames of phase from the first on of which anything is known."""
+    times = range(phase.sizes["time"])
+    start = next((t for t in times if np.isfinite(phase[t].values).any()), 0)
+    return phase[start : start + few].load()
+
+
+def known_or_flat(phase: xr.DataArray) -> xr.DataArray:
+    """Return phase, 0 if nothing of it is known: an estimate is no place to fail for that."""
+    return phase if bool(np.isfinite(phase).any()) else phase.fillna(0)
 
 
 COMMAND = "from napari_phase4d.pipeline.running import warm_up; warm_up()"

@@ -23,6 +23,7 @@ from napari_phase4d.stacks.coordinates import (
 )
 from napari_phase4d.stacks.entry import (
     as_stack,
+    beside,
     checked_labels,
     mask_on,
     on_grid_of,
@@ -49,6 +50,7 @@ __all__ = [
     "WAVELENGTH",
     "WRAPPED",
     "as_stack",
+    "beside",
     "check_pixel",
     "check_rising",
     "checked_labels",

@@ -34,6 +34,7 @@ from napari_phase4d.words import shown, warn
 
 __all__ = [
     "as_stack",
+    "beside",
     "checked_labels",
     "mask_on",
     "on_grid_of",
@@ -199,6 +200,8 @@ def mask_on(mask: xr.DataArray | Any, stack: xr.DataArray, name: str) -> Any:
     ValueError
         If it does not fit.
     """
+    if isinstance(mask, np.ma.MaskedArray):
+        mask = mask.filled(0)  # what is masked is not in it
     given = mask if isinstance(mask, xr.DataArray) else named(mask, name)
     if set(given.dims) - set(AXES) or not {"y", "x"} <= set(given.dims):
         msg = (

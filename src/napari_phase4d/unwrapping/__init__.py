@@ -25,6 +25,7 @@ from napari_phase4d.unwrapping.filters import median_of, shrunk
 from napari_phase4d.unwrapping.frames import border_medians
 from napari_phase4d.unwrapping.given import (
     Given,
+    checked_boundaries,
     is_known,
     noise_of,
     working_blocks,
@@ -85,6 +86,7 @@ __all__ = [
     "causal_methods",
     "check_light",
     "check_method",
+    "checked_boundaries",
     "ends_along",
     "for_what_comes",
     "frame_by_frame",

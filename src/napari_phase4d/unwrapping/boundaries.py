@@ -38,6 +38,8 @@ __all__ = [
 TURN = np.float32(2 * np.pi)
 #: How far the mean step of a frame, in turns, counts between frames that are alike otherwise.
 TIE_BREAK = 1e-3
+#: A reference has a level of its own if it is known on more than this share of the empty field.
+KNOWN_FIELD = 0.5
 #: What all frames are unwrapped by, to hold each of them against ...
 SCORING_METHOD = "directional-l1"
 #: ... in stacks of so many pixels at most: it takes 26 times their memory, about a gigabyte then.
@@ -265,6 +267,7 @@ def look_at(
         if known is not None:
             there = known.usable[frame] & (known.wrapped[frame] != 0)
             other = np.where(there, known.wrapped[frame] - ground[frame], np.nan)
+            other = to_turns(other, background.mask[frame])
         return look_of(
             problem.wrapped[frame],
             problem.usable[frame],
@@ -334,6 +337,19 @@ def score_of(look: Look, usual: float) -> float:
     mostly_right = look.wrong < look.size / 2
     size = max(look.size, usual) if mostly_right else look.size
     return max(1 - look.wrong / size - TIE_BREAK * min(look.steep, 1.0), 0.0)
+
+
+def to_turns(reference: Frame, empty: Mask) -> Frame:
+    """Return phase relative to the empty field, to whole turns; as it is where that is unknown.
+
+    Exact phase may have any level, and a result is 0 outside its mask, where nothing is known.
+    """
+    shown = reference[empty & np.isfinite(reference)]
+    if len(shown) <= KNOWN_FIELD * empty.sum():
+        return reference
+    turns = np.round(np.median(shown) / TURN)
+    found: Frame = reference - reference.dtype.type(TURN * turns)
+    return found
 
 
 def relative(unwrapped: Frame, empty: Mask) -> Frame:

@@ -380,7 +380,7 @@ def centre_of_mass_shifts(
         centres = np.array(found)
     t0, a0 = first
 
-    seen = last_seen(~np.isnan(centres).any(axis=2), t0)
+    seen = last_seen(~np.isnan(centres[..., 0]), t0)
 
     def visit(now: tuple[int, int], before: tuple[int, int]) -> None:
         kept = shifts[before]

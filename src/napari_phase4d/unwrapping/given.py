@@ -475,10 +475,10 @@ def relative_amplitude(values: NDArray[Any], bright: NDArray[np.float64]) -> NDA
     return share
 
 
-def refuse_unknown(*, known: bool) -> None:
+def refuse_unknown(*, known: bool, where: str = "everywhere") -> None:
     """Raise ValueError if nothing is known of some phase."""
     if not known:
-        msg = "the phase is NaN everywhere, so there is nothing to unwrap"
+        msg = f"the phase is NaN {where}, so there is nothing to unwrap"
         raise ValueError(msg)
 
 

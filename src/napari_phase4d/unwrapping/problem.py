@@ -140,6 +140,7 @@ class Problem(SharedSteps):
             )
             raise ValueError(msg)
         self.usable, self._all_usable = self.usable & ~bad, None
+        refuse_unknown(known=bool(self.usable.any()), where="wherever the mask counts")
         self.wrapped = np.where(bad, np.float32(0), self.wrapped)
 
     # ---- where it lies and who works on it: another kind of problem has its own ----
