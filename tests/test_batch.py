@@ -337,7 +337,10 @@ def test_locks_of_batches_that_are_gone_do_not_count(
         (["sample:euglena"], ["sample_euglena"]),
         (["../x/.."], ["recording"]),
         ([".hidden.tif", "rec_*.tif"], ["hidden", "rec__"]),
-        (["batch.log.tif", "summary.csv.tif"], ["batch.log_2", "summary.csv_2"]),
+        (
+            ["batch.log.tif", "summary.csv.tif", "cells.csv.tif"],
+            ["batch.log_2", "summary.csv_2", "cells.csv_2"],
+        ),
     ],
 )
 def test_folders_have_stable_names_inside(

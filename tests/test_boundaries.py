@@ -178,3 +178,18 @@ def test_frames_without_residues_score_as_growing_them_says(
     monkeypatch.setattr(boundaries, "smooth_turns", lambda *_: None)
     grown = boundaries.scored(given, None, UNWATCHED, together=False)
     np.testing.assert_array_equal(quick, grown)
+
+
+@pytest.mark.parametrize("turns", [-2, -1, 1])
+def test_the_level_of_a_reference_does_not_count(turns: int) -> None:
+    """Exact phase may have any level; a frame is right if it is relative to its empty field."""
+    sample = p4d.simulation.budding_yeast((40, 40), 6)
+    exact = sample["phase"].isel(angle=[0, 4, 5])
+    wrapped = sample["wrapped"].isel(angle=[0, 4, 5])
+    off = exact.transpose(*wrapped.dims) + np.float32(2 * np.pi * turns)
+    scores = p4d.score_boundaries(wrapped, off)
+    wrong = np.round((p4d.unwrap(wrapped, "spatial-2d") - exact) / (2 * np.pi)) != 0
+    right = 1 - wrong.transpose(*wrapped.dims).mean(("y", "x")).values
+    assert wrong.any()
+    assert right[scores.attrs["best"][0], scores.attrs["best"][1]] == right.max()
+    assert scores.values[right == right.min()].max() < 0.5 < scores.values[right == 1].min()

@@ -358,3 +358,20 @@ def test_a_sample_is_turned_and_its_beam_is_not(tmp_path: Path) -> None:
     assert "cells in the result" in said
     assert "cosine" not in said
     assert not json.loads((tmp_path / "recipe.json").read_text())["cells"]["oblique"]
+
+
+@pytest.mark.parametrize("levels", [[0, 0, 0], [3.2, 3.2, 3.2], [0, 2, 4.5], "from 0 to a turn"])
+def test_a_mask_costs_no_mass_wherever_the_empty_field_lies(levels: list[float] | str) -> None:
+    """What a mask leaves out is added as it was measured, which may be wrapped."""
+    exact = swimming_cells((40, 50), 3, 1, divisions=0, leaving=0, entering=0)["phase"]
+    noise = np.random.default_rng(0).normal(0, 0.1, exact.shape)
+    shift = np.zeros(3) if isinstance(levels, str) else np.array(levels)
+    values = np.angle(np.exp(1j * (exact.values + noise + shift[:, None, None, None])))
+    if isinstance(levels, str):
+        values %= 2 * np.pi
+    wrapped = exact.copy(data=values.astype(np.float32))
+    unwrapped = p4d.unwrap(wrapped, "directional-l1", mask="auto")
+    table = cells_in(unwrapped, p4d.Optics(), wrapped=wrapped).table
+    true = cells_in(exact, p4d.Optics()).table["dry mass (pg)"]
+    assert len(table) == len(true) == exact.sizes["time"] * exact.sizes["angle"]
+    np.testing.assert_allclose(table["dry mass (pg)"], true, rtol=0.02)

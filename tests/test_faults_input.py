@@ -247,6 +247,7 @@ def test_wrong_settings_of_holograms_are_named(case: str) -> None:
 
 
 PHASE = wrap(np.random.default_rng(0).normal(size=(3, 2, 12, 12))).astype(np.float32)
+ONE_FRAME = np.broadcast_to(np.arange(3)[:, None, None, None] == 1, PHASE.shape)
 WRONG_PHASE: dict[str, tuple[Callable[[], Any], str]] = {
     "time out of range": (lambda: p4d.unwrap(PHASE, boundary=(3, 0)), "does not exist"),
     "angle out of range": (lambda: p4d.unwrap(PHASE, boundary=(0, -3)), "does not exist"),
@@ -259,6 +260,10 @@ WRONG_PHASE: dict[str, tuple[Callable[[], Any], str]] = {
     "option unknown": (lambda: p4d.unwrap(PHASE, fast=True), "has no option"),
     "mask of another size": (lambda: p4d.unwrap(PHASE, mask=np.ones((5, 5))), "does not fit"),
     "empty mask": (lambda: p4d.unwrap(PHASE, mask=np.zeros(PHASE.shape)), "mask is empty"),
+    "mask on what is not known": (
+        lambda: p4d.unwrap(np.where(ONE_FRAME, np.nan, PHASE), mask=ONE_FRAME),
+        "NaN wherever the mask counts",
+    ),
     "mask with other axes": (
         lambda: p4d.unwrap(PHASE, mask=xr.DataArray(np.ones(12), dims=["q"])), "mask has dims"
     ),

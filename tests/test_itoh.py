@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import warnings
+
 import numpy as np
 import pytest
 import xarray as xr
@@ -171,3 +173,46 @@ def test_orders_of_phase_that_lacks_an_axis(dims: tuple[str, ...]) -> None:
     shares = order_shares(stack, (0, 0), xr.ones_like(stack, dtype=bool))
     assert shares["temporal-angular"] == shares["angular-temporal"]
     assert shares["temporal-angular"] == (0.5 if len(dims) == 3 else 0)
+
+
+def test_shares_count_known_steps_alone() -> None:
+    """Every step along time is 4 rad, none along the angle is."""
+    rising = 4.0 * np.arange(8)[:, None, None, None] * np.ones((8, 2, 5, 6))
+    phase = xr.DataArray(rising, dims=("time", "angle", "y", "x"))
+    phase[3:6] = np.nan
+    # Of 7 steps along time 3 are known, of 8 times at both angles 5.
+    assert order_shares(phase) == pytest.approx(
+        {"temporal-angular": 3 / (3 + 5), "angular-temporal": 6 / (6 + 1)}
+    )
+
+
+def test_orders_start_at_frames_that_are_there() -> None:
+    phase = xr.DataArray(np.zeros((8, 2, 5, 6)), dims=("time", "angle", "y", "x"))
+    with pytest.raises(ValueError, match="does not exist"):
+        order_shares(phase, (100, 7))
+
+
+@pytest.mark.parametrize("wavelengths", [None, [0.5, 0.6]])
+def test_a_mask_of_a_frame_holds_for_all(wavelengths: list[float] | None) -> None:
+    rng = np.random.default_rng(1)
+    phase = xr.DataArray(rng.normal(0, 3, (4, 2, 6, 7)), dims=("time", "angle", "y", "x"))
+    if wavelengths:
+        phase = phase.assign_coords(wavelength=("angle", wavelengths))
+    inside = xr.DataArray(rng.random((6, 7)) > 0.4, dims=("y", "x"))
+    everywhere = inside.broadcast_like(phase).transpose(*phase.dims)
+    found, expected = (itoh_margin(phase, mask) for mask in (inside, everywhere))
+    for name in expected:
+        assert found[name].attrs == expected[name].attrs
+    assert order_shares(phase, (0, 0), inside) == order_shares(phase, (0, 0), everywhere)
+
+
+def test_residues_are_none_round_what_is_not_known() -> None:
+    y, x = np.mgrid[-3.5:4, -3.5:4]
+    vortex = np.arctan2(y, x)
+    vortex[0, 0] = vortex[6, 6] = np.nan
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = residues(xr.DataArray(vortex, dims=("y", "x"))).values
+    assert np.argwhere(found).tolist() == [[3, 3]]
+    vortex[3, 3] = np.nan
+    assert not residues(xr.DataArray(vortex, dims=("y", "x"))).any()

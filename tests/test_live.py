@@ -447,6 +447,22 @@ def test_decimal_times_in_names_are_no_late_frames(video: Video, tmp_path: Path)
 
 
 @pytest.mark.slow
+def test_a_view_to_start_at_must_be_there(video: Video, tmp_path: Path) -> None:
+    """It is refused on the first frames, not when all have been worked on."""
+    folder, heard = tmp_path / "camera", Heard()
+    for number in range(6):
+        put(folder, number, video[number])
+    with pytest.raises(ValueError, match=r"angle 5\) does not exist"):
+        watch(folder, RECIPE.changed(boundary=((0, 5),)), tmp_path / "out", frames=6, **LONG,
+              **heard.calls())  # fmt: skip
+    assert not heard.frames
+    watch(folder, RECIPE.changed(boundary=((0, -1),)), tmp_path / "last", frames=6, **LONG,
+          **heard.calls())  # fmt: skip
+    n_views = len(p4d.Recipe.from_file(tmp_path / "last" / "recipe.json").lobes)
+    assert any(line.endswith(f"start at view {n_views}") for line in heard.lines)
+
+
+@pytest.mark.slow
 def test_an_acquisition_that_begins_anew_is_not_mixed_in(video: Video, tmp_path: Path) -> None:
     """The microscopist stops, and starts again into the same folder."""
     folder, heard = tmp_path / "camera", Heard()

@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 import napari_phase4d as p4d
 from helpers import measured
 from napari_phase4d.cli import app
+from napari_phase4d.pipeline import estimated_seconds
 from napari_phase4d.simulation import multiplexed_video, swimming_euglena
 
 
@@ -173,3 +174,15 @@ def test_one_view_goes_all_the_way(plain_video: Path) -> None:
         results["temporal-angular"].values, results["angular-temporal"].values
     )
     np.testing.assert_array_equal(results["temporal-angular"].values, results["temporal"].values)
+
+
+@pytest.mark.slow
+def test_what_a_run_takes_is_told_where_the_first_frames_are_lost(tmp_path: Path) -> None:
+    wrapped = swimming_euglena((40, 48), 9, peak_rad=9)["wrapped"].copy()
+    wrapped[:6] = np.nan
+    file = p4d.write_phase(tmp_path / "lost.ome.tif", wrapped)
+    result = CliRunner().invoke(app, ["info", str(file)])
+    assert result.exit_code == 0, result.output
+    assert "NaN everywhere" not in result.output
+    recipe = p4d.Recipe(recording=str(file), content="phase", methods=("temporal",))
+    assert estimated_seconds(recipe, p4d.open_phase(file)) > 0

@@ -6,6 +6,7 @@ from typing import Any
 
 import dask.array as da
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 
@@ -317,3 +318,20 @@ def test_traces_say_what_is_wrong() -> None:
             traces(results, (0, 0), mask)
     with pytest.raises(ValueError, match=r"a pixel \(y, x\) or a mask"):
         traces(results, (0, 0), (1.5, 2))
+
+
+@pytest.mark.parametrize(
+    "dims", [("time", "angle", "x", "y"), ("angle", "time", "y", "x"), ("angle", "y", "x")]
+)
+@pytest.mark.parametrize("as_list", [False, True])
+def test_plain_labels_have_the_axes_of_the_phase(dims: tuple[str, ...], *, as_list: bool) -> None:
+    """Square frames, and as many times as angles: nothing but their order tells the axes."""
+    phase = p4d.simulation.swimming_cells((40, 40), 2, 1, divisions=0, leaving=0, entering=0)
+    exact = phase["phase"].assign_coords(time=[0.0, 1.0])
+    cells = p4d.find_cells(exact)
+    gone = {dim: 0 for dim in exact.dims if dim not in dims}
+    expected = p4d.measure(exact.isel(gone), cells.isel(gone), p4d.Optics())
+    plain = cells.isel(gone).transpose(*dims).values
+    given = plain.tolist() if as_list else plain
+    found = p4d.measure(exact.isel(gone).transpose(*dims), given, p4d.Optics())
+    pd.testing.assert_frame_equal(found, expected)

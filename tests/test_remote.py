@@ -268,10 +268,13 @@ def test_results_are_not_written_to_a_server(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     phase = p4d.simulation.budding_yeast((16, 16), n_times=2)["wrapped"]
+    file = p4d.write_phase(tmp_path / "phase.ome.tif", phase)
+    on_disk = p4d.Recipe(recording=str(file), content="phase", storage="disk")
     for call in (
         lambda: p4d.write_phase(f"{lab}/out.ome.tif", phase),
         lambda: p4d.read_results(f"{lab}/out.ome.tif"),
         lambda: run_batch(p4d.Recipe(), [f"{lab}/plain.zarr"], f"{lab}/out"),
+        lambda: p4d.run(on_disk, folder=f"{lab}/out"),
     ):
         with pytest.raises(OSError, match="lies on a server; results are written and read here"):
             call()

@@ -533,3 +533,14 @@ def test_methods_are_described() -> None:
         assert method.summary.endswith(".")
         for option in method.options:
             assert option.summary.endswith(".")
+
+
+@pytest.mark.parametrize("dtype", [bool, np.uint8, np.float32])
+def test_what_is_masked_of_a_mask_is_not_in_it(dtype: type) -> None:
+    wrapped = p4d.simulation.budding_yeast((16, 16), 2)["wrapped"]
+    inside = np.ones((16, 16), dtype)
+    masked = np.ma.masked_array(inside, mask=np.indices(inside.shape)[0] < 4)
+    found = p4d.unwrap(wrapped, "temporal", mask=masked).values
+    expected = p4d.unwrap(wrapped, "temporal", mask=~masked.mask).values
+    np.testing.assert_array_equal(found, expected)
+    assert not found[..., :4, :].any()
