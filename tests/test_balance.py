@@ -8,7 +8,14 @@ import xarray as xr
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import slipped_frames
-from napari_phase4d.analysis.balance import Claims, Objects, balance_of, likely_slipped
+from napari_phase4d.analysis.balance import (
+    Claims,
+    Objects,
+    balance_of,
+    claims_of_groups,
+    clear_pixels,
+    likely_slipped,
+)
 from napari_phase4d.analysis.cell_frames import cells_that_touch
 from napari_phase4d.analysis.slips import slip_words
 from napari_phase4d.simulation import hard_shape, with_noise
@@ -369,3 +376,29 @@ def test_it_is_said_of_how_many_doubtful_frames_mass_is_why() -> None:
     assert slip_words(slipped) == slip_words(slipped, np.zeros_like(missing))
     assert "in 3 of 6 frames" in slip_words(slipped, missing)
     assert "in 1 of them an object has less mass" in slip_words(slipped, missing)
+
+
+def objects_of(area: list[int], size: list[int]) -> Objects:
+    """Return objects of so many pixels, of which so many are clearly no empty field."""
+    n = len(area)
+    return Objects(np.ones(n), np.array(size), np.array(area), np.ones(n, dtype=bool))
+
+
+def test_what_noise_leaves_no_clear_pixel_of_may_miss_something() -> None:
+    """Nothing is divided by no pixels, as where an object is as thin as noise is."""
+    before, after = objects_of([40, 30], [0, 9]), objects_of([40, 30], [0, 8])
+    groups, gained = np.array([0, 1]), np.array([-12.0, -8.5])
+    sizes = clear_pixels(groups, before, groups, after, gained)
+    assert sizes.tolist() == [1, 8.5]
+    claims = claims_of_groups([], gained, groups, before, sizes, 3)
+    assert np.isfinite(likely_slipped(claims, after)).all()
+    assert likely_slipped(claims, after)[1] == 1
+
+
+def test_losses_that_cancel_are_none() -> None:
+    """Of what two objects may both have lost, one lies above the field and one below it."""
+    objects = objects_of([20, 20], [20, 20])
+    up, down = {(2, 0, 1): (8.0, 10.0)}, {(2, 0, 2): (-8.0, -10.0)}
+    groups, gained = np.array([0, 0]), np.zeros(1)
+    found = claims_of_groups([up, down], gained, groups, objects, np.ones(1), 3)
+    assert found == [{}]

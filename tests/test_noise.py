@@ -165,3 +165,15 @@ def test_sentence_names_time_space_and_amplitude() -> None:
         f"time, {row['spatial_phase_mrad']:.3g} mrad ({row['spatial_path_nm']:.2g} nm) in space; "
         f"amplitude {row['temporal_amplitude_percent']:.2g} %."
     )
+
+
+@pytest.mark.parametrize("method", ["directional-l1", "directional-growing"])
+def test_phase_that_is_nothing_but_noise_is_said(method: str) -> None:
+    rng = np.random.default_rng(0)
+    noise = rng.uniform(-np.pi, np.pi, (3, 2, 40, 40)).astype(np.float32)
+    with pytest.warns(UserWarning, match="nothing but noise"):
+        p4d.unwrap(noise, method)
+    y, x = np.mgrid[:40, :40]
+    cell = 6 * np.exp(-((y - 20) ** 2 + (x - 20) ** 2) / 100)
+    noisy = np.angle(np.exp(1j * (cell + rng.normal(0, 0.9, noise.shape)))).astype(np.float32)
+    p4d.unwrap(noisy, method)  # a warning is an error here

@@ -461,12 +461,14 @@ def clear_pixels(
     """Return over how many pixels each group gained a turn: between its sizes before and after.
 
     As many as explain it best: what slips may look empty after it, what shrinks at once has less.
+    One at least, where noise leaves none of them clear.
     """
     one, other = (
         np.bincount(groups, objects.size, minlength=len(gained))
         for groups, objects in ((near, before), (far, after))
     )
-    return np.clip(np.abs(gained), np.maximum(np.minimum(one, other), 1), np.maximum(one, other))
+    least, most = (np.maximum(pick(one, other), 1) for pick in (np.minimum, np.maximum))
+    return np.clip(np.abs(gained), least, most)
 
 
 def claims_of_groups(
@@ -505,6 +507,8 @@ def claims_of_groups(
         for first, own in parts.items():
             holders = [i for i in inside if own.keys() & claims[i].keys()]
             lost, over = (sum(numbers) for numbers in zip(*own.values(), strict=True))
+            if not over:  # as much up as down
+                continue
             # What joins them may as well be what lost it.
             share = objects.area[holders].sum() / area[group]
             # Parts of a loss that are together again are one.

@@ -23,6 +23,7 @@ from napari_phase4d.words import shown
 
 __all__ = [
     "LARGEST",
+    "PURE",
     "Boundary",
     "Counted",
     "Given",

@@ -23,10 +23,11 @@ from napari_phase4d.unwrapping.directional.scene import find_scene
 from napari_phase4d.unwrapping.directional.sides import on_one_side
 from napari_phase4d.unwrapping.directional.steps import floors_of
 from napari_phase4d.unwrapping.frames import border_medians
-from napari_phase4d.unwrapping.given import working_blocks
+from napari_phase4d.unwrapping.given import PURE, working_blocks
 from napari_phase4d.unwrapping.growing import Workspace, grow_list
 from napari_phase4d.unwrapping.objects import object_mask
 from napari_phase4d.unwrapping.shared_steps import FIELD, FRAMES_LEFT_OUT
+from napari_phase4d.words import warn
 
 __all__ = [
     "Unwraps",
@@ -71,6 +72,11 @@ def prepared(problem: Unwraps, task: Task) -> Field:
     def prepare() -> Field:
         watch = Watch(4, "finding the object", task)
         scene = find_scene(problem, watch)
+        if scene.noise > PURE:  # so much leaves one problem of all pixels
+            warn(
+                "the phase is nothing but noise, as random numbers are: no result means anything, "
+                "and WL1 may take long; is it wrapped phase in radians?"
+            )
         problem.note(FRAMES_LEFT_OUT, scene.frames.lost)
         scene = replace(scene, lifts=lifts_of_changes(scene, problem.store, watch))
         watch.step()
