@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import xarray as xr
 from numpy.typing import NDArray
 from typer.testing import CliRunner
 
@@ -79,7 +80,9 @@ def test_no_frame_is_passed_as_usual_that_a_close_look_calls_lost(
         some = rng.random((2, 4, 4)) < rng.choice([0.1, 0.2, 0.6])
         power[0][some] *= (1, 1e-3, 100, 1)[kind % 4]
         coherence[0][some] *= (1, 1, 1, 0.2)[kind % 4]
-        frames.append((Fringes(power[0], coherence[0], 1.0), Fringes(power[1], coherence[1], 1.0)))
+        even = np.full((2, 2, 4, 4), np.pi / 4)
+        frame, usual = (Fringes(power[i], coherence[i], even[i], 1.0) for i in (0, 1))
+        frames.append((frame, usual))
     quick = [are_usual(a.power, a.coherence, b.power, b.coherence, b.lit) for a, b in frames]
     monkeypatch.setattr("napari_phase4d.holography.lost.are_usual", lambda *_: False)
     lost = [bool(frame.reason(usual)) for frame, usual in frames]
@@ -488,3 +491,28 @@ def test_light_between_the_frames_that_are_sampled_is_enough(video: Recording) -
     lobes = p4d.find_lobes(video, n_views=2)
     data = p4d.reconstruct(rec, lobes, p4d.open_recording(frames), refocus_um="auto")
     assert data.attrs["lost_times"] == list(range(0, 63, 2))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("first", [None, 8])
+@pytest.mark.parametrize("kind", ["round", "smooth"])
+def test_cells_that_arrive_lose_no_frame(kind: str, first: int | None) -> None:
+    """Fields that slope are less alike to themselves than empty ones, but as strong and even."""
+    y, x = np.mgrid[:256, :256]
+    rng = np.random.default_rng(3)
+    places: list[NDArray[np.float64]] = []
+    while len(places) < 30:
+        place = rng.uniform(0, 256, 2)
+        if all(np.hypot(*(place - other)) > 25 for other in places):
+            places.append(place)
+    away = np.array([((y - v) ** 2 + (x - u) ** 2) / 13**2 for v, u in places])
+    of_cell = np.sqrt(np.maximum(1 - away, 0)) if kind == "round" else np.exp(-away)
+    cells = 3.5 * of_cell.sum(axis=0)
+    frames = np.stack([cells * (t >= 12) for t in range(24)])[:, None]
+    video = multiplexed_video(
+        xr.DataArray(frames, dims=("time", "angle", "y", "x")), carriers=[(0.2, 0.22)]
+    )
+    assert lost_frames(video) == {}
+    lobes = [p4d.Lobe((0.2, 0.22), 0.09)]
+    found = p4d.reconstruct(video, lobes, first_frames=first)
+    assert found.attrs["lost_times"] == []

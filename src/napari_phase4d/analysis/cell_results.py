@@ -13,7 +13,6 @@ from napari_phase4d.analysis.cells import find_cells, follow_cells_of
 from napari_phase4d.analysis.measures import measure
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
-from napari_phase4d.phasors import turned
 from napari_phase4d.stack import PART_BYTES, each_frame, frame_of, parts_over_time
 from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
@@ -243,9 +242,9 @@ def with_field_of_frame(result: Image, wrapped: Image) -> Image:
     shown = wrapped[empty & np.isfinite(wrapped)]
     if not shown.size:
         return np.where(empty, wrapped, result)
-    level = np.angle(np.exp(1j * shown.astype(np.float64)).mean())
-    level += float(np.median(turned(shown - level)))
-    field = level + turned(wrapped - level)
+    mean = np.exp(1j * shown.astype(np.float64)).mean()
+    level = float(np.angle(mean) + np.median(np.angle(np.exp(1j * (shown - np.angle(mean))))))
+    field = level + np.angle(np.exp(1j * (wrapped - level)))
     steps = []
     for axis in (0, 1):
         for one, other in (ends := ends_along(axis, 2), ends[::-1]):

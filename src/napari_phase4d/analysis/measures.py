@@ -234,7 +234,7 @@ def measure(
     stack = on_four_axes(unwrapped)
     check_numbers(stack, optics, object_index, refraction_increment_ml_per_g)
     check_bool("oblique", oblique)
-    if hasattr(regions, "dtype") or is_list(regions):
+    if hasattr(regions, "dtype") or is_list_of_labels(regions):
         return table_of_cells(
             stack, labels_on(regions, unwrapped, stack), parents_of(regions), optics,
             overlaps=overlaps_of(regions),
@@ -266,12 +266,22 @@ def measure(
     return pd.concat(tables, ignore_index=True)
 
 
+def is_list_of_labels(regions: Any) -> bool:
+    """Say whether regions are a nested list of whole numbers, and not one of masks."""
+    if not is_list(regions) or any(hasattr(each, "dtype") for each in regions):
+        return False
+    try:
+        return np.asarray(regions).dtype.kind in "iu"
+    except ValueError:  # its rows differ in length
+        return False
+
+
 def labels_on(labels: Any, phase: xr.DataArray, stack: xr.DataArray) -> Any:
     """Return labels (time, angle, y, x) that fit the phase, or say why they don't.
 
     Plain ones of the shape of the phase have its dims. The stack is the phase with all four.
     """
-    if is_list(labels):
+    if not hasattr(labels, "dtype"):
         labels = np.asarray(labels)
     if labels.ndim not in PLAIN_AXES:
         msg = f"the cells are {shown(labels)}, which does not fit the phase, {stack.shape}"

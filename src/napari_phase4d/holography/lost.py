@@ -46,6 +46,9 @@ WEAK, STRONG, BAD_TILES, COLLAPSED = 0.04, 10.0, 0.15, 0.06
 APART, LINES = 3, 64
 #: ... and a tile is noise if it is so much less alike than usual; so is the frame, if most are.
 INCOHERENT, NOISE = 0.3, 0.4
+#: ... but only if its amplitude varies more than this, as noise's does (pi/4; that of dense layers
+#: of steep cells is 0.87 and more), or its fringes have less than this share of their usual power.
+EVEN, AS_STRONG = 0.85, 0.5
 #: Noise is less alike to itself than this whatever others show (it measures 0.3 in small fields,
 #: 0.05 in large ones; weak fringes in noise 0.5 and more).
 ALIKE, NEARLY = 0.35, 0.7
@@ -184,12 +187,16 @@ class Fringes:
         Squared mean amplitude.
     coherence : ndarray of shape (view, tile, tile)
         How alike the field is to itself some pixels on, from 0 for noise to 1.
+    evenness : ndarray of shape (view, tile, tile)
+        Squared mean amplitude next to the mean of its square: 1 if it is the same everywhere, pi/4
+        for noise, which varies as speckle does.
     light : float
         Mean grey value.
     """
 
     power: Tiles
     coherence: Tiles
+    evenness: Tiles
     light: float
 
     @cached_property
@@ -233,7 +240,10 @@ class Fringes:
         if said == WITHOUT_FRINGES:  # asked first, as noise in a narrow lobe hangs together, too
             return said
         likely = np.maximum(usual.coherence[view][lit], TINY)
-        alike = self.coherence[view][lit] / likely
+        # So do the slopes of cells where none were before; but their fringes are as strong as
+        # usual, and as even.
+        noise = (self.evenness[view][lit] < EVEN) | (power < AS_STRONG * usually)
+        alike = np.where(noise, self.coherence[view][lit] / likely, 1.0)
         # Where the least is not below a limit, no median is, which takes longest of all.
         if alike.min() < NOISE and float(np.median(alike)) < NOISE:
             return WITHOUT_FRINGES
@@ -298,25 +308,35 @@ def fringes_of(some: NDArray[np.generic], fields: NDArray[np.complex64]) -> Frin
     apart = APART if min(height, width) > APART + 4 * APART * step else 0
     tiles = min(TILES, height, width)
     power = np.empty((views, tiles, tiles))
-    coherence = np.ones_like(power)
-    tiles_of_views(fields, step, apart, power, coherence)
-    return Fringes(power, coherence, float(some.mean(dtype=np.float64)))
+    coherence, evenness = np.ones_like(power), np.empty_like(power)
+    tiles_of_views(fields, step, apart, power, coherence, evenness)
+    return Fringes(power, coherence, evenness, float(some.mean(dtype=np.float64)))
 
 
 @compiled
 def tiles_of_views(
-    fields: NDArray[np.complex64], step: int, apart: int, power: Tiles, coherence: Tiles
+    fields: NDArray[np.complex64],
+    step: int,
+    apart: int,
+    power: Tiles,
+    coherence: Tiles,
+    evenness: Tiles,
 ) -> None:
     """Do `tile_sums` for all views."""
     for view in range(len(fields)):
-        tile_sums(fields[view], step, apart, power[view], coherence[view])
+        tile_sums(fields[view], step, apart, power[view], coherence[view], evenness[view])
 
 
 @vectorized
 def tile_sums(
-    field: NDArray[np.complex64], step: int, apart: int, power: Tiles, coherence: Tiles
+    field: NDArray[np.complex64],
+    step: int,
+    apart: int,
+    power: Tiles,
+    coherence: Tiles,
+    evenness: Tiles,
 ) -> None:
-    """Write the squared mean amplitude of tiles, and how alike the field is to itself there.
+    """Write the squared mean amplitude of tiles, how alike the field is to itself, and how even.
 
     Alike means: some pixels on, along y or x, whichever is less, next to the mean squared
     amplitude, which hardly changes within some pixels.
@@ -337,6 +357,7 @@ def tile_sums(
                     down += here.conjugate() * field[y + apart, x]
                     across += here.conjugate() * field[y, x + apart]
             power[v, u] = (size / count) ** 2
+            evenness[v, u] = power[v, u] / max(square / count, TINY)
             if apart:
                 least = min(abs(down), abs(across))
                 coherence[v, u] = min(least / max(square, TINY), 1.0)
@@ -443,12 +464,16 @@ def usual_among(fringes: Sequence[Fringes]) -> Fringes:
     shown = (alike > least) & (strength >= COLLAPSED * strong)
     shown[:, ~shown.any(axis=0)] = True
     every = shown.all(axis=1) if shown.all(axis=1).any() else np.ones(len(fringes), dtype=bool)
-    power, coherence = (
+    power, coherence, evenness = (
         np.nanmedian(np.where(shown[..., None, None], each, np.nan), axis=0)
-        for each in ([each.power for each in fringes], [each.coherence for each in fringes])
+        for each in (
+            [each.power for each in fringes],
+            [each.coherence for each in fringes],
+            [each.evenness for each in fringes],
+        )
     )
     light = np.array([each.light for each in fringes])
-    return Fringes(power, coherence, float(np.median(light[every])))
+    return Fringes(power, coherence, evenness, float(np.median(light[every])))
 
 
 def never_all(name: str, lost: Mapping[int, Sequence[str]]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
@@ -39,6 +40,8 @@ __all__ = [
 
 T = TypeVar("T")
 
+#: Of less phase it is not said that it is noise.
+MANY_PIXELS = 4_000
 TURN = np.float32(2 * np.pi)
 Image = NDArray[np.float32]
 Mask = NDArray[np.bool_]
@@ -72,7 +75,8 @@ def prepared(problem: Unwraps, task: Task) -> Field:
     def prepare() -> Field:
         watch = Watch(4, "finding the object", task)
         scene = find_scene(problem, watch)
-        if scene.noise > PURE:  # so much leaves one problem of all pixels
+        # So much leaves one problem of all pixels; few of them tell nothing.
+        if scene.noise > PURE and math.prod(scene.shape) > MANY_PIXELS:
             warn(
                 "the phase is nothing but noise, as random numbers are: no result means anything, "
                 "and WL1 may take long; is it wrapped phase in radians?"
