@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rich.markup import escape
 
 from napari_phase4d.analysis import (
+    as_truth,
     best_known,
     itoh_margin,
     order_shares,
@@ -189,7 +190,7 @@ def compare_command(
         raise ValueError(msg)
     with stoppable():
         if len(files) > 1:
-            batch(recipe, files, out, truth=exact, finished=partial(finish, exact))
+            batch(recipe, files, out, truth=exact, finished=finish)
             return
         recording = found_anywhere(files[0] if files else recipe.recording)
         compare_one(recipe.changed(recording=recording), exact, out)
@@ -212,17 +213,30 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
     ):
         outcome = run_unwarned(recipe, truth=exact, task=Task(progress), folder=place)
         written = write_files(outcome, out, Task(progress), source=hashing.result())
-        kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
+        # Before anything is told: what the note lists is there, whatever fails then.
+        known = truth_of(outcome)
+        written.append(write_picture(outcome, known, out / PICTURE))
+        kept.settle(written, recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)
-    finish(exact, outcome, out, advice_on(outcome))
-    console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
+    tell_of(outcome, known, advice_on(outcome))
+    console.print(f"{len(written)} files written to [bold]{out.resolve()}[/bold]")
     check_cells(outcome)
 
 
-def finish(
-    exact: xr.DataArray | None, outcome: Outcome, folder: Path, advice: Sequence[str] = ()
-) -> None:
-    """Print the table and what is known of the steps, and write the picture."""
+def truth_of(outcome: Outcome) -> xr.DataArray | None:
+    """Return the exact phase of a run frame by frame as its results are, None without any."""
+    return as_truth(outcome.truth, outcome.reconstruction["phase"])
+
+
+def finish(outcome: Outcome, folder: Path) -> None:
+    """Write the picture of one file of several, and print what `tell_of` does."""
+    exact = truth_of(outcome)
+    write_picture(outcome, exact, folder / PICTURE)
+    tell_of(outcome, exact)
+
+
+def tell_of(outcome: Outcome, exact: xr.DataArray | None, advice: Sequence[str] = ()) -> None:
+    """Print the table and what is known of the steps."""
     print_notes(outcome, advice)
     print_start(outcome)
     print_table(outcome.comparison.table)
@@ -230,7 +244,6 @@ def finish(
         print_itoh(outcome, exact)
     except OSError as error:  # results larger than memory
         console.print(f"[yellow]{escape(sentence_of(error))}[/yellow]")
-    write_picture(outcome, exact, folder / PICTURE)
 
 
 def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
