@@ -135,7 +135,7 @@ def assigned(pairs: pd.DataFrame) -> list[tuple[int, int]]:
 
 
 def numbered(views: list[pd.DataFrame], groups: Groups) -> list[tuple[int, int]]:
-    """Number the cells in the order in which they appear, see `joined_views`."""
+    """Give cells numbers in the order in which they appear, see `joined_views`."""
     began: dict[Track, tuple[float, ...]] = {}
     for number, view in enumerate(views):
         for track, *place in view[["track", "frame", "y", "x"]].to_numpy(np.float64).tolist():

@@ -69,7 +69,7 @@ from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS, methods_for
-from napari_phase4d.words import counted, printable
+from napari_phase4d.words import counted, printable, warn
 
 __all__ = ["compare_command", "run_command", "watch_command"]
 
@@ -99,7 +99,10 @@ def run_command(
     """
     checked_form(form)
     recipe, files = recipe_and_files(inputs)
-    turned = any(is_sample(str(source)) for source in (*files, recipe.recording))
+    if resume and not files and recipe.recording:
+        files = [Path(recipe.recording)]  # a batch of the one that the recipe names
+    # Files that are given take the place of the recipe's own.
+    turned = any(is_sample(str(source)) for source in files or [recipe.recording])
     recipe = with_settings(recipe, turned=turned, **typed)
     adapt = partial(with_optics, numbers=typed_optics(typed))
     with stoppable():
@@ -113,10 +116,37 @@ def run_command(
 
 def with_optics(recipe: Recipe, numbers: Mapping[str, float]) -> Recipe:
     """Return a recipe with the optics that were typed in; the rest is as the file says."""
+    recipe = without_fields(recipe)
     if not numbers or not recipe.recording:
         return recipe
     opened = open_by(recipe.changed(optics=None))
     return recipe.changed(optics=typed_into(recipe.optics, numbers, opened))
+
+
+def without_fields(recipe: Recipe) -> Recipe:
+    """Return a recipe without what needs the fields of holograms, where the file holds phase.
+
+    Else a recipe that is written with the results would say what was not done.
+    """
+    asked = {
+        "refocusing": recipe.refocus_um is not None,
+        "taking a tilt off each frame": recipe.tilt_per_frame,
+    }
+    names = [name for name, on in asked.items() if on]
+    if not names or not recipe.recording or not is_phase(recipe):
+        return recipe
+    warn(
+        f"{Path(recipe.recording).name} holds wrapped phase; {' and '.join(names)} "
+        f"{'needs' if len(names) == 1 else 'need'} holograms, and will not be done"
+    )
+    return recipe.changed(refocus_um=None, tilt_per_frame=False)
+
+
+def is_phase(recipe: Recipe) -> bool:
+    """Say whether the recording of a recipe is wrapped phase."""
+    if is_sample(recipe.recording):
+        return isinstance(open_by(recipe), xr.DataArray)
+    return holds_phase(recipe.recording, recipe.dataset)
 
 
 def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | None) -> None:
@@ -190,10 +220,10 @@ def compare_command(
         raise ValueError(msg)
     with stoppable():
         if len(files) > 1:
-            batch(recipe, files, out, truth=exact, finished=finish)
+            batch(recipe, files, out, truth=exact, prepared=without_fields, finished=finish)
             return
         recording = found_anywhere(files[0] if files else recipe.recording)
-        compare_one(recipe.changed(recording=recording), exact, out)
+        compare_one(without_fields(recipe.changed(recording=recording)), exact, out)
 
 
 def light_in(files: Sequence[Path]) -> NDArray[np.float64] | None:
