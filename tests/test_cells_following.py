@@ -9,6 +9,7 @@ import pytest
 import xarray as xr
 
 import napari_phase4d as p4d
+from napari_phase4d.analysis import cells_in
 
 Places = list[tuple[float, float, float]]
 
@@ -110,3 +111,13 @@ def test_two_cells_that_follow_each_other_far_apart_stay_two_in_all_views() -> N
     found = p4d.follow_cells(labels_of(cells, 8, 3))
     for angle in range(3):
         assert [numbers(found, time, angle) for time in (0, 7)] == [{1}, {2}]
+
+
+def test_labels_that_lie_where_nothing_is_known_give_an_empty_table() -> None:
+    labels = labels_of(lambda _, __: [(20, 20, 4)], 2)
+    unknown = xr.zeros_like(labels, dtype=np.float32).where(labels == 0)
+    found = cells_in(unknown, p4d.Optics(), labels=labels)
+    assert found.table.empty
+    assert found.summary.empty
+    with pytest.raises(ValueError, match="no cell lies where the phase is known"):
+        p4d.measure(unknown, labels, p4d.Optics())

@@ -280,6 +280,7 @@ def test_info_says_that_a_file_of_phase_has_its_own_views(phase_file: Path) -> N
         told("info", phase_file, "--views", 3)
 
 
+@pytest.mark.filterwarnings("ignore:no cells were found")
 def test_a_file_takes_the_place_of_the_sample_of_a_recipe(
     phase_file: Path, tmp_path: Path
 ) -> None:
@@ -287,7 +288,29 @@ def test_a_file_takes_the_place_of_the_sample_of_a_recipe(
     recipe = RECIPE.changed(recording="sample:cells", methods=("spatial-2d",))
     recipe.to_file(tmp_path / "recipe.json")
     line = ("run", tmp_path / "recipe.json", phase_file, "--angle", 0, "--angle", 5, "--cells")
-    told(*line, "--out", tmp_path / "out")
+    told(*line, "--wavelength", 0.633, "--out", tmp_path / "out")
     used = p4d.Recipe.from_file(tmp_path / "out" / "recipe.json")
     assert used.cells is not None
     assert used.cells.oblique
+
+
+@pytest.mark.parametrize(
+    ("line", "file"),
+    [
+        (("reproduce", "--no-movies"), "table.csv"),
+        (("reproduce",), "figure_2.png"),
+        (("demo", "--headless"), "comparison.png"),
+        (("demo", "--headless"), "window.png"),
+    ],
+)
+def test_demo_and_reproduction_write_over_nothing(
+    line: tuple[str, ...],
+    file: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / file).write_text("mine")
+    said = refused(monkeypatch, capsys, *line, "--out", tmp_path)
+    assert f"{file} is there already and was not made by a run" in said
+    assert (tmp_path / file).read_text() == "mine"

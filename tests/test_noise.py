@@ -165,3 +165,17 @@ def test_sentence_names_time_space_and_amplitude() -> None:
         f"time, {row['spatial_phase_mrad']:.3g} mrad ({row['spatial_path_nm']:.2g} nm) in space; "
         f"amplitude {row['temporal_amplitude_percent']:.2g} %."
     )
+
+
+def test_noise_is_that_of_each_view_whatever_the_order_of_the_axes() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(0, 1, (3, 2, 48, 48)) * np.array([0.02, 0.3])[:, None, None]
+    phase = xr.DataArray(
+        values, dims=("time", "angle", "y", "x"), coords={"angle": [-7.0, 21.0]}
+    ).assign_coords(time=np.arange(3.0))
+    expected = noise_figures(xr.Dataset({"phase": phase}))
+    turned = noise_figures(xr.Dataset({"phase": phase.transpose("angle", "time", "x", "y")}))
+    np.testing.assert_allclose(
+        turned["temporal_phase_mrad"], expected["temporal_phase_mrad"], rtol=0.05
+    )
+    assert expected["temporal_phase_mrad"][1] < 100 < expected["temporal_phase_mrad"][2]

@@ -163,3 +163,18 @@ def test_phase_notes_whether_it_is_wrapped(make: Callable[[], xr.Dataset]) -> No
     assert data["phase"].attrs["exact"] is True
     assert data["wrapped"].attrs["kind"] == "wrapped"
     assert "exact" not in data["wrapped"].attrs
+
+
+def test_a_video_is_that_of_the_phase_whatever_the_order_of_its_axes() -> None:
+    phase = swimming_euglena((32, 40), 2, pixel_um=1.0)["phase"]
+    video, turned = (
+        multiplexed_video(each) for each in (phase, phase.transpose("angle", "time", "x", "y"))
+    )
+    np.testing.assert_array_equal(turned.holograms, video.holograms)
+    assert turned.holograms.attrs["angles_deg"] == video.holograms.attrs["angles_deg"]
+
+
+def test_phase_of_another_wavelength_than_the_optics_is_refused() -> None:
+    phase = swimming_euglena((32, 32), 1, pixel_um=1.0, optics=Optics(wavelength_um=0.5))["phase"]
+    with pytest.raises(ValueError, match="of a wavelength of 0.5 um, but the optics say 0.6328"):
+        multiplexed_video(phase)

@@ -85,7 +85,7 @@ def new_pairs(pairs: pd.DataFrame, groups: Groups, one: int, other: int) -> pd.D
         any(view == other for view, _ in groups.of((one, int(a)))) for a, _ in pairs.index.tolist()
     ]
     alone = [len(groups.of((other, int(b)))) == 1 for _, b in pairs.index.tolist()]
-    return pairs[np.array(alone, dtype=bool) & ~np.array(with_other, dtype=bool)]
+    return pairs.loc[np.array(alone, dtype=bool) & ~np.array(with_other, dtype=bool)]
 
 
 def tracks_beside(one: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
@@ -117,14 +117,14 @@ def tracks_beside(one: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:
     )
     share = of_pair.size().to_numpy(np.float64) / shorter
     pairs["cost"] = pairs["apart"] + pairs["grown"] - 0.1 * REACH_ACROSS * share
-    return pairs[(pairs["apart"] < REACH_ACROSS) & (share > TOGETHER)]
+    return pairs.loc[(pairs["apart"] < REACH_ACROSS) & (share > TOGETHER)]
 
 
 def assigned(pairs: pd.DataFrame) -> list[tuple[int, int]]:
     """Return the pairs of two views that are one cell's, one to one, so that they cost least."""
     if pairs.empty:
         return []
-    costs = pairs["cost"].unstack(fill_value=10 * REACH_ACROSS)
+    costs = pairs["cost"].unstack().fillna(10 * REACH_ACROSS)
     matrix = costs.to_numpy(np.float64)
     rows, columns = scipy.optimize.linear_sum_assignment(matrix)
     return [

@@ -102,7 +102,8 @@ def run_command(
     if resume and not files and recipe.recording:
         files = [Path(recipe.recording)]  # a batch of the one that the recipe names
     # Files that are given take the place of the recipe's own.
-    turned = any(is_sample(str(source)) for source in files or [recipe.recording])
+    sources = [str(file) for file in files] or [recipe.recording]
+    turned = any(map(is_sample, sources))
     recipe = with_settings(recipe, turned=turned, **typed)
     adapt = partial(with_optics, numbers=typed_optics(typed))
     with stoppable():
