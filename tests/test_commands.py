@@ -314,3 +314,14 @@ def test_demo_and_reproduction_write_over_nothing(
     said = refused(monkeypatch, capsys, *line, "--out", tmp_path)
     assert f"{file} is there already and was not made by a run" in said
     assert (tmp_path / file).read_text() == "mine"
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 8, 9), (1, 1, 1, 1)])
+def test_of_one_frame_no_order_is_advised(shape: tuple[int, ...], tmp_path: Path) -> None:
+    frame = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    np.save(tmp_path / "one.npy", frame)
+    words = told("compare", tmp_path / "one.npy", "--method", "2-D", "--out", tmp_path / "out")
+    assert "there is no order to choose" in words
+    assert "run T/A" not in words
+    assert "on their way" not in words
+    assert ("There is but one pixel" in words) == (shape[2:] == (1, 1))

@@ -85,7 +85,8 @@ def new_pairs(pairs: pd.DataFrame, groups: Groups, one: int, other: int) -> pd.D
         any(view == other for view, _ in groups.of((one, int(a)))) for a, _ in pairs.index.tolist()
     ]
     alone = [len(groups.of((other, int(b)))) == 1 for _, b in pairs.index.tolist()]
-    return pairs.loc[np.array(alone, dtype=bool) & ~np.array(with_other, dtype=bool)]
+    new: pd.DataFrame = pairs.loc[np.array(alone, bool) & ~np.array(with_other, bool)]
+    return new
 
 
 def tracks_beside(one: pd.DataFrame, other: pd.DataFrame) -> pd.DataFrame:

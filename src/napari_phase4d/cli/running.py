@@ -287,12 +287,18 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     ways = order_shares(known, outcome.recipe.start_frames[0])
     words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
     verdict = order_verdict(results, outcome.recipe.start_frames[0], exact)
-    console.print(f"Of the steps on their way: {words}. {verdict}")
+    ahead = f"Of the steps on their way: {words}. " if has_steps(known) else ""
+    console.print(f"{ahead}{verdict}")
     labels = outcome.comparison.table["method"]
     judged = outcome.comparison.held or outcome.recipe.confidence
     for method, sentence in (outcome.comparison.warnings() if judged else {}).items():
         console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
     print_verdict(outcome)
+
+
+def has_steps(phase: xr.DataArray) -> bool:
+    """Say whether there is a way from frame to frame."""
+    return max(phase.sizes["time"], phase.sizes["angle"]) > 1
 
 
 #: What a shell gives for a program that Ctrl-C has ended.
