@@ -119,5 +119,5 @@ def test_labels_that_lie_where_nothing_is_known_give_an_empty_table() -> None:
     found = cells_in(unknown, p4d.Optics(), labels=labels)
     assert found.table.empty
     assert found.summary.empty
-    with pytest.raises(ValueError, match="no cell lies where the phase is known"):
+    with pytest.raises(ValueError, match="there are no cells where the phase is known"):
         p4d.measure(unknown, labels, p4d.Optics())

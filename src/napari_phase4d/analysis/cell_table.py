@@ -103,7 +103,7 @@ def table_of_cells(
         every = in_threads(measured, np.ndindex(*phase.shape[:2]), watch)
         frames += [found for found in every if len(found["cell"])]
     if not frames:
-        msg = "no cell lies where the phase is known; find some with find_cells()"
+        msg = "there are no cells where the phase is known; find some with find_cells()"
         raise NoCellsError(msg)
     # A table for each frame would take more memory, and time, than all that is in them.
     table = pd.DataFrame(
