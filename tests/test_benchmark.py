@@ -174,3 +174,17 @@ def test_the_command(
 def test_benchmarks_stop_when_told_to() -> None:
     with pytest.raises(p4d.Cancelled):
         run_benchmark(["spatial-2d"], ["one view"], cancelled=lambda: True)
+
+
+@pytest.mark.parametrize("failed", [1, 3, 4])
+def test_the_time_a_pixel_is_that_of_what_was_done(failed: int) -> None:
+    rows = [
+        {
+            "suite": 1, "group": "g", "case": str(i), "id": "m", "method": "M", "voxels": 100,
+            "fault": "oops" if i < failed else "", "wrong_cycles_percent": 1.0, "mse_rad2": 1.0,
+            "confidence_auc": 0.9, "seconds": np.nan if i < failed else 1.0, "peak_mb": 1.0,
+        }
+        for i in range(4)
+    ]  # fmt: skip
+    found = summary_of(pd.DataFrame(rows))["ns_a_voxel"]["m"]
+    assert found == pytest.approx(np.nan if failed == 4 else 1e7, nan_ok=True)

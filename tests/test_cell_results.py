@@ -350,6 +350,16 @@ def test_no_oblique_asks_for_no_cells_and_those_of_a_recipe_follow_typed_angles(
     assert recipe.cells.oblique
 
 
+def test_angles_of_a_recipe_count_as_those_typed_in_and_what_it_says_of_them_holds() -> None:
+    angles = p4d.Recipe(angles_deg=(-7, 21))
+    found = with_settings(angles, cells=True).cells
+    assert found is not None
+    assert found.oblique
+    off = with_settings(angles.changed(cells=p4d.CellSettings(oblique=False)), angle=[-7, 21])
+    assert off.cells is not None
+    assert not off.cells.oblique
+
+
 @pytest.mark.thorough
 def test_a_sample_is_turned_and_its_beam_is_not(tmp_path: Path) -> None:
     """The angles belong to the object, so that the masses of both views agree."""

@@ -245,3 +245,83 @@ def test_angles_and_wavelengths_that_are_typed_in_go_to_the_lobes_of_a_recipe() 
     turned = with_settings(recipe, angle=[5, -5], boundary="0,0")
     assert [lobe.angle_deg for lobe in turned.lobes] == [5, -5]
     assert turned.boundary == ((0, 0),)
+
+
+@pytest.mark.parametrize(("typed", "left"), [(None, True), (True, True), (False, False)])
+def test_no_confidence_takes_back_what_a_recipe_asks_for(typed: bool | None, left: bool) -> None:
+    recipe = p4d.Recipe(confidence=True)
+    assert with_settings(recipe, confidence=typed).confidence is left
+
+
+def test_resume_with_the_file_of_a_recipe_makes_a_batch(phase_file: Path, tmp_path: Path) -> None:
+    recipe = RECIPE.changed(recording=str(phase_file), methods=("spatial-2d",))
+    line = ("run", recipe.to_file(tmp_path / "recipe.json"), "--resume", "--out", tmp_path / "out")
+    assert "summary" in told(*line)
+    result = tmp_path / "out" / "phase" / "spatial-2d.ome.tif"
+    before = result.stat().st_mtime_ns
+    told(*line)
+    assert result.stat().st_mtime_ns == before
+
+
+@pytest.mark.parametrize("command", ["run", "compare"])
+def test_what_needs_holograms_is_not_noted_of_phase(
+    phase_file: Path, tmp_path: Path, command: str
+) -> None:
+    words = ["--method", "2-D", "--refocus", "12", "--tilt-per-frame", "--out", tmp_path / "out"]
+    with pytest.warns(UserWarning, match="refocusing and taking .* need holograms"):
+        told(command, phase_file, *words)
+    used = p4d.Recipe.from_file(tmp_path / "out" / "recipe.json")
+    assert used.refocus_um is None
+    assert not used.tilt_per_frame
+
+
+def test_info_says_that_a_file_of_phase_has_its_own_views(phase_file: Path) -> None:
+    with pytest.warns(UserWarning, match="has 2 views, whatever --views says"):
+        told("info", phase_file, "--views", 3)
+
+
+@pytest.mark.filterwarnings("ignore:no cells were found")
+def test_a_file_takes_the_place_of_the_sample_of_a_recipe(
+    phase_file: Path, tmp_path: Path
+) -> None:
+    """Its angles are those of beams then."""
+    recipe = RECIPE.changed(recording="sample:cells", methods=("spatial-2d",))
+    recipe.to_file(tmp_path / "recipe.json")
+    line = ("run", tmp_path / "recipe.json", phase_file, "--angle", 0, "--angle", 5, "--cells")
+    told(*line, "--wavelength", 0.633, "--out", tmp_path / "out")
+    used = p4d.Recipe.from_file(tmp_path / "out" / "recipe.json")
+    assert used.cells is not None
+    assert used.cells.oblique
+
+
+@pytest.mark.parametrize(
+    ("line", "file"),
+    [
+        (("reproduce", "--no-movies"), "table.csv"),
+        (("reproduce",), "figure_2.png"),
+        (("demo", "--headless"), "comparison.png"),
+        (("demo", "--headless"), "window.png"),
+    ],
+)
+def test_demo_and_reproduction_write_over_nothing(
+    line: tuple[str, ...],
+    file: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    (tmp_path / file).write_text("mine")
+    said = refused(monkeypatch, capsys, *line, "--out", tmp_path)
+    assert f"{file} is there already and was not made by a run" in said
+    assert (tmp_path / file).read_text() == "mine"
+
+
+@pytest.mark.parametrize("shape", [(1, 1, 8, 9), (1, 1, 1, 1)])
+def test_of_one_frame_no_order_is_advised(shape: tuple[int, ...], tmp_path: Path) -> None:
+    frame = np.random.default_rng(0).uniform(-1, 1, shape).astype(np.float32)
+    np.save(tmp_path / "one.npy", frame)
+    words = told("compare", tmp_path / "one.npy", "--method", "2-D", "--out", tmp_path / "out")
+    assert "there is no order to choose" in words
+    assert "run T/A" not in words
+    assert "on their way" not in words
+    assert ("There is but one pixel" in words) == (shape[2:] == (1, 1))

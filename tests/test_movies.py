@@ -19,7 +19,13 @@ from PIL import Image
 
 import napari_phase4d as p4d
 from napari_phase4d.io import write_figure, write_movie
-from napari_phase4d.plotting import comparison_figure, movie_frames, phase_colours, phase_limits
+from napari_phase4d.plotting import (
+    comparison_figure,
+    look_figure,
+    movie_frames,
+    phase_colours,
+    phase_limits,
+)
 
 LIMITS = (0.0, 30.0)
 #: Video's 8 bits of brightness and colour difference cost up to 2 of 255 in the colours of phase
@@ -320,3 +326,30 @@ def test_figure_in_png_has_the_colours_of_the_phase(columns, tmp_path: Path) -> 
     for column in range(3):
         for t, row in ((0, 0), (4, 1)):
             assert len(places(picture, colour(phases(column)[t, row]))) > 100**2
+
+
+@pytest.mark.parametrize(
+    ("times", "labels"),
+    [
+        (100_000 + 60.0 * np.arange(4), ["1666.7 min", "1667.7 min", "1668.7 min", "1669.7 min"]),
+        (np.array([-900.0, -600.0, -300.0, 0.0]), ["-15 min", "-10 min", "-5 min", "0 min"]),
+        (30 + 0.04 * np.arange(3), ["30 s", "30.04 s", "30.08 s"]),
+        (np.array([0.0, 0.5]), ["0 s", "0.5 s"]),
+        (np.array([1234.0]), ["20.6 min"]),
+    ],
+)
+def test_labels_tell_following_times_apart(times: np.ndarray, labels: list[str]) -> None:
+    frames = stack(np.zeros((len(times), 1))).assign_coords(time=times)
+    figure = comparison_figure({"2-D": frames}, [(t, 0) for t in range(len(times))])
+    found = [axis.get_ylabel().split("t = ")[-1] for axis in figure.axes[: len(times)]]
+    assert found == labels
+
+
+def test_a_view_of_which_nothing_is_known_is_drawn_empty(tmp_path: Path) -> None:
+    phase = stack(np.zeros((1, 2))).copy(deep=True)
+    phase[0, 1] = np.nan
+    data = xr.Dataset({"phase": phase, "amplitude": phase + 1})
+    k = np.linspace(-0.5, 0.5, 16)
+    spectrum = xr.DataArray(np.ones((16, 16)), dims=("ky", "kx"), coords={"ky": k, "kx": k})
+    figure = look_figure(np.eye(20, dtype=np.float32), spectrum, [], data, phase)
+    assert write_figure(tmp_path / "look.png", figure).stat().st_size > 1000

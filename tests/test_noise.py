@@ -177,3 +177,17 @@ def test_phase_that_is_nothing_but_noise_is_said(method: str) -> None:
     cell = 6 * np.exp(-((y - 20) ** 2 + (x - 20) ** 2) / 100)
     noisy = np.angle(np.exp(1j * (cell + rng.normal(0, 0.9, noise.shape)))).astype(np.float32)
     p4d.unwrap(noisy, method)  # a warning is an error here
+
+
+def test_noise_is_that_of_each_view_whatever_the_order_of_the_axes() -> None:
+    rng = np.random.default_rng(0)
+    values = rng.normal(0, 1, (3, 2, 48, 48)) * np.array([0.02, 0.3])[:, None, None]
+    phase = xr.DataArray(
+        values, dims=("time", "angle", "y", "x"), coords={"angle": [-7.0, 21.0]}
+    ).assign_coords(time=np.arange(3.0))
+    expected = noise_figures(xr.Dataset({"phase": phase}))
+    turned = noise_figures(xr.Dataset({"phase": phase.transpose("angle", "time", "x", "y")}))
+    np.testing.assert_allclose(
+        turned["temporal_phase_mrad"], expected["temporal_phase_mrad"], rtol=0.05
+    )
+    assert expected["temporal_phase_mrad"][1] < 100 < expected["temporal_phase_mrad"][2]

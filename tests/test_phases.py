@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from napari_phase4d.io import (
     read_results,
     write_phase,
 )
+from napari_phase4d.pipeline import write_outcome
 from napari_phase4d.simulation import budding_yeast
 from napari_phase4d.unwrapping import methods_for
 
@@ -291,3 +293,49 @@ def test_phase_that_only_its_numbers_tell_is_noted(tmp_path: Path) -> None:
     assert said not in open_input(tmp_path / "views.npy").attrs["notes"]
     path = p4d.write_phase(tmp_path / "own.ome.tif", p4d.open_phase(tmp_path / "views.npy"))
     assert said not in open_input(path).attrs.get("notes", ())
+
+
+@pytest.fixture(scope="module")
+def compared_with_other_order(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
+    """Return the folder and the words of a comparison whose truth has its views turned round."""
+    folder = tmp_path_factory.mktemp("other_order")
+    few = YEAST.isel(time=slice(2), angle=slice(2))
+    write_phase(folder / "wrapped.ome.tif", few["wrapped"])
+    write_phase(folder / "truth.ome.tif", few["phase"].isel(angle=[1, 0]))
+    done = command(
+        "compare", "wrapped.ome.tif", "--truth", "truth.ome.tif", "--method", "temporal",
+        "--out", "out", cwd=folder,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return folder / "out", done.stdout
+
+
+def test_truth_in_another_order_is_written_as_the_table_takes_it(
+    compared_with_other_order: tuple[Path, str],
+) -> None:
+    folder, _ = compared_with_other_order
+    few = YEAST["phase"].isel(time=slice(2), angle=slice(2))
+    exact = read_results(folder / "exact.ome.tif")
+    np.testing.assert_array_equal(exact["angle"], few["angle"])
+    np.testing.assert_allclose(exact, few, atol=1e-4)
+
+
+def test_steps_of_truth_in_another_order_are_told_and_all_noted_files_are_there(
+    compared_with_other_order: tuple[Path, str],
+) -> None:
+    folder, words = compared_with_other_order
+    assert "by the exact phase" in words
+    noted = json.loads((folder / "run.json").read_text(encoding="utf-8"))["files"]
+    assert "comparison.png" in {file["name"] for file in noted}
+    assert all((folder / file["name"]).exists() for file in noted)
+
+
+def test_truth_in_degrees_is_written_in_radians(tmp_path: Path) -> None:
+    few = YEAST.isel(time=slice(2), angle=slice(2))
+    path = write_phase(tmp_path / "wrapped.ome.tif", few["wrapped"])
+    degrees = few["phase"].copy(data=np.rad2deg(few["phase"].values))
+    degrees.attrs["units"] = "deg"
+    outcome = p4d.run(p4d.Recipe(recording=str(path), methods=("temporal",)), truth=degrees)
+    write_outcome(outcome, tmp_path / "out")
+    exact = read_results(tmp_path / "out" / "exact.ome.tif")
+    np.testing.assert_allclose(exact, few["phase"], atol=1e-4)

@@ -11,6 +11,8 @@ import pytest
 
 import napari_phase4d as p4d
 from napari_phase4d.analysis import mean_squared_error
+from napari_phase4d.pipeline.guarding import guarded_folder
+from napari_phase4d.pipeline.provenance import Fingerprint
 from napari_phase4d.reproduction import PAPER_MSE, Reproduction, reproduce, write_reproduction
 from napari_phase4d.simulation import budding_yeast
 from small_disks import small_disk
@@ -62,7 +64,9 @@ def test_boundary_frame_is_free_of_error(found: Reproduction) -> None:
 def test_full_disk_leaves_the_older_figure(found: Reproduction, tmp_path: Path) -> None:
     with small_disk(tmp_path / "disk") as disk:
         figure = disk / "figure_2.png"
-        figure.write_bytes(b"an older figure")
+        with guarded_folder(disk, [figure.name]) as kept:
+            figure.write_bytes(b"an older figure")
+            kept.settle([figure], "", Fingerprint("an older run"))
         (disk / "full").write_bytes(bytes(2**20 - 2**16))
         with pytest.raises(OSError, match="No space left on device"):
             write_reproduction(found, disk, movies=False)

@@ -18,6 +18,7 @@ from napari_phase4d.simulation import (
     step_phantom,
     swimming_cells,
     swimming_euglena,
+    with_fault,
 )
 from napari_phase4d.simulation.ellipsoids import path_length_um, rotation
 
@@ -163,3 +164,65 @@ def test_phase_notes_whether_it_is_wrapped(make: Callable[[], xr.Dataset]) -> No
     assert data["phase"].attrs["exact"] is True
     assert data["wrapped"].attrs["kind"] == "wrapped"
     assert "exact" not in data["wrapped"].attrs
+
+
+def test_a_video_is_that_of_the_phase_whatever_the_order_of_its_axes() -> None:
+    phase = swimming_euglena((32, 40), 2, pixel_um=1.0)["phase"]
+    video, turned = (
+        multiplexed_video(each) for each in (phase, phase.transpose("angle", "time", "x", "y"))
+    )
+    np.testing.assert_array_equal(turned.holograms, video.holograms)
+    assert turned.holograms.attrs["angles_deg"] == video.holograms.attrs["angles_deg"]
+
+
+def test_phase_of_another_wavelength_than_the_optics_is_refused() -> None:
+    phase = swimming_euglena((32, 32), 1, pixel_um=1.0, optics=Optics(wavelength_um=0.5))["phase"]
+    with pytest.raises(ValueError, match="of a wavelength of 0.5 um, but the optics say 0.6328"):
+        multiplexed_video(phase)
+
+
+@pytest.mark.parametrize(
+    ("n_times", "divisions", "entering"), [(6, 3, 0), (10, 0, 6), (12, 3, 4), (40, 3, 3)]
+)
+def test_as_many_cells_divide_and_come_in_as_are_asked_for(
+    n_times: int, divisions: int, entering: int
+) -> None:
+    data = swimming_cells(
+        (64, 64), n_times, 4, pixel_um=1.0,
+        divisions=divisions, leaving=0, entering=entering,
+    )  # fmt: skip
+    daughters = int((data["parent"] > 0).sum())
+    assert daughters == 2 * divisions
+    assert data.sizes["cell"] == 4 + daughters + entering
+
+
+def test_cells_outside_of_what_is_seen_have_no_mass() -> None:
+    few = {"divisions": 0, "leaving": 0, "entering": 0}
+    data = swimming_cells((96, 96), 2, 1, **few)
+    width = 96 * float(data["x"][1])
+    assert np.isfinite(data["dry_mass_pg"]).all()
+    for first in ((width, 0.0), (0.0, -width)):
+        away = swimming_cells((96, 96), 2, 1, **few, first_um=first)
+        assert not away["phase"].any()
+        assert away["dry_mass_pg"].isnull().all()
+
+
+def test_a_pause_is_in_the_times_too() -> None:
+    data = budding_yeast((16, 16), 10)
+    paused = with_fault(data, "pause")
+    for name in ("phase", "wrapped"):
+        np.testing.assert_array_equal(paused[name]["time"], data["time"][[0, 1, 7, 8, 9]])
+    np.testing.assert_array_equal(paused["phase"], data["phase"][[0, 1, 7, 8, 9]])
+
+
+@pytest.mark.parametrize("fault", ["black frame", "constant frame", "two black frames"])
+def test_nothing_is_known_of_a_frame_that_the_camera_lost(fault: str) -> None:
+    found = with_fault(budding_yeast((16, 16), 4), fault)["phase"]
+    assert not np.isfinite(found[2]).any()
+    assert np.isfinite(found[:2]).all()
+
+
+def test_a_fault_needs_no_wrapped_phase() -> None:
+    data = budding_yeast((16, 16), 4)
+    found = with_fault(data[["phase"]], "kick")
+    np.testing.assert_array_equal(found["wrapped"], with_fault(data, "kick")["wrapped"])

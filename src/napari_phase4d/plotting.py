@@ -185,9 +185,7 @@ def comparison_figure(
             if row == 0:
                 axis.set_title(title, fontsize=9)
             if column == 0:
-                view = view_of(first, a)
-                label = f"{view}\n{time_label(first, t)}"
-                axis.set_ylabel(label, fontsize=8)
+                axis.set_ylabel(f"{view_of(first, a)}\n{time_label(first, t)}", fontsize=8)
     add_scale_bar(axes[0, 0], first)
     figure.colorbar(image, ax=axes, label="phase (rad)", shrink=0.8)
     return figure
@@ -380,10 +378,7 @@ def angle_label(stacks: Sequence[xr.DataArray], row: int) -> str:
 def phase_limits(stacks: Sequence[NDArray[np.floating]]) -> tuple[float, float]:
     """Return the range of phase of several pictures, without a few extreme pixels and NaN."""
     shown = np.concatenate([np.ravel(s) for s in stacks])
-    shown = shown[np.isfinite(shown)]
-    if not shown.size:
-        return -np.pi, np.pi
-    low, high = (float(v) for v in np.quantile(shown, (0.001, 0.9995)))
+    low, high = shares_of(shown, (0.001, 0.9995), (-np.pi, np.pi))
     return low, high
 
 
@@ -406,12 +401,22 @@ def length_of(places: NDArray[Any]) -> float:
     return abs(float(places[-1] - places[0])) * n / (n - 1) or 1.0 if n > 1 else 1.0
 
 
+#: Seconds from which on times are told in minutes; digits that they have at least and at most.
+LONG_S, FEWEST, MOST = 600, 3, 9
+
+
 def time_label(stack: xr.DataArray, t: int) -> str:
-    """Return the time of a frame, in minutes where a recording lasts some."""
-    seconds = float(stack["time"][t])
-    if float(stack["time"][-1]) >= 600:
-        return f"t = {seconds / 60:.3g} min"
-    return f"t = {seconds:.3g} s"
+    """Return the time of a frame, in minutes where a recording lasts some.
+
+    It has as many digits as tell following frames apart.
+    """
+    times, unit = np.asarray(stack["time"].values, dtype=np.float64), "s"
+    if np.abs(times).max() >= LONG_S:
+        times, unit = times / 60, "min"
+    steps = np.abs(np.diff(times))
+    finest = min(float(np.median(steps[steps > 0])), 1.0) if steps.any() else 1.0
+    digits = math.ceil(math.log10(max(np.abs(times).max() / finest, 1.0))) + 1
+    return f"t = {times[t]:.{min(max(digits, FEWEST), MOST)}g} {unit}"
 
 
 #: Inches of one picture, and of the words below them, a line; letters that fit in one.
@@ -531,19 +536,13 @@ def show_view(
     figure: Figure, row: Sequence[Any], data: xr.Dataset, unwrapped: xr.DataArray, view: int
 ) -> None:
     """Draw amplitude, wrapped and unwrapped phase of a view."""
-    amplitude, height = data["amplitude"].values[0, view], unwrapped.values[0, view]
-    low, high = np.nanquantile(height, (0.002, 0.998))
+    stacks = (data["amplitude"], data["phase"], unwrapped)
+    amplitude, wrapped, height = (stack.values[0, view] for stack in stacks)
+    low, high = shares_of(height, (0.002, 0.998), (-np.pi, np.pi))
+    (bright,) = shares_of(amplitude, (0.99,), (1.0,))
     pictures: list[tuple[str, NDArray[Any], dict[str, Any]]] = [
-        (
-            "amplitude",
-            amplitude,
-            {"cmap": "gray", "vmin": 0, "vmax": np.quantile(amplitude, 0.99)},
-        ),
-        (
-            "wrapped phase (rad)",
-            data["phase"].values[0, view],
-            {"cmap": "twilight", "vmin": -np.pi, "vmax": np.pi},
-        ),
+        ("amplitude", amplitude, {"cmap": "gray", "vmin": 0, "vmax": bright}),
+        ("wrapped phase (rad)", wrapped, {"cmap": "twilight", "vmin": -np.pi, "vmax": np.pi}),
         (
             "unwrapped phase (rad)",
             height,
@@ -556,6 +555,14 @@ def show_view(
         figure.colorbar(shown, ax=axis, shrink=0.8)
     called = view_of(data, view, f"view {view + 1}, ")
     row[0].set_ylabel(called, fontsize=9)
+
+
+def shares_of(
+    picture: NDArray[Any], shares: tuple[float, ...], unknown: tuple[float, ...]
+) -> tuple[float, ...]:
+    """Return quantiles of the pixels that are known, or others where none is."""
+    known = picture[np.isfinite(picture)]
+    return tuple(float(v) for v in np.quantile(known, shares)) if known.size else unknown
 
 
 #: Name under which the truth is shown.
@@ -587,7 +594,6 @@ def telling_frames(
     also : tuple of int, optional
         One more frame, such as the one on screen, instead of the one half way.
     """
-    last, far = phase.sizes["time"] - 1, phase.sizes["angle"] - 1
-    t, a = boundary
+    last, far, (t, a) = phase.sizes["time"] - 1, phase.sizes["angle"] - 1, boundary
     frames = [(t % (last + 1), a % (far + 1)), also or (last // 2, 0), (last, 0), (last, far)]
     return list(dict.fromkeys(frames))

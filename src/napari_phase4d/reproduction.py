@@ -8,7 +8,7 @@ physical model and goes through the whole chain.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
@@ -18,6 +18,8 @@ from napari_phase4d.analysis import Comparison, compare
 from napari_phase4d.io import write_figure, write_movie, write_table
 from napari_phase4d.later import pd, xr
 from napari_phase4d.pipeline import PAPER_METHODS, Recipe, run
+from napari_phase4d.pipeline.guarding import ResultFolder, guarded_folder
+from napari_phase4d.pipeline.provenance import Fingerprint
 from napari_phase4d.plotting import comparison_figure, movie_frames, phase_limits
 from napari_phase4d.sample import euglena_sample
 from napari_phase4d.simulation import budding_yeast
@@ -25,7 +27,13 @@ from napari_phase4d.task import UNWATCHED, Task, Watch
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import local_path
 
-__all__ = ["PAPER_MSE", "Reproduction", "reproduce", "write_reproduction"]
+__all__ = [
+    "PAPER_MSE",
+    "Reproduction",
+    "check_reproduction_folder",
+    "reproduce",
+    "write_reproduction",
+]
 
 #: Mean squared errors in rad^2 that the paper reports for its simulation (section 3).
 PAPER_MSE: Mapping[str, float] = MappingProxyType(
@@ -47,7 +55,12 @@ FIG_2_FRAMES = ((0, 0), (0, 5), (11, 0), (11, 5))
 #: The frames of Fig. 4: the thin one, and a thick one from both angles.
 FIG_4_FRAMES = ((0, 0), (0, 1), (30, 0), (30, 1))
 
+#: What is written beside the movies.
+TABLE, FIG_2, FIG_4 = "table.csv", "figure_2.png", "figure_4.png"
+
 Stacks: TypeAlias = "dict[str, xr.DataArray]"
+#: Name, title, stack and colour scale.
+Movie: TypeAlias = "tuple[str, str, xr.DataArray, tuple[float, float]]"
 
 
 @dataclass(frozen=True)
@@ -126,6 +139,11 @@ def labelled(comparison: Comparison) -> Stacks:
     return {METHODS[method].label: stack for method, stack in comparison.results.items()}
 
 
+def check_reproduction_folder(folder: str | Path) -> None:
+    """Raise OSError where table or figures would be written over what was made by no run."""
+    ResultFolder(local_path(folder), (TABLE, FIG_2, FIG_4)).check("")
+
+
 def write_reproduction(
     found: Reproduction,
     folder: str | Path,
@@ -135,36 +153,44 @@ def write_reproduction(
 ) -> list[Path]:
     """Write the table, both figures, and the movies that stand for Visualizations 1 to 14.
 
+    What no run has made in the folder, or was changed since, is never written over; what an
+    earlier run made there, and this one did not, is removed. ``run.json`` notes the files.
+
     Raises
     ------
     OSError
-        If a file can't be written; files of that name are then left as they were.
+        If a file can't be written, or was not made by a run; files of that name are then left as
+        they were.
     Cancelled
         If ``cancelled()`` returned True; the files written by then are whole.
     """
-    folder = local_path(folder)
-    figures = (
-        ("figure_2", found.yeast, FIG_2_FRAMES),
-        ("figure_4", found.euglena, FIG_4_FRAMES),
-    )
-    chosen = list(movies_of(found)) if movies else []
-    watch = Watch(1 + len(figures) + len(chosen), "writing", task)
-    written = [write_table(folder / "table.csv", found.table)]
+    folder, chosen = local_path(folder), list(movies_of(found)) if movies else []
+    names = [TABLE, FIG_2, FIG_4, *(f"{name}.gif" for name, *_ in chosen)]
+    with guarded_folder(folder, names) as kept:
+        written = written_into(folder, found, chosen, task)
+        kept.settle(written, "", Fingerprint("reproduction"))
+    return written
+
+
+def written_into(
+    folder: Path, found: Reproduction, movies: Sequence[Movie], task: Task
+) -> list[Path]:
+    """Write table, figures and movies into a folder that its caller guards."""
+    figures = ((FIG_2, found.yeast, FIG_2_FRAMES), (FIG_4, found.euglena, FIG_4_FRAMES))
+    watch = Watch(1 + len(figures) + len(movies), "writing", task)
+    written = [write_table(folder / TABLE, found.table)]
     watch.step()
     for name, columns, frames in figures:
-        figure = comparison_figure(columns, frames)
-        written.append(write_figure(folder / f"{name}.png", figure))
+        written.append(write_figure(folder / name, comparison_figure(columns, frames)))
         watch.step()
-    for name, title, stack, limits in chosen:
+    for name, title, stack, limits in movies:
         pictures = movie_frames(angles_of(stack), limits, title=title)
         written.append(write_movie(folder / f"{name}.gif", pictures, cancelled=task.cancelled))
         watch.step()
     return written
 
 
-def movies_of(
-    found: Reproduction,
-) -> Iterator[tuple[str, str, xr.DataArray, tuple[float, float]]]:
+def movies_of(found: Reproduction) -> Iterator[Movie]:
     """Yield name, title, stack and colour scale of every movie, numbered as in the paper."""
     number = 1
     for columns in (found.yeast, found.euglena):

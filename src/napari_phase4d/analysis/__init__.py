@@ -13,6 +13,7 @@ from napari_phase4d.analysis.comparison import Comparison, compare, compare_on
 from napari_phase4d.analysis.confidence import REFERENCE, confidence
 from napari_phase4d.analysis.differences import (
     Traces,
+    as_truth,
     difference,
     mean_squared_error,
     traces,
@@ -41,6 +42,7 @@ __all__ = [
     "Tally",
     "Traces",
     "Verdict",
+    "as_truth",
     "best_known",
     "cells_in",
     "compare",

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from napari_phase4d.analysis.cell_table import NoCellsError
 from napari_phase4d.analysis.cells import find_cells, follow_cells_of
 from napari_phase4d.analysis.measures import measure
 from napari_phase4d.later import pd, xr
 from napari_phase4d.optics import REFRACTION_INCREMENT_ML_PER_G, Optics
-from napari_phase4d.stack import PART_BYTES, each_frame, frame_of, parts_over_time
+from napari_phase4d.stack import PART_BYTES, frame_of, parts_over_time
 from napari_phase4d.stacks import AXES
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch
 from napari_phase4d.unwrapping import ends_along
@@ -190,19 +191,20 @@ def cells_in(
     else:
         found = follow_cells_of(unwrapped, labels, Task(progress, cancelled))
     found.attrs["method"] = method
-    if not any(frame.any() for frame in each_frame(found)):
-        return Cells(found, pd.DataFrame({name: [] for name in NO_CELLS}), method)
-    table = measure(
-        unwrapped,
-        found,
-        optics,
-        object_index=how.object_index,
-        refraction_increment_ml_per_g=how.refraction_increment_ml_per_g,
-        oblique=how.oblique,
-        confidence=confidence,
-        progress=progress,
-        cancelled=cancelled,
-    )
+    try:
+        table = measure(
+            unwrapped,
+            found,
+            optics,
+            object_index=how.object_index,
+            refraction_increment_ml_per_g=how.refraction_increment_ml_per_g,
+            oblique=how.oblique,
+            confidence=confidence,
+            progress=progress,
+            cancelled=cancelled,
+        )
+    except NoCellsError:
+        table = pd.DataFrame({name: [] for name in NO_CELLS})
     return Cells(found, table, method)
 
 

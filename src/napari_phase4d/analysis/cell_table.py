@@ -21,7 +21,7 @@ from napari_phase4d.task import Watch, in_threads
 from napari_phase4d.unwrapping import noise_of
 from napari_phase4d.words import warn
 
-__all__ = ["path_scale", "table_of_cells"]
+__all__ = ["NoCellsError", "path_scale", "table_of_cells"]
 
 #: Sides in pixels of the squares of empty field by whose means the error of a sum is told, how
 #: many of them there must be, and how far from cells they lie.
@@ -44,6 +44,10 @@ TURN = 2 * math.pi
 
 Image = NDArray[np.floating]
 Labels = NDArray[np.integer]
+
+
+class NoCellsError(ValueError):
+    """There is no cell of which anything is known."""
 
 
 def table_of_cells(
@@ -99,8 +103,8 @@ def table_of_cells(
         every = in_threads(measured, np.ndindex(*phase.shape[:2]), watch)
         frames += [found for found in every if len(found["cell"])]
     if not frames:
-        msg = "there are no cells to measure; find some with find_cells()"
-        raise ValueError(msg)
+        msg = "there are no cells where the phase is known; find some with find_cells()"
+        raise NoCellsError(msg)
     # A table for each frame would take more memory, and time, than all that is in them.
     table = pd.DataFrame(
         {

@@ -1,4 +1,4 @@
-"""Which cells of following frames, and of several views, are one."""
+"""Which cells of following frames are one."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from napari_phase4d.analysis.cell_crossings import DAUGHTER, Ways, touching_pairs
@@ -17,17 +16,13 @@ from napari_phase4d.later import pd, xr
 from napari_phase4d.task import Watch
 from napari_phase4d.words import check_positive
 
-__all__ = ["GAP", "check_follower", "joined_views", "spots_of", "tracks_of"]
+__all__ = ["GAP", "check_follower", "spots_of", "tracks_of"]
 
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
 #: frames without them as here.
 REACH, GAP = 1.0, 1
 #: To begin or end is dearer than any link that is allowed, by this factor.
 COSTLIER = 1.05
-#: Tracks of two views are one cell's where they stay within so many diameters.
-REACH_ACROSS = 1.5
-#: ... and are seen together in this share of the frames of the shorter one.
-TOGETHER = 0.3
 
 Mask = NDArray[np.bool_]
 
@@ -98,7 +93,8 @@ def tracks_of(
     known = known.copy()
     known[frames] = True  # labels of another program may lie where no phase is known
     seen, frames = frames, clock_of(known, gap)[frames]
-    links = sure_links(links_of(tracker, frames, places), seen, frames, places, reach)
+    links = near_links(links_of(tracker, frames, places), frames, places, reach)
+    links = sure_links(links, seen, frames, places, reach)
     track, divisions = tracks_by_links(len(spots), links)
     areas, at_edge = spots["area"].to_numpy(), spots["at edge"].to_numpy()
     ways = Ways(frames, places, areas, at_edge, track, divisions, touching, reach)
@@ -138,6 +134,30 @@ def clock_of(known: Mask, gap: int) -> NDArray[np.int64]:
         if later - earlier - 1 > gap:
             clock[later:] -= later - earlier - 1
     return clock
+
+
+def near_links(
+    links: list[tuple[int, int]],
+    clock: NDArray[np.int64],
+    places: NDArray[np.float64],
+    reach: float,
+) -> list[tuple[int, int]]:
+    """Return links without those of one cell to the next frame that are longer than its reach.
+
+    What closes gaps reaches further, as a cell moves on in them, and so does what finds daughters;
+    neither is to make one cell of two that follow each other. Of a division all links are kept.
+
+    Parameters
+    ----------
+    links, clock, places, reach
+        See `sure_links`.
+    """
+    one, other = np.array(links, dtype=np.int64).reshape(-1, 2).T
+    divides = np.bincount(one, minlength=len(clock))[one] > 1
+    ways = np.hypot(*(places[other, :2] - places[one, :2]).T)
+    # Both round: a cell may move by its reach exactly.
+    kept = divides | (clock[other] - clock[one] > 1) | (ways <= reach * (1 + 1e-9))
+    return [link for link, keep in zip(links, kept.tolist(), strict=True) if keep]
 
 
 def sure_links(
@@ -207,67 +227,3 @@ def tracks_by_links(
             divisions.append((tracks, int(track[last])))
         tracks += 1
     return track, divisions
-
-
-def joined_views(views: list[pd.DataFrame]) -> list[tuple[int, int]]:
-    """Give tracks of all views the numbers of cells, as "cell"; return (daughter, parent)."""
-    first = next((view for view in views if not view.empty), views[0])
-    keys: list[dict[int, int]] = []  # of every view, track -> group
-    count = 0
-    for view in views:
-        same = {} if view is first or view.empty else across(first, view)
-        base = next((k for v, k in zip(views, keys, strict=False) if v is first), {})
-        groups: dict[int, int] = {}
-        for track in view["track"].unique().tolist():
-            if track in same and same[track] in base:
-                groups[track] = base[same[track]]
-            else:
-                groups[track] = count
-                count += 1
-        keys.append(groups)
-    began: dict[int, tuple[float, ...]] = {}
-    for number, (view, groups) in enumerate(zip(views, keys, strict=True)):
-        for track, *place in view[["track", "frame", "y", "x"]].to_numpy(np.float64).tolist():
-            here = (place[0], number, *place[1:])
-            group = groups[int(track)]
-            began[group] = min(began.get(group, here), here)
-    order = {group: i for i, group in enumerate(sorted(began, key=began.__getitem__), 1)}
-    parents: dict[int, int] = {}
-    for view, groups in zip(views, keys, strict=True):
-        view["cell"] = [order[groups[track]] for track in view["track"].tolist()]
-        for track, parent in set(map(tuple, view[["track", "parent"]].to_numpy(int).tolist())):
-            if parent >= 0:
-                parents.setdefault(order[groups[track]], order[groups[parent]])
-    return sorted((child, parent) for child, parent in parents.items() if child != parent)
-
-
-def across(first: pd.DataFrame, other: pd.DataFrame) -> dict[int, int]:
-    """Return for tracks of a view those of the first one that run beside them."""
-    columns = ["track", "y", "x", "area"]
-    diameter = 2 * math.sqrt(float(first["area"].median()) / math.pi)
-    both = first.merge(other, on="frame", suffixes=("", "_2"))
-    one = both[columns].to_numpy(np.float64)
-    two = both[[f"{name}_2" for name in columns]].to_numpy(np.float64)
-    way = two[:, 1:3] - one[:, 1:3]
-    near = np.hypot(*way.T) < 2 * REACH_ACROSS * diameter
-    shift = np.median(way[near], axis=0) if near.any() else np.zeros(2)
-    off = np.hypot(*(way - shift).T)
-    grown = 0.5 * diameter * np.abs(np.log(two[:, 3] / one[:, 3]))
-    tracks = [np.unique(part[:, 0]).astype(int) for part in (one, two)]
-    lengths = [np.bincount(view["track"].to_numpy(int)) for view in (first, other)]
-    limit = REACH_ACROSS * diameter
-    cost = np.full((len(tracks[0]), len(tracks[1])), 10 * limit)
-    for i, j in np.ndindex(*cost.shape):
-        of_pair = (one[:, 0] == tracks[0][i]) & (two[:, 0] == tracks[1][j])
-        if not of_pair.any():
-            continue
-        share = of_pair.sum() / min(lengths[0][tracks[0][i]], lengths[1][tracks[1][j]])
-        apart = float(np.median(off[of_pair]))
-        if apart < limit and share > TOGETHER:
-            cost[i, j] = apart + float(np.median(grown[of_pair])) - 0.1 * limit * share
-    rows, found = scipy.optimize.linear_sum_assignment(cost)
-    return {
-        int(tracks[1][j]): int(tracks[0][i])
-        for i, j in zip(rows, found, strict=True)
-        if cost[i, j] < 2 * limit
-    }

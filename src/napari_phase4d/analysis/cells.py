@@ -17,10 +17,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from napari_phase4d.analysis.cell_crossings import LEAST_PART
 from napari_phase4d.analysis.cell_frames import SMALLEST_PIXELS, Labels, Rule
-from napari_phase4d.analysis.cell_tracks import GAP, joined_views, spots_of, tracks_of
+from napari_phase4d.analysis.cell_tracks import GAP, spots_of, tracks_of
+from napari_phase4d.analysis.cell_views import joined_views
 from napari_phase4d.later import pd, xr
 from napari_phase4d.stack import parts_over_time
-from napari_phase4d.stacks import AXES, check_rising, checked_labels, unwrapped_stack
+from napari_phase4d.stacks import (
+    AXES,
+    check_rising,
+    checked_labels,
+    unwrapped_stack,
+    with_coordinates,
+)
 from napari_phase4d.task import CancelledCall, ProgressCall, Task, Watch, in_threads
 from napari_phase4d.words import check_bool, check_positive, shown, size_in_words
 
@@ -298,7 +305,7 @@ def follow_cells(
         If the package laptrack is not installed.
     """
     task = Task(progress, cancelled)
-    given = checked_labels(labels)
+    given = with_coordinates(checked_labels(labels), "the labels")
     if set(given.dims) - set(AXES) or not {"y", "x"} <= set(given.dims):
         msg = f"labels have dims {tuple(given.dims)}; they must be among {', '.join(AXES)}"
         raise ValueError(msg)
@@ -326,7 +333,8 @@ def follow_cells_of(
     task : Task
         Who is told of it, and may stop it.
     """
-    given, phase = checked_labels(labels), with_all_dims(unwrapped)
+    given = with_coordinates(checked_labels(labels), "the labels")
+    phase = with_all_dims(unwrapped)
     if set(given.dims) - set(AXES) or with_all_dims(given).shape != phase.shape:
         return follow_cells(given, progress=task.progress, cancelled=task.cancelled)
     known = np.zeros(phase.shape[:2], dtype=bool)

@@ -224,7 +224,9 @@ def frames_of(ds: xr.Dataset, view: int, times: range) -> Iterator[tuple[Image, 
     """Yield phase and amplitude of some frames, as far as they are known."""
     for time in times:
         phase, amplitude = (
-            np.asarray(ds[name][time, view].values, np.float64) if name in ds else None
+            np.asarray(ds[name].isel(time=time, angle=view).values, np.float64)
+            if name in ds
+            else None
             for name in ("phase", "amplitude")
         )
         assert phase is not None

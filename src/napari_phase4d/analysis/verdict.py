@@ -347,6 +347,8 @@ def steps_sentence(margin: xr.Dataset, basis: str) -> str:
     basis : str
         What it was told from, in words, as `best_known` says it.
     """
+    if not margin.data_vars:
+        return "There is but one pixel, and no step from it to another."
     shares = ", ".join(
         f"{str(name).removeprefix('along_')} {100 * along.attrs['share_beyond']:.3g} %"
         for name, along in margin.data_vars.items()
@@ -376,6 +378,8 @@ def order_verdict(
     truth : DataArray, optional
         Exact phase, where it is known.
     """
+    if not has_order(truth, *results.values()):
+        return "Of one time, or of one view, there is no order to choose."
     both = all(method in results for method in BOTH)
     reference = METHODS[REFERENCE].label
     if truth is not None and both:
@@ -391,6 +395,12 @@ def order_verdict(
         f"Which of T/A and A/T suits better can't be told yet: run {needed} too, since the one "
         f"that is nearer to {reference} is the better one."
     )
+
+
+def has_order(*stacks: xr.DataArray | None) -> bool:
+    """Say whether there are several times and several views, or nothing that tells."""
+    known = [stack for stack in stacks if stack is not None]
+    return not known or all(known[0].sizes.get(axis, 1) > 1 for axis in ("time", "angle"))
 
 
 def nearer(results: Mapping[str, xr.DataArray]) -> str:

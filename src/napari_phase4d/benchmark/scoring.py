@@ -26,7 +26,7 @@ from napari_phase4d.words import counted, local_path, sentence_of
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-__all__ = ["check_folder", "run_benchmark", "summary_of", "write_benchmark"]
+__all__ = ["cell_of", "check_folder", "run_benchmark", "summary_of", "write_benchmark"]
 
 TURN = 2 * np.pi
 #: What a method gets that gave nothing.
@@ -192,14 +192,15 @@ def summary_of(table: pd.DataFrame) -> pd.DataFrame:
     pandas.DataFrame
         ``method``; the mean wrong cycles in percent of each group, and ``all`` groups, each
         counting the same; ``worst`` recording; ``mse_rad2`` and ``confidence_auc``, means over all
-        recordings; ``ns_a_voxel``; ``peak_mb``, the most; ``without_result``, how many recordings
-        it gave nothing for, which count
-        as all wrong. Index: ids.
+        recordings; ``ns_a_voxel``, of those that it gave a result for; ``peak_mb``, the most;
+        ``without_result``, how many recordings it gave nothing for, which count as all wrong.
+        Index: ids.
     """
     rows = {}
     for method, own in table.groupby("id", sort=False):
         # What gives nothing is wrong: else failing where it is hard would pay.
         own = own.fillna({"wrong_cycles_percent": 100.0})
+        done = own[own["seconds"].notna()]  # of the others nobody knows what they would take
         by_group = own.groupby("group", sort=False)["wrong_cycles_percent"].mean()
         rows[method] = {
             "method": own["method"].iloc[0],
@@ -208,7 +209,9 @@ def summary_of(table: pd.DataFrame) -> pd.DataFrame:
             "worst": own["wrong_cycles_percent"].max(),
             "mse_rad2": own["mse_rad2"].mean(skipna=False),
             "confidence_auc": own["confidence_auc"].mean(),
-            "ns_a_voxel": 1e9 * own["seconds"].sum() / own["voxels"].sum(),
+            "ns_a_voxel": (
+                1e9 * done["seconds"].sum() / done["voxels"].sum() if len(done) else float("nan")
+            ),
             "peak_mb": own["peak_mb"].max(),
             "without_result": int((own["fault"] != "").sum()),
         }

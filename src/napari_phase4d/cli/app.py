@@ -25,7 +25,15 @@ from napari_phase4d.cli.printing import (
     write_picture,
 )
 from napari_phase4d.cli.running import compare_command, run_command, watch_command
-from napari_phase4d.pipeline import EXPECTED, Recipe, run, sentence_of, write_outcome
+from napari_phase4d.pipeline import (
+    EXPECTED,
+    Recipe,
+    result_folder,
+    run,
+    sentence_of,
+    write_files,
+)
+from napari_phase4d.pipeline.provenance import source_of
 from napari_phase4d.sample import euglena_sample
 from napari_phase4d.task import Task
 
@@ -57,6 +65,7 @@ def benchmark(
 ) -> None:
     """Score every installed unwrapper on a fixed suite of 4-D recordings with exact truth."""
     from napari_phase4d.benchmark import check_folder, run_benchmark, summary_of, write_benchmark
+    from napari_phase4d.benchmark.scoring import cell_of
     from napari_phase4d.pipeline.running import warm_up
 
     check_folder(out)  # before minutes of work
@@ -67,7 +76,7 @@ def benchmark(
     summary = summary_of(table)
     shown = summary[list(SHOWN)]
     for name in ("ns_a_voxel", "peak_mb"):
-        shown = shown.assign(**{name: [f"{value:.0f}" for value in shown[name]]})
+        shown = shown.assign(**{name: [cell_of(value, "{:.0f}") for value in shown[name]]})
     print_table(
         shown.rename(columns=SHOWN),
         "Wrong cycles in % of the object, mean of the groups; AUC of the confidence",
@@ -100,19 +109,23 @@ def demo(
         recording=sample.recording.source,
         angles_deg=sample.angles_deg,
     )
-    with bar() as progress:
-        plain = run(recipe, sample.recording, progress=progress)
-    truth = sample.truth(plain.reconstruction["phase"])
-    outcome = replace(plain, comparison=plain.comparison.against(truth), truth=truth)
-    print_lobes(outcome.recipe.lobes)
-    print_start(outcome)
-    print_table(outcome.comparison.table)
-    written = write_outcome(outcome, out)
-    picture = out / "comparison.png"
-    write_picture(outcome, truth, picture)
-    screenshot = window.picture_of_the_window(out / "window.png")
+    picture, screenshot = out / "comparison.png", out / "window.png"
+    with result_folder(out, recipe, [picture.name, screenshot.name]) as kept:
+        with bar() as progress:
+            plain = run(recipe, sample.recording, progress=progress)
+        truth = sample.truth(plain.reconstruction["phase"])
+        outcome = replace(plain, comparison=plain.comparison.against(truth), truth=truth)
+        print_lobes(outcome.recipe.lobes)
+        print_start(outcome)
+        print_table(outcome.comparison.table)
+        source = source_of(outcome)
+        results = write_files(outcome, out, source=source)
+        write_picture(outcome, truth, picture)
+        window.picture_of_the_window(screenshot)
+        written = [screenshot, picture, *results]
+        kept.settle(written, recipe.recording, source)
     console.print(f"\nResults are in [bold]{out.resolve()}[/bold]:")
-    for path in [screenshot, picture, *written]:
+    for path in written:
         console.print(f"  {path.name}")
 
 
@@ -142,9 +155,10 @@ def reproduce(
     movies: Annotated[bool, typer.Option(help="Also write the movies.")] = True,
 ) -> None:
     """Reproduce the paper's table, its Figs. 2 and 4, and its visualizations."""
+    from napari_phase4d.reproduction import check_reproduction_folder, write_reproduction
     from napari_phase4d.reproduction import reproduce as reproduce_all
-    from napari_phase4d.reproduction import write_reproduction
 
+    check_reproduction_folder(out)  # before minutes of work
     with bar() as progress:
         found = reproduce_all(Task(progress))
         print_table(found.table, "Budding yeast, 6 angles, 19 times")

@@ -51,7 +51,7 @@ from napari_phase4d.unwrapping import (
     scores_sentence,
     unwrap,
 )
-from napari_phase4d.words import counted, printable, size_in_words, time_in_words
+from napari_phase4d.words import counted, printable, size_in_words, time_in_words, warn
 
 __all__ = ["info", "look"]
 
@@ -78,6 +78,9 @@ def info(
         Recipe().changed(n_views=views)  # a wrong number is said before anything is read
     recording = open_by(Recipe(recording=str(file), dataset=dataset, raw=raw_layout(raw)))
     if isinstance(recording, xr.DataArray):
+        own = recording.sizes["angle"]
+        if views not in (None, own):
+            warn(f"the file of wrapped phase has {counted(own, 'view')}, whatever --views says")
         print_phase(file, recording)
         return
     height, width = recording.frame_shape

@@ -11,7 +11,7 @@ from typing import Annotated, Any, TypedDict, TypeVar, Unpack, get_type_hints
 import typer
 
 from napari_phase4d.analysis import CellSettings
-from napari_phase4d.holography import Lobe
+from napari_phase4d.holography import Lobe, angles_unknown
 from napari_phase4d.holography.lobes import in_order_of_angle
 from napari_phase4d.io import RawLayout
 from napari_phase4d.pipeline import Recipe
@@ -77,7 +77,11 @@ class Typed(TypedDict, total=False):
     magnification: Annotated[float | None, typer.Option(help="From sample to camera.")]
     frame_rate: Annotated[float | None, typer.Option(help="Frames per second.")]
     confidence: Annotated[
-        bool, typer.Option(help="Also write how far to trust each pixel of each result.")
+        bool | None,
+        typer.Option(
+            "--confidence/--no-confidence",
+            help="Also write how far to trust each pixel of each result.",
+        ),
     ]
     dataset: Dataset
     raw: Raw
@@ -239,7 +243,7 @@ def with_settings(recipe: Recipe, *, turned: bool = False, **typed: Unpack[Typed
         "methods": tuple(methods) if methods else None,
         "frame_rate_hz": typed.get("frame_rate"),
         "boundary": boundary_of(boundary),
-        "confidence": typed.get("confidence") or None,
+        "confidence": typed.get("confidence"),
         "dataset": typed.get("dataset"),
         "raw": raw_layout(typed.get("raw")),
         "storage": typed.get("storage"),
@@ -249,19 +253,40 @@ def with_settings(recipe: Recipe, *, turned: bool = False, **typed: Unpack[Typed
     chosen = {k: v for k, v in changes.items() if v is not None} | typed_lobes(recipe, typed)
     if typed.get("whole_field"):
         chosen["mask"] = None
+    cells = typed_cells(recipe, typed, turned=turned)
+    if cells is not None:
+        chosen["cells"] = cells
+    return recipe.changed(**chosen)
+
+
+def typed_cells(recipe: Recipe, typed: Typed, *, turned: bool) -> CellSettings | None:
+    """Return what a recipe does with cells, with what was typed in; None if it looks for none.
+
+    Angles that are given are those of beams, unless the object is turned. What a recipe that has
+    angles of its own says of them holds.
+    """
     numbers = {
         "smallest_um2": typed.get("smallest_cell"),
         "object_index": typed.get("object_index"),
         "refraction_increment_ml_per_g": typed.get("increment"),
         "oblique": typed.get("oblique"),
     }
-    of_cells: dict[str, Any] = {k: v for k, v in numbers.items() if v is not None}
-    asked = any(value is not False for value in of_cells.values())
-    if typed.get("cells") or asked or recipe.cells is not None:
-        # Who types in angles has beams that come at them.
-        of_cells = ({"oblique": True} if angles and not turned else {}) | of_cells
-        chosen["cells"] = replace(recipe.cells or CellSettings(), **of_cells)
-    return recipe.changed(**chosen)
+    given: dict[str, Any] = {k: v for k, v in numbers.items() if v is not None}
+    asked = any(value is not False for value in given.values())
+    if not (typed.get("cells") or asked or recipe.cells is not None):
+        return None
+    own = has_angles(recipe)
+    said = recipe.cells is not None and own
+    on = (bool(typed.get("angle")) or own) and not said and not turned
+    oblique = {"oblique": True} if on else {}
+    return replace(recipe.cells or CellSettings(), **(oblique | given))
+
+
+def has_angles(recipe: Recipe) -> bool:
+    """Say whether a recipe knows its viewing angles; one view alone has none to be told."""
+    if recipe.angles_deg is not None:
+        return True
+    return len(recipe.lobes) > 1 and not angles_unknown(recipe.lobes)
 
 
 def typed_optics(typed: Typed) -> dict[str, float]:

@@ -216,7 +216,7 @@ def cell(value: object) -> str:
     return "" if number != number else f"{number:.3f}"
 
 
-def write_picture(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> None:
+def write_picture(outcome: Outcome, exact: xr.DataArray | None, path: Path) -> Path:
     """Write a picture of all results at some frames."""
     frames = telling_frames(outcome.reconstruction["phase"], outcome.recipe.start_frames[0])
-    write_figure(path, comparison_figure(named_results(outcome.comparison, exact), frames))
+    return write_figure(path, comparison_figure(named_results(outcome.comparison, exact), frames))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from rich.markup import escape
 
 from napari_phase4d.analysis import (
+    as_truth,
     best_known,
     itoh_margin,
     order_shares,
@@ -68,7 +69,7 @@ from napari_phase4d.sample import is_sample
 from napari_phase4d.stacks import wavelengths_of
 from napari_phase4d.task import Task
 from napari_phase4d.unwrapping import METHODS, methods_for
-from napari_phase4d.words import counted, printable
+from napari_phase4d.words import counted, printable, warn
 
 __all__ = ["compare_command", "run_command", "watch_command"]
 
@@ -98,7 +99,11 @@ def run_command(
     """
     checked_form(form)
     recipe, files = recipe_and_files(inputs)
-    turned = any(is_sample(str(source)) for source in (*files, recipe.recording))
+    if resume and not files and recipe.recording:
+        files = [Path(recipe.recording)]  # a batch of the one that the recipe names
+    # Files that are given take the place of the recipe's own.
+    sources = [str(file) for file in files] or [recipe.recording]
+    turned = any(map(is_sample, sources))
     recipe = with_settings(recipe, turned=turned, **typed)
     adapt = partial(with_optics, numbers=typed_optics(typed))
     with stoppable():
@@ -112,10 +117,37 @@ def run_command(
 
 def with_optics(recipe: Recipe, numbers: Mapping[str, float]) -> Recipe:
     """Return a recipe with the optics that were typed in; the rest is as the file says."""
+    recipe = without_fields(recipe)
     if not numbers or not recipe.recording:
         return recipe
     opened = open_by(recipe.changed(optics=None))
     return recipe.changed(optics=typed_into(recipe.optics, numbers, opened))
+
+
+def without_fields(recipe: Recipe) -> Recipe:
+    """Return a recipe without what needs the fields of holograms, where the file holds phase.
+
+    Else a recipe that is written with the results would say what was not done.
+    """
+    asked = {
+        "refocusing": recipe.refocus_um is not None,
+        "taking a tilt off each frame": recipe.tilt_per_frame,
+    }
+    names = [name for name, on in asked.items() if on]
+    if not names or not recipe.recording or not is_phase(recipe):
+        return recipe
+    warn(
+        f"{Path(recipe.recording).name} holds wrapped phase; {' and '.join(names)} "
+        f"{'needs' if len(names) == 1 else 'need'} holograms, and will not be done"
+    )
+    return recipe.changed(refocus_um=None, tilt_per_frame=False)
+
+
+def is_phase(recipe: Recipe) -> bool:
+    """Say whether the recording of a recipe is wrapped phase."""
+    if is_sample(recipe.recording):
+        return isinstance(open_by(recipe), xr.DataArray)
+    return holds_phase(recipe.recording, recipe.dataset)
 
 
 def process(recipe: Recipe, folder: Path, form: str | None, scheduler: str | None) -> None:
@@ -189,10 +221,10 @@ def compare_command(
         raise ValueError(msg)
     with stoppable():
         if len(files) > 1:
-            batch(recipe, files, out, truth=exact, finished=partial(finish, exact))
+            batch(recipe, files, out, truth=exact, prepared=without_fields, finished=finish)
             return
         recording = found_anywhere(files[0] if files else recipe.recording)
-        compare_one(recipe.changed(recording=recording), exact, out)
+        compare_one(without_fields(recipe.changed(recording=recording)), exact, out)
 
 
 def light_in(files: Sequence[Path]) -> NDArray[np.float64] | None:
@@ -212,17 +244,30 @@ def compare_one(recipe: Recipe, exact: xr.DataArray | None, out: Path) -> None:
     ):
         outcome = run_unwarned(recipe, truth=exact, task=Task(progress), folder=place)
         written = write_files(outcome, out, Task(progress), source=hashing.result())
-        kept.settle([*written, out / PICTURE], recipe.recording, hashing.result())
+        # Before anything is told: what the note lists is there, whatever fails then.
+        known = truth_of(outcome)
+        written.append(write_picture(outcome, known, out / PICTURE))
+        kept.settle(written, recipe.recording, hashing.result())
     print_missed_views(outcome, recipe)
-    finish(exact, outcome, out, advice_on(outcome))
-    console.print(f"{len(written) + 1} files written to [bold]{out.resolve()}[/bold]")
+    tell_of(outcome, known, advice_on(outcome))
+    console.print(f"{len(written)} files written to [bold]{out.resolve()}[/bold]")
     check_cells(outcome)
 
 
-def finish(
-    exact: xr.DataArray | None, outcome: Outcome, folder: Path, advice: Sequence[str] = ()
-) -> None:
-    """Print the table and what is known of the steps, and write the picture."""
+def truth_of(outcome: Outcome) -> xr.DataArray | None:
+    """Return the exact phase of a run frame by frame as its results are, None without any."""
+    return as_truth(outcome.truth, outcome.reconstruction["phase"])
+
+
+def finish(outcome: Outcome, folder: Path) -> None:
+    """Write the picture of one file of several, and print what `tell_of` does."""
+    exact = truth_of(outcome)
+    write_picture(outcome, exact, folder / PICTURE)
+    tell_of(outcome, exact)
+
+
+def tell_of(outcome: Outcome, exact: xr.DataArray | None, advice: Sequence[str] = ()) -> None:
+    """Print the table and what is known of the steps."""
     print_notes(outcome, advice)
     print_start(outcome)
     print_table(outcome.comparison.table)
@@ -230,7 +275,6 @@ def finish(
         print_itoh(outcome, exact)
     except OSError as error:  # results larger than memory
         console.print(f"[yellow]{escape(sentence_of(error))}[/yellow]")
-    write_picture(outcome, exact, folder / PICTURE)
 
 
 def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
@@ -243,12 +287,18 @@ def print_itoh(outcome: Outcome, exact: xr.DataArray | None) -> None:
     ways = order_shares(known, outcome.recipe.start_frames[0])
     words = ", ".join(f"{METHODS[m].label} {100 * share:.2f} %" for m, share in ways.items())
     verdict = order_verdict(results, outcome.recipe.start_frames[0], exact)
-    console.print(f"Of the steps on their way: {words}. {verdict}")
+    ahead = f"Of the steps on their way: {words}. " if has_steps(known) else ""
+    console.print(f"{ahead}{verdict}")
     labels = outcome.comparison.table["method"]
     judged = outcome.comparison.held or outcome.recipe.confidence
     for method, sentence in (outcome.comparison.warnings() if judged else {}).items():
         console.print(f"[yellow]{labels[method]}: {sentence}[/yellow]")
     print_verdict(outcome)
+
+
+def has_steps(phase: xr.DataArray) -> bool:
+    """Say whether there is a way from frame to frame."""
+    return max(phase.sizes["time"], phase.sizes["angle"]) > 1
 
 
 #: What a shell gives for a program that Ctrl-C has ended.

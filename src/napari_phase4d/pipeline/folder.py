@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from napari_phase4d.analysis import Comparison
+from napari_phase4d.analysis import Comparison, as_truth
 from napari_phase4d.io import (
     OME_TIFF,
     OME_ZARR,
@@ -145,10 +145,11 @@ def usual_form(stacks: dict[str, xr.DataArray]) -> Form:
 
 
 def exact_phase(truth: Any, phase: xr.DataArray) -> xr.DataArray:
-    """Return truth with the axes and places of wrapped phase, noted to be exact."""
-    is_named = isinstance(truth, xr.DataArray)
-    exact = phase.copy(data=truth.transpose(*phase.dims).values if is_named else truth)
-    exact.attrs = {**(truth.attrs if is_named else {}), "units": "rad", "exact": True}
+    """Return truth as the table takes it, frame by frame that of wrapped phase, noted as exact."""
+    exact = as_truth(truth, phase)
+    assert exact is not None
+    notes = truth.attrs if isinstance(truth, xr.DataArray) else {}
+    exact.attrs = {**notes, "units": "rad", "exact": True}
     return exact.rename("exact")
 
 

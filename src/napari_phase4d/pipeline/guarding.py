@@ -24,7 +24,7 @@ from napari_phase4d.task import CancelledCall, ProgressCall, Task
 from napari_phase4d.unwrapping import METHODS
 from napari_phase4d.words import checked_call, local_path
 
-__all__ = ["ResultFolder", "result_folder", "write_outcome"]
+__all__ = ["ResultFolder", "guarded_folder", "result_folder", "write_outcome"]
 
 #: What a run writes beside its methods' results.
 STACKS, FILES = ("wrapped", "amplitude", "exact"), ("table.csv", "recipe.json")
@@ -161,15 +161,36 @@ def result_folder(
         If the folder can't be written, another run works there, or a file would be written over
         that no run has made.
     """
+    planned = [*planned_names(recipe, with_cells=with_cells), *more]
+    with guarded_folder(folder, planned, recipe.recording, lying) as found:
+        yield found
+
+
+@contextmanager
+def guarded_folder(
+    folder: str | Path, planned: Sequence[str], source: str = "", lying: Iterable[str] = ()
+) -> Iterator[ResultFolder]:
+    """Keep a folder for files of these names, see `result_folder`.
+
+    Parameters
+    ----------
+    folder : str or Path
+        Where they go.
+    planned : sequence of str
+        Names of all that may be written.
+    source : str, optional
+        The input, which is never written over.
+    lying : iterable of str, optional
+        See `result_folder`.
+    """
     folder = local_path(folder)
     was_there = folder.exists()
     make_folder(folder)
     try:
         with alone(folder):
             remove_dead(folder)
-            planned = [*planned_names(recipe, with_cells=with_cells), *more]
             found = ResultFolder(folder, planned, lying)
-            found.check(recipe.recording)
+            found.check(source)
             try:
                 found.announce()
                 yield found

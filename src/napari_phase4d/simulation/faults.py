@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import deepcopy
 from types import MappingProxyType
 
 import numpy as np
@@ -58,8 +59,12 @@ def doubled(exact: Stack, half: int, rng: Random) -> Stack:
 
 def paused(exact: Stack, half: int, rng: Random) -> Stack:
     """Leave out half of the recording."""
-    n = len(exact)
-    return np.concatenate([exact[: max(n // 5, 1)], exact[n - n // 3 :]])
+    return exact[beside_pause(len(exact))]
+
+
+def beside_pause(n: int) -> NDArray[np.intp]:
+    """Return the numbers of the frames before and after the pause, of n."""
+    return np.concatenate([np.arange(max(n // 5, 1)), np.arange(n - n // 3, n)])
 
 
 #: Name -> what changes the exact phase.
@@ -173,14 +178,18 @@ def with_fault(data: xr.Dataset, fault: str, noise_rad: float = 0.0, seed: int =
     if fault in OF_PHASE:
         exact = OF_PHASE[fault](exact, half, rng)
     exact = exact + noise_rad * rng.normal(0, 1, exact.shape).astype(np.float32)
-    kept = data["phase"].isel(time=slice(len(exact)))
+    kept = data["phase"]
+    if fault == "pause":  # of the frames after it the times are later ones
+        kept = kept.isel(time=beside_pause(len(kept)))
     truth = kept.copy(data=exact.astype(np.float32))
     wrapped = wrap(truth)
     if fault in OF_CAMERA:
-        before = wrapped.values.copy()
+        # What it changes, also where that was the same number before.
+        changed = np.full(wrapped.shape, np.nan, dtype=np.float32)
+        OF_CAMERA[fault](changed, half, deepcopy(rng))
         OF_CAMERA[fault](wrapped.values, half, rng)
-        truth = truth.where(wrapped.values == before)
-    wrapped.attrs = dict(data["wrapped"].attrs)
+        truth = truth.where(np.isnan(changed))
+    wrapped.attrs = dict(data["wrapped"].attrs) if "wrapped" in data else {}
     return xr.Dataset({"phase": truth, "wrapped": wrapped}, attrs=data.attrs)
 
 

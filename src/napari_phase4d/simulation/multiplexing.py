@@ -127,9 +127,11 @@ def multiplexed_video(
     ((2, 512, 512), 'uint16')
     """
     optics = optics or Optics()
-    if phase.ndim != 4:
+    if set(phase.dims) != set(AXES):
         msg = f"phase has dims {tuple(phase.dims)}; it must have time, angle, y and x"
         raise ValueError(msg)
+    phase = phase.transpose(*AXES)
+    check_light_of(phase, optics)
     n_times, n_angles, height, width = phase.shape
     amplitudes = [1.0] * n_angles if beam_amplitudes is None else list(beam_amplitudes)
     check_beams(n_angles, carriers, amplitudes, bits, unevenness)
@@ -183,6 +185,26 @@ def multiplexed_video(
             **({} if light is None else {"wavelengths_um": light.tolist()}),
         },
     )
+
+
+def check_light_of(phase: xr.DataArray, optics: Optics) -> None:
+    """Refuse phase that notes another wavelength than the optics, which the recording will note.
+
+    Its pixel is not looked at: simulated objects are drawn in pixels of any width.
+    """
+    noted = phase.attrs.get("wavelength_um")
+    if WAVELENGTH in phase.coords or noted is None:
+        return
+    if not math.isclose(
+        check_finite('attrs["wavelength_um"] of the phase', noted),
+        optics.wavelength_um,
+        rel_tol=1e-6,
+    ):
+        msg = (
+            f"the phase is that of a wavelength of {noted:g} um, but the optics say "
+            f"{optics.wavelength_um:g} um; give the optics that the phase was made for"
+        )
+        raise ValueError(msg)
 
 
 @dataclass(frozen=True)

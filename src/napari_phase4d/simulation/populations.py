@@ -217,16 +217,18 @@ def swim(
 ) -> None:
     """Let cells swim; those that divide or come in are added to the list."""
     divisions, leaving, entering = events
-    dividing = {n_times // 3 + i * n_times // (3 * max(divisions, 1)): i for i in range(divisions)}
+    # Of few frames several are due at once.
+    dividing = [n_times // 3 + i * n_times // (3 * max(divisions, 1)) for i in range(divisions)]
     for cell in cells[divisions : divisions + leaving]:
         cell.stays = False
         cell.heading = math.degrees(math.atan2(cell.place[1], cell.place[0]))
-    coming = {n_times // 4 + i * n_times // (2 * max(entering, 1)) for i in range(entering)}
+    coming = [n_times // 4 + i * n_times // (2 * max(entering, 1)) for i in range(entering)]
     for t in range(n_times):
-        if t in coming:
+        for _ in range(coming.count(t)):
             cells.append(from_outside(len(cells) + 1, t, field_um, rng))
-        if t in dividing:
-            divide(cells, cells[dividing[t]], t)
+        for i, due in enumerate(dividing):
+            if due == t:
+                divide(cells, cells[i], t)
         here = [cell for cell in cells if cell.first <= t <= cell.last]
         for cell in here:
             x, y = cell.place
@@ -321,11 +323,13 @@ def masses_of(
 ) -> xr.DataArray:
     """Return the dry mass of every cell at every time at which it is wholly in the field."""
     mass = np.full((data.sizes["time"], len(cells)), np.nan)
+    # What is seen begins there, while cells lie about the middle of a field that begins at 0.
+    first = np.array([float(data[axis][0]) for axis in ("x", "y")])
     for i, cell in enumerate(cells):
         volume = 4 / 3 * math.pi * math.prod(cell.semi_axes)
         radians = 2 * math.pi / optics.wavelength_um * delta_n * volume
         for t, (x, y, _) in cell.places.items():
-            inside = np.abs([x, y]) < field_um / 2 - 1.1 * cell.semi_axes[0]
+            inside = np.abs(np.array([x, y]) - first) < field_um / 2 - 1.1 * cell.semi_axes[0]
             if inside.all() and t < len(mass):
                 mass[t, i] = optics.dry_mass_pg(radians, 1.0)
     return xr.DataArray(mass, dims=("time", "cell"), attrs={"units": "pg"})
