@@ -62,6 +62,12 @@ def test_what_appears_beside_where_a_cell_was_is_another_one() -> None:
     assert [numbers(found, time) for time in range(4)] == [{1}, {1}, {2}, {2}]
 
 
+@pytest.mark.parametrize(("step", "cells"), [(7, 1), (9, 1), (12, 4)])
+def test_alone_a_cell_may_move_one_and_a_half_diameters(step: int, cells: int) -> None:
+    found = p4d.follow_cells(labels_of(lambda time, _: [(20, 6 + step * time, 3)], 4))
+    assert found.max() == cells
+
+
 def test_daughters_may_lie_further_than_the_reach() -> None:
     def cells(time: int, _: int) -> Places:
         return [(20, 30, 6)] if time < 3 else [(20, 25, 4), (20, 35, 4)]

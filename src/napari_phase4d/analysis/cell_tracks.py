@@ -21,6 +21,8 @@ __all__ = ["GAP", "check_follower", "spots_of", "tracks_of"]
 #: Cells are looked for within so many of their diameters from frame to frame, also after as many
 #: frames without them as here.
 REACH, GAP = 1.0, 1
+#: What closes gaps looks so many times as far; where no reach is given, from frame to frame too.
+FURTHER = 1.5
 #: To begin or end is dearer than any link that is allowed, by this factor.
 COSTLIER = 1.05
 
@@ -81,19 +83,20 @@ def tracks_of(
     spots = spots.assign(size=0.5 * diameter * np.log(spots["area"]))
     tracker = LapTrack(
         cutoff=reach**2,
-        gap_closing_cutoff=(1.5 * reach) ** 2, gap_closing_max_frame_count=gap + 1 if gap else 0,
+        gap_closing_cutoff=(FURTHER * reach) ** 2, gap_closing_max_frame_count=gap + 1 if gap else 0,
         splitting_cutoff=diameter**2,
         # Else what a new cell costs would hang on what the others cost.
         track_start_cost=COSTLIER * reach**2, track_end_cost=COSTLIER * reach**2,
-        segment_start_cost=COSTLIER * (1.5 * reach) ** 2,
-        segment_end_cost=COSTLIER * (1.5 * reach) ** 2,
+        segment_start_cost=COSTLIER * (FURTHER * reach) ** 2,
+        segment_end_cost=COSTLIER * (FURTHER * reach) ** 2,
         no_splitting_cost=COSTLIER * diameter**2,
     )  # fmt: skip
     frames, places = spots["frame"].to_numpy(), spots[["y", "x", "size"]].to_numpy()
     known = known.copy()
     known[frames] = True  # labels of another program may lie where no phase is known
     seen, frames = frames, clock_of(known, gap)[frames]
-    links = near_links(links_of(tracker, frames, places), frames, places, reach)
+    most = FURTHER * reach if reach_um is None else reach
+    links = near_links(links_of(tracker, frames, places), frames, places, most)
     links = sure_links(links, seen, frames, places, reach)
     track, divisions = tracks_by_links(len(spots), links)
     areas, at_edge = spots["area"].to_numpy(), spots["at edge"].to_numpy()
@@ -140,23 +143,25 @@ def near_links(
     links: list[tuple[int, int]],
     clock: NDArray[np.int64],
     places: NDArray[np.float64],
-    reach: float,
+    most: float,
 ) -> list[tuple[int, int]]:
-    """Return links without those of one cell to the next frame that are longer than its reach.
+    """Return links without those of one cell to the next frame that are longer than it moves.
 
     What closes gaps reaches further, as a cell moves on in them, and so does what finds daughters;
     neither is to make one cell of two that follow each other. Of a division all links are kept.
 
     Parameters
     ----------
-    links, clock, places, reach
+    links, clock, places
         See `sure_links`.
+    most : float
+        How far a cell moves from frame to frame at most.
     """
     one, other = np.array(links, dtype=np.int64).reshape(-1, 2).T
     divides = np.bincount(one, minlength=len(clock))[one] > 1
     ways = np.hypot(*(places[other, :2] - places[one, :2]).T)
-    # Both round: a cell may move by its reach exactly.
-    kept = divides | (clock[other] - clock[one] > 1) | (ways <= reach * (1 + 1e-9))
+    # Both round: a cell may move just as far.
+    kept = divides | (clock[other] - clock[one] > 1) | (ways <= most * (1 + 1e-9))
     return [link for link, keep in zip(links, kept.tolist(), strict=True) if keep]
 
 

@@ -286,7 +286,8 @@ def follow_cells(
         0 is no cell; in each frame every other number is one. Numbers of different frames need
         not have to do with each other.
     reach_um : float, optional
-        How far a cell moves from frame to frame at most. Default one diameter.
+        How far a cell moves from frame to frame at most. Default one diameter, or one and a half
+        where nothing else comes into question.
     gap : int, optional
         For how many frames a cell may not be found and still be the same one. Default 1.
     progress, cancelled : callable, optional
