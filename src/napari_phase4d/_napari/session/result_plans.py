@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from napari_phase4d._napari.session.phase_plans import Plan
-from napari_phase4d._napari.session.state import Changed, State, phase_is_stale
+from napari_phase4d._napari.session.state import TIME_FIELDS, Changed, State, phase_is_stale
 from napari_phase4d.analysis import (
     REFERENCE,
     Comparison,
@@ -216,6 +216,9 @@ def plan_estimate(state: State) -> Plan:
 
     def receive(seconds: float) -> None:
         state.check_phase(data)
+        now = state.recipe.changed(methods=state.to_run)
+        if any(getattr(now, field) != getattr(recipe, field) for field in TIME_FIELDS):
+            raise Changed
         state.estimate = (recipe.methods, seconds)
         state.estimate_changed.emit()
 

@@ -142,8 +142,9 @@ class UnwrapStep(Step):
         needs = phase_needs(methods, data["phase"].shape)
         size = needs.in_memory if self.session.place is None else needs.on_disk
         told = [size_in_words(size)]
-        if self.session.estimate is not None:
-            told.insert(0, time_in_words(self.session.estimate[1]))
+        known = self.session.estimate
+        if known is not None and known[0] == methods:
+            told.insert(0, time_in_words(known[1]))
         self.go.setText(f"Run (about {', '.join(told)})")
 
     def _show_settings(self) -> None:
