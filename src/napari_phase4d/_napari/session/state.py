@@ -93,6 +93,8 @@ class State:
         self.outcome: Outcome | None = None
         #: How near steps come to the largest that can be unwrapped, see `itoh_margin`.
         self.margin: xr.Dataset | None = None
+        #: What that says, and which order suits the object; "" until it was asked for.
+        self.steps_words = ""
         #: How far to trust each result, and what to say of whole objects: method id -> it.
         self.confidence: dict[str, xr.DataArray] = {}
         self.warnings: dict[str, str] = {}
@@ -397,7 +399,7 @@ class State:
     def take_outcome(self, outcome: Outcome | None) -> None:
         """Take results, and forget what was made of others."""
         self.outcome, self.margin, self.measured, self.cells = outcome, None, None, None
-        self.confidence, self.warnings, self.verdict = {}, {}, ""
+        self.confidence, self.warnings, self.verdict, self.steps_words = {}, {}, "", ""
 
     def take_finished(
         self, data: xr.Dataset, method: str, name: str, result: xr.DataArray
