@@ -256,10 +256,10 @@ class CompareStep(Step):
         """Show what was clicked."""
         self.cells.clicked()
 
-    def region_drawn(self, layer: Any) -> None:
-        """Look at and measure the region that was drawn."""
-        self.trace.region_drawn()
-        self.measuring.region_drawn(layer)
+    def region_drawn(self, layer: Any, changed: Sequence[int] = ()) -> None:
+        """Look at and measure the region that was drawn, or whose corners were changed."""
+        self.trace.region_drawn(layer)
+        self.measuring.region_drawn(layer, changed)
 
     def reset_choices(self) -> None:
         """Look for layers again."""
