@@ -102,7 +102,10 @@ def test_a_line_of_the_user_gets_no_note(compared: Any, viewer: Any) -> None:
     mine.add_lines(np.array([[1, 1], [5, 5]], float))
     assert list(mine.features.columns) == []
     mine.add_polygons(square(5))
-    assert mine.features[list(FRAME_COLUMNS)].isna().to_numpy().tolist() == [[True] * 2, [False] * 2]
+    assert mine.features[list(FRAME_COLUMNS)].isna().to_numpy().tolist() == [
+        [True] * 2,
+        [False] * 2,
+    ]
 
 
 def test_the_region_that_was_drawn_last_is_traced_whatever_lies_above(

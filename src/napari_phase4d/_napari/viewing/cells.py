@@ -71,6 +71,8 @@ class CellLayers:
         self.outlines: Any = None
         self._numbers: Any = None
         self._ways: Any = None
+        #: Ways at the angles that were looked at: making them takes as long as the labels do.
+        self._made: dict[int, Tracks] = {}
         self._angle = 0
 
     @property
@@ -142,11 +144,13 @@ class CellLayers:
                 return
             place = self.viewer.layers.index(before)
         label, colours = named(self._cells)
-        keywords = ways_layer(self._cells, f"ways of {label}", colours, angle)
         active = self.viewer.layers.selection.active
-        if keywords is None:
-            return
-        self._ways = Tracks(**keywords)
+        if angle not in self._made:
+            keywords = ways_layer(self._cells, f"ways of {label}", colours, angle)
+            if keywords is None:
+                return
+            self._made[angle] = Tracks(**keywords)
+        self._ways = self._made[angle]
         self._ways.visible = visible
         self.viewer.layers.insert(place, self._ways)
         if before is not None:
