@@ -208,7 +208,10 @@ def test_the_legend_of_many_is_the_widest_that_fits(qtbot: Any) -> None:
 
 
 @pytest.mark.gui
-def test_what_comes_late_is_not_added_to_a_viewer_that_was_closed(viewer: Any, qtbot: Any) -> None:
+def test_what_comes_late_is_not_added_to_a_viewer_that_was_closed(
+    viewer: Any, make_napari_viewer: Any, qtbot: Any
+) -> None:
+    make_napari_viewer(show=False)  # with the last window napari ends all work itself
     phase = p4d.simulation.swimming_euglena((60, 72), 2, peak_rad=9)["wrapped"]
     layer = stack_layer(phase, "phase", "wrapped")
     data, keywords, _ = layer
@@ -221,7 +224,10 @@ def test_what_comes_late_is_not_added_to_a_viewer_that_was_closed(viewer: Any, q
 
     worker = on_selected(viewer, is_phase_layer, "wrapped phase", "Waiting", work)
     viewer.close()
-    with qtbot.waitSignal(worker.finished, timeout=60_000):
+    came: list[Any] = []
+    worker.returned.connect(came.append)
+    with qtbot.capture_exceptions() as raised:
         go_on.set()
-    qtbot.wait(50)
+        qtbot.waitUntil(lambda: bool(came), timeout=20_000)
+    assert not raised
     assert len(viewer.layers) == 0
